@@ -332,3 +332,9 @@ def test_a_width_is_inferred_only_where_it_holds_all_values(least: float, bits: 
     """A step of nearly 2^24 asks for 24 bits, which hold no more values than that, wherever they begin."""
     values = np.array([9e6, 9e6 - 2.0**24 + 1000.0, least])
     assert unwrap(values, times(3), max_rate=RATE, bits=None).inferred_bits == bits
+
+
+@pytest.mark.parametrize(("short", "bits"), [(2.0, 24), (3.0, None)])
+def test_a_step_is_a_wrap_where_what_is_short_of_it_could_be_gone(short: float, bits: int | None) -> None:
+    """A count in a sample of 1 ms at 1000 counts/s, and one more for the rounding of both."""
+    assert unwrap(np.array([0.0, 2.0**24 - short]), times(2), max_rate=1000.0, bits=None).inferred_bits == bits

@@ -76,6 +76,9 @@ def test_rounding_is_no_bend_and_is_not_made_larger() -> None:
     assert missed.max() < 1e-12
     assert found.std() < values.std()
     assert np.abs(found - 0.5).max() <= 1.5
+    # whatever unit times have
+    again, _ = read(1e-3 * time_s, values, 1e-3 * at_s, quantum=1.0)
+    np.testing.assert_allclose(again, found, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("part", [0.25, 0.5])

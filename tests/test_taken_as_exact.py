@@ -199,3 +199,13 @@ def test_certificates_in_russian_say_it_in_russian() -> None:
         assert found is not None
         assert str(found) == str(t.said)
         assert not re.search("[a-z]{3}", found.text("ru")), found
+
+
+def test_usual_sizes_are_those_that_the_docs_state() -> None:
+    """In the unit that is told: a percentage of the value, millimetres, or a band, of which half is to either side."""
+    (line,) = re.findall(r"usual sizes would add up to, in mm: .*", (Path(__file__).parents[1] / "docs" / "budget.md").read_text("utf-8"))
+    for kind in EFFECTS:
+        size = kind.size.text("en")
+        assert f"{kind.text} ({size})" in line
+        number = float(re.findall(r"[\d.]+", size)[0])
+        assert kind.typical == pytest.approx(number / 100.0 if "%" in size else number / 2.0 if "counts" in size else number)

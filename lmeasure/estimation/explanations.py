@@ -228,7 +228,7 @@ class Evidence:
         found = scipy.optimize.minimize_scalar(loss, bounds=(grid[i - 1], grid[i + 1]), method="bounded", options={"xatol": 1e-4})
         return float(np.exp(found.x)), -float(found.fun)
 
-    def together(self, explanations: list[Explanation], needed: float = 0.0) -> list[float]:
+    def together(self, explanations: list[Explanation], needed: float) -> list[float]:
         """Sizes of several explanations at once, each the best beside the others; 0 for one that gains less than needed beside them."""
         sizes = [0.0] * len(explanations)
         for _ in range(SWEEPS if len(explanations) > 1 else 1):

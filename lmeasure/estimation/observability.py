@@ -13,6 +13,7 @@ import scipy.linalg
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.estimation.problem import Parameters
 
+EVEN = 1e-9  # by which a half may be missed by rounding
 SHARE = 0.3
 """Of a direction that several owners share, from which an owner's part is told."""
 
@@ -41,24 +42,33 @@ def by_owner(parameters: Parameters, silent: FloatArray) -> list[Direction]:
     """(k) directions that span silent (k, p): those of each owner alone, strongest first, then those that owners share.
 
     The projector onto the subspace is the same for any basis: its block for one owner has an eigenvalue near 1 for each direction of that
-    owner alone. What is left is spread over several, and is listed under the one that moves most.
+    owner alone. The one that is nearest is taken, then the next of what is left of the subspace. What is left in the end is spread over
+    several, and is listed under the one that moves most.
     """
-    projector = silent.T @ silent
-    out = []
-    for owner in _owners(parameters):
-        own = parameters.of(owner)
-        values, vectors = np.linalg.eigh(projector[np.ix_(own, own)])
-        for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
-            if value >= 0.5:
-                weight = np.zeros(len(parameters.names))
-                weight[own] = vector if vector[np.argmax(np.abs(vector))] >= 0 else -vector
-                out.append(Direction(owner, weight, alone=True))
+    owners, left, out = _owners(parameters), silent, list[Direction]()
+    while len(left):
+        value, owner, weight = max((_strongest(parameters, owner, left) for owner in owners), key=lambda found: found[0])
+        # half of a direction is its owner's no more than another's
+        if value < 0.5 + EVEN:
+            break
+        out.append(Direction(owner, weight, alone=True))
+        left = np.linalg.svd((left @ weight)[None])[2][1:] @ left
+    out.sort(key=lambda found: owners.index(found.owner))
     alone = np.array([d.weight for d in out]).reshape(-1, len(parameters.names))
     _, _, spread = np.linalg.svd(silent - silent @ alone.T @ alone)
     for weight in spread[: max(0, len(silent) - len(out))]:
-        most = max(_owners(parameters), key=lambda name: float(np.linalg.norm(weight[parameters.of(name)])))
+        most = max(owners, key=lambda name: float(np.linalg.norm(weight[parameters.of(name)])))
         out.append(Direction(most, np.asarray(weight), alone=False))
     return out
+
+
+def _strongest(parameters: Parameters, owner: str, silent: FloatArray) -> tuple[float, str, FloatArray]:
+    """How much of a direction of an owner alone lies in a subspace, at most: 1 where it does; the owner, and that direction (p,)."""
+    own, weight = parameters.of(owner), np.zeros(len(parameters.names))
+    values, vectors = np.linalg.eigh(silent[:, own].T @ silent[:, own])
+    vector = vectors[:, -1]
+    weight[own] = vector if vector[np.argmax(np.abs(vector))] >= 0 else -vector
+    return float(values[-1]), owner, weight
 
 
 def by_few(silent: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -23,7 +23,7 @@ from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.errors import AccuracyError
 from lmeasure.kernels import layout
 from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.cable import guide_direction
+from lmeasure.kernels.cable import guide_direction, wrap_geometry
 from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS
 from lmeasure.rig import Rig
 
@@ -124,6 +124,20 @@ def test_few_places_of_a_rig_as_small_as_a_grain() -> None:
     expected = figures.copy()
     expected[lengths] *= 1e-4
     np.testing.assert_allclose(scaled, expected, rtol=1e-9)
+
+
+def test_few_places_that_cables_hardly_wrap_around_to() -> None:
+    """Guides that lead to within 0.3 rad of the tool: less is wrapped than one radian, and that is told."""
+    plan = replace(plan_of(cell(0), 150.0, 300.0, 1), quaternions=np.array([[0.0, 0.0, 0.0, 1.0]]))
+    cables, turn = plan.cables.copy(), Rotation.from_rotvec([0.2, -0.1, 0.15])
+    way = plan.positions.mean(axis=0) - cables[:, BASE_XYZ]
+    cables[:, layout.GUIDE_XYZ] = turn.apply(way / np.linalg.norm(way, axis=1)[:, None])
+    poses = np.column_stack([plan.positions, np.tile(plan.quaternions, (len(plan.positions), 1))])
+    wrapped = wrap_geometry(cables, poses)[3].max(axis=1)
+    assert wrapped.max() < 1.0
+    np.testing.assert_allclose(kernels.around(cables, poses, plan.pairs, plan.bodies)[:, 0], wrapped, rtol=1e-12)
+    figures, _ = scalar(replace(plan, cables=cables))
+    np.testing.assert_allclose(figures[kernels.WRAP], wrapped, rtol=1e-12)
 
 
 def test_few_places_where_nothing_holds() -> None:

@@ -42,3 +42,16 @@ def test_falls_are_those_of_regressions_with_one_column_more() -> None:
         J = np.column_stack([problem.jacobian(found.theta), columns[:, i] / np.abs(columns[:, i]).max()])
         left = problem.readings.y - J @ np.linalg.lstsq(J, problem.readings.y)[0]
         assert falls[i] == pytest.approx(found.chi2 - left @ left / 0.1**2)
+
+
+def test_what_columns_take_from_chi_squared_does_not_depend_on_their_units() -> None:
+    """As a fit that has them among its parameters."""
+    x, rng = np.linspace(-1.0, 1.0, 12), np.random.default_rng(8)
+    problem = Line(Readings(x, 1.0 + 2.0 * x + rng.normal(0, 0.3, 12)))
+    found, columns = fit(problem, problem.start), np.column_stack([x**2, x**3])
+    J = np.column_stack([problem.jacobian(found.theta), columns])
+    left = problem.readings.y - J @ np.linalg.lstsq(J, problem.readings.y)[0]
+    for units in ([1.0, 1.0], [1e7, 1e-7]):
+        freed = Deletion(found).freed(columns * units)
+        assert freed._chi2 == pytest.approx(left @ left / 0.1**2, rel=1e-9)
+        assert freed._freedom == 8

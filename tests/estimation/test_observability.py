@@ -41,6 +41,16 @@ def test_small_parts_of_others_are_not_told() -> None:
     assert {owner for owner, _ in found.parts(PARAMETERS)} == {"a", "b"}
 
 
+def test_a_direction_that_two_share_alike_is_told_of_both_and_once() -> None:
+    """Be it one of two owners, or two of three: as many are told as there are."""
+    (found,) = by_owner(PARAMETERS, np.array([[1.0, 0.0, 1.0, 0.0, 0.0]]) / np.sqrt(2.0))
+    assert not found.alone
+    assert {owner for owner, _ in found.parts(PARAMETERS)} == {"a", "b"}
+    three = np.array([[1.0, 0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
+    for seed in range(5):
+        assert [d.alone for d in by_owner(PARAMETERS, mixed(three, seed))] == [True, False]
+
+
 def test_an_owner_with_a_third_of_a_direction_is_told() -> None:
     part = np.sqrt((1.0 - 0.35**2) / 2.0)
     (found,) = by_owner(PARAMETERS, np.array([[part, 0.0, part, 0.0, 0.35]]))

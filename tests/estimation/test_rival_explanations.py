@@ -133,7 +133,7 @@ def test_the_last_size_is_the_best_beside_the_others() -> None:
     rng = np.random.default_rng(8)
     judge = Evidence(rng.normal(size=40) * np.where(RIGHT > 0, 1.0, 0.3), np.ones((40, 1)), 1e-4 * np.eye(40))
     both = [Explanation("all", np.eye(40)), Explanation("right", np.eye(40)[:, 20:])]
-    first, second = judge.together(both)
+    first, second = judge.together(both, 0.0)
     assert second == pytest.approx(judge.best(both[1], first**2 * np.eye(40))[0], rel=1e-9)
     assert first == pytest.approx(judge.best(both[0], second**2 * np.diag(RIGHT))[0], rel=0.02)
     assert min(first, second) > 0.1

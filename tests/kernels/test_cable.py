@@ -330,3 +330,16 @@ def test_angles_differ_the_shortest_way_around_and_lengths_as_they_are(turns: in
         assert cable.way_round(there, layout.SWIVEL) == pytest.approx(angle, abs=1e-12)
         assert cable.way_round(there, layout.INCLINATION) == pytest.approx(angle, abs=1e-12)
         assert cable.way_round(there, layout.CABLE) == there
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_straight_cable_along_its_guide_has_a_derivative_by_the_radius(sign: float) -> None:
+    """Of directions whose product with themselves is rounded to more than 1 too."""
+    rng = np.random.default_rng(2)
+    rows, pose = np.zeros((50, CABLE_COLUMNS)), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    rows[:, layout.BASE_XYZ] = rng.normal(size=(50, 3)) * 500.0
+    e = -rows[:, layout.BASE_XYZ] / np.linalg.norm(rows[:, layout.BASE_XYZ], axis=1)[:, None]
+    rows[:, layout.GUIDE_XYZ], rows[:, layout.TANGENT], rows[:, layout.COUNT_LENGTH] = sign * e, 200.0, 0.01
+    assert (np.einsum("ji,ji->j", e, e) > 1.0).any()
+    found = cable.length_gradients(rows, pose, np.zeros((1, 50)), np.ones(50))[0][:, layout.BY_RADIUS]
+    np.testing.assert_allclose(found, 0.0 if sign > 0.0 else math.pi, atol=1e-6)

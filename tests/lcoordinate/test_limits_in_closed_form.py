@@ -76,6 +76,7 @@ def test_rays_meet_a_circle_and_a_wall_where_these_are() -> None:
     np.testing.assert_array_equal(first_met(limits(within(40.1)), PLANE, rays[:2]), [np.inf, np.inf])
     # met before the first place of the march, and where nothing is known beyond
     assert first_met(limits(within(0.03)), PLANE, rays[:1])[0] == pytest.approx(0.03, abs=1e-12)
+    assert first_met(limits(within(0.15)), PLANE, rays[:1])[0] == pytest.approx(0.15, abs=1e-12)
     known = limits(across(lambda x, y: np.sqrt(5.0 - x)))
     assert first_met(known, PLANE, rays[:1])[0] == pytest.approx(5.0, abs=1e-11)
 
