@@ -338,3 +338,10 @@ def test_a_width_is_inferred_only_where_it_holds_all_values(least: float, bits: 
 def test_a_step_is_a_wrap_where_what_is_short_of_it_could_be_gone(short: float, bits: int | None) -> None:
     """A count in a sample of 1 ms at 1000 counts/s, and one more for the rounding of both."""
     assert unwrap(np.array([0.0, 2.0**24 - short]), times(2), max_rate=1000.0, bits=None).inferred_bits == bits
+
+
+def test_a_last_line_without_an_end_counts_but_in_a_recording_that_broke_off(tmp_path: Path) -> None:
+    path = tmp_path / "pass1.csv"
+    path.write_text("time_s,ch1\n0,1\n1,2\n2,3")
+    assert read_counts(path).recorded[:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert read_counts(path, torn=True).recorded[:, 0].tolist() == [1.0, 2.0]

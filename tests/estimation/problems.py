@@ -188,13 +188,14 @@ def arc(turn: float, count: int, u: float, seed: int) -> Circle:
     return Circle(np.column_stack([3.0 + r * np.cos(angle), -2.0 + r * np.sin(angle)]), u)
 
 
-def plane(seed: int, *, since_first: bool, u: float = 0.01, hidden: int = 0) -> Stations:
-    """Five stations off by their priors, twelve targets; hidden many of which only the first two stations see."""
+def plane(seed: int, *, since_first: bool, u: float = 0.01, hidden: int = 0, blind: bool = False) -> Stations:
+    """Five stations off by their priors, twelve targets; hidden many of which only the first two stations see; blind: the last sees none."""
     rng = np.random.default_rng(seed)
     true = np.array([[0.0, 0.0], [1000.0, 50.0], [900.0, 800.0], [-50.0, 900.0], [400.0, -300.0]])
     targets = rng.uniform(100, 800, (12, 2))
     seen = np.ones((12, 5), np.bool_)
     seen[1 : 1 + hidden, 2:] = False
+    seen[:, 4] = not blind
     distance = np.linalg.norm(targets[:, None] - true, axis=2) + rng.normal(0, u, (12, 5))
     nominal = Plane(true + rng.normal(0, 5.0, true.shape), targets + rng.normal(0, 30.0, targets.shape), seen)
     return Stations(nominal, distance, u, since_first=since_first)

@@ -10,8 +10,8 @@ from lmeasure.estimation import Fit, fit
 FloatArray = NDArray[np.float64]
 
 
-def tied(*, keeps_prior: bool = False) -> tuple[Stations, Tied]:
-    problem = plane(1, since_first=False)
+def tied(*, keeps_prior: bool = False, blind: bool = False) -> tuple[Stations, Tied]:
+    problem = plane(1, since_first=False, blind=blind)
     gauge = Tied(problem, keeps_prior=keeps_prior)
     problem.gauge = gauge
     return problem, gauge
@@ -45,9 +45,12 @@ def test_the_result_is_that_of_minimal_constraints() -> None:
     np.testing.assert_allclose(found.covariance / np.outer(u, u), exact / np.outer(u, u), atol=1e-6)
 
 
-def test_directions_of_the_frame_are_the_last() -> None:
-    problem, gauge = tied()
+@pytest.mark.parametrize("blind", [False, True])
+def test_directions_of_the_frame_are_the_last(blind: bool) -> None:
+    """Behind where a station is that sees nothing, which its prior alone tells."""
+    problem, gauge = tied(blind=blind)
     found = fit(problem, problem.start)
+    assert (found.motions, len(found.silent)) == (3, 2 * blind)
     moved = gauge.motions(found.theta)[: problem.own] / problem.parameters.width[:, None]
     told = found.directions[: problem.own - 3]
     np.testing.assert_allclose(told @ np.linalg.qr(moved)[0], 0.0, atol=1e-6)

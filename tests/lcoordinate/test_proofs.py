@@ -116,11 +116,11 @@ def test_a_box_that_may_hold_a_point_that_is_no_pose_proves_nothing() -> None:
 
 @pytest.mark.parametrize(("off", "new"), [(0.99, False), (1.01, True)])
 def test_two_assemblies_are_different_where_their_boxes_tell(off: float, new: bool) -> None:
-    """Twice what the radii 0.001 and 0.002 leave of a minor of points of which one is three times as large, and a rounding."""
+    """Twice what the radii 0.1 and 0.2 leave of a minor of points of which one is three times as large, and a rounding."""
     points = np.zeros((3, 8), complex)
     points[:, 0] = 1.0, 9.0, 3.0
-    radius = np.array([1e-3, 0.5, 2e-3])
-    limit = 2.0 * (1e-3 * (3.0 + 2e-3) + 2e-3 * (1.0 + 1e-3))
+    radius = np.array([0.1, 0.5, 0.2])
+    limit = 2.0 * (0.1 * (3.0 + 0.2) + 0.2 * (1.0 + 0.1))
     points[2, 4] = 1j * off * limit
     told = Proved(points, radius, np.array([True, False, True]), np.zeros(3, bool))
     assert certified.apart(told).tolist() == [True, False, new]
