@@ -219,8 +219,8 @@ def _walk(
             continue
         gone += float(np.linalg.norm(ahead - place))
         # the other limit of a pointed corner passes near the place where the walk began, but does not come to it
-        back = _passes(place, ahead, begun) if which == limits[0] else float(np.linalg.norm(ahead - begun)) <= corner_mm
-        if gone > 1.5 * step_mm and back:
+        near = gone > 1.5 * step_mm and float(np.linalg.norm(ahead - begun)) <= corner_mm
+        if _passes(place, ahead, begun) if which == limits[0] else near:
             return places, limits, True
         places.append(ahead)
         limits.append(which)

@@ -189,7 +189,7 @@ def arc(turn: float, count: int, u: float, seed: int) -> Circle:
 
 
 def plane(seed: int, *, since_first: bool, u: float = 0.01, hidden: int = 0, blind: bool = False) -> Stations:
-    """Five stations off by their priors, twelve targets; hidden many of which only the first two stations see; blind: the last sees none."""
+    """Five stations off by their priors, of which the last may be blind, and twelve targets; hidden many only two of them see."""
     rng = np.random.default_rng(seed)
     true = np.array([[0.0, 0.0], [1000.0, 50.0], [900.0, 800.0], [-50.0, 900.0], [400.0, -300.0]])
     targets = rng.uniform(100, 800, (12, 2))

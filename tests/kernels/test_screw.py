@@ -405,3 +405,12 @@ def test_a_pose_goes_on_as_it_went(steps: float, sign: float) -> None:
     screw.go_on(behind, pose, steps)
     assert np.linalg.norm(pose[3:]) == pytest.approx(1.0, abs=1e-14)
     assert poses_apart(pose, at(1.0 + steps)) == pytest.approx((0.0, 0.0), abs=1e-8)
+
+
+@pytest.mark.parametrize(("pivot", "known"), [(1.1e-7, True), (-1.1e-7, True), (0.9e-7, False)])
+def test_rows_of_unit_size_are_singular_below_a_ten_millionth(pivot: float, known: bool) -> None:
+    x = np.ones((3, 1))
+    det = screw.eliminate(np.diag([1.0, -2.0, pivot]), x)
+    assert det == pytest.approx(-2.0 * pivot if known else 0.0)
+    if known:
+        np.testing.assert_allclose(x[:, 0], [1.0, -0.5, 1.0 / pivot])

@@ -156,6 +156,20 @@ def test_limits_take_over_from_each_other_at_their_corners() -> None:
     assert np.linalg.norm(np.diff(found.places, axis=0), axis=1).max() <= 2.5 + 1e-9
 
 
+def test_a_step_longer_than_what_is_walked_around_is_halved() -> None:
+    """A circle of a tenth of it; and a rectangle's corner that is cut off, where a step would end beyond both limits that meet there."""
+    found = boundary(limits(within(0.5)), PLANE, np.array([1.0, 0.0]), 5.0)
+    assert found.closed
+    assert found.area_mm2 == pytest.approx(np.pi / 4.0, rel=0.02)
+    cut = limits(
+        across(lambda x, y: 4.0 - x), across(lambda x, y: 10.0 * (6.0 - y)), across(lambda x, y: 9.9 - x - y), across(lambda x, y: 5.0 + y),
+        across(lambda x, y: 3.0 + x),
+    )  # fmt: skip
+    found = boundary(cut, PLANE, np.array([1.0, 0.0]), 2.5)
+    assert found.closed
+    assert found.area_mm2 == pytest.approx(77.0 - 0.005, abs=1e-6)
+
+
 @pytest.mark.parametrize(("half_deg", "from_tip"), [(5.0, 0.0), (5.0, 1e-5), (5.0, 0.001), (5.0, 0.7), (5.0, 1.2), (45.0, 0.001)])
 @pytest.mark.parametrize("edge", [1.0, -1.0], ids=["towards", "away"])
 def test_a_wedge_is_walked_around_to_its_tip(half_deg: float, from_tip: float, edge: float) -> None:

@@ -218,9 +218,14 @@ def test_what_double_precision_leaves_open_is_proved_in_whole_numbers(name: str)
     # not without
     rows, known = study.links(base, platform, lengths**2), study.points(found.poses).astype(np.complex128)
     exact = ExactLinks.of(base, platform, lengths, origins=(np.zeros(3), np.zeros(3)), size=1.0)
-    with_digits, without = (certified.proved(rows, known, whole).certain for whole in (exact, None))
-    assert with_digits.all()
-    assert without.sum() < len(known) or found.complex_found > len(known)
+    # a little beside them and not quite real
+    known *= 1.0 + 1e-9j * np.arange(8.0)
+    with_digits, without = (certified.proved(rows, known, whole) for whole in (exact, None))
+    assert with_digits.certain.all()
+    assert without.certain.sum() < len(known) or found.complex_found > len(known)
+    for told in (with_digits, without):
+        assert not told.points[told.real].imag.any()
+    assert with_digits.real.any()
 
 
 def test_equations_in_whole_numbers_are_those_of_the_links() -> None:
