@@ -331,6 +331,9 @@ def test_counts_are_integers_as_far_as_these_are_told_apart(values: list[float],
 def test_a_width_is_inferred_only_where_it_holds_all_values(least: float, bits: int | None) -> None:
     """A step of nearly 2^24 asks for 24 bits, which hold no more values than that, wherever they begin."""
     values = np.array([9e6, 9e6 - 2.0**24 + 1000.0, least])
+    # a signed one goes down to half of that
+    below = np.array([8e6, 8e6 - 2.0**24 + 300_000.0])
+    assert unwrap(below, np.array([0.0, 1.0]), max_rate=1e6, bits=None).inferred_bits is None
     assert unwrap(values, times(3), max_rate=RATE, bits=None).inferred_bits == bits
 
 
@@ -345,3 +348,13 @@ def test_a_last_line_without_an_end_counts_but_in_a_recording_that_broke_off(tmp
     path.write_text("time_s,ch1\n0,1\n1,2\n2,3")
     assert read_counts(path).recorded[:, 0].tolist() == [1.0, 2.0, 3.0]
     assert read_counts(path, torn=True).recorded[:, 0].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_what_else_was_recorded_comes_back(tmp_path: Path, suffix: str) -> None:
+    also = {"u_time_s": np.array([1e-6, 2e-6, 3e-6]), "temperature_c": np.array([20.0, 20.5, 21.0])}
+    path = tmp_path / f"c{suffix}"
+    write_counts(path, Counts(times(3), ("ch1",), np.zeros((3, 1)), **also))
+    back = read_counts(path)
+    for name, values in also.items():
+        np.testing.assert_array_equal(getattr(back, name), values)

@@ -142,6 +142,9 @@ def test_few_places_too(linked: bool) -> None:
     """So few that kernels are seen through without being compiled (NUMBA_DISABLE_JIT=1)."""
     plan = plan_of(cell(1, 7), linked, step=600.0)
     lanes_are_the_scalar_kernel(replace(plan, quaternions=plan.quaternions[[0, -1]]))
+    # none of them weighs as much as a whole cable
+    if not linked:
+        lanes_are_the_scalar_kernel(replace(plan, quaternions=plan.quaternions[[0]], weights=np.linspace(0.3, 0.9, 7)))
 
 
 def lanes_are_the_scalar_kernel(plan: Plan) -> np.ndarray:

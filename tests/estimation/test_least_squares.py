@@ -1,5 +1,7 @@
 """The estimator by itself: problems of a circle, a line and stations in a plane, against exact results, Monte Carlo and SciPy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -181,8 +183,10 @@ def test_regions_beside_nuisance_parameters_are_those_of_the_whole() -> None:
     assert where.factor == pytest.approx(np.sqrt(scipy.stats.chi2.ppf(0.95, own)), rel=0.03)
 
 
-def test_regions_beside_nuisance_parameters_are_as_bent_as_without() -> None:
-    """The same values with and without a place beside them that does not hang on them; of the second order there is an exact figure."""
+@pytest.mark.parametrize("excess", [1.0, 2.0])
+def test_regions_beside_nuisance_parameters_are_as_bent_as_without(excess: float) -> None:
+    """The same values with and without a place beside them that does not hang on them; of the second order there is an exact figure, also
+    of residuals that are larger than stated."""
 
     def of(theta: FloatArray) -> FloatArray:
         a, b = theta
@@ -191,14 +195,12 @@ def test_regions_beside_nuisance_parameters_are_as_bent_as_without() -> None:
     def by(theta: FloatArray) -> FloatArray:
         return np.array([[10.0 + 120.0 * theta[0], 0.0], [0.0, 12.0], [0.0, 12.0]])
 
-    alone, beside = (
-        regions(fit(problem, problem.start, prior_everywhere=False), 0)
-        for problem in (Curve(of, by, np.zeros(2), beside=beside) for beside in (False, True))
-    )
-    # x = xi - 0.6 xi^2 in standard uncertainties: variance 1 + 0.36 * 3
+    fits = [fit(p, p.start, prior_everywhere=False) for p in (Curve(of, by, np.zeros(2), beside=beside) for beside in (False, True))]
+    alone, beside = (regions(replace(one, covariance=excess * one.covariance, excess=excess), 0) for one in fits)
+    # x = xi - 0.6 xi^2 in standard uncertainties of 1 / 10: variance 1 + 0.36 * 3
     for found in (alone, beside):
-        np.testing.assert_allclose(np.diag(found.covariance), [(1.0 + 0.36 * 3.0) / 100.0, 1.0 / 288.0], rtol=0.13)
-        assert found.bend == pytest.approx(np.sqrt(0.36 * 3.0), rel=0.1)
+        np.testing.assert_allclose(np.diag(found.covariance), [excess * (1.0 + 0.36 * 3.0 * excess) / 100.0, excess / 288.0], rtol=0.13)
+        assert found.bend == pytest.approx(np.sqrt(0.36 * 3.0 * excess), rel=0.1)
     np.testing.assert_allclose(beside.covariance, alone.covariance, rtol=0.2, atol=1e-4)
     np.testing.assert_allclose(beside.U95, alone.U95, rtol=0.08)
     assert beside.factor == pytest.approx(alone.factor, rel=0.08)

@@ -61,6 +61,10 @@ def test_magnitudes_bound_what_entries_are_summed_of(of_base: float, of_platform
     a, b, lengths = of_base * rng.normal(size=(6, 3)), of_platform * rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 6)
     bound = certified._magnitudes(study.links(a, b, lengths**2))
     assert not bound[:, 4:, 4:].any()
+    # what is left of three squares may be nothing
+    squares = (a**2).sum(axis=1) + (b**2).sum(axis=1)
+    nothing = certified._magnitudes(study.links(a, b, squares))[:6]
+    assert (nothing[:, range(4), range(4)] >= 2.0 * squares[:, None]).all()
     assert not bound[6].any()
     for signs in itertools.product((1.0, -1.0), repeat=6):
         entries = study.quadrics(study.links(a * signs[:3], b * signs[3:], lengths**2))[:6]

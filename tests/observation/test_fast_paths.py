@@ -203,6 +203,17 @@ def test_few_samples_until_the_tool_is_lost() -> None:
     np.testing.assert_allclose(se3.displacement(state[None, :7], truth[[lost - 1]]), 0.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("twice", [False, True])
+def test_few_samples_at_rest_are_found_at_once_but_not_where_one_cable_is_there_twice(twice: bool) -> None:
+    rows, u = rows_of(cables(3)), np.full(6, COUNT_MM / np.sqrt(12.0))
+    if twice:
+        rows[3] = rows[2]
+    zero, state = span_lengths(rows, HOME[None])[0], least_squares.new_state(HOME, 6)
+    found = least_squares.follow(rows, HOME, zero, state, np.zeros((3, 6)), np.zeros(3, np.int64), u, ALL)
+    assert found[3].tolist() == [Status.SINGULAR if twice else Status.OK] * 3
+    assert found[2].tolist() == [1] * 3
+
+
 def test_constrained_motions() -> None:
     """A planar stage on four cables."""
     channels, free = cables(1, 4), np.array([2, 3, 4])

@@ -199,3 +199,9 @@ def test_a_drum_pays_out_what_its_counts_are_worth(travel: float) -> None:
     np.testing.assert_allclose(drum.paid_out(k), k * drum.count_mm - way, atol=1e-9)
     np.testing.assert_allclose(drum.slope(k), (drum.paid_out(k + 0.5) - drum.paid_out(k - 0.5)), rtol=1e-6)
     np.testing.assert_allclose(drum.counts(drum.paid_out(k)), k, rtol=1e-12, atol=1e-9)
+
+
+def test_gradients_have_a_column_for_each_parameter() -> None:
+    at = poses(1, 3)
+    for o in every_kind(1):
+        assert o.gradient(at, values(o)).shape == (3, len(o.parameters)), o.name
