@@ -140,6 +140,16 @@ def test_few_places_that_cables_hardly_wrap_around_to() -> None:
     np.testing.assert_allclose(figures[kernels.WRAP], wrapped, rtol=1e-12)
 
 
+def test_few_places_beside_a_single_body_keep_their_distance_from_it() -> None:
+    plan = replace(plan_of(cell(0), 150.0, 300.0, 1), quaternions=np.array([[0.0, 0.0, 0.0, 1.0]]))
+    plan = replace(plan, pairs=plan.pairs[:0], bodies=plan.bodies[:1])
+    poses = np.column_stack([plan.positions, np.tile(plan.quaternions, (len(plan.positions), 1))])
+    distance = scalar(plan)[0][kernels.CLEARANCE]
+    assert np.isfinite(distance).all()
+    np.testing.assert_array_equal(distance, kernels.around(plan.cables, poses, plan.pairs, plan.bodies)[:, 1])
+    np.testing.assert_allclose(run(plan)[0][kernels.CLEARANCE], distance, rtol=1e-9)
+
+
 def test_few_places_where_nothing_holds() -> None:
     """One cable twice holds no pose anywhere."""
     plan = plan_of(cell(0), 150.0, 300.0, 1)

@@ -414,3 +414,14 @@ def test_rows_of_unit_size_are_singular_below_a_ten_millionth(pivot: float, know
     assert det == pytest.approx(-2.0 * pivot if known else 0.0)
     if known:
         np.testing.assert_allclose(x[:, 0], [1.0, -0.5, 1.0 / pivot])
+
+
+def test_many_poses_are_those_of_one_by_one_and_say_which_are_none() -> None:
+    rows = cell_rows()
+    starts = np.array([HOME, HOME, HOME])
+    targets = cable.span_lengths(rows, HOME[None])[0] + [1.0, -2.0, 0.5, 1.5, -1.0, 0.0]
+    starts[1, 0] = np.nan
+    status, poses = screw.solve_poses(rows, targets, starts)
+    assert status.tolist() == [Status.OK, Status.NOT_CONVERGED, Status.OK]
+    np.testing.assert_array_equal(poses[0], screw.solve_pose(rows, targets, HOME)[3])
+    np.testing.assert_allclose(cable.span_lengths(rows, poses[[2]])[0], targets, atol=1e-9)

@@ -214,6 +214,15 @@ def test_few_samples_at_rest_are_found_at_once_but_not_where_one_cable_is_there_
     assert found[2].tolist() == [1] * 3
 
 
+def test_few_samples_have_twists_of_what_is_free_alone() -> None:
+    """Whatever stood where they are put."""
+    rows, free = rows_of(cables(3)), np.array([2, 3, 4])
+    G, r = np.full((6, 6), 7.0), np.empty(6)
+    assert least_squares.length_twists(rows, HOME, np.ones(6), free, 100.0, np.zeros(6), G, r)[0]
+    assert not G[[0, 1, 5]].any()
+    assert np.abs(G[free]).min() > 0.0
+
+
 def test_constrained_motions() -> None:
     """A planar stage on four cables."""
     channels, free = cables(1, 4), np.array([2, 3, 4])

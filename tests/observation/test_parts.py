@@ -13,10 +13,12 @@ from lmeasure.calibration import Campaign
 from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknowns import Model
 from lmeasure.errors import CalibrationError, RigError
+from lmeasure.kernels import layout
 from lmeasure.lengths import counts_from_poses
-from lmeasure.observation.cable_effects import thicker
+from lmeasure.observation.cable_effects import ECCENTRICITY, OFFSET, OVERSIZE, RUN_OUT, Acted, thicker
 from lmeasure.observation.parameters import GROUPS, solved_parameters, value_of, with_values
-from lmeasure.observation.parts import phased
+from lmeasure.observation.parts import Parts, phased
+from lmeasure.observation.wrap import Span, arms, spans
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
@@ -175,3 +177,19 @@ def test_phases_are_stated_about_the_cable_that_is_out_where_counters_are_zeroed
         out = float(np.linalg.norm(se3.apply(zero[i], at[7:10]) - at[:3]))
         expected = stated.get(c.from_point, round(out) if c.from_point in ("B1", "B3") else None)
         assert found.point(c.from_point).phase_length_mm == expected
+
+
+def test_what_is_taken_as_exact_adds_what_the_parts_of_a_rig_that_states_it_do() -> None:
+    """Of six cables, one straight, whose pulley and swivel axis are none."""
+    rows, random = cell_rig(1).cable_rows(), np.random.default_rng(4)
+    rows[2, layout.RADIUS] = 0.0
+    poses, counts = POSES[:4], random.uniform(-4e4, 4e4, (4, 6))
+    zero = np.repeat(POSES[:1], 6, axis=0), np.zeros(6)
+    expected = Parts(np.zeros((6, 7)), np.full(6, np.nan), np.ones(6)).gradient(rows, zero, poses, counts, since=False)
+    every = spans(rows, poses, arms(rows, poses))
+    for j in range(6):
+        at = Acted(rows[j], se3.matrices(poses), counts[:, j], Span(*(values[:, j] for values in every)))
+        for kind, columns in ((RUN_OUT, slice(0, 2)), (ECCENTRICITY, slice(2, 4)), (OFFSET, [4]), (OVERSIZE, [5])):
+            if rows[j, layout.RADIUS] > 0.0 or kind in (RUN_OUT, OVERSIZE):
+                assert kind.adds is not None
+                np.testing.assert_allclose(kind.adds(at), expected[:, j, columns], rtol=1e-9, atol=1e-12, err_msg=kind.text)
