@@ -352,9 +352,8 @@ def test_a_last_line_without_an_end_counts_but_in_a_recording_that_broke_off(tmp
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_what_else_was_recorded_comes_back(tmp_path: Path, suffix: str) -> None:
-    also = {"u_time_s": np.array([1e-6, 2e-6, 3e-6]), "temperature_c": np.array([20.0, 20.5, 21.0])}
+    u, warmth = np.array([1e-6, 2e-6, 3e-6]), np.array([20.0, 20.5, 21.0])
     path = tmp_path / f"c{suffix}"
-    write_counts(path, Counts(times(3), ("ch1",), np.zeros((3, 1)), **also))
+    write_counts(path, Counts(times(3), ("ch1",), np.zeros((3, 1)), u_time_s=u, temperature_c=warmth))
     back = read_counts(path)
-    for name, values in also.items():
-        np.testing.assert_array_equal(getattr(back, name), values)
+    np.testing.assert_array_equal(np.array([back.u_time_s, back.temperature_c]), [u, warmth])
