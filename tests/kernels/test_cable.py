@@ -340,6 +340,7 @@ def test_a_straight_cable_along_its_guide_has_a_derivative_by_the_radius(sign: f
     rows[:, layout.BASE_XYZ] = rng.normal(size=(50, 3)) * 500.0
     e = -rows[:, layout.BASE_XYZ] / np.linalg.norm(rows[:, layout.BASE_XYZ], axis=1)[:, None]
     rows[:, layout.GUIDE_XYZ], rows[:, layout.TANGENT], rows[:, layout.COUNT_LENGTH] = sign * e, 200.0, 0.01
+    rows[:, layout.TURN_COUNTS] = 6000.0
     assert (np.einsum("ji,ji->j", e, e) > 1.0).any()
     found = cable.length_gradients(rows, pose, np.zeros((1, 50)), np.ones(50))[0][:, layout.BY_RADIUS]
     np.testing.assert_allclose(found, 0.0 if sign > 0.0 else math.pi, atol=1e-6)
