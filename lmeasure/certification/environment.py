@@ -3,7 +3,7 @@
 import hashlib
 import platform
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import llvmlite.binding
@@ -22,13 +22,21 @@ def sources_sha256() -> str:
     return digest.hexdigest()
 
 
+def _version(name: str) -> str:
+    """Of a library as it was installed; "unknown" where what tells it was removed, as packagers do."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
+
+
 def environment() -> dict[str, str]:
     """Versions of the program, Python and the libraries that compute or print, and the processor kernels are compiled for."""
     return {
-        "lmeasure": version("lmeasure"),
+        "lmeasure": _version("lmeasure"),
         "lmeasure sources": sources_sha256(),
         "python": platform.python_version(),
-        **{name: version(name) for name in LIBRARIES},
+        **{name: _version(name) for name in LIBRARIES},
         "system": f"{platform.system()} {platform.machine()}",
         "processor": llvmlite.binding.get_host_cpu_name(),
     }

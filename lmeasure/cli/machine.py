@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from lmeasure.findings import Finding
 from lmeasure.shown import Shown
 from lmeasure.workflows import COMMANDS
 from lmeasure.workflows.flow import Result
@@ -32,6 +33,7 @@ def of_result(command: str, result: Result[Any]) -> dict[str, Any]:
         warnings=list(result.warnings),
         files=list(result.files),
         left_over=list(result.left_over),
+        notes=_notes(result.made),
         made=_made(result),
     )
 
@@ -48,8 +50,13 @@ def written(document: Mapping[str, Any]) -> str:
 
 
 def _document(command: str, exit_code: int, error: str | None, **given: Any) -> dict[str, Any]:
-    empty: dict[str, Any] = {"summary": [], "figures": {}, "warnings": [], "files": [], "left_over": [], "made": None}
+    empty: dict[str, Any] = {"summary": [], "figures": {}, "warnings": [], "files": [], "left_over": [], "notes": [], "made": None}
     return {"schema": SCHEMA, "command": command, "exit_code": exit_code, "error": error} | empty | given
+
+
+def _notes(made: Any) -> list[dict[str, str]]:
+    """What must be known of what was made, each by its code, where it says so."""
+    return [{"code": note.code, "text": str(note)} for note in getattr(made, "notes", ()) if isinstance(note, Finding)]
 
 
 def _made(result: Result[Any]) -> Any:

@@ -80,9 +80,11 @@ def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) 
         rows.append((say("lengths at poses left out"), told_of))
     if "held_out" in record.validation:
         rows.append((say("lengths at poses held out"), say("{mm:.3g} mm rms", mm=record.validation["held_out"]["rms_mm"])))
-    chi = say(
-        "{chi:.4g} with {freedom:.0f} degrees of freedom", chi=record.noise["chi_squared"], freedom=record.noise["degrees_of_freedom"]
-    )
+    freedom = record.noise["degrees_of_freedom"]
+    if freedom == 1:
+        chi = say("{chi:.4g} with 1 degree of freedom", chi=record.noise["chi_squared"])
+    else:
+        chi = say("{chi:.4g} with {freedom:.0f} degrees of freedom", chi=record.noise["chi_squared"], freedom=freedom)
     rows += [
         (say("equations, unknowns, directions that the counts determine"), f"{record.equations}, {record.unknowns}, {record.rank}"),
         (say("chi-squared"), chi),

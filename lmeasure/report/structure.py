@@ -22,6 +22,8 @@ from lmeasure.saying import ENGLISH, Say, typeset
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
 CARD = 'style="display:inline-block;vertical-align:top;width:200px;margin:0 0 1rem 0;font-size:.8rem;text-align:center"'
+SMALL = 0.25
+"""Of the base's extent: the names of a smaller platform's points would lie on each other, and are read by pointing."""
 FACES = ((0, 0, 0, 1), (1, 1, 2, 2), (2, 3, 3, 3))
 
 
@@ -196,7 +198,10 @@ def _platform(linkage: Linkage, pose: FloatArray, name: str, say: Say) -> list[A
     ways[:, 0], ways[:, 1], ways[:, 2] = linkage.base, starts, points
     x, y, z = ways.reshape(-1, 3).T
     links = go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4, "color": LINK_INK}, name=say("links"), hoverinfo="skip")
-    return [_outline(points, PLATFORM_INK, say("platform, {name}", name=name), [p for _, _, p in linkage.names]), links]
+    platform = _outline(points, PLATFORM_INK, say("platform, {name}", name=name), [p for _, _, p in linkage.names])
+    if np.ptp(linkage.platform, axis=0).max() < SMALL * np.ptp(linkage.base, axis=0).max():
+        platform.update(mode="lines+markers", hoverinfo="x+y+z+text")
+    return [platform, links]
 
 
 def _tetrahedra(linkage: Linkage, pose: FloatArray, say: Say) -> list[Any]:

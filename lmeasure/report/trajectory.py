@@ -11,7 +11,7 @@ from lmeasure import files
 from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
 from lmeasure.arrays import FloatArray
 from lmeasure.catalogue import decimal, signs, texts
-from lmeasure.causes import Cause
+from lmeasure.causes import Cause, is_of
 from lmeasure.certification.printed import with_u95
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
@@ -19,7 +19,8 @@ from lmeasure.report import html
 from lmeasure.report.words import axes
 from lmeasure.rig import Rig
 from lmeasure.saying import Say
-from lmeasure.status import WORDS
+from lmeasure.status import WORDS, Status
+from lmeasure.trajectory.budget import RESTORED_ORIGIN
 
 DOMAIN = "trajectory"
 MOST_LINES = 100
@@ -71,6 +72,8 @@ def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
         said = words["verdict.bad"].format(bad=bad, samples=samples, percent=decimal(language, f"{100 * bad / samples:.3g}"))
         return [html.paragraph(said, "warning")]
     fewer = sum(s.samples for s in found.stretches)
+    if fewer and all(is_of(s.cause, RESTORED_ORIGIN) for s in found.stretches):
+        return [html.paragraph(words["verdict.restored"].format(fewer=fewer), "warning")]
     if fewer:
         return [html.paragraph(words["verdict.fewer"].format(fewer=fewer), "warning")]
     return [html.paragraph(words["verdict.whole" if rig is None else "verdict.good"])]
@@ -129,7 +132,7 @@ def _left_out(found: Along, language: str) -> list[str]:
         first = f"{decimal(language, f'{own[0].begin_s:.6g}')}\u00a0{words['s']}"
         rows.append(
             (
-                _status(status, language),
+                words["restored"] if status == Status.OK and is_of(cause, RESTORED_ORIGIN) else _status(status, language),
                 say.told(cause),
                 cable,
                 str(sum(s.samples for s in own)),

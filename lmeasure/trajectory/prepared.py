@@ -21,11 +21,15 @@ from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.reliability import of_run, said, said_apart
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.slips import Slip, slip
-from lmeasure.trajectory.sources import PassClock, Told
+from lmeasure.trajectory.sources import ANYWHERE, UNKNOWN_MM, PassClock, Told
 
 STEPPED = "origin.stepped"
 RESTORED = ("origin.restored.length", "origin.restored.angle")
-OF_CONTRADICTIONS = frozenset({*IN_TIME.values(), *RESTORED, "channel.left_out", "channels.contradict"})
+UNTOLD = "origin.untold"
+"""Of a channel whose new origin the run does not tell."""
+HARDLY = 0.5
+"""Of what was supposed of an origin before the run: what is known no better was not told by it."""
+OF_CONTRADICTIONS = frozenset({*IN_TIME.values(), *RESTORED, UNTOLD, "channel.left_out", "channels.contradict"})
 """Codes of what is said of a run whose channels contradict each other."""
 OF_NOBODY = frozenset({*(IN_TIME[code] for code in IN_TIME if code.startswith("contradiction")), "rig.uncalibrated", "passes.not_repeated"})
 LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
@@ -100,6 +104,9 @@ def prepare(
             reconstruction.budget.restore(slipped.channel, after_s)
             why = _said(slipped.channel, gradually.by, gradually.u, rig)
             found = _meanwhile(found, slipped.channel, min(slipped.from_s, gradually.from_s), after_s, why)
+            found = replace(found, shifts=(*found.shifts, _shift(rig, slipped.channel, after_s, by=gradually.by)))
+    if untold := _untold(reconstruction, found):
+        epochs, _, found = _learned(reconstruction, replace(found, every=tuple(sorted((*found.every, *untold), key=_order))), pieces)
     if reconstruction.budget.restored:
         # what goes on must agree with the others there, which without it may have come to another assembly
         judged = _without_contradictions(found)
@@ -121,13 +128,44 @@ def _learned(reconstruction: Reconstruction, doubts: Doubts, pieces: Pieces) -> 
         told = learn(reconstruction, epochs)
         known = {(s.cable, s.after_s) for s in doubts.shifts}
         new = tuple(
-            Shift(cable, after_s, until_s, float(np.rint(by / reconstruction.rig.counter(reconstruction.rig.observed[cable]).per_count)))
+            _shift(reconstruction.rig, cable, after_s, until_s, by=by)
             for cable, after_s, until_s, by, _ in reconstruction.budget.restored_origins()
             if (cable, after_s) not in known
         )
         if not any(s.counts for s in new):
             return epochs, told, doubts
         doubts = replace(doubts, shifts=(*doubts.shifts, *new))
+
+
+def _shift(rig: Rig, channel: int, after_s: float, until_s: float = np.inf, *, by: float) -> Shift:
+    """What is taken off a channel's counts behind a time, of a length or an angle by which it reads too much."""
+    return Shift(channel, after_s, until_s, float(np.rint(by / rig.counter(rig.observed[channel]).per_count)))
+
+
+def _order(doubt: Doubt) -> tuple[float, int]:
+    return doubt.after_s, doubt.cable
+
+
+def _untold(reconstruction: Reconstruction, doubts: Doubts) -> list[Doubt]:
+    """Of channels that go on from another origin which the run does not tell: they are not used behind it."""
+    out = []
+    for cable, after_s, until_s, _, u in reconstruction.budget.restored_origins():
+        covered = any(d.cable == cable and d.after_s <= after_s and d.until_s >= until_s for d in doubts.every)
+        if _is_untold(reconstruction, cable, u) and not covered:
+            said = finding(UNTOLD, what=_what(reconstruction, cable), after_s=after_s)
+            out.append(Doubt(cable, after_s, until_s, Status.ORIGIN_LOST, said))
+    return out
+
+
+def _is_untold(reconstruction: Reconstruction, channel: int, u: float) -> bool:
+    """Whether a standard uncertainty of a channel's new origin is hardly less than what was supposed of it."""
+    return u > HARDLY * (UNKNOWN_MM if isinstance(reconstruction.rig.observed[channel], Cable) else ANYWHERE)
+
+
+def _what(reconstruction: Reconstruction, channel: int) -> Finding:
+    """A channel by its kind and name."""
+    o = reconstruction.rig.observed[channel]
+    return finding(f"channel.{'cable' if isinstance(o, Cable) else type(o.encoder).__name__.lower()}", name=o.name)
 
 
 def _without_contradictions(doubts: Doubts) -> Doubts:
@@ -165,9 +203,10 @@ def _told(reconstruction: Reconstruction, shifts: tuple[Shift, ...]) -> list[Fin
     for cable, after_s, _, left, u in reconstruction.budget.restored_origins():
         o = reconstruction.rig.observed[cable]
         by = left + sum(s.counts for s in shifts if (s.cable, s.after_s) == (cable, after_s)) * reconstruction.rig.counter(o).per_count
-        kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
-        what = finding(f"channel.{kind}", name=o.name)
-        if isinstance(o, Cable):
+        what = _what(reconstruction, cable)
+        if _is_untold(reconstruction, cable, u):
+            out.append(finding(UNTOLD, what=what, after_s=after_s))
+        elif isinstance(o, Cable):
             out.append(finding(RESTORED[0], what=what, after_s=after_s, mm=by, u_mm=u))
         else:
             out.append(finding(RESTORED[1], what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
@@ -194,6 +233,7 @@ def _moved(reconstruction: Reconstruction, doubts: Doubts, pieces: Pieces) -> Do
             doubts = _since(doubts, j, name, found.from_s)
         else:
             budget.restore(j, found.after_s)
+            others = replace(others, shifts=(*others.shifts, _shift(reconstruction.rig, j, found.after_s, by=found.by)))
             why = _said(j, found.by, found.u, reconstruction.rig)
             notes = tuple(note for note in doubts.notes if not (note.code in LEFT_OUT and note.values.get("cable") == name))
             doubts = _meanwhile(replace(others, notes=notes), j, found.from_s, found.after_s, why)

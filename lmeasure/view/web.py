@@ -90,8 +90,9 @@ def serving(recording: Path, port: int = 0) -> Iterator[ThreadingHTTPServer]:
 
 def serve(recording: Path, port: int, say: Callable[[str], None]) -> None:
     """Serve until the person at the keyboard ends it; say is told where."""
-    # whoever stops this process stops rerun too
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # whoever stops this process stops rerun too; a shell without job control has what it runs beside itself ignore Ctrl-C
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     with serving(recording, port) as server:
         at = server.server_port
         say(f"{recording} is shown at http://{LOOPBACK}:{at}/ by any browser of this machine, and of no other; Ctrl-C ends it")

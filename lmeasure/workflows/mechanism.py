@@ -91,6 +91,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
 
         write_mechanism_recording(settings.rerun, file)
     progress(1.0, "mechanism")
+    lines += [f"written: {settings.report / 'mechanism.html'}"] if settings.report is not None else []
     figures = {"freedoms": float(record["freedoms"]), "nearness": record["nearness"]}
     figures |= {} if grid is None else {"volume_mm3": grid.found.volume_mm3}
     return Result(record, tuple(lines), figures)

@@ -118,7 +118,8 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     progress(1.0, "structure")
     if settings.out is not None:
         files.write_text(settings.out, json.dumps(made, indent=1, allow_nan=False) + "\n")
-    return Result(made, tuple(lines), _figures(made))
+    written = () if settings.report is None else (f"written: {settings.report / 'structure.html'}",)
+    return Result(made, (*lines, *written), _figures(made))
 
 
 def _of_robot(path: Path) -> "Linkage | None":

@@ -27,6 +27,13 @@ from lmeasure.trajectory import write_trajectory
 PAGE = "page.txt"
 
 
+def test_a_library_whose_metadata_was_removed_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lmeasure.certification.environment.LIBRARIES", ("numpy", "not-installed-anywhere"))
+    told = environment()
+    assert told["numpy"] != "unknown"
+    assert told["not-installed-anywhere"] == "unknown"
+
+
 def print_page(content: dict[str, Any], measured: Measured) -> bytes:
     """A page that names the certificate and its figures."""
     return "\n".join([content["id"], *map(label, content["characteristics"])]).encode()

@@ -23,7 +23,7 @@ from lmeasure.workflows import COMMANDS, JOBS
 from lmeasure.workflows.flow import Result
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
-KEYS = ["schema", "command", "exit_code", "error", "summary", "figures", "warnings", "files", "left_over", "made"]
+KEYS = ["schema", "command", "exit_code", "error", "summary", "figures", "warnings", "files", "left_over", "notes", "made"]
 
 
 def called(words: list[object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any], str]:
@@ -52,6 +52,16 @@ def test_a_result_in_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     words = ["structure", TRUTH / "cell-run" / "rig.toml", "--out", tmp_path / "s.json", "--json"]
     code, told, _ = called(words, monkeypatch, capsys)
     assert (code, told["files"], told["made"]) == (0, [str(tmp_path / "s.json")], None)
+
+
+def test_what_must_be_known_of_a_trajectory_is_a_list_in_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["reconstruct", TRUTH / "cell-run", "--out", tmp_path / "t.parquet", "--json"]
+    code, told, _ = called(words, monkeypatch, capsys)
+    assert (code, list(told)) == (0, KEYS)
+    assert told["notes"]
+    assert all(list(note) == ["code", "text"] and f"note: {note['text']}" in told["summary"] for note in told["notes"])
 
 
 @pytest.mark.parametrize(

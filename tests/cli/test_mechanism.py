@@ -84,6 +84,7 @@ def test_a_mechanism_is_told_drawn_and_recorded(tmp_path: Path) -> None:
         "--report", tmp_path / "page", "--rerun", tmp_path / "m.rrd",
     )  # fmt: skip
     assert "four-chains-arms: 6 freedoms, 36 parameters" in out
+    assert out.splitlines()[-1] == f"written: {tmp_path / 'page' / 'mechanism.html'}"
     record = json.loads((tmp_path / "m.json").read_text())
     assert record["singular"] == "no"
     assert record["workspace"]["places"] > 5

@@ -263,6 +263,7 @@ def test_a_way_a_boundary_a_page_and_a_recording(run, tmp_path: Path) -> None:  
     (tmp_path / "s.toml").write_text(text(LINKS))
     words = ["--position-mm", "2.5625,6.6875,9.285", "--to-mm", "2.5,6,-9", "--boundary", "xz", "--levels", "4:12:4", "--limit-deg", "85"]
     code, out, _ = run("s.toml", *words, "--reach-mm", "30", "--out", "s.json", "--report", "page", "--rerun", "s.rrd")
+    assert out.splitlines()[-1] == f"written: {Path('page') / 'structure.html'}"
     record = json.loads((tmp_path / "s.json").read_text())
     assert (code, [p["closed"] for p in record["boundary"]["slices"]]) == (0, [True, True])
     assert "boundary at y = 12 mm: no place of the window keeps the limits" in out
@@ -272,7 +273,8 @@ def test_a_way_a_boundary_a_page_and_a_recording(run, tmp_path: Path) -> None:  
     page = (tmp_path / "page" / "structure.html").read_text()
     assert all(word in page for word in ("In space", "On the way", "Boundary of the workspace", "Assemblies", "tetrahedron 3"))
     assert (tmp_path / "s.rrd").stat().st_size > 10_000
-    assert run("--list", "--report", "all")[0] == 0
+    code, out, _ = run("--list", "--report", "all")
+    assert (code, out.splitlines()[-1]) == (0, f"written: {Path('all') / 'structure.html'}")
     assert (tmp_path / "all" / "structure.html").read_text().count("<svg") == 60
 
 

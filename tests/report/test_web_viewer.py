@@ -36,7 +36,10 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subproces
     run = read_run(TRUTH / "cell-run")
     write_recording(path, run.rig, trajectory=reconstruct(run))
     words = [sys.executable, "-m", "lmeasure", "view", str(path), "--web", "--port", "0"]
+    # as a shell without job control starts what it runs beside itself: Ctrl-C is ignored there
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, before)
     assert process.stdout is not None
     assert process.stderr is not None
     line = process.stdout.readline()

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from test_slips import PATH, TIME_S, faulty, sound
+from test_truth import AUTHORITY
 
 from lmeasure.interim.explained import explained
-from lmeasure.run import Run
+from lmeasure.run import Run, read_run
 from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 from lmeasure.trajectory.live_way import AnyChannels
@@ -63,6 +64,32 @@ def test_a_counter_goes_on_though_the_others_lose_the_way(
     assert not any("contradict each other" in str(note) for note in found.notes)
     error = np.linalg.norm(found.poses[ok, :3] - cell.poses[ok, :3], axis=1)
     assert (error / np.linalg.norm(found.u[ok, :3], axis=1)).max() < 4.0
+
+
+@pytest.mark.parametrize(
+    ("channel", "begin", "size", "stepped", "told"),
+    [
+        # off by so much that no pose is found with it before what is known of its new origin is taken off
+        ("ch5", 600, 3000, 3100, "went on from another origin behind 1.322 s, by +37.2 mm"),
+        # too little to be told from what went before: it is left out to the end
+        ("ch3", 900, 40, 70, "counts from another origin behind 1.299 s, and the other channels do not tell from which"),
+    ],
+)
+def test_a_counter_that_slips_and_then_steps_is_restored_only_where_its_origin_is_told(
+    channel: str, begin: int, size: int, stepped: int, told: str
+) -> None:
+    run = read_run(AUTHORITY / "eight-run")
+    counts = run.passes[0]
+    recorded, j = counts.recorded.copy(), np.arange(len(counts.time_s))
+    ramp = np.where(j < 1300, size * np.clip((j - begin) / (1300 - begin), 0.0, 1.0), stepped)
+    recorded[:, counts.channels.index(channel)] += np.rint(ramp).astype(recorded.dtype)
+    found = reconstruct(replace(run, passes=(replace(counts, recorded=recorded),)))
+    assert (found.status == Status.OK).all()
+    (note,) = (str(note) for note in found.notes if "another origin" in str(note))
+    assert note.startswith(f"cable c{channel[2:]} {told}")
+    whole = reconstruct(run)
+    apart = np.linalg.norm(found.poses[:, :3] - whole.poses[:, :3], axis=1)
+    assert (apart / np.linalg.norm(found.u[:, :3], axis=1)).max() < 4.0
 
 
 def test_a_live_pose_goes_on_with_what_was_restored() -> None:
