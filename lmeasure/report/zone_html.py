@@ -68,8 +68,8 @@ def _in_space(there: bool, say: Say) -> str:
             "coloured by the worst pressure angle. Lines are the cables with the tool in the middle of the box."
         )
     return say(
-        "Drag to turn, scroll to come nearer. The slider moves a plane through the box, coloured by the worst pressure angle. Lines are the "
-        "cables with the tool in the middle of the box."
+        "Drag to turn, scroll to come nearer. The slider moves a plane through the box, coloured by the worst pressure angle. Lines are "
+        "the cables with the tool in the middle of the box."
     )
 
 
