@@ -22,6 +22,9 @@ LEAP = 20.0
 """Times as much as before and after it a channel moves from one sample to the next when it leaps."""
 TOGETHER = 0.5
 """Part of the channels that leap at once at most; if more do, the robot moved between two samples."""
+PART_UNSEEN = 0.25
+"""Of a dwell that is read: without samples for longer it is not, unless UNSEEN median intervals are longer."""
+UNSEEN = 2.5
 HOLE = 1.5
 """Median intervals: farther apart, samples do not tell a leap."""
 
@@ -103,6 +106,14 @@ class Rest:
     def lasts_s(self) -> float:
         """For how long the robot has been still [s]."""
         return float(self.now_s - self.since_s) if len(self.time_s) else 0.0
+
+    def seen_throughout(self, seconds: float) -> bool:
+        """Whether samples came all along the last seconds of the rest: in a hole the robot may have been elsewhere."""
+        intervals = np.diff(self.time_s)
+        if not len(intervals):
+            return False
+        longest = np.diff(np.concatenate([[self.now_s - seconds], self.last(seconds).time_s])).max()
+        return bool(longest <= max(PART_UNSEEN * seconds, UNSEEN * np.median(intervals)))
 
     @property
     def silent(self) -> tuple[str, ...]:

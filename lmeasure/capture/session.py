@@ -128,6 +128,7 @@ class Session:
         if self.finished or self.goal is None:
             return
         still = self.rest.lasts_s >= self.settings.settle_s + self.settings.dwell_s and not self._idle
+        still = still and self.rest.seen_throughout(self.settings.dwell_s)
         if self._wanted and self.rest.since_s > self._asked_s:
             self._refuse("the robot moved during the dwell")
         elif still and not self.trust.whole and self.folder.of_pass:

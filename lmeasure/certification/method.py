@@ -7,7 +7,8 @@ and of poses without a run, the figures are those of 3. 5: what is drawn of a li
 the signs of eigenvectors, which each build of LAPACK chooses; without a linked calibration the figures are those of 4. 6: what a counter
 lost is taken off its counts, not its lengths, and more of what redundant channels say of one that errs is used; where none contradicts the
 others the figures are those of 5. 7: readings of encoders whose zeros are not known well weigh as they are known until a run tells them,
-and where it does not, poses err by them beyond first order; of other rigs the figures are those of 6.
+and where it does not, poses err by them beyond first order; what a counter lost by and by is taken off its counts too; of other rigs and
+runs the figures are those of 6.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,7 +19,7 @@ from lmeasure.trajectory.prepared import OF_CONTRADICTIONS
 
 METHOD = 7
 """Raised whenever the same inputs give other figures, or the same figures another verdict."""
-SINCE = {"rough": 7, "contradicted": 6, "linked": 5, "passes": 4}
+SINCE = {"rough": 7, "contradicted": 7, "linked": 5, "passes": 4}
 """From which methods give the same figures of runs where zeros of encoders are not known well, where redundant channels contradict each
 other, where a calibration is linked, and of several passes."""
 SAME_FOR_ONE_PASS = 3

@@ -189,6 +189,20 @@ def test_a_silent_channel_is_named_and_nothing_is_read(tmp_path: Path) -> None:
     assert bench.said[-1] == "not read: no counts come from the bus at all"
 
 
+def test_a_dwell_of_which_most_was_not_seen_is_no_reading(tmp_path: Path) -> None:
+    """A machine that is busy, or a bus that pauses: where the robot was meanwhile nobody knows."""
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:2], 0.25))
+    assert bench.read == ["1", "2"]
+    still = bench.at(2, 1.0)
+    seen = np.r_[0:3, 120:123]  # 15 ms at the beginning, and as much more than half a second later
+    bench.show(going(POSES[[1, 2]], 0.0))
+    bench.show(Samples(still.time_s[seen], still.recorded[seen]), piece=1)
+    assert bench.read == ["1", "2"]
+    bench.show(bench.at(2, 0.2))
+    assert bench.read == ["1", "2", "3"]
+
+
 @pytest.mark.parametrize("told", ["leap", "event"])
 def test_a_channel_that_leaps_is_believed_again_where_it_was_read(told: str, tmp_path: Path) -> None:
     bench = Bench(tmp_path)
