@@ -92,6 +92,7 @@ CORE = {
         "doubted or errs_is_named or sound_data or positions or state_nothing or run-out or that_was_named",
     ],
     "trajectory/budget.py": ["tests/trajectory/test_sources_of_error.py", "tests/trajectory/test_budget.py"],
+    "trajectory/second_order.py": ["tests/trajectory/test_second_order.py", "-k", "not lie_in_their_regions"],
     "trajectory/exact.py": ["tests/test_taken_as_exact.py"],
     "trajectory/steps.py": ["tests/trajectory/test_steps.py", *_COUNTERS],
     "trajectory/continuity.py": [

@@ -227,7 +227,7 @@ class Redundancy:
         n, r = parity.shape
         each = shared @ np.swapaxes(shared, 1, 2) + own
         alone = np.einsum("nr,nr->n", parity, np.linalg.solve(each, parity[:, :, None])[:, :, 0])
-        flat = shared.reshape(n * r, -1)
+        flat = shared.reshape(n * r, shared.shape[2])
         covariance = flat @ flat.T
         for i in range(n):
             covariance[i * r : (i + 1) * r, i * r : (i + 1) * r] += lasting[i]

@@ -9,10 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
 from lmeasure import covariances, se3
 from lmeasure.kernels.cable import span_lengths, span_rows_of
+from lmeasure.kernels.layout import ANGLE_ZERO, ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
 from lmeasure.trajectory import reconstruct
@@ -117,3 +119,46 @@ def test_a_sample_without_a_pose_has_none_of_it() -> None:
     assert np.isnan(found[0]).all()
     assert np.isfinite(found[1]).all()
     assert variables(0) == 0
+
+
+def test_what_is_left_is_by_which_exact_poses_miss_the_series() -> None:
+    rows, G, F, angles = at_start(2e-3)
+    every = beyond_first(rows, START[None], G=G, F=F, angles=angles)[0]
+    scale, missed = np.repeat([1e3, 1.0], 3), []
+    for z in np.random.default_rng(0).standard_normal((DRAWS, 3)):
+        products = np.array([*(z[i] * z[j] for i in range(3) for j in range(i)), *((z**2 - 1.0) / np.sqrt(2.0)), 1.0])
+        exact = exactly(rows, np.concatenate([np.zeros(DRUMS), 2e-3 * z]))
+        missed.append(scale * (exact - F[0] @ z - every[:, :-DRAWS] @ products))
+    said = scale * np.linalg.norm(every[:, -DRAWS:], axis=1)
+    np.testing.assert_allclose(said, np.sqrt(np.mean(np.square(missed), axis=0)), rtol=0.1, atol=1e-6)
+
+
+def test_an_angle_that_passes_the_seam_of_the_circle_bends_as_beside_it() -> None:
+    """The tool goes round the axis of a swivel to where its angle jumps from half a turn to minus that."""
+    rows, _, _, angles = at_start(1.0)
+    base, guide = rows[4, BASE_XYZ], rows[4, GUIDE_XYZ]
+    to_seam = -np.pi - span_lengths(rows, START[None])[0, 4] - rows[4, ANGLE_ZERO]
+    found = []
+    for beside in (1e-5, 5e-3):
+        turn = Rotation.from_rotvec((to_seam + beside) * guide[None])
+        pose = se3.pose(base + turn.apply(START[:3] - base), turn)
+        assert span_lengths(rows, pose)[0, 4] + rows[4, ANGLE_ZERO] == pytest.approx(beside - np.pi, abs=1e-7)
+        G = np.linalg.inv(span_rows_of(rows, pose))
+        found.append(beyond_first(rows, pose, G=G, F=2e-3 * G[:, :, DRUMS:], angles=angles)[0, :, :-DRAWS])
+    most = np.abs(found[1]).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found[0] / most, found[1] / most, atol=0.05)
+
+
+def test_a_channel_that_tells_nothing_of_a_pose_bends_nothing() -> None:
+    """Be it that the pose does not hang on it, or that it has no cable to a pose that is looked at."""
+    rows, G, F, angles = at_start(1e-2)
+    expected = beyond_first(rows, START[None], G=G, F=F, angles=angles)
+    beside = [np.concatenate([a, a[:1]]) for a in (rows, angles)]
+    unread = np.concatenate([G, np.full((1, 6, 1), np.nan)], axis=2)
+    np.testing.assert_array_equal(beyond_first(beside[0], START[None], G=unread, F=F, angles=beside[1]), expected)
+    # a tenth of this way the first cable's end is within its pulley
+    into = np.concatenate([np.zeros(3), 10.0 * (rows[0, BASE_XYZ] - rows[0, ATTACHMENT_XYZ])])[None, :, None]
+    assert np.isnan(span_lengths(rows[:1], se3.displaced(START, 0.1 * into[0, :, 0])[None])).all()
+    without = np.where(np.arange(6) == 0, 0.0, G)
+    found, expected = (beyond_first(rows, START[None], G=g, F=into, angles=angles)[..., :-DRAWS] for g in (G, without))
+    np.testing.assert_array_equal(found, expected)

@@ -146,3 +146,12 @@ def test_of_two_cables_each_has_the_other_and_one_alone_none() -> None:
     two = np.array([[1.0, 5.0], [np.nan, 2.0], [3.0, 3.0]])
     np.testing.assert_array_equal(others_largest(two), [[5.0, 1.0], [2.0, 0.0], [3.0, 3.0]])
     np.testing.assert_array_equal(others_largest(two[:, :1]), np.zeros((3, 1)))
+
+
+def test_a_step_of_just_what_rounding_and_a_slip_may_make_is_none() -> None:
+    count_mm, time_s = np.array([0.125]), np.array([0.0, 0.25, 0.5, 0.75])
+    most = STEP_MM + 2.0 * 0.125
+    for step, seen in ((most, 0), (float(np.nextafter(most, 1.0)), 1)):
+        mm = np.array([0.0, 0.0, step, step])[:, None]
+        found = steps_seen(time_s, mm, np.ascontiguousarray(mm.T), 0, stride=1, count_mm=count_mm, off_s=np.zeros(4))
+        assert len(found) == seen
