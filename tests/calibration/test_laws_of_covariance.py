@@ -161,3 +161,31 @@ def test_poses_that_were_unknown_are_as_uncertain_as_their_unknowns() -> None:
         np.testing.assert_allclose(found.rows, campaign.poses.rows, atol=1e-12)
     alone = model_with(campaign)
     assert alone.found_poses(alone.start, np.eye(len(alone.start))) is campaign.poses
+
+
+def test_play_errs_for_each_reading_and_once_for_all_of_a_cable_where_it_was_zeroed() -> None:
+    """Which way a cable was pulled where it rests nobody recorded; play that is known takes part in the zero alone, of angles in both."""
+    data = swivelled(2).to_dict()
+    for number, point in enumerate(data["observation_point"]):
+        point["drum"] |= {
+            "count_length_mm": COUNT_MM,
+            "scale": 1.0 + 0.1 * number,
+            "backlash_counts": 4.0,
+            "u_backlash_counts": 1.0 + number,
+        }
+    data["swivel"] = [s | {"backlash_deg": 0.02} for s in data["swivel"]]
+    campaign, _ = campaign_of(rig_from_dict(data))
+    model = model_with(replace(campaign, temperature_c=None))
+    stated, known = COUNT_MM * (1.0 + np.arange(6)) / (1.0 + 0.1 * np.arange(6)), COUNT_MM * 4.0 / (1.0 + 0.1 * np.arange(6))
+    arc = np.radians(0.01) * ARM_MM
+
+    def law(i: int, j: int, k: int, m: int) -> float:
+        if j != m:
+            return 0.0
+        if j >= 6:
+            return float(arc**2) if i == k else 0.0
+        return float(stated[j] ** 2 + known[j] ** 2 + (stated[j] ** 2 if i == k else 0.0))
+
+    found = model.unsolved_covariance(model.start)
+    assert found is not None
+    np.testing.assert_allclose(found, pairs(model, law), rtol=1e-9, atol=1e-18)

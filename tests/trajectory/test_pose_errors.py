@@ -26,6 +26,7 @@ def test_the_covariance_of_a_sum_is_that_of_all_errors_together() -> None:
     expected = np.einsum("kn,kp,nipj->kij", weights, weights, whole)
     np.testing.assert_allclose(errors.covariance_of(weights), expected, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(errors.covariance_of(np.eye(n)), errors.covariance, rtol=1e-12)
+    assert not PoseErrors.of(own, shared).rounded  # nobody said that they are of whole counts
 
 
 class Fading:
