@@ -265,13 +265,15 @@ def _tried(mutant: Mutant, name: str, text: str, items: list[pytest.Item], faile
 
 
 def _run(items: list[pytest.Item], failed: Path) -> int:
-    """Until one fails, which is told."""
-    session = items[0].session
-    for item, after in zip(items, [*items[1:], None], strict=True):
-        item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
-        if session.testsfailed:
+    """Until one fails, which is told, or breaks what runs it, as memory that is out does."""
+    try:
+        for item, after in zip(items, [*items[1:], None], strict=True):
             failed.write_text(item.nodeid, encoding="utf-8")
-            return SEEN
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
+            if item.session.testsfailed:
+                return SEEN
+    except BaseException:
+        return SEEN
     return UNSEEN
 
 
