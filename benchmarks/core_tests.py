@@ -114,6 +114,7 @@ CORE = {
     **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},
     **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
     "certification/capability.py": ["tests/certification/test_capability_limits.py"],
+    "certification/angles.py": ["tests/certification/test_angles.py", *_SEALED[:-1], f"test_angles or {_SEALED[-1]}"],
     "certification/iso9283/corners.py": ["tests/certification/test_corner_laws.py", *_SEALED[:-1], f"test_corner_laws or {_SEALED[-1]}"],
     "certification/iso9283/weaving.py": ["tests/certification/test_weave_laws.py", *_SEALED[:-1], f"test_weave_laws or {_SEALED[-1]}"],
     "counts.py": ["tests/test_counts.py", "tests/test_counts_at_rest.py"],

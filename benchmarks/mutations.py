@@ -1,7 +1,8 @@
 """The faults that may be put into a file of Python, one at a time: an operator, comparison, constant, condition or statement changed.
 
 The `strict=True` of a `zip` stays: without it nothing else comes wherever all are as long as each other, and where they are not the program
-with it fails, so that no input that it has a result for could tell the two apart.
+with it fails, so that no input that it has a result for could tell the two apart. So does the 1 of a reshape to -1, as any negative number
+says the same to NumPy.
 """
 
 import ast
@@ -55,6 +56,11 @@ class Mutant:
 def _says_strict(call: ast.AST, keyword: ast.keyword) -> bool:
     """Whether it is the strict=True of a zip."""
     return ast.unparse(keyword) == "strict=True" and isinstance(call, ast.Call) and ast.unparse(call.func) == "zip"
+
+
+def _says_the_rest(call: ast.AST, argument: ast.AST) -> bool:
+    """Whether it is the -1 of a reshape: any other negative number says the same."""
+    return isinstance(call, ast.Call) and ast.unparse(call.func).endswith(".reshape") and ast.unparse(argument) == "-1"
 
 
 def mutants_of(file: str, text: str) -> list[Mutant]:
@@ -124,7 +130,11 @@ def mutants_of(file: str, text: str) -> list[Mutant]:
             if name in {"annotation", "returns", "decorator_list", "type_comment"} or isinstance(node, ast.JoinedStr):
                 continue
             for child in value if isinstance(value, list) else [value]:
-                if isinstance(child, ast.AST) and not (isinstance(child, ast.keyword) and _says_strict(node, child)):
+                if not isinstance(child, ast.AST) or (isinstance(child, ast.keyword) and _says_strict(node, child)):
+                    continue
+                if _says_the_rest(node, child):
+                    out.extend(faults(child))
+                else:
                     visit(child)
 
     visit(ast.parse(text))

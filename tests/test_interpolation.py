@@ -61,6 +61,10 @@ def test_what_is_in_doubt_has_no_part_in_what_is_about_it() -> None:
     # straight beside it, which misses a parabola by a quarter of the squared interval
     np.testing.assert_allclose(found[[4, 7]] - at_s[[4, 7]] ** 2, 0.0625, rtol=1e-12)
     np.testing.assert_allclose(missed[[4, 7]], 0.0625, rtol=1e-12)
+    # nor where it is hardly to be told from what is sound
+    spoilt[6] = values[6] + 0.03
+    found, missed = read(time_s, spoilt, at_s, bad=(6,))
+    np.testing.assert_allclose(found[[4, 7]] - at_s[[4, 7]] ** 2, 0.0625, rtol=1e-12)
     # two samples alone: what the others bend at most
     found, missed = read(time_s, values, at_s, bad=(4, 7))
     np.testing.assert_allclose(missed[5], 0.0625, rtol=1e-12)

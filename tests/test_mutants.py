@@ -55,6 +55,11 @@ def test_a_zip_stays_strict(mutants: ModuleType) -> None:
     assert [(m.line, m.change) for m in found] == [(1, "1 -> 2"), (2, "False -> True"), (3, "True -> False")]
 
 
+def test_the_rest_of_a_reshape_is_any_negative_number(mutants: ModuleType) -> None:
+    found = mutants.mutants_of("f.py", "a = b.reshape(2, -1)\nc = d.repeat(-1)\n")
+    assert [(m.line, m.change) for m in found] == [(1, "2 -> 3"), (1, "- -> "), (2, "- -> "), (2, "1 -> 2")]
+
+
 def test_what_is_excused_is_there(mutants: ModuleType) -> None:
     """A line that was changed since is looked at again."""
     excused = mutants.equivalents()

@@ -111,7 +111,7 @@ class Residuals(Problem):
             np.append(parameter, BY_ALPHA + which),
             np.append(own[equation, parameter], self._tilt.unknown[self.cable_index][tilted, which]),
         )
-        self._radius = np.array([n.rsplit(".", 1)[1] in UNSIGNED for n in unknowns.names], dtype=np.bool_)
+        self._radius = np.array([n.rpartition(".")[2] in UNSIGNED for n in unknowns.names], dtype=np.bool_)
         self._factor = np.array([math.radians(1.0) if n.endswith("_deg") else 1.0 for n in unknowns.names])
         self._unit_of_poses = np.where(self.free < 3, math.radians(1.0), 1.0)
         if free:

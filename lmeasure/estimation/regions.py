@@ -76,7 +76,8 @@ def _drawn(fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, 
     # weights of data and prior in each principal direction, and its standard uncertainty in prior widths
     data, prior, sigma = fit.gains
     axes = fit.directions.T * sigma
-    U = J @ fit.directions.T / np.where(data > 0, fit.s, 1.0) * (data > 0)
+    along = J @ fit.directions.T
+    U = np.divide(along, fit.s, out=np.zeros_like(along), where=data > 0)
     xi = (w.whiten(_noise(fit, rng)).T @ U) * (data / sigma) + rng.normal(size=(DRAWS, len(z))) @ fit.directions.T * (prior / sigma)
     second = np.zeros_like(xi)
     by_direction = _second_derivatives(w, z, axes)

@@ -188,3 +188,7 @@ def test_compliance_by_forces_of_all_axes_and_small_ones() -> None:
     found = iso9283_pose.static_compliance(np.array([1.0, 2.0, 3.0]) + forces @ compliance.T, forces)
     assert np.isnan(found[:, 1]).all()
     np.testing.assert_allclose(found[:, [0, 2]], compliance[:, [0, 2]], rtol=1e-9)
+
+
+def test_a_band_that_is_kept_from_the_first_sample_on_is_entered_there() -> None:
+    assert iso9283_time.crossing(np.array([2.0, 3.0]), np.array([0.5, 0.4]), np.array(0), 1.0) == 2.0

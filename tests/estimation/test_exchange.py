@@ -144,6 +144,7 @@ def test_numbered_candidates_are_what_their_numbers_say() -> None:
     told = np.random.default_rng(2).normal(size=(3, 1, 2))
     design = grown(empty(Numbered(told), np.eye(2)), 2, None, np.random.default_rng(1))
     np.testing.assert_array_equal(Numbered(told[::-1]).blocks(design.points), told[2 - design.points[:, 0].astype(int)])
+    assert [len(beside) for beside in Numbered(told).beside(design.points)] == [0, 0]
     np.testing.assert_array_equal(design.blocks, told[design.points[:, 0].astype(int)])
 
 

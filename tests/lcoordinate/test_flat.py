@@ -170,6 +170,30 @@ def test_bands_hold_every_flat_value_of_draws(seed: int, edge: str) -> None:
             assert volume(edges | {"pq": middle}) > 0.0
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_bands_hold_every_flat_value_where_there_is_no_time_to_look_closely(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flat, "BOXES", 6)
+    rng = np.random.default_rng(seed)
+    limits = {e: (0.85 * v, 1.15 * v) for e, v in zip(flat.EDGES, rng.uniform(0.9, 1.1, 5), strict=True)} | {"pq": (1.0, 1.0)}
+    found = flat.bands(flat.Tetrahedron("xy", "px", "py", "qx", "qy", "pq"), limits, "pq")
+    # corners and middles too, where extremes are
+    parts = np.stack(np.meshgrid(*[[0.0, 0.5, 1.0]] * 5), axis=-1).reshape(-1, 5)
+    parts = np.concatenate([parts, rng.uniform(size=(4000, 5))])
+    draws = [low + part * (high - low) for part, (low, high) in zip(parts.T, (limits[e] for e in flat.EDGES), strict=True)]
+    for band, values in zip((found.near, found.far), flat.flat(draws), strict=True):
+        assert band.low[0] <= np.nanmin(values)
+        assert np.nanmax(values) <= band.high[1]
+        assert band.low[0] <= band.low[1] <= band.high[0] <= band.high[1]
+
+
+def test_whether_everything_in_a_box_can_be_assembled() -> None:
+    """Over a side of 1 edges of 0.5 and of 0.4 to 0.6 meet, or do not; of 0.8 and 0.8 to 0.81 they do."""
+    some, every = [(1.0, 1.0), (0.4, 0.6), (0.5, 0.5)], [(1.0, 1.0), (0.8, 0.81), (0.8, 0.8)]
+    boxes = np.array([[*some, *every[1:]], [*every, *some[1:]], [*every, *every[1:]]])
+    for side in (1.0, -1.0):
+        assert flat.enclosed(boxes, side)[2].tolist() == [False, False, True]
+
+
 def test_limits_that_are_none_are_refused() -> None:
     with pytest.raises(StructureError, match="has no edge"):
         flat.bands(T1, LIMITS, "l6")

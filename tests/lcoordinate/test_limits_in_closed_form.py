@@ -161,6 +161,10 @@ def test_a_step_longer_than_what_is_walked_around_is_halved() -> None:
     found = boundary(limits(within(0.5)), PLANE, np.array([1.0, 0.0]), 5.0)
     assert found.closed
     assert found.area_mm2 == pytest.approx(np.pi / 4.0, rel=0.02)
+    # a step goes along the tangent, and back to the circle
+    found = boundary(limits(within(0.5)), PLANE, np.array([1.0, 0.0]), 5.0, within_mm=1.0)
+    first = 0.5 * np.tan(2.0 * np.arcsin(np.linalg.norm(found.places[1] - found.places[0])))
+    assert np.log2(5.0 / first) == pytest.approx(np.round(np.log2(5.0 / first)), abs=1e-6)
     cut = limits(
         across(lambda x, y: 4.0 - x), across(lambda x, y: 10.0 * (6.0 - y)), across(lambda x, y: 9.9 - x - y), across(lambda x, y: 5.0 + y),
         across(lambda x, y: 3.0 + x),
@@ -168,6 +172,11 @@ def test_a_step_longer_than_what_is_walked_around_is_halved() -> None:
     found = boundary(cut, PLANE, np.array([1.0, 0.0]), 2.5)
     assert found.closed
     assert found.area_mm2 == pytest.approx(77.0 - 0.005, abs=1e-6)
+    x, y = found.places.T
+    # upwards from (4, 0) a quarter of a step is the longest that ends before the cut; behind it each is twice the one before
+    np.testing.assert_allclose(y[np.isclose(x, 4.0) & (y > 0.0)], [2.5, 5.0, 5.625, 5.9], atol=1e-9)
+    ways = np.abs(np.diff(x[np.isclose(y, 6.0)]))
+    np.testing.assert_allclose(ways[1:-1], np.minimum(2.0 * ways[:-2], 2.5), atol=1e-9)
 
 
 @pytest.mark.parametrize(("half_deg", "from_tip"), [(5.0, 0.0), (5.0, 1e-5), (5.0, 0.001), (5.0, 0.7), (5.0, 1.2), (45.0, 0.001)])
@@ -280,6 +289,17 @@ def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, l
     for everywhere in (across(lambda x, y: 1.0 + 0.0 * x), across(lambda x, y: 0.0 * x - 1.0)):
         with pytest.raises(StructureError, match="boundary: cannot be followed beyond 3, -4 mm"):
             workspace._around(limits(everywhere), PLANE, corner, tangent, way, 0.5)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize(("low", "high"), [(0.2, 1.1), (1.9, 2.6), (-2.9, -2.0), (-1.2, -0.4)])
+def test_of_two_sectors_that_meet_in_a_corner_the_boundary_goes_on_along_the_one_walked(way: float, low: float, high: float) -> None:
+    both = across(lambda x, y: (np.cos(low) * (y + 4.0) - np.sin(low) * (x - 3.0)) * (np.sin(high) * (x - 3.0) - np.cos(high) * (y + 4.0)))
+    corner, (came, goes) = np.array([3.0, -4.0]), (high, low) if way > 0 else (low, high)
+    tangent = -np.array([np.cos(came), np.sin(came)])
+    place, along, _ = workspace._around(limits(both), PLANE, corner, tangent, way, 0.5)
+    np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
+    np.testing.assert_allclose(place, corner + 0.5 * along, atol=1e-8)
 
 
 def test_a_boundary_of_too_many_points_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,3 +124,12 @@ def test_the_unit_is_the_power_of_two_nearest_to_the_rigs_size(base: float, plat
     """The widest side of the base or the platform, or half of the longest link."""
     points = np.array([(0.0, 0.0, 0.0), (0.2, -0.5, 0.1), (0.1, 0.5, 0.0)] * 2)
     assert straight._unit(base * points + 500.0, platform * points - 300.0, np.array([1.0, 0.1, length, 1.0, 0.5, 0.2])) == unit
+
+
+@pytest.mark.parametrize("shape", [(6,), (3, 6), (2, 0, 6)])
+def test_what_tetrahedra_do_not_solve_has_no_assemblies_in_closed_form(shape: tuple[int, ...]) -> None:
+    structure = next(s for s in structures() if not s.closed_form and s.degenerate is None)
+    base, platform, _ = rig(structure, 1)
+    poses, closes = tetrahedra.closed_form(base, platform, np.ones(shape))
+    assert poses.shape == (*shape[:-1], 0, 7)
+    assert closes.shape == (*shape[:-1], 0)

@@ -1,6 +1,7 @@
 """Every fast way to poses and their covariances gives what the reference gives, over random cells."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from lmeasure.observation import CableLength, Observation, Solved, differences, 
 from lmeasure.observation.channel import values, variances
 from lmeasure.observation.continuation import follow
 from lmeasure.observation.parameters import FACTORS
+from lmeasure.observation.wrap import guide
 from lmeasure.status import Status
 from lmeasure.trajectory import screw_numpy
 
@@ -101,20 +103,23 @@ def test_any_number_of_cables(seed: int, m: int, radius: float | None, missing: 
     np.testing.assert_allclose(own @ np.swapaxes(own, 1, 2), reference.covariance, rtol=1e-7, atol=1e-18)
 
 
+def row_of(o: Observation) -> FloatArray:
+    """Of a swivel or an inclination for the kernels."""
+    row, p = np.zeros(CABLE_COLUMNS), values(o)
+    if len(p) == 9:
+        row[KIND], row[BASE : BASE + 3], row[ATTACHMENT : ATTACHMENT + 3] = SWIVEL, p[:3], p[5:8]
+        row[ALPHA], row[BETA] = np.radians(p[3:5])
+    else:
+        row[KIND], row[ATTACHMENT : ATTACHMENT + 3], row[BASE : BASE + 3] = INCLINATION, p[:3], p[3:6]
+    row[ANGLE_ZERO] = np.radians(p[-1])
+    return row
+
+
 def mixed() -> tuple[list[Observation], FloatArray]:
     """Five cables, two swivels and two inclinations, and their kernels' rows."""
     g, some = np.random.default_rng(3), cables(3)
-    channels: list[Observation] = [*some[:5], swivel(some[0], 5.0), swivel(some[3], -70.0), inclination(g, "i1"), inclination(g, "i2")]
-    rows = np.concatenate([rows_of(some[:5]), np.zeros((4, CABLE_COLUMNS))])
-    for row, o in zip(rows[5:], channels[5:], strict=True):
-        p = values(o)
-        if len(p) == 9:
-            row[KIND], row[BASE : BASE + 3], row[ATTACHMENT : ATTACHMENT + 3] = SWIVEL, p[:3], p[5:8]
-            row[ALPHA], row[BETA] = np.radians(p[3:5])
-        else:
-            row[KIND], row[ATTACHMENT : ATTACHMENT + 3], row[BASE : BASE + 3] = INCLINATION, p[:3], p[3:6]
-        row[ANGLE_ZERO] = np.radians(p[-1])
-    return channels, rows
+    others: list[Observation] = [swivel(some[0], 5.0), swivel(some[3], -70.0), inclination(g, "i1"), inclination(g, "i2")]
+    return [*some[:5], *others], np.concatenate([rows_of(some[:5]), [row_of(o) for o in others]])
 
 
 def test_few_samples_of_channels_of_every_kind() -> None:
@@ -212,6 +217,65 @@ def test_few_samples_at_rest_are_found_at_once_but_not_where_one_cable_is_there_
     found = least_squares.follow(rows, HOME, zero, state, np.zeros((3, 6)), np.zeros(3, np.int64), u, ALL)
     assert found[3].tolist() == [Status.SINGULAR if twice else Status.OK] * 3
     assert found[2].tolist() == [1] * 3
+
+
+@pytest.mark.parametrize(("by_mm", "steps"), [(1e-12, 1), (1e-10, 2)])
+def test_few_samples_end_with_the_first_step_that_no_length_could_show(by_mm: float, steps: int) -> None:
+    rows, u = rows_of(cables(3)), np.full(6, COUNT_MM / np.sqrt(12.0))
+    zero, state = span_lengths(rows, HOME[None])[0], least_squares.new_state(HOME, 6)
+    found = least_squares.follow(rows, HOME, zero, state, np.full((1, 6), by_mm), np.zeros(1, np.int64), u, ALL)
+    assert found[3].tolist() == [Status.OK]
+    assert found[2].tolist() == [steps]
+
+
+def test_few_samples_of_a_rig_of_kilometres_end_where_rounding_ends_them() -> None:
+    """There it moves poses by more than a step that is none."""
+    rows, start = rows_of(cables(3, radius=0.0)), HOME.copy()
+    start[:3] *= 3000.0
+    for place in (ATTACHMENT, BASE):
+        rows[:, place : place + 3] *= 3000.0
+    zero, state = span_lengths(rows, start[None])[0], least_squares.new_state(start, 6)
+    changes = np.random.default_rng(3).uniform(-10.0, 10.0, (20, 6))
+    found = least_squares.follow(rows, start, zero, state, changes, np.zeros(20, np.int64), np.full(6, 1.0), ALL)
+    assert found[3].tolist() == [Status.OK] * 20
+    assert found[2].max() < 10
+    np.testing.assert_allclose(span_lengths(rows, found[0]) - zero, changes, atol=1e-7)
+
+
+def test_few_samples_are_not_sought_where_no_cable_can_run_nor_where_the_pose_is_not_told() -> None:
+    rows, u = rows_of(cables(3)), np.full(6, 0.01)
+    zero = span_lengths(rows, HOME[None])[0]
+    # an attachment point in the middle of a pulley
+    into = HOME.copy()
+    into[:3] = rows[2, BASE : BASE + 3] - rows[2, ATTACHMENT : ATTACHMENT + 3]
+    poses, chi = least_squares.search(rows, zero, u, ALL, into[None])
+    np.testing.assert_array_equal(poses, into[None])
+    assert chi.tolist() == [np.inf]
+    # cables that all end in one point see no rotation
+    rows[:, ATTACHMENT : ATTACHMENT + 3] = 0.0
+    assert least_squares.search(rows, zero, u, ALL, HOME[None])[1].tolist() == [np.inf]
+
+
+@pytest.mark.parametrize("beside_mm", [1.0, 3.0])
+def test_few_samples_pass_close_by_a_pulley_that_turns_by_half_a_turn(beside_mm: float) -> None:
+    """In a gap: between two samples the tool goes straight by 240 mm, which turns the pulley at once. Lengths alone tell the way."""
+    six, way = cables(3), np.array([0.8, -0.6, 0.0])
+    u0, attachment = six[0], rows_of(cables(3))[0, ATTACHMENT : ATTACHMENT + 3]
+    up = guide(*(np.radians(p.value) for p in u0.parameters[3:5]))[0]
+    aside = np.cross(way, up) / np.linalg.norm(np.cross(way, up))
+    s = swivel(u0, 5.0)
+    base = HOME[:3] + attachment - 200.0 * up + beside_mm * aside
+    s = replace(s, parameters=(*(replace(p, value=float(v)) for p, v in zip(s.parameters, base, strict=False)), *s.parameters[3:]))
+    channels: list[Observation] = [*six, s]
+    rows = np.concatenate([rows_of(six), row_of(s)[None]])
+    truth = se3.displaced(HOME, np.array([[0, 0, 0, *(-120.0 * way)], [0, 0, 0, *(120.0 * way)]]))
+    readings, u = predictions(channels, truth), np.sqrt(variances(channels))
+    assert 170.0 < abs(np.degrees(readings[1, 6] - readings[0, 6])) < 190.0
+    zero, state = np.append(span_lengths(rows[:6], HOME[None])[0], 0.0), least_squares.new_state(truth[0], 7)
+    state[CHANGES : CHANGES + 7] = readings[0]
+    found = least_squares.follow(rows, HOME, zero, state, readings[1:], np.zeros(1, np.int64), u, ALL)
+    assert found[3].tolist() == [Status.OK]
+    np.testing.assert_allclose(se3.displacement(found[0], truth[1:]), 0.0, atol=1e-9)
 
 
 def test_few_samples_have_twists_of_what_is_free_alone() -> None:

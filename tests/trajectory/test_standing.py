@@ -52,6 +52,14 @@ def test_it_stands_for_a_fifth_of_a_second(samples: int, told: bool) -> None:
     assert bool(stood(time_s, mm)) is told
 
 
+@pytest.mark.parametrize(("samples", "told"), [(21, True), (20, False)])
+def test_a_fifth_of_a_second_from_its_first_sample_to_its_last_is_enough(samples: int, told: bool) -> None:
+    """From 0.2 s to 0.4 s or a sample less."""
+    time_s, mm = ways(400.0, 60.0)
+    mm[FIRST + samples : LAST + 1, 0] += np.arange(1, LAST + 2 - FIRST - samples)
+    assert bool(stood(time_s[: -FIRST + 20], mm[FIRST - 20 :])) is told
+
+
 def test_every_time_it_stands_is_told_and_of_each_channel() -> None:
     time_s, mm = ways(samples=800)
     mm[500:600, 0] = mm[500, 0]
