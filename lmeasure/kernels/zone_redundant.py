@@ -107,7 +107,8 @@ def _norm(B: FloatArray, N: FloatArray, size: float, told: bool) -> None:
         norm2 = (a[0] + a[1] + a[2]) * (size * size) + moves
         if told:
             most(B, WORST + NORM2, lane, norm2)
-        least(B, SOUND, lane, 1.0 / math.sqrt(norm2))
+        # rounding alone makes it negative, and a NaN would be taken for less than nothing
+        least(B, SOUND, lane, 1.0 / math.sqrt(norm2) if norm2 > 0.0 else 0.0)
 
 
 @inline

@@ -147,6 +147,21 @@ def test_few_places_too(linked: bool) -> None:
         lanes_are_the_scalar_kernel(replace(plan, quaternions=plan.quaternions[[0]], weights=np.linspace(0.3, 0.9, 7)))
 
 
+@pytest.mark.parametrize("least", [1e-5, 1e-7, 1e-9, 1e-13])
+def test_few_places_of_which_coarse_cables_must_tell_what_fine_ones_do_not(least: float) -> None:
+    """Seven cables, two of which weigh next to nothing: the fine ones leave a motion to them, whose normal equations are not sound."""
+    plan = plan_of(cell(1, 7), False, step=600.0)
+    plan = replace(plan, quaternions=plan.quaternions[[0]], weights=np.array([1.0, 1.0, 1.0, 1.0, 1.0, least, least]))
+    slow, slow_flags = kernels.scan(
+        plan.cables, plan.positions, plan.quaternions, plan.variance, plan.weights, plan.scales, plan.factor, plan.start, plan.points,
+        plan.pairs, plan.bodies,
+    )  # fmt: skip
+    fast, fast_flags = run(plan)
+    np.testing.assert_array_equal(fast_flags, slow_flags)
+    for name, a, b in zip(kernels.FIGURES, fast, slow, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9, err_msg=name)
+
+
 def lanes_are_the_scalar_kernel(plan: Plan) -> np.ndarray:
     slow, slow_flags = kernels.scan(
         plan.cables, plan.positions, plan.quaternions, plan.variance, plan.weights, plan.scales, plan.factor, plan.start, plan.points,

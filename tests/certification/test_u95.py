@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lmeasure.certification import Characteristic, PoseErrors, Settings, evaluate
 from lmeasure.certification.figure import Subject
+from lmeasure.certification.iso9283.pose import _alike
 from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED, propagate, reduction, reduction_of_mean
 from lmeasure.program import Program
 
@@ -294,3 +295,19 @@ def test_what_errors_at_one_place_have_in_common() -> None:
     again = propagate({AT: Places(errors)}, figures, trials=4000, seed=1, progress=lambda done, of: seen.append((done, of)))
     assert again == [mean, within, across]
     assert seen[-1] == (4000, 4000)
+
+
+def test_a_group_that_was_attained_the_same_every_time_stays_so() -> None:
+    away = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.3, 0.0, 0.1], [-0.3, 0.0, -0.1]])
+    alike = _alike(away, np.array([0, 0, 1, 1]), 1e-9 * np.eye(3), 0.1, 1.0)
+    np.testing.assert_array_equal(alike[:2], 0.0)
+    np.testing.assert_allclose(alike[2:], away[2:], rtol=1e-3)
+
+
+def test_what_is_done_is_told_in_order_until_it_is_all() -> None:
+    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
+    told: list[tuple[int, int]] = []
+    model = Program.model_validate(program)
+    evaluate(trajectory, model, StatedErrors(some_law(1)), settings=Settings(trials=300), progress=lambda *at: told.append(at))
+    assert told == sorted(told)
+    assert told[-1][0] == told[-1][1]

@@ -257,9 +257,10 @@ def test_few_samples_are_not_sought_where_no_cable_can_run_nor_where_the_pose_is
 
 
 @pytest.mark.parametrize("beside_mm", [1.0, 3.0])
-def test_few_samples_pass_close_by_a_pulley_that_turns_by_half_a_turn(beside_mm: float) -> None:
+@pytest.mark.parametrize("towards", [(0.19, -0.2, 0.96), (0.34, -0.94, -0.74)])
+def test_few_samples_pass_close_by_a_pulley_that_turns_by_half_a_turn(beside_mm: float, towards: tuple[float, ...]) -> None:
     """In a gap: between two samples the tool goes straight by 240 mm, which turns the pulley at once. Lengths alone tell the way."""
-    six, way = cables(3), np.array([0.8, -0.6, 0.0])
+    six, way = cables(3), np.array(towards) / np.linalg.norm(towards)
     u0, attachment = six[0], rows_of(cables(3))[0, ATTACHMENT : ATTACHMENT + 3]
     up = guide(*(np.radians(p.value) for p in u0.parameters[3:5]))[0]
     aside = np.cross(way, up) / np.linalg.norm(np.cross(way, up))

@@ -194,6 +194,17 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
     assert "+100 counts" in str(stepped)
 
 
+@pytest.mark.parametrize(
+    ("clock_s", "code", "said"),
+    [((4.0, 5.0, 6.0), "clock.stepped", "4, 5, 6"), ((4.0, 5.0, 6.0, 7.0), "clock.stepped.often", "4, 5, 6")],
+)
+def test_three_steps_of_the_clock_are_told_by_their_times(clock_s: tuple[float, ...], code: str, said: str) -> None:
+    (note,) = judged(cell(), found(clock_s=clock_s), NO_RESTS).notes
+    assert note.code == code
+    assert said in str(note)
+    assert "7" not in str(note)
+
+
 def test_notes_say_the_same_in_russian_by_their_codes_and_by_the_texts_of_earlier_files() -> None:
     away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
     of = found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan), away=away, clock_s=(4.0, 5.0), stood=(Stood(3, 6.0, np.inf),))
