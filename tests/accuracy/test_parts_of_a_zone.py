@@ -326,6 +326,17 @@ def test_the_settings_one_by_one_are_those_of_a_scan(monkeypatch: pytest.MonkeyP
     assert Scan() == Scan(limits=Limits(60.0, None), full=False, bodies=(), reliability=False)
 
 
+def test_what_is_refined_is_the_part_of_the_box_that_keeps_its_limits() -> None:
+    """Against the share of places in the middles of 8^3 parts of the box."""
+    nodes, middles = np.linspace(-120.0, 120.0, 4), np.arange(-105.0, 106.0, 30.0)
+    fine = scan_zone(cell(), None, x=middles, y=middles, z=middles, rotations=ONE)
+    longest = float(np.quantile(fine["longest_cable_mm"].values, 0.3))
+    zone = scan_zone(cell(), None, x=nodes, y=nodes, z=nodes, rotations=ONE, limit_deg=89.0, length_limits=(0.0, longest), refine=0.02)
+    held = (fine["longest_cable_mm"].values <= longest) & (fine["worst_pressure_angle_deg"].values <= 89.0)
+    assert 0.1 < held.mean() <= 0.31
+    assert zone.attrs["refined_volume_mm3"] == pytest.approx(held.mean() * 240.0**3, rel=0.05)
+
+
 def test_each_node_of_a_box_is_mapped_as_it_is_alone() -> None:
     x, y, z = np.array([-80.0, 40.0]), np.array([-60.0, 0.0, 60.0]), np.array([10.0, 90.0])
     whole = scan_zone(cell(), None, x=x, y=y, z=z, rotations=ONE, start=START)

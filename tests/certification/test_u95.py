@@ -311,3 +311,19 @@ def test_what_is_done_is_told_in_order_until_it_is_all() -> None:
     evaluate(trajectory, model, StatedErrors(some_law(1)), settings=Settings(trials=300), progress=lambda *at: told.append(at))
     assert told == sorted(told)
     assert told[-1][0] == told[-1][1]
+
+
+@pytest.mark.parametrize(("absent", "without"), [(("position", "rotation"), {"mm", "deg"}), (("rotation",), {"deg"}), ((), set[str]())])
+def test_figures_of_which_a_trajectory_states_no_uncertainty_have_none(absent: tuple[str, ...], without: set[str]) -> None:
+    """But by a model of its errors they have."""
+    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
+    foreign, model, settings = replace(trajectory, absent=absent), Program.model_validate(program), Settings(trials=300)
+    found = evaluate(foreign, model, settings=settings)
+    kept = evaluate(foreign, model, StatedErrors(some_law(1)), settings=settings)
+    assert {c.unit for c in found.characteristics} == {"mm", "deg"}
+    for c, other in zip(found.characteristics, kept.characteristics, strict=True):
+        assert np.isnan(c.u95) == (c.unit in without)
+        assert np.isfinite(other.u95)
+    codes = [getattr(f, "code", None) for f in found.findings]
+    assert ("uncertainty.unstated" in codes) == bool(without)
+    assert "uncertainty.unstated" not in [getattr(f, "code", None) for f in kept.findings]

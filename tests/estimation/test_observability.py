@@ -51,6 +51,14 @@ def test_a_direction_that_two_share_alike_is_told_of_both_and_once() -> None:
         assert [d.alone for d in by_owner(PARAMETERS, mixed(three, seed))] == [True, False]
 
 
+def test_owners_are_told_in_the_order_of_their_parameters() -> None:
+    """Though the one that is told first is the one that is clearest."""
+    silent = np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [0.95, 0.0, 0.0, 0.0, np.sqrt(1.0 - 0.95**2)]])
+    first, last = PARAMETERS.owner(0), PARAMETERS.owner(2)
+    assert first != last
+    assert [d.owner for d in by_owner(PARAMETERS, silent)] == [first, last]
+
+
 def test_an_owner_with_a_third_of_a_direction_is_told() -> None:
     part = np.sqrt((1.0 - 0.35**2) / 2.0)
     (found,) = by_owner(PARAMETERS, np.array([[part, 0.0, part, 0.0, 0.35]]))
