@@ -207,9 +207,9 @@ _HOME = {text.split(" as ")[-1]: (f"lmeasure.{module}", text.split(" as ")[0]) f
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version
+        from lmeasure.extras import version_of
 
-        return version("lmeasure")
+        return version_of("lmeasure")
     if name not in _HOME:
         raise AttributeError(f"module 'lmeasure' has no attribute {name!r}")
     module, own = _HOME[name]

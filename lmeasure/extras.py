@@ -1,9 +1,17 @@
-"""Packages that only some files need, and how to get them."""
+"""Packages that only some files need, and how to get them; versions of what is installed."""
 
 import sys
-from importlib.metadata import PackageNotFoundError, requires
+from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
+
+
+def version_of(name: str) -> str:
+    """Of a package as it was installed; "unknown" where what tells it was removed, as packagers do."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def how_to_install(extra: str) -> str:

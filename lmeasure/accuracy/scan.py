@@ -14,7 +14,6 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from lmeasure import files
 from lmeasure.accuracy.readings import Readings, worst_figures
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import AccuracyError
-from lmeasure.extras import how_to_install
+from lmeasure.extras import how_to_install, version_of
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
 from lmeasure.kernels.layout import (
@@ -346,7 +345,7 @@ class _Kept:
     def __init__(self, folder: Path, plan: Plan) -> None:
         self.folder = Path(folder)
         mark = self.folder / "plan.sha256"
-        plan_and_program = f"{plan.digest()} lmeasure {version('lmeasure')}"
+        plan_and_program = f"{plan.digest()} lmeasure {version_of('lmeasure')}"
         if mark.exists():
             if files.read_bytes(mark).decode("ascii", "replace").strip() != plan_and_program:
                 raise AccuracyError(

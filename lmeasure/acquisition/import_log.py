@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, RecordedError
+from lmeasure.extras import version_of
 from lmeasure.opened import sha256_of
 from lmeasure.rig import Rig
 from lmeasure.run import Run, write_run
@@ -239,7 +239,7 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
             "ended": "early" if log.report.ended_early else "complete",
             "bus": str(log.path.name),
             "timestamps": "log",
-            "software": f"lmeasure {version('lmeasure')}",
+            "software": f"lmeasure {version_of('lmeasure')}",
             "first_sample_s": log.start_s,
             "samples": len(log.counts.time_s),
             "seconds": float(log.counts.time_s[-1]),

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from lmeasure.acquisition.sources import Source
 from lmeasure.arrays import FloatArray
 from lmeasure.counts import closure_counts, read_counts, write_counts
 from lmeasure.errors import AcquisitionError, LMeasureError, RecordedError
+from lmeasure.extras import version_of
 from lmeasure.rig import Rig, read_rig, write_rig
 from lmeasure.run import SCHEMA
 
@@ -188,7 +188,7 @@ class _Writer:
             "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
             "bus": self.source.name,
             "timestamps": self.source.timestamp_source,
-            "software": f"lmeasure {version('lmeasure')}",
+            "software": f"lmeasure {version_of('lmeasure')}",
             "frames": f"pass{self.passage}.log",
             "devices": devices,
         }

@@ -3,10 +3,11 @@
 import hashlib
 import platform
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import llvmlite.binding
+
+from lmeasure.extras import version_of
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno")
 
@@ -22,21 +23,13 @@ def sources_sha256() -> str:
     return digest.hexdigest()
 
 
-def _version(name: str) -> str:
-    """Of a library as it was installed; "unknown" where what tells it was removed, as packagers do."""
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"
-
-
 def environment() -> dict[str, str]:
     """Versions of the program, Python and the libraries that compute or print, and the processor kernels are compiled for."""
     return {
-        "lmeasure": _version("lmeasure"),
+        "lmeasure": version_of("lmeasure"),
         "lmeasure sources": sources_sha256(),
         "python": platform.python_version(),
-        **{name: _version(name) for name in LIBRARIES},
+        **{name: version_of(name) for name in LIBRARIES},
         "system": f"{platform.system()} {platform.machine()}",
         "processor": llvmlite.binding.get_host_cpu_name(),
     }

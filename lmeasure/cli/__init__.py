@@ -56,9 +56,9 @@ app = typer.Typer(
 
 def _version(asked: bool) -> None:
     if asked:
-        from importlib.metadata import version
+        from lmeasure.extras import version_of
 
-        typer.echo(f"lmeasure {version('lmeasure')}")
+        typer.echo(f"lmeasure {version_of('lmeasure')}")
         raise typer.Exit
 
 

@@ -1,7 +1,6 @@
 """The same for programs: jobs over HTTP with JSON, described at /api/openapi.json, and a recording's state over a WebSocket."""
 
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import Any
 
 from starlette.requests import Request
@@ -11,6 +10,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from lmeasure import workflows
 from lmeasure.errors import LMeasureError
+from lmeasure.extras import version_of
 from lmeasure.workbench import forms
 from lmeasure.workbench.answers import Bench, bench_of, job_of, page
 from lmeasure.workbench.project import OWN
@@ -122,7 +122,7 @@ def described() -> dict[str, Any]:
     plain = {"200": {"description": "done"}}
     return {
         "openapi": "3.1.0",
-        "info": {"title": "lmeasure workbench", "version": version("lmeasure"), "description": __doc__},
+        "info": {"title": "lmeasure workbench", "version": version_of("lmeasure"), "description": __doc__},
         "security": [{"token": []}],
         "paths": {
             "/api/project": {"get": {"summary": "what the project has", "responses": plain}},

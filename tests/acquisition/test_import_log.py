@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from log_fuzz import START_POSE, counter_log, six_cables
 from lmeasure import files
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
+from lmeasure.cli import main
 from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError, RecordedError
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_run
@@ -73,6 +75,24 @@ def test_every_format_gives_the_same_counts(tmp_path: Path, suffix: str) -> None
     assert counts.time_s == pytest.approx(np.arange(300) * 1e-3, abs=1e-6)
     assert not imported.logs[0].events.tally
     assert "300 samples" in imported.summary()
+
+
+def test_an_import_where_metadata_were_removed_says_that_the_version_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Packagers remove them; what reads logs needs none."""
+
+    def gone(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    path = write(tmp_path / "drive.blf", counter_log(20, 4))
+    for module in ("lmeasure.extras", "lmeasure.acquisition.import_log"):
+        monkeypatch.setattr(f"{module}.version", gone, raising=False)
+    write_rig(tmp_path / "rig.toml", six_cables())
+    words = ["lmeasure", "import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE]
+    monkeypatch.setattr("sys.argv", [str(word) for word in words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    assert "lmeasure unknown" in (tmp_path / "run" / "run.toml").read_text()
 
 
 def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
