@@ -19,7 +19,7 @@ from lmeasure.report import html
 from lmeasure.report.words import axes
 from lmeasure.rig import Rig
 from lmeasure.saying import Say
-from lmeasure.status import WORDS, Status
+from lmeasure.status import WORDS
 from lmeasure.trajectory.budget import RESTORED_ORIGIN
 
 DOMAIN = "trajectory"
@@ -33,6 +33,7 @@ HIDDEN = "legendonly"
 """Until it is clicked: beside its rig a path is too small to be seen."""
 AXES = ("#0072b2", "#d55e00", "#009e73")
 FAULT, LESS = "#c1272d", "#e69f00"
+COLOURS = {"broke": FAULT, "fewer": LESS, "restored": LESS}
 TITLE = 43.0
 """What a lane stands apart from the one above, with the title between them, in pixels."""
 STYLE = "<style>.figures td{text-align:left;overflow-wrap:anywhere}.figures th,.kinds td,.kinds th{text-align:left}</style>"
@@ -44,6 +45,9 @@ def write_trajectory_page(
     """Write a self-contained HTML page of the trajectory called name, whole or not at all; inputs: files with their SHA-256."""
     words = texts(DOMAIN, language)
     shown = {"space.told": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
+    over_time = {
+        "time.bands": bool(np.isfinite(found.trajectory.u).any()), "time.told": True, "time.thinned": len(found.rows) < len(found.u95_mm),
+    }  # fmt: skip
     body = [
         STYLE,
         *_verdict(found, rig, language),
@@ -53,7 +57,7 @@ def write_trajectory_page(
         html.paragraph(" ".join(words[key] for key, there in shown.items() if there)),
         html.figure(space_figure(found, rig, language), "space", first=True, language=language),
         html.heading(words["time"]),
-        html.paragraph(words["time.told"] + (f" {words['time.thinned']}" if len(found.rows) < len(found.u95_mm) else "")),
+        html.paragraph(" ".join(words[key] for key, there in over_time.items() if there)),
         html.figure(time_figure(found, language), "time", first=False, language=language),
         html.heading(words["known"]),
         "<ul>" + "".join(f"<li>{html.text(line)}</li>" for line in _known(found, language)) + "</ul>",
@@ -72,7 +76,7 @@ def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
         said = words["verdict.bad"].format(bad=bad, samples=samples, percent=decimal(language, f"{100 * bad / samples:.3g}"))
         return [html.paragraph(said, "warning")]
     fewer = sum(s.samples for s in found.stretches)
-    if fewer and all(is_of(s.cause, RESTORED_ORIGIN) for s in found.stretches):
+    if fewer and all(map(_restored, found.stretches)):
         return [html.paragraph(words["verdict.restored"].format(fewer=fewer), "warning")]
     if fewer:
         return [html.paragraph(words["verdict.fewer"].format(fewer=fewer), "warning")]
@@ -127,12 +131,12 @@ def _left_out(found: Along, language: str) -> list[str]:
     for s in found.stretches:
         kinds.setdefault((s.status, s.cause, s.cable), []).append(s)
     rows = []
-    for (status, cause, cable), own in sorted(kinds.items(), key=lambda item: -sum(s.samples for s in item[1]))[:MOST_LINES]:
+    for (_, cause, cable), own in sorted(kinds.items(), key=lambda item: -sum(s.samples for s in item[1]))[:MOST_LINES]:
         longest = max(s.end_s - s.begin_s for s in own)
         first = f"{decimal(language, f'{own[0].begin_s:.6g}')}\u00a0{words['s']}"
         rows.append(
             (
-                words["restored"] if status == Status.OK and is_of(cause, RESTORED_ORIGIN) else _status(status, language),
+                _state(own[0], language),
                 say.told(cause),
                 cable,
                 str(sum(s.samples for s in own)),
@@ -143,11 +147,18 @@ def _left_out(found: Along, language: str) -> list[str]:
         )
     header = [words[f"column.{key}"] for key in ("status", "cause", "cable", "samples", "stretches", "first", "longest")]
     more = [html.paragraph(words["more"].format(more=len(kinds) - len(rows)))] if len(kinds) > len(rows) else []
-    return [html.heading(words["left out"]), html.table(header, rows, "kinds"), *more]
+    heading = words["left out or restored" if any(map(_restored, found.stretches)) else "left out"]
+    return [html.heading(heading), html.table(header, rows, "kinds"), *more]
 
 
-def _status(status: int, language: str) -> str:
-    return texts(DOMAIN, language)[f"status.{WORDS[status]}"]
+def _restored(s: Stretch) -> bool:
+    """Whether these samples have their poses from all cables, the origin of one having been restored."""
+    return s.ok and is_of(s.cause, RESTORED_ORIGIN)
+
+
+def _state(s: Stretch, language: str) -> str:
+    """What the samples of a stretch are, in words."""
+    return texts(DOMAIN, language)["restored" if _restored(s) else f"status.{WORDS[s.status]}"]
 
 
 def _known(found: Along, language: str) -> Iterable[str]:
@@ -182,19 +193,24 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
         for t, u in zip(found.trajectory.time_s[rows], u95_um, strict=True)
     ]
     figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line=line, text=about, hoverinfo="x+y+z+text", name=words["origin"])
-    for ok, colour, key in ((False, FAULT, "broke"), (True, LESS, "fewer")):
-        own = merged([s for s in found.stretches if s.ok == ok], float(np.ptp(found.trajectory.time_s)) / MARKS)
+    for key in ("broke", "fewer", "restored"):
+        own = merged([s for s in found.stretches if _mark(s) == key], float(np.ptp(found.trajectory.time_s)) / MARKS)
         # where the tool was last known before the stretch, or first behind it
         at = [i for s in own if (i := _near(s.first, known)) is not None]
         if at:
             px, py, pz = poses[at, :3].T
             told = [html.label(about_stretch(s, language)) for s in own]
             figure.add_scatter3d(
-                x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": colour, "symbol": "diamond"}, text=told, name=words[key],
-                hoverinfo="text",
+                x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": COLOURS[key], "symbol": "diamond"}, text=told,
+                name=words[key], hoverinfo="text",
             )  # fmt: skip
     scene = axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.2}, "center": html.CAMERA["center"]}}
     return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 135}, scene=scene, legend=html.LEGEND)
+
+
+def _mark(s: Stretch) -> str:
+    """How a stretch is marked: a key of its words and of `COLOURS`."""
+    return "restored" if _restored(s) else "fewer" if s.ok else "broke"
 
 
 def _near(sample: int, known: np.ndarray) -> int | None:
@@ -239,7 +255,7 @@ def _shown(stretches: Sequence[Stretch], found: Along) -> list[Stretch]:
 def about_stretch(s: Stretch, language: str) -> str:
     """Status, samples, cause and cable of a stretch in words."""
     samples = f"{s.first}–{s.last}" if s.last > s.first else str(s.first)
-    return ", ".join(part for part in (_status(s.status, language), samples, Say(language).told(s.cause), s.cable) if part)
+    return ", ".join(part for part in (_state(s, language), samples, Say(language).told(s.cause), s.cable) if part)
 
 
 def time_figure(found: Along, language: str = "en") -> go.Figure:
@@ -264,9 +280,10 @@ def time_figure(found: Along, language: str = "en") -> go.Figure:
     if found.motion is not None:
         u_speed = AXIS_95 * found.motion.u_speed_mm_s[rows]
         lanes.append((words["lane.speed"], [(words["speed.one"], found.motion.speed_mm_s[rows], u_speed)]))
-    kinds = list(dict.fromkeys((s.status, s.ok) for s in found.stretches))
+    kinds = list(dict.fromkeys((_mark(s), s.status) for s in found.stretches))
     heights = [1.0] * len(lanes) + ([0.16 + 0.14 * len(kinds)] if kinds else [])
-    titles = [title for title, _ in lanes] + ([words["lane.status"]] if kinds else [])
+    status = words["lane.restored" if any(map(_restored, found.stretches)) else "lane.status"]
+    titles = [title for title, _ in lanes] + ([status] if kinds else [])
     high = 210.0 * sum(heights)
     figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=TITLE / high, row_heights=heights)
     for number, (_, curves) in enumerate(lanes, 1):
@@ -313,14 +330,14 @@ def _pale(colour: str) -> str:
     return f"rgba({red},{green},{blue},0.3)"
 
 
-def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[int, bool]], language: str) -> None:
-    """Every stretch as a bar on the line of its status, however short."""
-    for status, ok in kinds:
-        own = _shown([s for s in found.stretches if s.status == status], found)
-        name = texts(DOMAIN, language)["fewer"] if ok else _status(status, language)
+def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[str, int]], language: str) -> None:
+    """Every stretch as a bar on the line of its mark and status, however short."""
+    for key, status in kinds:
+        own = _shown([s for s in found.stretches if (_mark(s), s.status) == (key, status)], found)
+        name = texts(DOMAIN, language)[f"status.{WORDS[status]}" if key == "broke" else key]
         figure.add_scatter(
             x=[t for s in own for t in (s.begin_s, s.end_s, None)], y=[name, name, None] * len(own), mode="lines+markers",
-            line={"width": 9, "color": LESS if ok else FAULT}, marker={"size": 7, "symbol": "line-ns-open", "color": LESS if ok else FAULT},
+            line={"width": 9, "color": COLOURS[key]}, marker={"size": 7, "symbol": "line-ns-open", "color": COLOURS[key]},
             text=[html.label(about_stretch(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False,
             row=row, col=1,
         )  # fmt: skip

@@ -10,12 +10,15 @@ import pytest
 from browser import opened
 
 from lmeasure.accuracy.along import MOST_ROWS, along, kept_rows
+from lmeasure.causes import Cause
+from lmeasure.findings import finding
 from lmeasure.foreign import columns_of
 from lmeasure.report.readable import page_text
 from lmeasure.report.trajectory import space_figure, summary, time_figure, write_trajectory_page
 from lmeasure.run import read_run
 from lmeasure.status import Status
 from lmeasure.trajectory import Stated, Trajectory, read_trajectory, reconstruct, write_trajectory
+from lmeasure.trajectory.budget import RESTORED_ORIGIN
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 
@@ -33,7 +36,7 @@ def circle(samples: int, seconds: float = 10.0) -> Trajectory:
     return Trajectory(time_s, poses, gone, status.copy(), status, empty, empty.copy(), gone, random, np.zeros((samples, 6, 6)), "a test")
 
 
-def lost(trajectory: Trajectory, first: int, last: int, status: Status, cause: str, cable: str) -> Trajectory:
+def lost(trajectory: Trajectory, first: int, last: int, status: Status, cause: Cause, cable: str) -> Trajectory:
     """Without these samples, or without a cable in them."""
     own = slice(first, last + 1)
     columns = {name: getattr(trajectory, name).copy() for name in ("status", "cause", "cable", "poses", "random")}
@@ -104,6 +107,36 @@ def test_the_path_marks_where_it_broke_off() -> None:
     marks = {t.name: t for t in space_figure(found, None).data if t.mode == "markers"}
     assert marks["no pose from here"].x[0] == found.trajectory.poses[99, 0]
     assert "c5" in marks["without a cable"].text[0]
+
+
+@pytest.mark.parametrize(
+    ("language", "heading", "state"),
+    [
+        ("en", "left out or restored", "ok, origin restored"),
+        ("ru", "исключено или восстановлено", "известно, нуль восстановлен"),
+    ],
+)
+def test_a_cable_from_a_restored_origin_is_not_called_left_out(language: str, heading: str, state: str, tmp_path: Path) -> None:
+    restored = finding(RESTORED_ORIGIN, cable="c3", after_s=2.0)
+    found = along(lost(circle(500), 100, 499, Status.OK, restored, "c3"))
+    (marked,) = (t for t in space_figure(found, None, language).data if t.mode == "markers")
+    assert marked.name == state
+    assert marked.text[0].startswith(state)
+    over_time = time_figure(found, language)
+    assert over_time.layout.annotations[-1].text == heading
+    assert set(over_time.data[-1].y) == {state, None}
+    write_trajectory_page(tmp_path / "t.html", "t", found, None, inputs=[], language=language)
+    text = page_text((tmp_path / "t.html").read_bytes())
+    assert heading in text
+    both = along(lost(found.trajectory, 20, 30, Status.OK, "", "c5"))
+    assert {t.name for t in space_figure(both, None).data if t.mode == "markers"} == {"ok, origin restored", "without a cable"}
+
+
+def test_bands_are_spoken_of_where_they_are(tmp_path: Path) -> None:
+    made = circle(50)
+    for random, said in ((made.random, True), (np.full_like(made.random, np.nan), False)):
+        write_trajectory_page(tmp_path / "t.html", "t", along(replace(made, random=random)), None, inputs=[])
+        assert ("Bands hold 95 %" in page_text((tmp_path / "t.html").read_bytes())) is said
 
 
 @pytest.mark.parametrize("language", ["en", "ru"])
