@@ -20,6 +20,7 @@ from lmeasure.report.words import axes
 from lmeasure.rig import Rig
 from lmeasure.saying import Say
 from lmeasure.status import WORDS
+from lmeasure.trajectory import Trajectory
 from lmeasure.trajectory.budget import RESTORED_ORIGIN
 
 DOMAIN = "trajectory"
@@ -46,7 +47,7 @@ def write_trajectory_page(
     words = texts(DOMAIN, language)
     shown = {"space.told": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
     over_time = {
-        "time.bands": bool(np.isfinite(found.trajectory.u).any()), "time.told": True, "time.thinned": len(found.rows) < len(found.u95_mm),
+        "time.bands": _banded(found.trajectory), "time.told": True, "time.thinned": len(found.rows) < len(found.u95_mm),
     }  # fmt: skip
     body = [
         STYLE,
@@ -151,6 +152,11 @@ def _left_out(found: Along, language: str) -> list[str]:
     return [html.heading(heading), html.table(header, rows, "kinds"), *more]
 
 
+def _banded(trajectory: Trajectory) -> bool:
+    """Whether anything states how uncertain it is."""
+    return bool(np.nanmax(trajectory.u, initial=0.0) > 0.0)
+
+
 def _restored(s: Stretch) -> bool:
     """Whether these samples have their poses from all cables, the origin of one having been restored."""
     return s.ok and is_of(s.cause, RESTORED_ORIGIN)
@@ -168,7 +174,8 @@ def _known(found: Along, language: str) -> Iterable[str]:
     yield from (signs(note.text(language)) for note in trajectory.notes)
     yield from (taken.said.text(language) for taken in trajectory.taken_as_exact)
     if found.motion is not None:
-        yield words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
+        said = words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
+        yield f"{said} {words['smoothed.band']}" if _banded(trajectory) else said
         if found.motion.stamps.note:
             yield found.motion.stamps.note.text(language)
 
@@ -282,7 +289,7 @@ def time_figure(found: Along, language: str = "en") -> go.Figure:
         lanes.append((words["lane.speed"], [(words["speed.one"], found.motion.speed_mm_s[rows], u_speed)]))
     kinds = list(dict.fromkeys((_mark(s), s.status) for s in found.stretches))
     heights = [1.0] * len(lanes) + ([0.16 + 0.14 * len(kinds)] if kinds else [])
-    status = words["lane.restored" if any(map(_restored, found.stretches)) else "lane.status"]
+    status = words["lane.status or restored" if any(map(_restored, found.stretches)) else "lane.status"]
     titles = [title for title, _ in lanes] + ([status] if kinds else [])
     high = 210.0 * sum(heights)
     figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=TITLE / high, row_heights=heights)
@@ -334,7 +341,7 @@ def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[str, 
     """Every stretch as a bar on the line of its mark and status, however short."""
     for key, status in kinds:
         own = _shown([s for s in found.stretches if (_mark(s), s.status) == (key, status)], found)
-        name = texts(DOMAIN, language)[f"status.{WORDS[status]}" if key == "broke" else key]
+        name = texts(DOMAIN, language)[f"status.{WORDS[status]}" if key == "broke" else f"lane.{key}"]
         figure.add_scatter(
             x=[t for s in own for t in (s.begin_s, s.end_s, None)], y=[name, name, None] * len(own), mode="lines+markers",
             line={"width": 9, "color": COLOURS[key]}, marker={"size": 7, "symbol": "line-ns-open", "color": COLOURS[key]},

@@ -110,13 +110,13 @@ def test_the_path_marks_where_it_broke_off() -> None:
 
 
 @pytest.mark.parametrize(
-    ("language", "heading", "state"),
+    ("language", "heading", "state", "lane"),
     [
-        ("en", "left out or restored", "ok, origin restored"),
-        ("ru", "исключено или восстановлено", "известно, нуль восстановлен"),
+        ("en", "left out or restored", "ok, origin restored", "origin restored"),
+        ("ru", "исключено или восстановлено", "известно, нуль восстановлен", "нуль восст."),
     ],
 )
-def test_a_cable_from_a_restored_origin_is_not_called_left_out(language: str, heading: str, state: str, tmp_path: Path) -> None:
+def test_a_cable_from_a_restored_origin_is_not_called_left_out(language: str, heading: str, state: str, lane: str, tmp_path: Path) -> None:
     restored = finding(RESTORED_ORIGIN, cable="c3", after_s=2.0)
     found = along(lost(circle(500), 100, 499, Status.OK, restored, "c3"))
     (marked,) = (t for t in space_figure(found, None, language).data if t.mode == "markers")
@@ -124,7 +124,7 @@ def test_a_cable_from_a_restored_origin_is_not_called_left_out(language: str, he
     assert marked.text[0].startswith(state)
     over_time = time_figure(found, language)
     assert over_time.layout.annotations[-1].text == heading
-    assert set(over_time.data[-1].y) == {state, None}
+    assert set(over_time.data[-1].y) == {lane, None}
     write_trajectory_page(tmp_path / "t.html", "t", found, None, inputs=[], language=language)
     text = page_text((tmp_path / "t.html").read_bytes())
     assert heading in text
@@ -134,9 +134,12 @@ def test_a_cable_from_a_restored_origin_is_not_called_left_out(language: str, he
 
 def test_bands_are_spoken_of_where_they_are(tmp_path: Path) -> None:
     made = circle(50)
-    for random, said in ((made.random, True), (np.full_like(made.random, np.nan), False)):
+    for random, said in ((made.random, True), (np.full_like(made.random, np.nan), False), (np.zeros_like(made.random), False)):
         write_trajectory_page(tmp_path / "t.html", "t", along(replace(made, random=random)), None, inputs=[])
-        assert ("Bands hold 95 %" in page_text((tmp_path / "t.html").read_bytes())) is said
+        text = page_text((tmp_path / "t.html").read_bytes())
+        assert "local cubics" in text
+        assert ("Bands hold 95 %" in text) is said
+        assert ("Its band holds" in text) is said
 
 
 @pytest.mark.parametrize("language", ["en", "ru"])
