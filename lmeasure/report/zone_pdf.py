@@ -35,14 +35,18 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
         "slices": [{"level": say("Z = {mm:g} mm", mm=level), "svg": svg} for level, svg in _slices(zone)],
         "scale": _scale(),
         "views": [{"axes": axes, "svg": _drawing(lines)} for axes, lines in sides],
-        "tables": [{"title": title, "header": header, "rows": rows} for title, header, rows in zone_text.tables(zone, found, rig, say)],
+        # a unit alone in a line of a header says nothing
+        "tables": [
+            {"title": title, "header": [name.replace(", ", ",\u00a0") for name in header], "rows": rows}
+            for title, header, rows in zone_text.tables(zone, found, rig, say)
+        ],
         "digest": str(zone.attrs["result_sha256"]),
         "words": {
             "result": say("result"),
             "page": say("page"),
             "of": say("of"),
             "levels": say("Level by level"),
-            "levels told": say("Worst pressure angle over the orientations; the white line is the edge of the zone. X to the right, Y up."),
+            "levels told": _levels_told(bool(zone["in_zone"].values.any()), say),
             "limit": say("limit {angle}", angle=limit),
             "scale": say("colour scale, 0 to 90 degrees"),
             "sides": say("The rig, seen along its axes"),
@@ -52,6 +56,12 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
     pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(content)}, pdf_standards=["a-2b"])
     with files.whole(path) as temporary:
         temporary.write_bytes(pdf)
+
+
+def _levels_told(any_inside: bool, say: Say) -> str:
+    if any_inside:
+        return say("Worst pressure angle over the orientations; the white line is the edge of the zone. X to the right, Y up.")
+    return say("Worst pressure angle over the orientations. X to the right, Y up.")
 
 
 def _colour(fraction: float) -> str:
