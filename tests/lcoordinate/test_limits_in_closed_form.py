@@ -81,7 +81,7 @@ def test_rays_meet_a_circle_and_a_wall_where_these_are() -> None:
     assert first_met(known, PLANE, rays[:1])[0] == pytest.approx(5.0, abs=1e-11)
 
 
-@pytest.mark.parametrize(("inner", "outer", "seen"), [(5.02, 5.095, False), (5.02, 5.105, True)])
+@pytest.mark.parametrize(("inner", "outer", "seen"), [(5.02, 5.095, False), (5.02, 5.105, True), (0.05, 0.15, True)])
 def test_a_ring_narrower_than_a_400th_of_the_reach_may_be_stepped_over(inner: float, outer: float, seen: bool) -> None:
     ring = across(lambda x, y: np.where((np.hypot(x, y) > inner) & (np.hypot(x, y) < outer), -1.0, 1.0))
     assert first_met(limits(ring), PLANE, np.array([[1.0, 0.0]]))[0] == pytest.approx(inner if seen else np.inf, abs=1e-11)
@@ -255,6 +255,18 @@ def test_places_are_put_between_until_lines_are_near_enough(within_mm: float | N
 def hole(x: float, y: float) -> Limit:
     """As wide as the places that are looked at beside a step of 5 mm are apart."""
     return across(lambda a, b: (a - x) ** 2 + (b - y) ** 2 - 0.14**2)
+
+
+def test_places_are_put_between_so_many_times_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each time one between any two of a circle; how far off lines are is told of the places that are given."""
+    of = [boundary(limits(within(10.0)), PLANE, np.array([1.0, 0.2]), 1.5, within_mm=1e9)]
+    for halvings in (1, 2):
+        monkeypatch.setattr(workspace, "HALVINGS", halvings)
+        of.append(boundary(limits(within(10.0)), PLANE, np.array([1.0, 0.2]), 1.5, within_mm=1e-9))
+    assert [len(found.places) for found in of] == [len(of[0].places) * k for k in (1, 2, 4)]
+    for found in of:
+        chord = np.linalg.norm(np.diff(found.places, axis=0, append=found.places[:1]), axis=1).max()
+        assert found.off_mm == pytest.approx(10.0 - np.sqrt(100.0 - chord**2 / 4.0), rel=2e-3)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

@@ -194,6 +194,15 @@ def with_eight() -> tuple[Redundancy, Epochs, FloatArray]:
     return redundancy, epochs, poses
 
 
+def test_the_chance_of_contradictions_does_not_hang_on_the_units_of_readings() -> None:
+    """Angles beside lengths, each in a unit of its own or of its scatter."""
+    redundancy, epochs, poses = with_swivels()
+    used, at = np.ones(12, np.bool_), np.array([5.0, 15.0])
+    chance = redundancy.chance(epochs, poses, used).above(at)
+    redundancy.unit = redundancy.unit * np.random.default_rng(0).uniform(0.3, 3.0, 12)
+    np.testing.assert_allclose(redundancy.chance(epochs, poses, used).above(at), chance, rtol=2e-3)
+
+
 @pytest.mark.parametrize(("made", "channel", "apart_from"), [(with_eight, 6, 3), (with_swivels, 8, 2), (with_swivels, 1, 0)])
 def test_what_a_channel_errs_by_is_the_best_estimate_that_no_motion_moves(
     made: Callable[[], tuple[Redundancy, Epochs, FloatArray]], channel: int, apart_from: int, monkeypatch: pytest.MonkeyPatch
