@@ -47,13 +47,11 @@ def _fill(
     A: FloatArray,
     r: FloatArray,
 ) -> bool:
-    """Weighted rows by the free components into A (m, f), weighted residuals into r (m,); False where a cable cannot run."""
+    """Weighted rows by the free components into A (m, f), weighted residuals into r (m,), but for those of weight 0; False where a cable
+    cannot run."""
     full = np.empty(6)
     fine = True
     for j in range(cables.shape[0]):
-        r[j] = 0.0
-        for c in range(len(free)):
-            A[j, c] = 0.0
         if weights[j] == 0.0:
             continue
         length, moment, e = seen_at(cables[j], pose)
@@ -82,7 +80,7 @@ def _solve(
 ) -> tuple[int, int]:
     """Move the pose (in place) to the least squares: (status, iterations)."""
     m, f = cables.shape[0], len(free)
-    A, r, N, b, twist = np.empty((m, f)), np.empty(m), np.empty((f, f)), np.empty((f, 1)), np.empty(6)
+    A, r, N, b, twist = np.zeros((m, f)), np.zeros(m), np.empty((f, f)), np.empty((f, 1)), np.zeros(6)
     previous = 0.0
     for iteration in range(1, MAX_ITERATIONS + 1):
         if not _fill(cables, pose, targets, weights, free, size, A, r):
@@ -96,8 +94,6 @@ def _solve(
         if eliminate(N, b) == 0.0:
             return SINGULAR, iteration
         step = 0.0
-        for c in range(6):
-            twist[c] = 0.0
         for c in range(f):
             twist[free[c]] = b[c, 0]
             step = max(step, abs(b[c, 0]))
@@ -126,7 +122,7 @@ def _seek(cables: FloatArray, targets: FloatArray, weights: FloatArray, free: In
     """Move a pose (in place) by damped steps to where readings fit targets best: chi squared there, infinite where none was reached."""
     m, f = cables.shape[0], len(free)
     A, r, N, damped, b, twist, tried = (
-        np.empty((m, f)), np.empty(m), np.empty((f, f)), np.empty((f, f)), np.empty((f, 1)), np.zeros(6), np.empty(POSE_COLUMNS),
+        np.zeros((m, f)), np.zeros(m), np.empty((f, f)), np.empty((f, f)), np.empty((f, 1)), np.zeros(6), np.empty(POSE_COLUMNS),
     )  # fmt: skip
     if not _fill(cables, pose, targets, weights, free, size, A, r):
         return math.inf
@@ -190,7 +186,7 @@ def length_twists(
 ) -> tuple[bool, float]:
     """Twist per unit of each length into G (6, m), residuals [mm] into r (m,); whether they exist, and the rows' determinant if square."""
     m, f = cables.shape[0], len(free)
-    A, N, B = np.empty((m, f)), np.empty((f, f)), np.empty((f, m))
+    A, N, B = np.zeros((m, f)), np.empty((f, f)), np.empty((f, m))
     _fill(cables, pose, targets, weights, free, size, A, r)
     _normal(A, N)
     for c in range(f):

@@ -1,0 +1,187 @@
+"""Least squares over channels, sample by sample: what each status says, and that neither order nor what is not free changes a pose."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure import se3
+from lmeasure.kernels import least_squares
+from lmeasure.kernels.cable import span_lengths
+from lmeasure.kernels.layout import ATTACHMENT, BASE, CABLE_COLUMNS, COUNT_LENGTH, RADIUS, TURN_COUNTS
+from lmeasure.status import Status
+
+FloatArray = NDArray[np.float64]
+HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+ALL = np.arange(6)
+
+
+def straight(m: int = 6) -> FloatArray:
+    """(m, columns) straight cables from all around to a plate, in no plane of symmetry."""
+    g, i = np.random.default_rng(5), np.arange(m)
+    turn, up = np.radians(360.0 / m * i + 15.0 * (-1.0) ** i), np.where(i % 2, 0.7, -0.4)
+    rows = np.zeros((m, CABLE_COLUMNS))
+    rows[:, COUNT_LENGTH], rows[:, TURN_COUNTS] = 0.012, 6000
+    rows[:, BASE : BASE + 3] = 1300.0 * np.column_stack([np.cos(turn), np.sin(turn), up]) + g.uniform(-80.0, 80.0, (m, 3))
+    ends = np.radians(np.array([40.0, 160.0, 280.0]))[(i + 1) // 2 % 3]
+    rows[:, ATTACHMENT : ATTACHMENT + 3] = 180.0 * np.column_stack([np.cos(ends), np.sin(ends), 0.0 * ends]) + g.uniform(
+        -15.0, 15.0, (m, 3)
+    )
+    return rows
+
+
+def lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, m) by the distances of points alone."""
+    turned = np.stack([Rotation.from_quat(p[3:]).apply(rows[:, ATTACHMENT : ATTACHMENT + 3]) + p[:3] for p in poses])
+    return np.asarray(np.linalg.norm(turned - rows[:, BASE : BASE + 3], axis=2))
+
+
+def followed(
+    rows: FloatArray, changes: FloatArray, *, start: FloatArray = HOME, state: FloatArray | None = None, free: NDArray[np.int64] = ALL
+) -> tuple[FloatArray, list[int], NDArray[np.int64]]:
+    """Poses, status and iterations of changes (n, m) from where the state is, else the start; what has no pose is a gap."""
+    m = len(rows)
+    state = least_squares.new_state(start, m) if state is None else state
+    zero, flags = span_lengths(rows, start[None])[0], np.full(len(changes), int(Status.GAP))
+    found = least_squares.follow(rows, start, zero, state, changes, flags, np.full(m, 0.003), free)
+    return found[0], found[3].tolist(), found[2]
+
+
+def of(rows: FloatArray, truth: FloatArray, start: FloatArray = HOME) -> FloatArray:
+    """(n, m) changes of length from the start."""
+    return np.asarray(lengths(rows, truth) - lengths(rows, start[None]))
+
+
+def about(turn: tuple[float, float, float], shift: tuple[float, float, float]) -> FloatArray:
+    return se3.displaced(HOME, np.array([[*turn, *shift]]))
+
+
+NEAR = about((0.02, -0.05, 0.04), (8.0, -5.0, 7.0))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (1, 0, 2, 3, 4, 5)])
+def test_cables_are_followed_in_any_order(order: tuple[int, ...]) -> None:
+    """Two of them exchanged, the determinant of their rows has the other sign."""
+    rows = straight()[list(order)]
+    poses, status, _ = followed(rows, of(rows, NEAR))
+    assert status == [Status.OK]
+    np.testing.assert_allclose(se3.displacement(poses, NEAR), 0.0, atol=1e-9)
+
+
+def beyond(rows: FloatArray) -> FloatArray:
+    """(1, 7) a pose beyond the first singular one that the tool meets as it turns about the vertical."""
+    return about((0.0, 0.0, singular(rows) + 0.25), (0.0, 0.0, 0.0))
+
+
+def singular(rows: FloatArray) -> float:
+    """The turn [rad] about the vertical at which six straight cables lose the tool first, to a thousandth."""
+    turns = np.linspace(0.0, 2.6, 2601)
+    dets = [np.linalg.det(rows_at(rows, about((0.0, 0.0, turn), (0.0, 0.0, 0.0))[0])) for turn in turns]
+    return float(turns[np.flatnonzero(np.diff(np.sign(dets)))[0]])
+
+
+def rows_at(rows: FloatArray, pose: FloatArray) -> FloatArray:
+    """(6, 6) Pluecker coordinates of the straight cables, moments about the tool origin by 180 mm."""
+    arm = Rotation.from_quat(pose[3:]).apply(rows[:, ATTACHMENT : ATTACHMENT + 3])
+    e = arm + pose[:3] - rows[:, BASE : BASE + 3]
+    e /= np.linalg.norm(e, axis=1)[:, None]
+    return np.hstack([np.cross(arm, e) / 180.0, e])
+
+
+def test_what_lies_beyond_a_singular_pose_is_another_assembly() -> None:
+    """Lengths of a pose across it lead there where one begins beside it; it is not told as if the tool had gone there by itself."""
+    rows = straight()
+    across = beyond(rows)
+    state = least_squares.new_state(HOME, 6)
+    state[:7] = across[0]
+    state[7:13] = of(rows, across)[0]
+    poses, status, _ = followed(rows, of(rows, across), state=state)
+    assert status == [Status.OTHER_ASSEMBLY]
+    assert np.isnan(poses).all()
+    # seven cables tell which it is
+    more = straight(7)
+    state = least_squares.new_state(HOME, 7)
+    state[:7], state[7:14] = across[0], of(more, across)[0]
+    assert followed(more, of(more, across), state=state)[1] == [Status.OK]
+
+
+def test_no_cable_at_all_is_a_gap_before_it_is_anything_else() -> None:
+    rows = straight()
+    changes = of(rows, np.repeat(NEAR, 3, axis=0))
+    changes[1] = np.nan
+    assert followed(rows, changes)[1] == [Status.OK, Status.GAP, Status.OK]
+
+
+def test_just_so_many_cables_as_unknowns_are_enough() -> None:
+    rows = straight(8)
+    changes = of(rows, np.repeat(NEAR, 3, axis=0))
+    changes[1, [2, 5]], changes[2, [1, 3, 6]] = np.nan, np.nan
+    poses, status, _ = followed(rows, changes)
+    assert status == [Status.OK, Status.OK, Status.GAP]
+    np.testing.assert_allclose(se3.displacement(poses[:2], NEAR[[0, 0]]), 0.0, atol=1e-9)
+
+
+def test_what_six_cables_lost_a_seventh_finds_again_and_six_follow_on() -> None:
+    """All but the seventh pass a singular pose; while it is away nothing is told, once it is back all is, and it may go again."""
+    rows = straight(7)
+    lost = singular(rows[:6])
+    turns = [0.5 * lost, 0.8 * lost, lost - 0.1, lost, lost - 0.3, lost - 0.3, lost - 0.32]
+    truth = np.concatenate([about((0.0, 0.0, turn), (0.0, 0.0, 0.0)) for turn in turns])
+    changes = of(rows, truth)
+    changes[[0, 1, 2, 3, 4, 6], 6] = np.nan
+    poses, status, _ = followed(rows, changes)
+    assert status == [Status.OK] * 3 + [Status.SINGULAR, Status.OTHER_ASSEMBLY, Status.OK, Status.OK]
+    np.testing.assert_allclose(se3.displacement(poses[5:], truth[5:]), 0.0, atol=1e-7)
+
+
+def test_one_cable_twice_tells_no_pose_and_no_twist() -> None:
+    rows = straight()
+    rows[3] = rows[2]
+    poses, status, _ = followed(rows, np.full((1, 6), 0.5))
+    assert status == [Status.SINGULAR]
+    assert np.isnan(poses).all()
+    assert np.isnan(least_squares.twists(rows, HOME[None], np.ones((1, 6)), ALL)).all()
+    assert np.isfinite(least_squares.twists(straight(), HOME[None], np.ones((1, 6)), ALL)).all()
+
+
+def test_from_inside_of_a_pulley_no_cable_runs() -> None:
+    """A pose that only a state put there by hand can have: the sample says so, and holds no pose."""
+    rows = straight()
+    rows[:, RADIUS] = 20.0
+    state = least_squares.new_state(HOME, 6)
+    state[:3] = rows[2, BASE : BASE + 3] - rows[2, ATTACHMENT : ATTACHMENT + 3]
+    poses, status, _ = followed(rows, np.zeros((1, 6)), state=state)
+    assert status == [Status.NOT_CONVERGED]
+    assert np.isnan(poses).all()
+
+
+def test_a_stage_keeps_what_is_not_free() -> None:
+    """A plate that shifts and turns in its plane alone: the rest of its pose stays what it was, to the bit."""
+    rows, free = straight(4), np.array([2, 3, 4])
+    truth = np.concatenate([about((0.0, 0.0, 0.02 * i), (3.0 * i, -2.0 * i, 0.0)) for i in range(4)])
+    poses, status, _ = followed(rows, of(rows, truth), free=free)
+    assert status == [Status.OK] * 4
+    np.testing.assert_allclose(se3.displacement(poses, truth), 0.0, atol=1e-9)
+    assert not poses[:, [2, 3, 4]].any()
+    # sought from beside
+    sought, chi = least_squares.search(rows, lengths(rows, truth)[3], np.full(4, 0.01), free, truth[[0]])
+    np.testing.assert_allclose(se3.displacement(sought, truth[[3]]), 0.0, atol=1e-6)
+    assert not sought[:, [2, 3, 4]].any()
+    assert chi[0] < 1e-9
+
+
+def test_across_a_gap_the_straight_way_of_the_lengths_is_gone() -> None:
+    """Half a metre and more at once: what is found is where small steps of the lengths lead. One step would miss it (these ends were
+    chosen so)."""
+    rows, g = straight(), np.random.default_rng(1)
+    ends = [about(tuple(g.uniform(-0.6, 0.6, 3)), tuple(g.uniform(-300.0, 300.0, 3))) for _ in range(2 * 16)]
+    for k in (0, 3, 15):
+        state = least_squares.new_state(HOME, 6)
+        state[:7], state[7:13] = ends[2 * k][0], of(rows, ends[2 * k])[0]
+        end = of(rows, ends[2 * k + 1])[0]
+        between = state[7:13] + (end - state[7:13]) * np.linspace(0.0, 1.0, 101)[:, None]
+        slowly, status, _ = followed(rows, between, state=state.copy())
+        assert status == [Status.OK] * 101
+        at_once, status, _ = followed(rows, end[None], state=state)
+        assert status == [Status.OK]
+        np.testing.assert_allclose(se3.displacement(at_once, slowly[-1:]), 0.0, atol=1e-9)
