@@ -47,12 +47,15 @@ CORE = {
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
     "kernels/screw.py": ["tests/kernels/test_screw.py"],
     "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "few_samples or 75_degrees_in"],
-    "kernels/least_squares.py": [
-        "tests/kernels/test_least_squares.py",
-        "tests/observation/test_fast_paths.py",
-        "-k",
-        "test_least_squares or few_samples",
-    ],
+    **{
+        f"kernels/{name}.py": [
+            "tests/kernels/test_least_squares.py",
+            "tests/observation/test_fast_paths.py",
+            "-k",
+            "test_least_squares or few_samples",
+        ]
+        for name in ("least_squares", "damped")
+    },
     "lcoordinate/singularity.py": ["tests/lcoordinate/test_singularity.py", "tests/lcoordinate/test_around_singular_poses.py"],
     "lcoordinate/architecture.py": ["tests/lcoordinate/test_architecture.py", "tests/lcoordinate/test_proofs.py"],
     "lcoordinate/certified.py": ["tests/lcoordinate/test_proofs.py", *_STRAIGHT],

@@ -4,6 +4,9 @@ The screw method for other schemes than six cables to a body. A scheme says whic
 axes, can change: all six, only v (several cables to one point), omega_z, v_x, v_y (a planar stage) or omega_z and v (a tool that stays
 vertical). Each of these sets is a group of displacements, so a finite twist of such components stays within it. With more cables than
 free components the step is Gauss and Newton's, lengths weighted by their uncertainty, and what remains tells whether the cables agree.
+
+Where just as many channels count as components are free, two poses of the same readings meet at a singular one, as with six cables
+(`screw.resume`): what cannot be told from it is refused, and from there on everything until more channels count.
 """
 
 import math
@@ -15,7 +18,10 @@ from lmeasure.kernels import kernel
 from lmeasure.kernels.cable import orientation, seen_at, vec, way_round
 from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS
 from lmeasure.kernels.screw import (
+    COVERAGE,
+    LOOK_AHEAD,
     MAX_ITERATIONS,
+    NEAR_SINGULAR,
     NOT_CONVERGED,
     OK,
     ON_THE_WAY_MM,
@@ -30,14 +36,14 @@ from lmeasure.kernels.screw import (
 )
 from lmeasure.kernels.vector import add, cross, norm, rotate
 
-SEARCH_STEPS = 60
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
 FALLING_MM = 1e-4  # from which on steps tell how they go on falling
 LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
+NEAR_SPEED = 1.0 / math.cos(NEAR_SINGULAR)
 
 
 @kernel
-def _fill(
+def fill(
     cables: FloatArray,
     pose: FloatArray,
     targets: FloatArray,
@@ -65,7 +71,8 @@ def _fill(
 
 
 @kernel
-def _normal(A: FloatArray, N: FloatArray) -> None:
+def normal(A: FloatArray, N: FloatArray) -> None:
+    """The normal matrix of rows A (m, f) into N (f, f)."""
     for a in range(A.shape[1]):
         for b in range(a, A.shape[1]):
             s = 0.0
@@ -83,9 +90,9 @@ def _solve(
     A, r, N, b, twist = np.zeros((m, f)), np.zeros(m), np.empty((f, f)), np.empty((f, 1)), np.zeros(6)
     previous = 0.0
     for iteration in range(1, MAX_ITERATIONS + 1):
-        if not _fill(cables, pose, targets, weights, free, size, A, r):
+        if not fill(cables, pose, targets, weights, free, size, A, r):
             return NOT_CONVERGED, iteration
-        _normal(A, N)
+        normal(A, N)
         for c in range(f):
             s = 0.0
             for j in range(m):
@@ -110,70 +117,6 @@ def _solve(
 
 
 @kernel
-def _cost(r: FloatArray) -> float:
-    s = 0.0
-    for j in range(len(r)):
-        s += r[j] * r[j]
-    return s
-
-
-@kernel
-def _seek(cables: FloatArray, targets: FloatArray, weights: FloatArray, free: IntArray, size: float, pose: FloatArray) -> float:
-    """Move a pose (in place) by damped steps to where readings fit targets best: chi squared there, infinite where none was reached."""
-    m, f = cables.shape[0], len(free)
-    A, r, N, damped, b, twist, tried = (
-        np.zeros((m, f)), np.zeros(m), np.empty((f, f)), np.empty((f, f)), np.empty((f, 1)), np.zeros(6), np.empty(POSE_COLUMNS),
-    )  # fmt: skip
-    if not _fill(cables, pose, targets, weights, free, size, A, r):
-        return math.inf
-    damping, cost = 1e-3, _cost(r)
-    for _ in range(SEARCH_STEPS):
-        _normal(A, N)
-        # pivots are held against 1
-        scale = 1.0 / max(np.abs(A).max(), 1e-300)
-        for a in range(f):
-            b[a, 0] = 0.0
-            for j in range(m):
-                b[a, 0] += A[j, a] * r[j] * scale * scale
-            for c in range(f):
-                damped[a, c] = N[a, c] * scale * scale
-            damped[a, a] *= 1.0 + damping
-            damped[a, a] += 1e-18
-        if eliminate(damped, b) == 0.0:
-            return math.inf
-        step = 0.0
-        for c in range(f):
-            twist[free[c]] = b[c, 0]
-            step = max(step, abs(b[c, 0]))
-        copy(pose, tried)
-        displace(tried, twist, size)
-        fine = _fill(cables, tried, targets, weights, free, size, A, r)
-        now = _cost(r)
-        if fine and now <= cost:
-            copy(tried, pose)
-            if step < 1e-6:
-                return now
-            cost, damping = now, max(0.1 * damping, 1e-12)
-        else:
-            _fill(cables, pose, targets, weights, free, size, A, r)
-            damping *= 10.0
-            if damping > 1e12:
-                return cost
-    return math.inf
-
-
-@kernel
-def search(cables: FloatArray, targets: FloatArray, u: FloatArray, free: IntArray, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Poses (n, 7) at which readings of channels, rows (m, columns), fit targets (m,) of standard uncertainties u (m,) best, each sought
-    from its start (n, 7) by damped steps (Levenberg and Marquardt), and chi squared (n,), infinite where none was reached."""
-    poses, chi, size = starts.copy(), np.empty(len(starts)), platform_size(cables)
-    weights = 1.0 / u
-    for i in range(len(starts)):
-        chi[i] = _seek(cables, targets, weights, free, size, poses[i])
-    return poses, chi
-
-
-@kernel
 def length_twists(
     cables: FloatArray,
     pose: FloatArray,
@@ -183,24 +126,63 @@ def length_twists(
     targets: FloatArray,
     G: FloatArray,
     r: FloatArray,
-) -> tuple[bool, float]:
-    """Twist per unit of each length into G (6, m), residuals [mm] into r (m,); whether they exist, and the rows' determinant if square."""
+) -> bool:
+    """Twist per unit of each length into G (6, m), residuals [mm] into r (m,); whether they exist."""
     m, f = cables.shape[0], len(free)
     A, N, B = np.zeros((m, f)), np.empty((f, f)), np.empty((f, m))
-    _fill(cables, pose, targets, weights, free, size, A, r)
-    _normal(A, N)
+    fill(cables, pose, targets, weights, free, size, A, r)
+    normal(A, N)
     for c in range(f):
         for j in range(m):
             B[c, j] = A[j, c] * weights[j]
     if eliminate(N, B) == 0.0:
-        return False, 0.0
+        return False
     for j in range(m):
         r[j] = r[j] / weights[j] if weights[j] > 0.0 else math.nan
         for c in range(6):
             G[c, j] = 0.0
         for c in range(f):
             G[free[c], j] = B[c, j] / (size if free[c] < 3 else 1.0)
-    return True, eliminate(A, np.zeros((f, 1))) if m == f else 1.0
+    return True
+
+
+@kernel
+def _determinant(cables: FloatArray, pose: FloatArray, weights: FloatArray, free: IntArray, size: float) -> float:
+    """Of the weighted rows of those channels that count, as many as components are free; 0 where they are singular."""
+    m, f = cables.shape[0], len(free)
+    A, r, square, used = np.zeros((m, f)), np.empty(m), np.empty((f, f)), 0
+    fill(cables, pose, np.zeros(m), weights, free, size, A, r)
+    for j in range(m):
+        if weights[j] > 0.0:
+            copy(A[j], square[used])
+            used += 1
+    return eliminate(square, np.zeros((f, 1)))
+
+
+@kernel
+def _could_turn(
+    cables: FloatArray, pose: FloatArray, weights: FloatArray, u: FloatArray, free: IntArray, size: float, G: FloatArray, side: float
+) -> bool:
+    """Whether the determinant changes its sign within COVERAGE standard uncertainties of the pose, for readings uncertain by u (m,).
+
+    As `screw._could_turn`: near a singular pose all columns of G (6, m) lie along the one direction that the channels see badly.
+    """
+    total, largest, worst = 0.0, 0.0, 0
+    for j in range(len(u)):
+        if weights[j] > 0.0:
+            moved = u[j] * math.hypot(size * norm((G[0, j], G[1, j], G[2, j])), norm((G[3, j], G[4, j], G[5, j])))
+            total += moved * moved
+            if moved > largest:
+                largest, worst = moved, j
+    twist, probe = np.empty(6), np.empty(POSE_COLUMNS)
+    for way in (1.0, -1.0):
+        for c in range(6):
+            twist[c] = way * COVERAGE * u[worst] * math.sqrt(total) / largest * G[c, worst]
+        copy(pose, probe)
+        displace(probe, twist, 1.0)
+        if _determinant(cables, probe, weights, free, size) * side <= 0.0:
+            return True
+    return False
 
 
 @kernel
@@ -303,7 +285,7 @@ def follow(
         smallest = min(smallest, u[j] * reach[j])
     for j in range(m):
         weights[j] = smallest / u[j]
-    side = length_twists(cables, start, weights, free, size, targets, G, r)[1] if m == f else 1.0
+    probe = np.empty(POSE_COLUMNS)
     for i in range(n):
         counted, of_lengths = 0, 0
         for j in range(m):
@@ -318,8 +300,12 @@ def follow(
         if outcome == OK and state[lost] > 0.0 and counted <= state[lost]:
             status[i] = OTHER_ASSEMBLY
             continue
+        # just as many as there are unknowns: their rows have a determinant, whose sign tells assemblies apart
+        exact, ahead, side = counted == f, False, 0.0
         if outcome == OK:
             copy(state[:CHANGES], pose)
+            if exact:
+                side = _determinant(cables, pose, weights, free, size)
             begun, gone = state[CHANGES : CHANGES + m], False
             if of_lengths >= f and of_lengths < counted:
                 # lengths alone, where they are enough: an angle that is seen from near may turn by half a turn on a short way
@@ -335,20 +321,28 @@ def follow(
                     targets[j] = zero[j] + changes[i, j]
                 outcome, steps = _solve(cables, pose, targets, weights, free, size, STEP_MM)
                 iterations[i] += steps
-        if outcome == OK:
-            known, det = length_twists(cables, pose, weights, free, size, targets, G, r)
-            if not known:
-                outcome = SINGULAR
-            elif m == f and det * side <= 0.0:
-                outcome = OTHER_ASSEMBLY
+        if outcome == OK and not length_twists(cables, pose, weights, free, size, targets, G, r):
+            outcome = SINGULAR
+        if outcome == OK and exact and _determinant(cables, pose, weights, free, size) * side <= 0.0:
+            outcome = OTHER_ASSEMBLY
         if outcome == OK:
             speed = fastest(cables, pose, G)
             if speed > LOST_SPEED:
                 outcome = SINGULAR
-                state[lost] = counted
             else:
-                state[lost] = 0.0
                 angle[i] = math.acos(1.0 / speed)
+                if exact and speed > NEAR_SPEED:
+                    if _could_turn(cables, pose, weights, u, free, size, G, side):
+                        outcome = SINGULAR
+                    copy(pose, probe)
+                    go_on(state[:CHANGES], probe, LOOK_AHEAD)
+                    ahead = _determinant(cables, probe, weights, free, size) * side <= 0.0
+        if ahead or (outcome == SINGULAR and not (exact and side == 0.0)):
+            # beyond, the same readings have two poses, and the one that is nearer to where it was is the wrong one; where it was singular
+            # before, there is nothing to lose
+            state[lost] = counted
+        elif outcome == OK:
+            state[lost] = 0.0
         status[i] = outcome
         if outcome == OK:
             copy(pose, poses[i])
@@ -374,7 +368,7 @@ def twists(cables: FloatArray, poses: FloatArray, weights: FloatArray, free: Int
     G, r, targets = np.empty((6, m)), np.empty(m), np.zeros(m)
     size = platform_size(cables)
     for i in range(n):
-        if not math.isnan(poses[i, 0]) and length_twists(cables, poses[i], weights[i], free, size, targets, G, r)[0]:
+        if not math.isnan(poses[i, 0]) and length_twists(cables, poses[i], weights[i], free, size, targets, G, r):
             for c in range(6):
                 copy(G[c], out[i, c])
     return out

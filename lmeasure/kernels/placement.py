@@ -83,7 +83,7 @@ def worst_of_channels(
                     length = span_at(rows[j], pose)[0]
                     runs = runs and not math.isnan(length)
                     shortest, longest = min(shortest, length), max(longest, length)
-                if not (runs and length_twists(rows, pose, weights, free, size, nothing, G, left)[0]):
+                if not (runs and length_twists(rows, pose, weights, free, size, nothing, G, left)):
                     speed, radius = math.inf, math.inf
                     continue
                 speed = max(speed, fastest(rows, pose, G))

@@ -214,9 +214,9 @@ def scan(
                 known, norm2 = det != 0.0, _norm2(twists, size)
             elif runs:
                 # the norm is that of the rows as they are, whatever the weights
-                known = length_twists(cables, pose, equal, free, size, zero, twists, spare)[0]
+                known = length_twists(cables, pose, equal, free, size, zero, twists, spare)
                 norm2 = _norm2(twists, size)
-                known = known and length_twists(cables, pose, weights, free, size, zero, twists, spare)[0]
+                known = known and length_twists(cables, pose, weights, free, size, zero, twists, spare)
             if runs and six:
                 out[DET_LOW, i], out[DET_HIGH, i] = min(out[DET_LOW, i], det), max(out[DET_HIGH, i], det)
             if not known:

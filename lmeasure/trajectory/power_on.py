@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import GeometryError, TrajectoryError
-from lmeasure.kernels import least_squares
+from lmeasure.kernels.damped import search
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
@@ -91,7 +91,7 @@ def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int 
     for batch in range(BATCHES):
         places = middle + (size + arm) * rng.uniform(-1.0, 1.0, (STARTS, 3))
         starts = se3.pose(places, Rotation.random(STARTS, rng=rng))
-        poses, chi = least_squares.search(rows, readings, u, free, np.ascontiguousarray(starts))
+        poses, chi = search(rows, readings, u, free, np.ascontiguousarray(starts))
         good = np.flatnonzero(chi <= WORSE * spare)
         for pose, off in zip(poses[good], chi[good], strict=True):
             k = next((i for i, other in enumerate(found) if _alike(pose, other)), len(found))

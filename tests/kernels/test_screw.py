@@ -164,6 +164,13 @@ def test_elimination_says_singular() -> None:
     assert screw.eliminate(a, np.eye(6)) == 0.0
 
 
+def test_rows_of_which_one_is_the_other_and_something_more_are_solved() -> None:
+    """Whatever of the one is to be taken from the other, just once too."""
+    x = np.array([[5.0], [7.0]])
+    assert screw.eliminate(np.array([[1.0, 2.0], [1.0, 3.0]]), x) == 1.0
+    assert x.tolist() == [[1.0], [2.0]]
+
+
 # --- poses from lengths ------------------------------------------------------------------------------------------------------------
 
 
@@ -293,6 +300,49 @@ def test_a_rig_that_cannot_tell_the_pose_is_singular() -> None:
     assert (status == Status.SINGULAR).all()
     assert np.isnan(poses).all()
     assert np.isnan(screw.pose_pressure_angles(rows, HOME[None])).all()
+    # at the start itself, where no step has to be made
+    assert screw.track(rows, HOME, np.zeros((2, 6)), np.zeros(2, np.int64), U)[3].tolist() == [Status.SINGULAR, Status.SINGULAR]
+
+
+def test_far_cables_along_the_edges_of_a_box_have_no_pressure_angles() -> None:
+    """Three hold it from above, two at one side, one in front: each moves its own point along itself, at any size of the tool."""
+    ends = np.array([[100.0, 0, 0], [-100, 60, 0], [-100, -60, 0], [80, 0, 0], [-80, 0, 0], [0, 0, 0]])
+    ways = np.array([[0.0, 0, 1]] * 3 + [[0.0, 1, 0]] * 2 + [[1.0, 0, 0]])
+    for part in (1.0, 1e-3):
+        rows = np.array([straight_row(part * p + 2e3 * e, part * p) for p, e in zip(ends, ways, strict=True)])
+        assert screw.pose_pressure_angles(rows, np.tile(HOME, (3, 1))) == pytest.approx(np.zeros((3, 6)), abs=1e-6)
+        assert screw.track(rows, HOME, np.zeros((1, 6)), np.zeros(1, np.int64), U)[4] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_behind_a_gap_the_straight_way_of_the_lengths_is_gone() -> None:
+    """Half a metre at once: what is found is where small steps of the lengths lead. One step would miss some of these ends."""
+    rows, g = cell_rows(), np.random.default_rng(1)
+    agree = 0
+    for _ in range(24):
+        begin, end = (changes_of(random_pose(g, 300.0, 0.6)[None], rows)[0] for _ in range(2))
+        slowly = np.concatenate(
+            [begin * np.linspace(0.0, 1.0, 101)[1:, None], begin + (end - begin) * np.linspace(0.0, 1.0, 101)[1:, None]]
+        )
+        poses, _, _, status, _ = screw.track(rows, HOME, slowly, np.zeros(200, np.int64), U)
+        if (status == Status.OK).all():
+            found, _, iterations, status, _ = screw.track(rows, HOME, slowly[[99, 199]], np.zeros(2, np.int64), U)
+            if (status != Status.OK).any():  # said, at least
+                continue
+            assert max(worst_apart(found, poses[[99, 199]])) < 1e-8
+            assert (iterations > 0).all()
+            agree += 1
+    assert agree >= 8
+
+
+def test_what_is_found_leaves_no_more_than_the_tolerance_of_its_lengths() -> None:
+    """Of a rig of a metre or two, whichever step comes last."""
+    rows, g = cell_rows(), np.random.default_rng(7)
+    changes = g.uniform(-9.0, 9.0, (300, 6))
+    poses, residual, iterations, status, _ = screw.track(rows, HOME, changes, np.zeros(300, np.int64), U)
+    assert (status == Status.OK).all()
+    assert residual.max() <= 1e-11
+    assert (iterations > 0).all()
+    np.testing.assert_allclose(changes_of(poses, rows), changes, rtol=0, atol=2e-11)
 
 
 def test_the_other_assembly_is_never_given() -> None:

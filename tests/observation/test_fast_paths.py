@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.kernels import counter, lanes, least_squares, live, pose_covariance, screw
 from lmeasure.kernels.cable import span_lengths
+from lmeasure.kernels.damped import search
 from lmeasure.kernels.layout import ALPHA, ANGLE_ZERO, ATTACHMENT, BASE, BETA, CABLE_COLUMNS, CHANGES, INCLINATION, KIND, SWIVEL, TRAVEL
 from lmeasure.observation import CableLength, Observation, Solved, differences, predictions, pressure_angles, shared_errors, twists
 from lmeasure.observation.channel import values, variances
@@ -147,7 +148,7 @@ def test_few_samples_of_channels_of_every_kind() -> None:
     G = least_squares.twists(rows, reference.poses, used / u, ALL)
     np.testing.assert_allclose(G, twists(channels, reference.poses, used), rtol=1e-7, atol=1e-10)
     beside = se3.displaced(truth[[1]], [[0.05, -0.04, 0.03, 30.0, -20.0, 10.0], [-0.02, 0.03, 0.05, -10.0, 25.0, 30.0]])
-    sought, chi = least_squares.search(rows, readings[1] + zero, u, ALL, beside)
+    sought, chi = search(rows, readings[1] + zero, u, ALL, beside)
     np.testing.assert_allclose(se3.displacement(sought, reference.poses[[1, 1]]), 0.0, atol=1e-6)
     np.testing.assert_allclose(chi, reference.chi2[1], rtol=1e-6)
 
@@ -158,9 +159,9 @@ def test_few_samples_are_found_whatever_their_uncertainties_are_of(unit: float) 
     truth = path(10)[3]
     targets = span_lengths(rows, truth[None])[0] + np.array([3.0, -2.0, 1.0, 0.0, -1.0, 2.0])
     starts = se3.displaced(np.tile(truth, (2, 1)), [[0.05, -0.04, 0.03, 30.0, -20.0, 10.0], [0.0, 0.1, 0.0, 0.0, 0.0, -40.0]])
-    poses, chi = least_squares.search(rows, targets, u, ALL, starts)
+    poses, chi = search(rows, targets, u, ALL, starts)
     assert np.isfinite(chi).all()
-    scaled, square = least_squares.search(rows, targets, unit * u, ALL, starts)
+    scaled, square = search(rows, targets, unit * u, ALL, starts)
     np.testing.assert_allclose(se3.displacement(scaled, poses), 0.0, atol=1e-6)
     assert np.isfinite(square).all()
 
@@ -172,7 +173,7 @@ def test_few_samples_sought_from_far_off_end_at_a_minimum() -> None:
     truth = path(10)[3]
     targets = span_lengths(rows, truth[None])[0]
     off = np.random.default_rng(11).uniform(-1.0, 1.0, (16, 6)) * [1.0, 1.0, 1.0, 700.0, 700.0, 700.0]
-    poses, chi = least_squares.search(rows, targets, u, ALL, se3.displaced(np.tile(truth, (16, 1)), off))
+    poses, chi = search(rows, targets, u, ALL, se3.displaced(np.tile(truth, (16, 1)), off))
     found = np.isfinite(chi)
     assert 10 <= found.sum() < 16
     for pose, square in zip(poses[found], chi[found], strict=True):
@@ -197,11 +198,12 @@ def test_few_samples_until_the_tool_is_lost() -> None:
     ok = found[3] == Status.OK
     lost = int(np.argmin(ok))
     assert 5 < lost < 20
-    assert found[3][lost:].tolist() == [Status.SINGULAR] + [Status.OTHER_ASSEMBLY] * (21 - lost)
+    # before the first that six lengths cannot tell from a singular pose
+    assert found[3][lost:].tolist() == [Status.OTHER_ASSEMBLY] * (22 - lost)
     np.testing.assert_allclose(se3.displacement(found[0][:lost], truth[:lost]), 0.0, atol=1e-6)
     angles = pressure_angles(six, truth[:lost], twists(six, truth[:lost])).max(axis=1)
     np.testing.assert_allclose(found[4][:lost], angles, rtol=1e-6)
-    assert angles[-1] < np.radians(88.0) < pressure_angles(six, truth[[lost]], twists(six, truth[[lost]])).max()
+    assert np.radians(80.0) < angles[-1] < np.radians(88.0)
     assert np.isnan(found[4][lost:]).all()
     # by how many cables it was lost, and where it was last
     assert state[-1] == 6.0
@@ -248,12 +250,12 @@ def test_few_samples_are_not_sought_where_no_cable_can_run_nor_where_the_pose_is
     # an attachment point in the middle of a pulley
     into = HOME.copy()
     into[:3] = rows[2, BASE : BASE + 3] - rows[2, ATTACHMENT : ATTACHMENT + 3]
-    poses, chi = least_squares.search(rows, zero, u, ALL, into[None])
+    poses, chi = search(rows, zero, u, ALL, into[None])
     np.testing.assert_array_equal(poses, into[None])
     assert chi.tolist() == [np.inf]
     # cables that all end in one point see no rotation
     rows[:, ATTACHMENT : ATTACHMENT + 3] = 0.0
-    assert least_squares.search(rows, zero, u, ALL, HOME[None])[1].tolist() == [np.inf]
+    assert search(rows, zero, u, ALL, HOME[None])[1].tolist() == [np.inf]
 
 
 @pytest.mark.parametrize("beside_mm", [1.0, 3.0])
@@ -283,7 +285,7 @@ def test_few_samples_have_twists_of_what_is_free_alone() -> None:
     """Whatever stood where they are put."""
     rows, free = rows_of(cables(3)), np.array([2, 3, 4])
     G, r = np.full((6, 6), 7.0), np.empty(6)
-    assert least_squares.length_twists(rows, HOME, np.ones(6), free, 100.0, np.zeros(6), G, r)[0]
+    assert least_squares.length_twists(rows, HOME, np.ones(6), free, 100.0, np.zeros(6), G, r)
     assert not G[[0, 1, 5]].any()
     assert np.abs(G[free]).min() > 0.0
 
