@@ -113,3 +113,15 @@ class RobotError(LMeasureError, ValueError):
     def __init__(self, text: str, sample: int | None = None) -> None:
         super().__init__(text)
         self.sample = sample
+
+
+def pasted(path: object) -> str:
+    """A path as it can be pasted into a shell, between quotation marks where it has blanks or other marks of shells."""
+    import os
+    import re
+    import shlex
+
+    text = str(path)
+    if re.fullmatch(r"[\w@%+=:,./\\-]+", text):
+        return text
+    return f'"{text}"' if os.name == "nt" else shlex.quote(text)

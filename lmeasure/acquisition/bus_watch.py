@@ -7,6 +7,7 @@ import numpy as np
 from lmeasure.acquisition.decoders import CounterField
 from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames
 from lmeasure.acquisition.network import EMERGENCY, HEARTBEAT
+from lmeasure.rig import Rig
 
 SEVERAL = 1.5
 """Frames of a counter for each SYNC from which on they are of more than one sender, and SYNCs for each frame likewise."""
@@ -19,10 +20,18 @@ TOLD = 4
 class BusWatch:
     """Counts frames by their identifiers; extended ones and standard ones apart."""
 
-    def __init__(self, fields: tuple[CounterField, ...], sync_id: int, others: tuple[int, ...] = ()) -> None:
-        self.fields, self.sync_id, self._others = fields, sync_id, others
+    def __init__(self, fields: tuple[CounterField, ...], sync_id: int, others: tuple[int, ...] = (), *, synced: bool = True) -> None:
+        """synced: whether counts are taken at SYNCs."""
+        self.fields, self.sync_id, self._others, self._synced = fields, sync_id, others, synced
         self._seen: Counter[tuple[int, bool]] = Counter()
         self.errors = 0
+
+    @classmethod
+    def of_rig(cls, rig: Rig, fields: tuple[CounterField, ...]) -> "BusWatch":
+        """Of a rig's bus, where the counters are in these fields."""
+        table = rig.can_table
+        others = () if table.start_input is None else (table.start_input.id,)
+        return cls(fields, table.sync_id, others, synced=table.timing == "sync")
 
     def feed(self, frames: Frames) -> None:
         """Look at a batch."""
@@ -40,6 +49,9 @@ class BusWatch:
             return f"{self.errors} error frames and none that can be read: {rate}, or a line without its terminating resistors"
         if not self._seen:
             return f"no frame at all: nothing is connected or switched on, or {rate} is set"
+        counting = any(self._is_of(f, identifier, wide) for f in self.fields for identifier, wide in self._seen)
+        if self._synced and counting and not self._seen[(self.sync_id, False)]:
+            return f"the counters' frames come, but no SYNC {self.sync_id:03X}h: nobody sends it, or sync_id of the rig is another"
         if foreign := self.foreign():
             wanted = ", ".join(f"{f.identifier:03X}h" for f in self.fields)
             return f"frames come, but of {', '.join(foreign)}; the rig's counters are in {wanted}"

@@ -4,7 +4,7 @@ A person pulls and turns, the program looks at the counters. Counts per turn are
 """
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -160,6 +160,21 @@ def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float)
     return CableCheck(cable.name, cable.channel, moved, direction, stroke, slack, per_turn, expected, tuple(faults))
 
 
+def _one_each(checks: Sequence[CableCheck] | Sequence[EncoderCheck]) -> bool:
+    """Whether each moved a channel of its own."""
+    moved = [c.moved for c in checks]
+    return None not in moved and len(set(moved)) == len(moved)
+
+
+def not_corrected(result: Check) -> tuple[str, ...]:
+    """Why channels that are not those of the rig stay as they are, a line for cables and one for encoders."""
+    out = []
+    for kind, checks in (("cable", result.cables), ("encoder", result.encoders)):
+        if any(c.moved not in (None, c.channel) for c in checks) and not _one_each(checks):
+            out.append(f"channels stay as they are: not every {kind} moved one of its own; check again, then --write")
+    return tuple(out)
+
+
 def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any], list[str]]:
     """A rig.toml's content with the channels and signs that the self-test showed, and what was corrected, a line each. Channels are only
     corrected where each cable, and each encoder, moved one of its own.
@@ -168,10 +183,9 @@ def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any]
     """
     data = copy.deepcopy(dict(content))
     told: list[str] = []
-    moved = [c.moved for c in result.cables]
     tables = {c["name"]: c for c in data["cable"]}
     points = {p["name"]: p for p in data["observation_point"]}
-    if None not in moved and len(set(moved)) == len(moved):
+    if _one_each(result.cables):
         for c in result.cables:
             if c.moved != c.channel:
                 told.append(f"cable {c.cable}: channel {c.channel} -> {c.moved}")
@@ -179,19 +193,20 @@ def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any]
     for c in result.cables:
         point = tables[c.cable]["from"]
         before = points[point]["drum"].get("count_sign", 1)
-        if c.direction is not None and c.direction != before:
+        # of a channel that is not the cable's in the end the direction is another drum's
+        if c.direction is not None and c.direction != before and tables[c.cable]["channel"] == c.moved:
             told.append(f"drum of {point}: count_sign {before} -> {c.direction}")
             points[point]["drum"]["count_sign"] = c.direction
     turned = {table["channel"]: table for kind in ("swivel", "inclination") for table in data.get(kind, ())}
-    found = [e.moved for e in result.encoders]
-    if None not in found and len(set(found)) == len(found):
+    owners: dict[str, str | None] = {e.what: e.channel for e in result.encoders}
+    if _one_each(result.encoders):
         for e in result.encoders:
             if e.moved != e.channel:
                 told.append(f"{e.what}: channel {e.channel} -> {e.moved}; see that its zero_deg is that encoder's")
-                turned[e.channel]["channel"] = e.moved
+                turned[e.channel]["channel"] = owners[e.what] = e.moved
     for e in result.encoders:
         before = turned[e.channel].get("count_sign", 1)
-        if e.direction is not None and e.direction != before:
+        if e.direction is not None and e.direction != before and owners[e.what] == e.moved:
             told.append(f"{e.what}: count_sign {before} -> {e.direction}")
             turned[e.channel]["count_sign"] = e.direction
     frames = {c.channel: c.id for c in default_can(rig_from_dict(dict(content)).all_channels).channel}

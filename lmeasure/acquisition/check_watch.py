@@ -69,8 +69,7 @@ class Watch:
     def __init__(self, rig: Rig, link: Link, passage: int, ask: Ask, *, of: int) -> None:
         self._link, self._ask, self._of, self.number = link, ask, of, 0
         self._assembler = new_assembler(rig, link.fields, passage)
-        start_input = rig.can_table.start_input
-        self.bus = BusWatch(link.fields, rig.can_table.sync_id, () if start_input is None else (start_input.id,))
+        self.bus = BusWatch.of_rig(rig, link.fields)
         self.channels = [f.channel for f in link.fields]
         known = [rig.counters_of(passage)[c] for c in self.channels]
         self.lengths = np.array([isinstance(c, Drum) for c in known])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.acquisition.assembly import new_assembler
+from lmeasure.acquisition.bus_watch import BusWatch
 from lmeasure.acquisition.decoders import CounterField
 from lmeasure.acquisition.events import Event
 from lmeasure.acquisition.frames import Frames, no_frames
@@ -55,6 +56,7 @@ class Counting:
     def __init__(self, rig: Rig, source: Source, fields: tuple[CounterField, ...], passage: int) -> None:
         self.rig, self.source, self.fields, self.passage = rig, source, fields, passage
         self.assembler = new_assembler(rig, fields, passage)
+        self.bus = BusWatch.of_rig(rig, fields)
         self.frames = self.samples = self.lost = 0
         self.origin: float | None = None
         self._latest: Samples | None = None
@@ -71,6 +73,8 @@ class Counting:
     def samples_of(self, frames: Frames) -> Samples:
         """The samples that frames complete."""
         self.frames += len(frames)
+        if not self.samples:  # why none comes; afterwards nobody asks
+            self.bus.feed(frames)
         self._latency = time.time() - float(frames.time_s[-1])
         return self.assembler.feed(frames)
 
@@ -161,7 +165,9 @@ def watch(
 
 def nothing_came(counting: Counting) -> str:
     """What is said where not one sample came."""
-    return f"{counting.source.name}: {counting.frames} frames, not one sample of {', '.join(f.channel for f in counting.fields)}"
+    channels = ", ".join(f.channel for f in counting.fields)
+    why = counting.bus.silence(counting.source.bit_rate or counting.rig.can_table.bit_rate)
+    return f"{counting.source.name}: {counting.frames} frames, not one sample of {channels}: {why}"
 
 
 @contextlib.contextmanager

@@ -19,7 +19,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
-from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, RecordedError
+from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, RecordedError, pasted
 from lmeasure.extras import version_of
 from lmeasure.opened import sha256_of
 from lmeasure.rig import Rig
@@ -143,9 +143,8 @@ def _import_log(
         if np.isnan(column).all():
             there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
             wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
-            told = (
-                f"not one count in frames {wanted}; identifiers in the log: {there}; `lmeasure import {log} --scan` lists what they carry"
-            )
+            told = f"not one count in frames {wanted}; identifiers in the log: {there}"
+            told += f"; `lmeasure import {pasted(log)} --scan` lists what they carry"
             raise AcquisitionError(f"{log}: channel {one.channel}: {told}")
     start_s = float(assembled.counts.time_s[0])
     counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)

@@ -175,7 +175,8 @@ class _Writer:
                 there = self._before[self.folder / name]
                 if there is not None and there != beside.get(name):
                     raise RecordedError(
-                        f"{self.folder / name}: is there already; nothing is written over a recording, and a recording over nothing"
+                        f"{self.folder / name}: is there already; nothing is written over a recording, and a recording over nothing: "
+                        "give --out another folder, or --pass the next repetition of the motion"
                     )
             table = {"schema": SCHEMA, "rig": "rig.toml"}
             if start is not None:

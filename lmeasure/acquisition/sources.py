@@ -97,7 +97,9 @@ class BusSource:
         except LMeasureError:
             raise
         except Exception as error:  # each driver has its own way to say that there is no such device
-            raise AcquisitionError(f"{self.name}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
+            # python-can calls functions of a driver's library that it has not found: Kvaser's
+            told = "its driver is not installed" if isinstance(error, NameError) else " ".join(str(error).split()) or type(error).__name__
+            raise AcquisitionError(f"{self.name}: cannot be opened: {told}; `lmeasure scan` lists the adapters of this machine") from error
         _enlarge_buffer(bus)
         return bus
 

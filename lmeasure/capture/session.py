@@ -111,6 +111,8 @@ class Session:
     def look(self, events: Sequence[Event], idle_s: float = 0.0) -> None:
         """Decide on what has come; events are all faults of the recording so far, idle_s is since when no sample came [s]."""
         self._note_faults(events)
+        if idle_s > IDLE_S and not self._idle:  # once, also where nobody asks for a reading
+            self._say("no counts come from the bus at all: is it connected and switched on? `lmeasure check` says what comes instead")
         self._idle = idle_s > IDLE_S
         pending, self._pending = self._pending, []
         # as they would have come had nothing else kept this program busy: no rest is overlooked
@@ -355,7 +357,9 @@ class Session:
 
     def line(self) -> str:
         """The state of things in one line."""
-        if self.rest.silent:
+        if self._idle:
+            state = "no counts"
+        elif self.rest.silent:
             state = f"silent: {', '.join(self.rest.silent)}"
         elif self.rest.lasts_s > 0.1:
             state = f"still {self.rest.lasts_s:.1f} s"

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
-from lmeasure.errors import CancelledError
+from lmeasure.errors import CancelledError, pasted
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
@@ -197,7 +197,7 @@ def _result(session: "Session", ended: str) -> "Result[CaptureFolder]":
     elif closure is not None and closure.lost:
         failure = f"{folder.path}: {', '.join(closure.lost)} did not come back to the counts of the first pose"
     elif session.goal is None:
-        lines.append(f"next: lmeasure calibrate {folder.path} --out calibrated")
+        lines.append(f"next: lmeasure calibrate {pasted(folder.path)} --out calibrated")
     else:
         lines.append("the same command goes on")
     there = tuple(sorted(path for path in folder.path.rglob("*") if path.is_file()))

@@ -31,7 +31,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     """Walk through the self-test: ask tells a person what to do and comes back when it is done;
     progress names the devices that were found. Faults are a failure."""
     from lmeasure import files
-    from lmeasure.acquisition.check import check, corrected
+    from lmeasure.acquisition.check import check, corrected, not_corrected
     from lmeasure.acquisition.session import connect, options_from_text
     from lmeasure.rig import rig_from_dict
 
@@ -47,6 +47,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     faults = result.all_faults
     failure = f"{settings.rig}: {len(faults)} fault(s), the first: {faults[0]}" if faults else ""
     data, told = corrected(document, result)
+    left = () if settings.write is None else not_corrected(result)
     if settings.write is None:
         hint = (f"--write FILE writes a rig with {len(told)} correction(s): {'; '.join(told)}",) if told else ()
         return Result(result, hint, _figures(result), tuple(faults), failure=failure)
@@ -55,8 +56,9 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     try:
         files.rewrite_toml(settings.write, content)
     except LMeasureError as error:  # a person has walked through all of it: what it showed is not lost
-        return Result(result, tuple(told), _figures(result), tuple(faults), failure=str(error))
-    lines = (*told, f"written: {settings.write}, to be checked again") if told else (f"written: {settings.write}, with nothing to correct",)
+        return Result(result, (*told, *left), _figures(result), tuple(faults), failure=str(error))
+    end = "to be checked again" if told or left else "with nothing to correct"
+    lines = (*told, *left, f"written: {settings.write}, {end}")
     return Result(result, lines, _figures(result), tuple(faults), failure=failure)
 
 

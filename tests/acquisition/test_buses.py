@@ -169,7 +169,7 @@ def test_slcan_on_a_serial_port(tmp_path: Path) -> None:
     [
         ("can0", "give INTERFACE:CHANNEL"),
         ("sockercan:can0", "'sockercan' is no interface; known: .*socketcan"),
-        ("slcan:/dev/no-such-port", "slcan:/dev/no-such-port: cannot be opened"),
+        ("slcan:/dev/no-such-port", "slcan:/dev/no-such-port: cannot be opened: .*; `lmeasure scan` lists the adapters of this machine"),
         ("socketcand:can0", "cannot be opened"),
         ("replay:absent.blf", "absent.blf: cannot be read"),
         ("simulated:absent.toml", "absent.toml"),
@@ -179,6 +179,16 @@ def test_a_bus_that_is_not_there_is_refused_in_one_line(bus: str, complaint: str
     with pytest.raises(LMeasureError, match=complaint) as refused:
         connect(cell_rig(0), tmp_path, bus).source.receive(0.0)
     assert "\n" not in str(refused.value)
+
+
+def test_a_driver_that_is_not_there_is_said_to_be_none() -> None:
+    """python-can then calls a function that it has not found."""
+
+    def opened() -> can.BusABC:
+        raise NameError("name 'canGetNumberOfChannels' is not defined")
+
+    with pytest.raises(LMeasureError, match="kvaser:0: cannot be opened: its driver is not installed; `lmeasure scan`"):
+        BusSource(opened, "kvaser:0")
 
 
 def test_two_groups_do_not_hear_each_other_and_a_garbled_datagram_costs_nothing() -> None:

@@ -16,7 +16,7 @@ from test_buses import a_group
 
 from lmeasure import files
 from lmeasure.acquisition.bus_watch import BusWatch
-from lmeasure.acquisition.check import Check, Step, check, corrected
+from lmeasure.acquisition.check import CableCheck, Check, Step, check, corrected
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.frames import frames_from_messages
@@ -345,6 +345,32 @@ def watched(*batches: tuple[int, int]) -> BusWatch:
     return watch
 
 
+def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two plugs are exchanged, and a third cable was not pulled: the channels stay, and a sign that another drum's counter showed too."""
+    seen = [
+        CableCheck("c1", "ch1", "ch2", -1, faults=("channel ch2 moved, the rig says ch1",)),
+        CableCheck("c2", "ch2", "ch1", 1, faults=("channel ch1 moved, the rig says ch2",)),
+        CableCheck("c3", "ch3", faults=("no channel moved by 20 mm",)),
+        *(CableCheck(f"c{i}", f"ch{i}", f"ch{i}", -1 if i == 6 else 1) for i in (4, 5, 6)),
+    ]
+    write_rig(tmp_path / "rig.toml", RIG)
+    monkeypatch.setattr("lmeasure.acquisition.check.check", lambda *_, **__: Check(200.0, {}, tuple(seen), ()))
+    settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
+    told = check_workflow.run(settings, ask=lambda step: "").summary
+    assert told == (
+        "drum of B6: count_sign 1 -> -1",
+        "channels stay as they are: not every cable moved one of its own; check again, then --write",
+        f"written: {tmp_path / 'wired.toml'}, to be checked again",
+    )
+    wired = read_rig(tmp_path / "wired.toml")
+    assert [c.channel for c in wired.cable] == [c.channel for c in RIG.cable]
+    assert [p.drum.count_sign for p in wired.observation_point] == [1, 1, 1, 1, 1, -1]
+    seen[5] = CableCheck("c6", "ch6", "ch6", 1)
+    told = check_workflow.run(settings, ask=lambda step: "").summary
+    assert told[0].startswith("channels stay as they are")
+    assert told[1].endswith("to be checked again")  # "with nothing to correct" is of a rig that is right
+
+
 def test_who_else_is_on_the_bus_is_named() -> None:
     six = tuple((0x181 + i, 100) for i in range(6))
     assert watched((0x80, 100), *six, (0x701, 3), (0x81, 1), (0, 2)).foreign() == []
@@ -363,6 +389,7 @@ def test_who_else_is_on_the_bus_is_named() -> None:
         ([(-1, 40)], "40 error frames and none that can be read: another bit rate than the 500000 bit/s of the rig, or a line without"),
         ([], "no frame at all: nothing is connected or switched on, or another bit rate"),
         ([(0x300, 9), (0x80, 9)], "frames come, but of 300h (9 frames); the rig's counters are in 181h, 182h"),
+        ([(0x181, 9), (0x300, 9)], "the counters' frames come, but no SYNC 080h: nobody sends it, or sync_id of the rig is another"),
     ],
 )
 def test_why_no_count_comes(batches: list[tuple[int, int]], told: str) -> None:

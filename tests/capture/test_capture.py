@@ -189,6 +189,17 @@ def test_a_silent_channel_is_named_and_nothing_is_read(tmp_path: Path) -> None:
     assert bench.said[-1] == "not read: no counts come from the bus at all"
 
 
+def test_a_bus_from_which_nothing_comes_is_told_once_though_nobody_asks(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    for idle_s in (0.2, 3.0, 4.0):
+        bench.session.look([], idle_s=idle_s)
+    assert sum(line.startswith("no counts come from the bus at all: ") for line in bench.said) == 1
+    assert bench.session.line().startswith("pose 1  no counts  ")
+    bench.show(going(POSES[:1], 0.25))
+    bench.session.look([], idle_s=3.0)
+    assert sum(line.startswith("no counts come from the bus at all: ") for line in bench.said) == 2
+
+
 def test_a_dwell_of_which_most_was_not_seen_is_no_reading(tmp_path: Path) -> None:
     """A machine that is busy, or a bus that pauses: where the robot was meanwhile nobody knows."""
     bench = Bench(tmp_path)
