@@ -88,7 +88,7 @@ class PlayedCell:
         self._errors = rng.normal(size=(count, 6)) * np.repeat([math.radians(how.u_deg), how.u_mm], 3)
         self.home = self._here = np.asarray(home, np.float64)
         self.at = HOME
-        self._hand, self._pulled = np.zeros(len(self._observed)), np.zeros(len(self._observed))
+        self._hand, self._pulled, self._turned = np.zeros((3, len(self._observed)))
         self._rows: deque[FloatArray] = deque()
         self._last = self._recorded(self._here[None], self._hand[None])[0]
         self._motion = _motion(self.home, rate_hz, commands, seed, progress=progress)
@@ -156,14 +156,15 @@ class PlayedCell:
 
     def _let(self, name: str) -> str:
         j = self._channel(name)
-        self._move_hand(j, -float(self._pulled[j]))
-        self._pulled[j] = 0.0
+        self._move_hand(j, -float(self._pulled[j] + self._turned[j]))
+        self._pulled[j] = self._turned[j] = 0.0
         return f"{name} is let back"
 
     def _turn(self, name: str) -> str:
         j = self._channel(name)
-        of = self.rig.counter(self._observed[j])
-        self._move_hand(j, float(of.counts_per_revolution))
+        k = float(self.rig.counter(self._observed[j]).counts_per_revolution)
+        self._turned[j] += k
+        self._move_hand(j, k)
         return f"{name}: its drum is turned once"
 
     def _channel(self, name: str) -> int:
@@ -193,6 +194,9 @@ class PlayedCell:
         return f"the robot goes to pose {name}"
 
     def _go(self, pose: FloatArray) -> None:
+        for j in np.flatnonzero(self._turned):  # nobody holds a drum any more: its spring winds the loose cable up
+            self._move_hand(int(j), -float(self._turned[j]))
+        self._turned[:] = 0.0
         self._follow(smooth_path(self._here, [Leg(pose, SPEED_MM_S, TURN_RAD_S, REST_S)], self._rate_hz)[1])
 
     def _run(self) -> str:

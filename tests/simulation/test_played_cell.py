@@ -44,6 +44,19 @@ def test_a_hand_moves_one_cable_and_lets_it_back() -> None:
     assert not cell.moves
 
 
+def test_a_drum_that_was_turned_is_wound_back_before_the_robot_goes_anywhere() -> None:
+    """Its spring takes the loose cable up, or all that is counted afterwards would be a turn off."""
+    cell = played(poses=poses_from_rows(np.array([HOME, [50.0, 0, 0, 0, 0, 0, 1.0]])))
+    there = done(cell, "go 2")
+    done(cell, "home")
+    assert done(cell, "turn c1")[0] == 6000
+    assert np.array_equal(done(cell, "go 2"), there)
+    done(cell, "turn c1")
+    assert np.array_equal(done(cell, "let c1"), there)
+    done(cell, "turn c3")
+    assert not done(cell, "home").any()
+
+
 def test_exchanged_encoders_count_the_other_cable() -> None:
     cell = played(how=Built(exchanged=("ch1", "ch4")))
     assert np.flatnonzero(done(cell, "pull c1")).tolist() == [3]
