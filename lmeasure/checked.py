@@ -26,6 +26,9 @@ Whole = Annotated[int, BeforeValidator(whole)]
 _PLAIN = {
     "float_type": "must be a number",
     "int_type": "must be a whole number",
+    "float_parsing": "must be a number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
     "string_type": "must be text",
     "bool_type": "must be true or false",
     "tuple_type": "must be an array",
@@ -160,12 +163,28 @@ def complaints(error: ValidationError, data: Any, root: type[BaseModel]) -> list
             seen.add(keys)
             out.append(_plain(keys, one, data))
     # a key written wrongly is unknown, and its right name missing: once is enough
-    return [(keys, text) for keys, text in out if text != "is missing" or keys not in hinted]
+    return [
+        (keys, f"{text}{_way_out(keys)}" if text == "is missing" else text)
+        for keys, text in out
+        if text != "is missing" or keys not in hinted
+    ]
+
+
+def _way_out(keys: Keys) -> str:
+    """Which command writes what is missing."""
+    of_a_drum = len(keys) > 1 and keys[0] == "observation_point" and keys[-1] == "drum"
+    return ": `lmeasure drum` writes it from what is measured (docs/drum.md)" if of_a_drum else ""
 
 
 def _has_enough(value: Any, one: Any) -> bool:
     # pydantic does not count elements that are wrong themselves
     return isinstance(value, list | tuple | dict) and len(value) >= one["ctx"]["min_length"]
+
+
+def complaint(one: Any) -> str:
+    """One of pydantic's complaints about a value that was typed, in the words of files."""
+    point = "; a number has a point" if one["type"] in ("float_parsing", "int_parsing") and "," in str(one.get("input")) else ""
+    return _plain((), one, None)[1] + point
 
 
 def _plain(keys: Keys, one: Any, data: Any) -> tuple[Keys, str]:

@@ -23,6 +23,16 @@ def lines_of(error: LMeasureError, path: Path) -> list[str]:
     return [line.removeprefix(str(path)) for line in error.lines]
 
 
+def test_a_drum_that_is_missing_says_what_writes_it(tmp_path: Path) -> None:
+    text = test_rig.RIG
+    begin = text.index("[observation_point.drum]")
+    (tmp_path / "rig.toml").write_text(text[:begin] + text[text.index("[[", begin) :])
+    with pytest.raises(LMeasureError) as refused:
+        read_rig(tmp_path / "rig.toml")
+    (line,) = lines_of(refused.value, tmp_path / "rig.toml")
+    assert line.endswith("[observation_point B1].drum: is missing: `lmeasure drum` writes it from what is measured (docs/drum.md)")
+
+
 def test_all_complaints_of_a_rig_have_their_lines(tmp_path: Path) -> None:
     text = test_rig.RIG
     for old, new in (

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import jsonschema
@@ -14,6 +15,7 @@ from lmeasure import se3
 from lmeasure.accuracy import read_zone
 from lmeasure.calibration_record import read_calibration_record
 from lmeasure.cli import app
+from lmeasure.conventions import CONVENTIONS
 from lmeasure.errors import OverwriteError
 from lmeasure.files import read_toml
 from lmeasure.lengths import counts_from_poses
@@ -143,6 +145,44 @@ def test_questions_are_asked_where_no_template_is_named(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["init", str(tmp_path / "other"), "--template", "nine"]).exit_code == 2
     assert not (tmp_path / "other").exists()
     assert len(CliRunner().invoke(app, ["init", "--list"]).output.splitlines()) == len(TEMPLATES)
+
+
+def test_numbers_that_make_no_rig_are_asked_for_again(tmp_path: Path) -> None:
+    """One at a time: all answers were lost by one that was wrong. An encoder of 24 bits is no mistake."""
+    answers = ["", "", "", "0", "16777216", "0", "-0.01", "0.001", "", "-3", "nan", "20", "2e6,0,0", *[""] * 10]
+    made = CliRunner().invoke(app, ["init", str(tmp_path)], input="\n".join(answers))
+    assert made.exit_code == 0, made.output
+    for refused in (
+        "'0' must be at least 1.",
+        "'0' must be at least 1e-09.",
+        "'-0.01' must be",
+        "'-3' must be at least 0.",
+        "'nan' is not a number",
+    ):
+        assert refused in made.output
+    assert "'2e6,0,0' must be at most 1000000." in made.output
+    assert read_rig(tmp_path / "rig.toml").point("B1").drum.counts_per_revolution == 16777216
+
+
+def test_questions_are_russian_where_the_terminal_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LANGUAGE", "ru")
+    answers = ["four", "", "", "", "6000.5", "", "0,012", "", "", "-1", "", "1,2", *[""] * 12]
+    made = CliRunner().invoke(app, ["init", str(tmp_path)], input="\n".join(answers))
+    assert made.exit_code == 0, made.output
+    asked = made.output.partition(str(tmp_path))[0]
+    words = set(re.findall("[A-Za-z]{3,}", asked))
+    assert words == set(re.findall("[A-Za-z]{3,}", f"four my rig Enter {' '.join(TEMPLATES)} {' '.join(CONVENTIONS)}")), words
+    assert "[0.012]: 0,012\n'0,012' – не число. " in asked  # as it may be typed
+
+
+def test_what_is_said_to_come_next_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LANGUAGE", "ru")
+    told = CliRunner().invoke(app, ["init", str(tmp_path / "моя ячейка"), "--template", "three-drums"]).output
+    assert f"{tmp_path / 'моя ячейка' / 'rig.toml'}: три барабана, " in told
+    command = re.search("`lmeasure (.*)`", told)
+    assert command is not None
+    assert CliRunner().invoke(app, shlex.split(command[1])).exit_code == 0
+    assert (tmp_path / "моя ячейка" / "measured.toml").is_file()
 
 
 def test_from_an_empty_folder_to_a_placed_zone(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from lmeasure import files
 from lmeasure.accuracy.limits import REASONS, Limits, broken_limits
 from lmeasure.accuracy.scan import digest_of
-from lmeasure.errors import FileFormatError
+from lmeasure.errors import FileFormatError, pasted
 from lmeasure.opened import open_regular
 
 if TYPE_CHECKING:
@@ -118,10 +118,11 @@ def advice(zone: "xr.Dataset", rig: Path) -> list[str]:
     because = zone["rejected_because"].values
     alone = {reason: int((because == 1 << bit).sum()) for bit, reason in enumerate(REASONS)}
     reason, nodes = max(alone.items(), key=lambda item: item[1])
+    command = f"lmeasure place {pasted(rig)} --task placement.toml --out placed"
     why = f": {nodes} nodes are kept out by {reason.replace('_', ' ')} alone" if nodes else ""
     return [
         f"nothing of the box is in the zone{why}",
-        f"try another box or other limits, or let `lmeasure place {rig} --task placement.toml --out placed` look for better places of the",
+        f"try another box or other limits, or let `{command}` look for better places of the",
         "points; `lmeasure init` writes a placement.toml to begin with",
     ]
 

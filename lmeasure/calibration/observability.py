@@ -52,7 +52,7 @@ def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, s
     if place and float(np.linalg.norm(vector[place])) > 0.1:
         along = abs(float(move @ sight)) / length if sight is not None else 0.0
         way = "along its line of sight" if along > 0.9 else "across its line of sight" if along < 0.4 else "askew to its line of sight"
-        unit = ", ".join(f"{c:.2f}" for c in move / length)
+        unit = ", ".join(f"{c:.2f}".replace("-0.00", "0.00") for c in move / length)
         parts.append(f"moves {length:.3g} mm {way} ({unit})")
     turns = []
     for key, value, weight in zip(keys, change, vector, strict=True):

@@ -16,7 +16,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from lmeasure.cli import interrupts
-from lmeasure.cli.help import Group, wrong_use
+from lmeasure.cli.help import Group, in_plain_words, wrong_use
 from lmeasure.cli.words import said
 from lmeasure.errors import CancelledError, LMeasureError, OverwriteError, SettingsError, shortened
 from lmeasure.workflows import COMMANDS
@@ -113,7 +113,7 @@ def main() -> None:
             _end(code if isinstance(code, int) else 0, str(CancelledError()) if code == INTERRUPTED else "")
         except typer.TyperException as error:
             print(wrong_use(error), file=sys.stderr)
-            _end(error.exit_code, told=" ".join(error.format_message().split()))
+            _end(error.exit_code, told=" ".join(in_plain_words(error).split()))
         except (CancelledError, typer.Abort, KeyboardInterrupt):  # the last before the parser watches for it
             _end(INTERRUPTED, str(CancelledError()))
         except (OverwriteError, SettingsError) as error:

@@ -120,7 +120,7 @@ def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 
     def ask(question: str, default: str) -> str:
         try:
-            return str(typer.prompt(said(question), default=default))
+            return str(typer.prompt(retold(question), default=default))
         except typer.Abort:
             if sys.stdin is not None and sys.stdin.isatty():
                 raise
@@ -164,7 +164,7 @@ FACES: dict[str, Face] = {
     "record": recording,
     "watch": watching,
     "workbench": in_browser,
-    "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(text)),
+    "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(retold(text))),
 }
 """Of commands that show something else than a bar."""
 

@@ -89,4 +89,14 @@ def wrong_use(error: typer.TyperException) -> str:
     if ctx is not None:
         hint = said("Try '{command} {option}' for help.", command=ctx.command_path, option=ctx.help_option_names[0])
         lines = [ctx.get_usage(), hint, ""]
-    return "\n".join([*lines, f"{said('Error')}: {as_typed(error.format_message())}"])
+    return "\n".join([*lines, f"{said('Error')}: {as_typed(in_plain_words(error))}"])
+
+
+def in_plain_words(error: typer.TyperException) -> str:
+    """The parser's message; of a value that it could not take, what the value must be and what it is."""
+    cause = error.__cause__
+    if isinstance(error, typer.BadParameter) and isinstance(cause, ValueError) and hasattr(cause, "errors"):
+        from lmeasure.checked import complaint
+
+        error.message = complaint(cause.errors(include_url=False)[0])
+    return error.format_message()

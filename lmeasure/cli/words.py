@@ -54,7 +54,7 @@ def marked(text: str, mark: str) -> str:
 
 _NUMBER = r"[-+±]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 _KEPT = r"--[\w-]+[ =]\S+|\w*_\w+ = (?:\[[^]]*\]|\S+)|'[^']*'|\"[^\"]*\"|`[^`]*`|\(\d+ \w+ \d+\): .*"
-_NUMBERS = re.compile(rf"{_KEPT}|(?<![\w.,:/=-])(?P<row>{_NUMBER}(?:, {_NUMBER})*)(?![\w/=-]|[.,:]\w)")
+_NUMBERS = re.compile(rf"{_KEPT}|(?<![\w.,:/=-])(?P<row>{_NUMBER}(?:, {_NUMBER})*)(?![\w=-]|/(?![sс]\b)|[.,:]\w)")
 
 
 def _in(own: str, message: str) -> str:

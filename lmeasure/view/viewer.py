@@ -6,7 +6,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from lmeasure.errors import FileFormatError, LMeasureError
+from lmeasure.errors import FileFormatError, LMeasureError, pasted
 from lmeasure.opened import open_regular
 
 # `python -m rerun_cli` would lose the exit code
@@ -35,8 +35,8 @@ def open_viewer(path: Path) -> None:
     check_recording(path)
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise LMeasureError(
-            f"{path}: cannot be shown: there is no display here; `lmeasure view {path} --web` shows it in a browser, of this machine or of "
-            "one that forwards a port to it"
+            f"{path}: cannot be shown: there is no display here; `lmeasure view {pasted(path)} --web` shows it in a browser, "
+            "of this machine or of one that forwards a port to it"
         )
     # the viewer also listens for other programs' recordings: on this machine only
     code = subprocess.run([*RERUN, str(Path(path).resolve()), "--bind", "127.0.0.1"], check=False).returncode

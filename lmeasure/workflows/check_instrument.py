@@ -11,6 +11,7 @@ from lmeasure.workflows.settings import LANGUAGE, START, Asked, Distances, Paths
 
 if TYPE_CHECKING:
     from lmeasure.interim import Checked
+    from lmeasure.interim.closures import Closure
 
 
 class Settings(Asked):
@@ -83,10 +84,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
         write_check_page(page, found, trend, inputs=inputs, language=settings.language or of_terminal(), when=when)
     stops = ", ".join(f"{name} at {begin:.1f} s" for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True))
     lines = [f"stops: {stops}"]
-    lines += [
-        f"{c.kind:9s} {c.name:14s} {c.value_mm:+.4f} mm  U95 {c.u95_mm:.4f}  p {c.probability:.2g}{'  off' if c in found.failed else ''}"
-        for c in found.closures
-    ]
+    lines += [_told(c, failed=c in found.failed) for c in found.closures]
     if found.agreement is not None:
         told = found.agreement
         off = "  off" if found.disagrees else ""
@@ -101,3 +99,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
         {f"{kind}_mm": value for kind, value in worst.items()},
         () if found.passed else (verdict_text(found),),
     )
+
+
+def _told(closure: "Closure", *, failed: bool) -> str:
+    value = round(closure.value_mm, 4) + 0.0  # nothing has no sign
+    off = "  off" if failed else ""
+    return f"{closure.kind:9s} {closure.name:14s} {value:+.4f} mm  U95 {closure.u95_mm:.4f}  p {closure.probability:.2g}{off}"

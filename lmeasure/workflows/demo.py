@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from lmeasure.errors import pasted
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, option
 
@@ -71,5 +72,5 @@ def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple
         table.append("   ".join([f"{first:{widths[0]}}", *cells, others[-1]]).rstrip())
     files = [f"All files are in {look[0].parent}. Look at", *(f"  {path}" for path in look)]
     recording = next(path for path in look if path.suffix == ".rrd")
-    opened = f"Open the recording with: lmeasure view {recording}   (or: python3 run.py view {recording})"
+    opened = f"Open the recording with: lmeasure view {pasted(recording)}   (or: python3 run.py view {pasted(recording)})"
     return ("", *table, *more, "", *(f"note: {remark}" for remark in remarks), *files, opened)

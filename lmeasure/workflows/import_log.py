@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, model_validator
 
-from lmeasure.errors import SettingsError
+from lmeasure.errors import SettingsError, pasted
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Point, Quaternion, Recording, Start, option
 
@@ -37,7 +37,7 @@ class Settings(Asked):
     @model_validator(mode="after")
     def _says_whose_counters(self) -> Self:
         if not self.scan and self.rig is None:
-            raise SettingsError("rig", f"is missing; without one `lmeasure import {self.logs[0]} --scan` lists what the log holds")
+            raise SettingsError("rig", f"is missing; without one `lmeasure import {pasted(self.logs[0])} --scan` lists what the log holds")
         if not self.scan and self.out is None:
             raise SettingsError("out", "is missing")
         return self

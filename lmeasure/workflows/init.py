@@ -4,13 +4,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import OverwriteError, SettingsError
+from lmeasure.errors import OverwriteError, SettingsError, pasted
 from lmeasure.workflows.flow import Progress, Result, silent, sizes_of, workflow
 from lmeasure.workflows.settings import Asked, option
 
 if TYPE_CHECKING:
     from lmeasure.rig import Rig
     from lmeasure.templates import Answers, Template
+
+MOST_MM = 1e6
+LEAST_MM = 1e-9
+"""Of the cable in a count: more than nothing."""
+MOST_COUNTS = 2**32 - 1
 
 Ask = Callable[[str, str], str]
 """Is told a question and the answer that Enter gives; gives the answer."""
@@ -65,7 +70,8 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     if rig.assumed:
         told.append(f"{len(rig.assumed)} of its values are guesses and stand in its list assumed; hold all others against your rig too")
     measures, measured = main.with_name("drums.toml"), main.with_name("measured.toml")
-    told.append(f"next: measure the drums, and `lmeasure drum {measures} --rig {main} --out {measured}`; docs/rig.md goes on from there")
+    command = f"lmeasure drum {pasted(measures)} --rig {pasted(main)} --out {pasted(measured)}"
+    told.append(f"next: measure the drums, and `{command}`; docs/rig.md goes on from there")
     told += [f"note: {text}" for text in sizes_of([main])]
     figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
     return Result(rig, tuple(told), figures, files=tuple(texts))
@@ -110,14 +116,13 @@ def _asked(ask: Ask, template: "Template") -> "Answers":
     angles = _choice(ask, "Convention of the controller's angles", tuple(CONVENTIONS))
     drum = {
         "counts_per_revolution": _numbers(
-            ask, "Counts of an encoder in one turn of its drum", (DRUM["counts_per_revolution"],), whole=True
+            ask, "Counts of an encoder in one turn of its drum", (DRUM["counts_per_revolution"],), whole=True, least=1, most=MOST_COUNTS
         )[0],
-        "count_length_mm": _numbers(ask, "Cable per count [mm]", (DRUM["count_length_mm"],))[0],
+        "count_length_mm": _numbers(ask, "Cable per count [mm]", (DRUM["count_length_mm"],), least=LEAST_MM)[0],
         "groove_pitch_mm": _numbers(ask, "Groove pitch of the drums [mm]", (DRUM["groove_pitch_mm"],))[0],
     }
-    radius = _numbers(
-        ask, "Radius of the swivel pulleys to the middle of the cable [mm]; Enter if it was not measured", (PULLEY_RADIUS_MM,)
-    )
+    asked = "Radius of the swivel pulleys to the middle of the cable [mm]; Enter if it was not measured"
+    radius = _numbers(ask, asked, (PULLEY_RADIUS_MM,), least=0)
     positions = {
         f"B{i}": _numbers(ask, f"B{i}: where the swivel axis touches the pulley's groove, x,y,z in the base frame [mm]", place)
         for i, place in enumerate(template.points, 1)
@@ -134,7 +139,10 @@ def _asked(ask: Ask, template: "Template") -> "Answers":
     )
 
 
-def _numbers(ask: Ask, question: str, default: tuple[float, ...], *, whole: bool = False) -> tuple[float, ...]:
+def _numbers(
+    ask: Ask, question: str, default: tuple[float, ...], *, whole: bool = False, least: float = -MOST_MM, most: float = MOST_MM
+) -> tuple[float, ...]:
+    """What is answered, as many numbers as the default has; asked again until they are that, and none less than least or more than most."""
     asked = question
     while True:
         answer = ask(question, ",".join(f"{v:g}" for v in default))
@@ -142,7 +150,11 @@ def _numbers(ask: Ask, question: str, default: tuple[float, ...], *, whole: bool
             values = tuple((int if whole else float)(part) for part in answer.replace(";", ",").split(","))
         except ValueError:
             values = ()
-        if len(values) == len(default) and all(abs(v) < 1e6 for v in values):
-            return values
+        if len(values) == len(default) and not any(v != v for v in values):
+            beyond = next((f"at least {least:.10g}" if v < least else f"at most {most:.10g}" for v in values if not least <= v <= most), "")
+            if not beyond:
+                return values
+            question = f"{answer!r} must be {beyond}. {asked}"
+            continue
         kind = "a whole number" if whole else "a number" if len(default) == 1 else f"{len(default)} numbers with commas between them"
         question = f"{answer!r} is not {kind}. {asked}"

@@ -1,9 +1,13 @@
 """Lines that commands print, English as workflows make them, in the words of a Russian terminal."""
 
+import json
 import re
 
 import pytest
 
+from lmeasure.accuracy.limits import REASONS
+from lmeasure.acquisition.log_kinds import DIALECTS
+from lmeasure.cli import main
 from lmeasure.cli.words import as_typed, marked, retold
 from lmeasure.saying import Say
 from lmeasure.schemas import KINDS
@@ -65,6 +69,34 @@ SAID = [
         "обнуления) 0,15",
     ),
     (
+        "a rest, but not at pose 5: off what is expected: c4 by +575.4 mm (u 0.39), c1 by +409.3 mm (u 0.58); Enter reads it all the same",
+        "покой, но не в позе 5: не то, что ожидалось: c4 на +575,4 мм (u 0,39), c1 на +409,3 мм (u 0,58); Enter всё равно считает",
+    ),
+    (
+        "  2 of at least 7 poses: too few yet to determine anything by counts alone",
+        "  поз 2 из не менее чем 7: по одним отсчётам пока ничего не определить",
+    ),
+    ("pose 1  no counts     - - -", "поза 1  нет отсчётов     - - -"),
+    (
+        "distance  P2 to P3       +1.5000 mm  U95 0.0419  p 0.02  off",
+        "расстояние  P2 до P3       +1,5000 мм  U95 0,0419  p 0,02  не сходится",
+    ),
+    (
+        "run/pass1.log: 2800 frames in 2.015 s; lines of candump -L, times of day",
+        "run/pass1.log: кадров 2800 за 2,015 с; строки candump -L, время суток",
+    ),
+    ("      181  can0          404     200.3/s      4 bytes", "      181  can0          404     200,3/с      4 байт"),
+    (
+        "my cell/demo.rrd is shown at http://127.0.0.1:9090/ by any browser of this machine, and of no other; Ctrl-C ends it",
+        "my cell/demo.rrd показывается по адресу http://127.0.0.1:9090/ любым браузером этой машины, и никакой другой; завершает Ctrl-C",
+    ),
+    (
+        "my cell/rig.toml: three drums, each hooked to another point of the tool in a second pass of the same motion: for robots that "
+        "repeat themselves",
+        "my cell/rig.toml: три барабана, во втором проходе того же движения каждый зацеплен за другую точку инструмента: для роботов, "
+        "которые повторяются",
+    ),
+    (
         "effect radius of B3: 41.2 mm  u 6.3  p 5.6e-11  0.7 bits learned: found",
         "эффект radius, B3: 41,2 мм  u 6,3  p 5,6e-11  узнано бит 0,7: найден",
     ),
@@ -116,6 +148,65 @@ def test_numbers_of_a_line_have_its_decimal_mark(line: str, told: str) -> None:
 )
 def test_what_may_be_typed_or_pasted_again_keeps_its_point(line: str) -> None:
     assert marked(line, ",") == line
+
+
+@pytest.mark.usefixtures("russian")
+@pytest.mark.parametrize("reason", REASONS)
+def test_what_alone_keeps_all_out_of_a_zone_is_told(reason: str) -> None:
+    told = retold(f"nothing of the box is in the zone: 3420 nodes are kept out by {reason.replace('_', ' ')} alone")
+    assert not re.search("[A-Za-z]", told), told
+
+
+@pytest.mark.usefixtures("russian")
+@pytest.mark.parametrize("dialect", DIALECTS.values())
+def test_kinds_of_logs_are_told(dialect: str) -> None:
+    assert retold(dialect) != dialect
+
+
+@pytest.mark.usefixtures("russian")
+def test_where_a_recording_is_shown_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """By the command itself, while it serves."""
+    monkeypatch.setattr(
+        "lmeasure.view.web.serve", lambda path, port, say: say(f"from another machine: ssh -L {port}, then the same address there")
+    )
+    monkeypatch.setattr("sys.argv", ["lmeasure", "view", "a.rrd", "--web"])
+    with pytest.raises(SystemExit):
+        main()
+    assert capsys.readouterr().out == "с другой машины: ssh -L 9090, затем там тот же адрес\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "told", "in_russian"),
+    [
+        (
+            "zone rig.toml --out z.nc --limit-deg 0,5",
+            "'--limit-deg': must be a number, is '0,5'; a number has a point",
+            "должно быть числом",
+        ),
+        ("plan-poses rig.toml --out p.csv --poses 3.5", "'--poses': must be a whole number, is '3.5'", "целым числом, а задано '3.5'"),
+        ("plan-poses rig.toml --out p.csv --poses 0", "'--poses': must be at least 1, is '0'", "не меньше 1, а задано '0'"),
+        ("zone rig.toml --out z.nc --tilt-steps 0", "'--tilt-steps': must be at least 1, is '0'", "не меньше 1, а задано '0'"),
+        (
+            "plan-poses rig.toml --poses 3 --out p.csv --tilt-deg 91",
+            "'--tilt-deg': must be at most 90, is '91'",
+            "не больше 90, а задано '91'",
+        ),
+    ],
+)
+def test_a_number_that_cannot_be_taken_is_refused_in_plain_words(
+    words: str, told: str, in_russian: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def error(*more: str) -> tuple[str, str]:
+        monkeypatch.setattr("sys.argv", ["lmeasure", *words.split(), *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 2
+        return capsys.readouterr()
+
+    assert f"Invalid value for {told}" in error()[1]
+    assert json.loads(error("--json")[0])["error"] == f"Invalid value for {told}"
+    monkeypatch.setenv("LANGUAGE", "ru")
+    assert in_russian in error()[1]
 
 
 @pytest.mark.usefixtures("russian")
