@@ -52,7 +52,12 @@ class BusWatch:
         counting = any(self._is_of(f, identifier, wide) for f in self.fields for identifier, wide in self._seen)
         if self._synced and counting and not self._seen[(self.sync_id, False)]:
             return f"the counters' frames come, but no SYNC {self.sync_id:03X}h: nobody sends it, or sync_id of the rig is another"
-        if foreign := self.foreign():
+        if counting and (twice := self.twice()):
+            return "; ".join(twice)
+        foreign = self.foreign()
+        if counting and foreign:
+            return f"its counters' frames do not come; there are frames of {', '.join(foreign)}, which the rig does not name"
+        if foreign:
             wanted = ", ".join(f"{f.identifier:03X}h" for f in self.fields)
             return f"frames come, but of {', '.join(foreign)}; the rig's counters are in {wanted}"
         return "its counters' frames do not come" if self._seen else ""

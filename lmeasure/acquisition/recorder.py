@@ -8,7 +8,7 @@ import contextlib
 import shutil
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -36,8 +36,9 @@ ON_DISK_EVERY_S = 1.0
 
 @dataclass(frozen=True)
 class Recording:
-    """A closed recording: its folder, how it ended, the numbers of frames and samples, faults by kind, and the closure per channel
-    [counts]: the mean of the last rest less that of the first, where the recording begins and ends at rest."""
+    """A closed recording: its folder, how it ended, the numbers of frames and samples, faults by kind, the closure per channel
+    [counts]: the mean of the last rest less that of the first, where the recording begins and ends at rest; and how many samples have no
+    count of a channel, where there are any."""
 
     folder: Path
     ended: str
@@ -46,11 +47,15 @@ class Recording:
     seconds: float
     faults: Mapping[str, int]
     closure: Mapping[str, float]
+    missing: Mapping[str, int] = field(default_factory=dict)
 
     def summary(self) -> str:
         """A few lines for a person."""
         faults = ", ".join(f"{n} {kind}" for kind, n in sorted(self.faults.items())) or "no faults"
         lines = [f"{self.samples} samples from {self.frames} frames over {self.seconds:.3f} s: {faults}"]
+        if self.missing:
+            told = ", ".join(f"{channel} in {n}" for channel, n in self.missing.items())
+            lines.append(f"counts are missing: {told} of {self.samples} samples; look at the encoder, its plug and its cable")
         if self.closure:
             differ = ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items())
             lines.append(f"at rest at both ends, the last less the first, counts: {differ}")
@@ -254,7 +259,8 @@ class _Writer:
         seconds = float(counts.time_s[-1] - counts.time_s[0])
         closure = closure_counts(counts)
         events, origin = self.counting.assembler.events, self.counting.origin
-        result = Recording(self.folder, ended, self.counting.frames, len(counts.time_s), seconds, dict(events.tally), closure)
+        gaps = {c: n for c in counts.channels if (n := int(np.isnan(counts.of(c)).sum()))}
+        result = Recording(self.folder, ended, self.counting.frames, len(counts.time_s), seconds, dict(events.tally), closure, gaps)
         with contextlib.suppress(OSError, LMeasureError):  # a full disk: run.toml goes on saying that it ended early
             marked = mark_stalls(self.rig, counts, events, self.passage, origin_s=origin or 0.0)
             if marked is not None:

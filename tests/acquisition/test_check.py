@@ -389,6 +389,11 @@ def test_who_else_is_on_the_bus_is_named() -> None:
         ([(-1, 40)], "40 error frames and none that can be read: another bit rate than the 500000 bit/s of the rig, or a line without"),
         ([], "no frame at all: nothing is connected or switched on, or another bit rate"),
         ([(0x300, 9), (0x80, 9)], "frames come, but of 300h (9 frames); the rig's counters are in 181h, 182h"),
+        (
+            [(0x80, 9), (0x181, 9), (0x300, 7)],
+            "its counters' frames do not come; there are frames of 300h (7 frames), which the rig does not name",
+        ),
+        ([(0x80, 90), (0x181, 90), (0x182, 180), (0x300, 7)], "channel ch2: 180 frames 182h for 90 SYNCs: more than one device sends them"),
         ([(0x181, 9), (0x300, 9)], "the counters' frames come, but no SYNC 080h: nobody sends it, or sync_id of the rig is another"),
     ],
 )

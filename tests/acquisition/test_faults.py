@@ -33,6 +33,7 @@ def test_nothing_happens_and_nothing_is_flagged(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
     np.testing.assert_allclose(run.passes[0].time_s, COUNTS.time_s, rtol=0, atol=1.1e-6)
     assert (recording.ended, recording.frames, events) == ("complete", len(FRAMES), {})
+    assert "missing" not in recording.summary()
 
 
 def test_dropped_frames_leave_empty_cells(tmp_path: Path) -> None:
@@ -46,6 +47,10 @@ def test_dropped_frames_leave_empty_cells(tmp_path: Path) -> None:
     want[lost, channels - 1] = np.nan
     np.testing.assert_array_equal(run.passes[0].recorded, want)
     assert recording.faults == {"gap": 20}
+    each = {f"ch{c}": n for c in range(1, 7) if (n := int((channels == c).sum()))}
+    assert recording.missing == each
+    line = ", ".join(f"{c} in {n}" for c, n in each.items())
+    assert f"counts are missing: {line} of {N} samples; look at the encoder, its plug and its cable" in recording.summary().splitlines()
     np.testing.assert_allclose([float(t) for t in events["time_s"]], run.passes[0].time_s[[int(s) for s in events["sample"]]], atol=2e-6)
     told = {(int(s), c) for s, c in zip(events["sample"], events["channel"], strict=True)}
     assert told == {(int(s), f"ch{c}") for s, c in zip(lost, channels, strict=True)}

@@ -76,6 +76,10 @@ SAID = [
         "  2 of at least 7 poses: too few yet to determine anything by counts alone",
         "  поз 2 из не менее чем 7: по одним отсчётам пока ничего не определить",
     ),
+    (
+        "counts are missing: ch4 in 120, ch5 in 3 of 177 samples; look at the encoder, its plug and its cable",
+        "отсчётов нет: ch4 в 120, ch5 в 3 из 177 замеров; осмотрите датчик, его разъём и кабель",
+    ),
     ("pose 1  no counts     - - -", "поза 1  нет отсчётов     - - -"),
     (
         "distance  P2 to P3       +1.5000 mm  U95 0.0419  p 0.02  off",
