@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -159,6 +160,18 @@ def test_what_may_be_typed_or_pasted_again_keeps_its_point(line: str) -> None:
 def test_what_alone_keeps_all_out_of_a_zone_is_told(reason: str) -> None:
     told = retold(f"nothing of the box is in the zone: 3420 nodes are kept out by {reason.replace('_', ' ')} alone")
     assert not re.search("[A-Za-z]", told), told
+
+
+@pytest.mark.usefixtures("russian")
+def test_every_fault_that_the_docs_list_is_told() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "acquisition.md").read_text(encoding="utf-8")
+    table = page.partition("| kind | what is done |")[2].partition("\n\n")[0]
+    kinds = [kind for row in table.splitlines()[2:] for kind in re.findall("`([a-z_]+)`", row.split("|")[1])]
+    assert len(kinds) > 15
+    for kind in kinds:
+        told = retold(f"10 samples from 20 frames over 1.000 s: 3 {kind}").partition(": ")[2]
+        assert re.search("[а-я]{4}", told), told
+        assert told.split("(")[0].strip().endswith("3"), told
 
 
 @pytest.mark.usefixtures("russian")
