@@ -81,6 +81,16 @@ SAID = [
         "counts are missing: ch4 in 120, ch5 in 3 of 177 samples; look at the encoder, its plug and its cable",
         "отсчётов нет: ch4 в 120, ch5 в 3 из 177 замеров; осмотрите датчик, его разъём и кабель",
     ),
+    (
+        "Cable c4: channel ch5 moved, the rig says ch4; counts down when paid out, the rig says count_sign = 1; came back -100.00 mm from "
+        "where it was: slack, or it slips on the drum. Type r to do it again, or go on",
+        "Трос c4: сдвинулся канал ch5, а в файле установки ch4; при сматывании отсчёты убывают, а в файле установки count_sign = 1; "
+        "вернулся с отличием -100,00 мм: слабина, или он проскальзывает на барабане. Введите r, чтобы повторить, или продолжайте",
+    ),
+    (
+        "inclination tilt_x: counts up, the rig says count_sign = -1. Type r to do it again, or go on",
+        "наклон tilt_x: отсчёты растут, а в файле установки count_sign = -1. Введите r, чтобы повторить, или продолжайте",
+    ),
     ("pose 1  no counts     - - -", "поза 1  нет отсчётов     - - -"),
     (
         "distance  P2 to P3       +1.5000 mm  U95 0.0419  p 0.02  off",
@@ -160,6 +170,37 @@ def test_what_may_be_typed_or_pasted_again_keeps_its_point(line: str) -> None:
 def test_what_alone_keeps_all_out_of_a_zone_is_told(reason: str) -> None:
     told = retold(f"nothing of the box is in the zone: 3420 nodes are kept out by {reason.replace('_', ' ')} alone")
     assert not re.search("[A-Za-z]", told), told
+
+
+@pytest.mark.usefixtures("russian")
+@pytest.mark.parametrize(
+    ("of", "fault"),
+    [
+        ("cable c4: ", "came back -100.00 mm from where it was: slack, or it slips on the drum"),
+        ("cable c4: ", "no channel moved by 20 mm, but sw1 moved by 45 degrees"),
+        ("cable c4: ", "6000 counts in a turn, the rig says 3000: 2 times as many, as a counter decoded at another scale"),
+        ("swivel of B1: ", "no swivel turned by 5 degrees, but ch3 moved by 50 mm"),
+        ("swivel of B1: ", "channel sw2 turned, the rig says sw1"),
+        ("swivel of B1: ", "sw2, sw3 turned with it"),
+        ("swivel of B1: ", "came back +1.20 degrees from where it was: loose on its shaft, or the cable does not take it along"),
+        (
+            "swivel of B1: ",
+            "turned by 20 degrees with counts_per_revolution = 131072; if it was by about 45, a revolution has about 5.8e+04 counts",
+        ),
+        ("inclination tx: ", "no inclination turned by 2 degrees"),
+        ("inclination tx: ", "counts down, the rig says count_sign = 1"),
+        ("", "200 SYNCs for 100 frames of a counter: more than one sends the SYNC, such as another recording"),
+        ("", "channel ch2: 322 frames 182h for 161 SYNCs: more than one device sends them"),
+        ("", "1F5h (33 frames) from a sender that the rig does not name"),
+        ("", "channel ch4: moves by 10 counts at rest"),
+        ("", "channel ch1 moves with 2 cables"),
+    ],
+)
+def test_what_a_check_finds_is_told(of: str, fault: str) -> None:
+    told = retold(f"fault: {of}{fault}")
+    assert told.startswith("неисправность: ")
+    own = {*re.findall("[A-Za-z]{2,}", f"{of.split()[-1] if of else ''} counts_per_revolution count_sign SYNC"), "ch", "sw"}
+    assert not {*re.findall("[A-Za-z]{2,}", told)} - own, told
 
 
 @pytest.mark.usefixtures("russian")
