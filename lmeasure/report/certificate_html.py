@@ -29,7 +29,7 @@ def certificate_html(certificate: dict[str, Any], measured: Measured) -> str:
         "notes": ["<ul>", *(f"<li>{html.indexed(line)}</li>" for line in say.notes(certificate)), "</ul>"],
         "about": [html.table((), say.about(certificate), "text")],
         "inputs": [
-            html.table((word(language, "column.file"), "SHA-256"), say.inputs(certificate), "text"),
+            html.table((word(language, "column.file"), "SHA-256"), say.inputs(certificate), "text hashes"),
             html.paragraph(f"{word(language, 'section.program')}: {say.program(certificate)}"),
         ],
     }
@@ -79,7 +79,7 @@ def _summary(certificate: dict[str, Any]) -> list[str]:
 
 
 def _small(text: str) -> str:
-    return f"<small>{html.text(text)}</small>" if text else ""
+    return f"<small>{html.kept(text)}</small>" if text else ""
 
 
 def _value(result: say.Result) -> str:

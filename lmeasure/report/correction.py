@@ -42,9 +42,9 @@ def write_correction_page(
         body += [html.figure(space, "space", first=False, language=language)]
     body += _targets(found, say)
     if listing.unread:
-        lines = "".join(f"<li>{html.text(say.told(str(u)))}</li>" for u in listing.unread)
+        lines = "".join(f"<li>{html.kept(say.told(str(u)))}</li>" for u in listing.unread)
         body += [html.heading(say("Positions that were not read")), f"<ul>{lines}</ul>"]
-    body += [html.heading(say("Inputs")), html.table((say("file"), "SHA-256"), inputs, "text")]
+    body += [html.heading(say("Inputs")), html.table((say("file"), "SHA-256"), inputs, "text hashes")]
     html.write_page(path, say("Corrected program: {name}", name=", ".join(source.name for source in listing.sources)), body, language)
 
 

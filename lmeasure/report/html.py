@@ -52,6 +52,27 @@ def text(value: object) -> str:
     return value if isinstance(value, Ready) else html.escape(str(value))
 
 
+_UNIT = (
+    r"(?:mm|m|s|ms|deg|rad|mrad|kg|Hz|K|counts|мм|м|с|мс|рад|мрад|кг|Гц|К|отсч\.)(?:/(?:s|N|с|Н))?[²³]?(?!\w)"
+    r"|%|°"
+)  # fmt: skip
+_TOGETHER = re.compile(
+    rf"(?<=\d) (?={_UNIT})"  # a number and its unit,
+    rf"|(?<=,) (?=(?:{_UNIT})$)"  # what a column has, and its unit,
+    r"|(?<=\bp) (?==)|(?<=[=<>]) (?=[-+\d])|(?<=\(u) (?=\d)"  # p = 0.01, < 1, (u 0.2)
+)
+_PLACE = re.compile(r"\([-+\d.,]+(?:[,;] [-+\d.,]+)+\)")
+_OPTION = re.compile(r"(?<![\w&;-])--[a-z][\w-]*(?: \w+:\w+)?")
+
+
+def kept(value: object) -> str:
+    """Text from outside, safe inside a page, whose numbers and units, coordinates and options no line breaks."""
+    if isinstance(value, Ready):
+        return value
+    whole = _PLACE.sub(lambda place: place[0].replace(" ", "\u00a0"), _TOGETHER.sub("\u00a0", str(value)))
+    return _OPTION.sub(lambda option: f'<span class="kept">{option[0]}</span>', text(whole))
+
+
 def indexed(value: str) -> Ready:
     """A text with the indices of its symbols set as such."""
     return Ready("".join(text(plain) + (f"<sub>{text(index)}</sub>" if index else "") for plain, index in with_indices(value)))
@@ -59,30 +80,30 @@ def indexed(value: str) -> Ready:
 
 def paragraph(value: object, kind: str = "") -> str:
     """A paragraph of plain text; kind is its CSS class."""
-    return f'<p class="{kind}">{text(value)}</p>' if kind else f"<p>{text(value)}</p>"
+    return f'<p class="{kind}">{kept(value)}</p>' if kind else f"<p>{kept(value)}</p>"
 
 
 def warning(said: object, code: str) -> str:
     """Something that must be known, with the code by which it is looked up."""
-    return f'<p class="warning">{text(said)} <code>{text(code)}</code></p>'
+    return f'<p class="warning">{kept(said)} <code>{text(code)}</code></p>'
 
 
 def heading(value: object, level: int = 2, anchor: str = "") -> str:
     """A section heading, to which an anchor leads where it is given."""
-    return f'<h{level} id="{anchor}">{text(value)}</h{level}>' if anchor else f"<h{level}>{text(value)}</h{level}>"
+    return f'<h{level} id="{anchor}">{kept(value)}</h{level}>' if anchor else f"<h{level}>{kept(value)}</h{level}>"
 
 
 def table(header: Sequence[object], rows: Iterable[Sequence[object]], kind: str = "") -> str:
     """A table of plain texts; kind is a CSS class besides. An empty header is none."""
-    head = f"<thead><tr>{''.join(f'<th>{text(c)}</th>' for c in header)}</tr></thead>" if header else ""
-    body = "".join("<tr>" + "".join(f"<td>{text(c)}</td>" for c in row) + "</tr>" for row in rows)
+    head = f"<thead><tr>{''.join(f'<th>{kept(c)}</th>' for c in header)}</tr></thead>" if header else ""
+    body = "".join("<tr>" + "".join(f"<td>{kept(c)}</td>" for c in row) + "</tr>" for row in rows)
     classes = f"scroll {kind}".strip()
     return f'<div class="{classes}"><table>{head}<tbody>{body}</tbody></table></div>'
 
 
 def drawn(svgs: Iterable[str], caption: str, kind: str = "") -> str:
     """Drawings that belong together, with what is said under them; kind is a CSS class."""
-    return f'<figure class="{kind}"><div class="drawn">{"".join(svgs)}</div><figcaption>{text(caption)}</figcaption></figure>'
+    return f'<figure class="{kind}"><div class="drawn">{"".join(svgs)}</div><figcaption>{kept(caption)}</figcaption></figure>'
 
 
 _KINDS = {"svg": "svg+xml", "png": "png", "jpg": "jpeg"}

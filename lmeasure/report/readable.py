@@ -6,6 +6,8 @@ import lxml.etree
 import pypdfium2
 
 _UNSEEN = {"script", "style"}
+_WITHIN = "span"
+"""What stands within a word or beside one."""
 
 
 def pdf_text(content: bytes) -> str:
@@ -30,9 +32,15 @@ class _Reader(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self._hidden += tag in _UNSEEN
+        self._apart(tag)
 
     def handle_endtag(self, tag: str) -> None:
         self._hidden -= tag in _UNSEEN and self._hidden > 0
+        self._apart(tag)
+
+    def _apart(self, tag: str) -> None:
+        if tag != _WITHIN:
+            self.parts.append(" ")
 
     def handle_data(self, data: str) -> None:
         if not self._hidden:
@@ -44,7 +52,7 @@ def page_text(content: bytes) -> str:
     reader = _Reader()
     reader.feed(content.decode("utf-8"))
     reader.close()
-    return _squeezed(" ".join(reader.parts))
+    return _squeezed("".join(reader.parts))
 
 
 def xml_text(content: bytes) -> str:

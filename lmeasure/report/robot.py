@@ -41,12 +41,12 @@ def write_robot_page(
     body += _weights(found, say)
     body += _worth(record["worth_freeing"], say)
     if record["unobservable"]:
-        texts = "".join(f"<li>{html.text(say.told(u['text']))}</li>" for u in record["unobservable"])
+        texts = "".join(f"<li>{html.kept(say.told(u['text']))}</li>" for u in record["unobservable"])
         body += [html.heading(say("What the measurements cannot tell")), f"<ul>{texts}</ul>"]
     header = (say("value"), say("result"), say("nominal"), "u", say("unit"), say("determined"))
     body += [html.heading(say("Values")), html.table(header, _rows(record["parameters"], say))]
     inputs = ((Path(i["file"]).name, i["sha256"]) for i in record["inputs"])
-    body += [html.heading(say("Inputs")), html.table((say("file"), "SHA-256"), inputs, "text")]
+    body += [html.heading(say("Inputs")), html.table((say("file"), "SHA-256"), inputs, "text hashes")]
     html.write_page(path, say("Identification of robot {robot}", robot=record["robot"]), body, language)
 
 

@@ -61,9 +61,9 @@ def write_trajectory_page(
         html.paragraph(" ".join(words[key] for key, there in over_time.items() if there)),
         html.figure(time_figure(found, language), "time", first=False, language=language),
         html.heading(words["known"]),
-        "<ul>" + "".join(f"<li>{html.text(line)}</li>" for line in _known(found, language)) + "</ul>",
+        "<ul>" + "".join(f"<li>{html.kept(line)}</li>" for line in _known(found, language)) + "</ul>",
         html.heading(words["inputs"]),
-        html.table((words["file"], "SHA-256"), inputs, "text"),
+        html.table((words["file"], "SHA-256"), inputs, "text hashes"),
     ]
     files.write_text(path, html.page(words["title"].format(name=name), body, language))
 

@@ -66,6 +66,17 @@ LOOK = """(() => {
       if (tops.size > 1) out.push(`'${found[0]}' of '${cell.textContent.slice(0, 30)}' is broken`);
     }
   }
+  // what belongs together stands in one line: a number and its unit, an option
+  for (const e of document.querySelectorAll('p, li, td, th, h2, h3, small, figcaption')) {
+    const range = document.createRange(), walker = document.createTreeWalker(e, NodeFilter.SHOW_TEXT);
+    const together = /\\d\\s(?:mm|мм|%|°|deg)(?![\\wа-я])|--[a-z][\\w-]*/gu;
+    while (walker.nextNode()) for (const found of walker.currentNode.data.matchAll(together)) {
+      range.setStart(walker.currentNode, found.index);
+      range.setEnd(walker.currentNode, found.index + found[0].length);
+      const tops = new Set([...range.getClientRects()].map((box) => Math.round(box.top)));
+      if (tops.size > 1) out.push(`'${found[0]}' of '${e.textContent.slice(0, 30)}' is in two lines`);
+    }
+  }
   for (const e of document.querySelectorAll('h1, h2, h3, p, li, td, th, small, label, figcaption')) {
     const box = e.getBoundingClientRect();
     if (shown(e) && !e.closest('.scroll') && (box.left < -1 || box.right > wide + 1)) out.push(`'${e.textContent.slice(0, 40)}' runs over`);

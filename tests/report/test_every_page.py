@@ -88,7 +88,10 @@ def test_the_check_sees_what_it_is_for(tmp_path: Path) -> None:
     page = tmp_path / "bad.html"
     svg = '<svg viewBox="0 0 100 20" width="100"><text x="1" y="10">one</text><text x="6" y="10">two</text>'
     svg += '<text x="90" y="10">beyond</text></svg>'
-    page.write_text(f'<p style="width: 3000px">wide</p><figure><div class="drawn">{svg}</div></figure><img src="http://127.0.0.1:9/x.png">')
+    broken = '<p style="width: 4em">as much as 0.1 mm, --many-mm</p>'
+    page.write_text(
+        f'{broken}<p style="width: 3000px">wide</p><figure><div class="drawn">{svg}</div></figure><img src="http://127.0.0.1:9/x.png">'
+    )
     with opened(page) as shown:
         shown.resize(1400)
         told = " ".join(shown.evaluate(LOOK))
@@ -96,6 +99,8 @@ def test_the_check_sees_what_it_is_for(tmp_path: Path) -> None:
     assert "'two' and 'one' collide" in told
     assert "'beyond' is clipped" in told
     assert "'wide' runs over" in told
+    assert "'1 mm' of 'as much as 0.1 mm, --many-mm' is in two lines" in told
+    assert "'--many-mm' of 'as much as 0.1 mm, --many-mm' is in two lines" in told
     assert any(url.startswith("http://127.0.0.1") for url in shown.requests)
 
 
