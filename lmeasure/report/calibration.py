@@ -23,9 +23,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
         html.paragraph(say("Observation points with the cables at the first reference pose, and the reference poses. Drag to turn.")),
         html.figure(rig_figure(calibration, say), "rig", first=True, language=language),
         *_silence(record, say),
-        html.heading(say("Residuals")),
-        html.paragraph(say("Measured less modelled change of each cable since its zero pose.")),
-        html.figure(residuals_figure(record, calibration.campaign.rig, say), "residuals", first=False, language=language),
+        *_residuals(calibration, say),
         *_predicted(calibration, say),
         *_validation(record, say),
         *_observability(record, say),
@@ -51,9 +49,12 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
         *_ranges(record, say),
         *_robust(record, say),
         *_coarse(record, say),
-        html.heading(say("Inputs")),
-        html.table((say("file"), "SHA-256"), ((i.file, i.sha256) for i in record.inputs), "text"),
     ]
+    if record.inputs:
+        body += [
+            html.heading(say("Inputs")),
+            html.table((say("file"), "SHA-256"), ((i.file, i.sha256) for i in record.inputs), "text hashes"),
+        ]
     html.write_page(path, say("Calibration of rig {rig}", rig=record.rig), body, language)
 
 
@@ -66,8 +67,8 @@ def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) 
     else:
         kind, told = "verdict", say("Calibrated: nothing contradicts it.")
     rows = [
-        (say("reference poses"), str(len({r.pose for r in record.residuals}))),
-        (say("residuals"), say("{mm:.3g} mm rms", mm=record.noise["residual_rms_mm"])),
+        (say("reference poses compared with the zero pose"), str(len({r.pose for r in record.residuals}))),
+        (say("residuals"), say("{mm:.3g} mm rms", mm=_told_mm(record.noise["residual_rms_mm"]))),
     ]
     if "position_rms_mm" in record.predicted:
         place = say("{mm:.3g} mm rms", mm=record.predicted["position_rms_mm"])
@@ -81,7 +82,9 @@ def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) 
     if "held_out" in record.validation:
         rows.append((say("lengths at poses held out"), say("{mm:.3g} mm rms", mm=record.validation["held_out"]["rms_mm"])))
     freedom = record.noise["degrees_of_freedom"]
-    if freedom == 1:
+    if not freedom:
+        chi = say("none: no equation is left over")
+    elif freedom == 1:
         chi = say("{chi:.4g} with 1 degree of freedom", chi=record.noise["chi_squared"])
     else:
         chi = say("{chi:.4g} with {freedom:.0f} degrees of freedom", chi=record.noise["chi_squared"], freedom=freedom)
@@ -95,6 +98,25 @@ def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) 
 
 HARMLESS = ("assumed_rotation", "assumed_position", "taken_as_exact")
 """Warnings that only say what was taken for what was not stated."""
+
+
+ROUNDING_MM = 1e-9
+"""What arithmetic leaves of nothing: far below what anybody measures."""
+
+
+def _told_mm(value: float) -> float:
+    return value if abs(value) > ROUNDING_MM else 0.0
+
+
+def _residuals(calibration: Calibration, say: Say) -> list[str]:
+    record = calibration.record
+    parts = [html.heading(say("Residuals")), html.paragraph(say("Measured less modelled change of each cable since its zero pose."))]
+    if all(abs(r.mm) <= ROUNDING_MM for r in record.residuals):
+        # a drawing would show how the arithmetic was rounded
+        told = say("All are nothing: the counts tell as many directions as there are equations, and what fits them says nothing of errors.")
+        return [*parts, html.paragraph(told)]
+    figure = residuals_figure(record, calibration.campaign.rig, say)
+    return [*parts, html.figure(figure, "residuals", first=False, language=say.language)]
 
 
 def _region(record: CalibrationRecord, say: Say) -> list[str]:
@@ -117,11 +139,11 @@ def _region(record: CalibrationRecord, say: Say) -> list[str]:
 def _silence(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.unobservable:
         return []
-    told = say("Each line moves by one prior standard uncertainty without changing a count. More and wider spread poses cure it.")
+    told = say("Each is a motion by one prior standard uncertainty that changes no count. More and wider spread poses cure it.")
     return [
         html.heading(say("What the counts cannot tell")),
         html.paragraph(told),
-        "<ul>" + "".join(f"<li>{html.text(say.told(u.text))}</li>" for u in record.unobservable) + "</ul>",
+        "<ul>" + "".join(f"<li>{html.kept(say.told(u.text))}</li>" for u in record.unobservable) + "</ul>",
     ]
 
 
@@ -155,9 +177,9 @@ def _moved(comparison: Comparison | None, say: Say) -> list[str]:
         html.paragraph(verdict, "warning" if comparison.moved else ""),
         *(html.paragraph(say("Note: {note}", note=say.told(note))) for note in comparison.notes),
         html.paragraph(say("All values of a point jointly, in the directions of which both calibrations' counts tell something.")),
-        html.table(
+        _marked(
             (say("point"), say("shift, mm"), say("chi-squared"), say("directions"), by_chance, ""),
-            (
+            [
                 (
                     say("all") if p is comparison.together else p.point,
                     number(p.distance_mm, ".4f"),
@@ -167,12 +189,12 @@ def _moved(comparison: Comparison | None, say: Say) -> list[str]:
                     moved if p.moved else "",
                 )
                 for p in every
-            ),
+            ],
         ),
         html.paragraph(say("What the two make of the same counts, over the workspace of the reference poses.")),
-        html.table(
+        _marked(
             (say("cable"), say("rms, mm"), say("worst, mm"), say("u there, mm"), by_chance, ""),
-            (
+            [
                 (
                     c.cable,
                     number(c.rms_mm, ".4f"),
@@ -182,13 +204,19 @@ def _moved(comparison: Comparison | None, say: Say) -> list[str]:
                     moved if c.moved else "",
                 )
                 for c in comparison.lengths
-            ),
+            ],
         ),
         html.table(
             (say("value"), say("before"), say("now"), say("change"), say("u of the change")),
             ((v.name, *(number(x, ".4f") for x in (v.old, v.new, v.change)), number(v.u, ".3g")) for v in comparison.values),
         ),
     ]
+
+
+def _marked(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """A table whose last column marks some rows; without it where none is marked."""
+    kept = None if any(row[-1] for row in rows) else -1
+    return html.table(header[:kept], (row[:kept] for row in rows))
 
 
 def _chance(probability: float | None, say: Say) -> str:
@@ -236,7 +264,7 @@ def _validation(record: CalibrationRecord, say: Say) -> list[str]:
             html.paragraph(
                 say(
                     "They took no part in the fit. Their lengths were predicted to {mm:.4g} mm rms; {expected:.4g} mm were to be expected, "
-                    "and {percent:.0f} % lie within their 95 %.",
+                    "and {percent:.0f} % lie within their limits of 95 %.",
                     mm=told["rms_mm"],
                     expected=told["expected_mm"],
                     percent=100 * told["within_95"],
@@ -273,7 +301,13 @@ def _validation(record: CalibrationRecord, say: Say) -> list[str]:
         left_out = record.validation["left_out_rms_mm"]
         parts += [
             html.heading(say("Each pose predicted by the others")),
-            html.paragraph(say("A fit without a pose misses its lengths by {mm:.4g} mm rms.", mm=left_out)),
+            html.paragraph(
+                say(
+                    "A fit without a pose misses its lengths by {mm:.4g} mm rms, less what all poses tell of the zero pose's own error: "
+                    "residuals hold it and may be larger.",
+                    mm=left_out,
+                )
+            ),
             html.table((say("pose left out"), say("rms, mm")), rows),
         ]
     if record.correlations:
@@ -325,10 +359,10 @@ def _coarse(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.coarse:
         return []
     number = say.number
-    roots = {True: say("chosen"), False: say("possible"), None: say("not physical")}
+    roots = {True: say("chosen"), False: say("possible"), None: say("not physical").replace(" ", "\u00a0")}
     rows = (
         (c["point"], c["channel"], *(number(x, ".3f") for x in c["position_mm"]), number(c["first_length_mm"], ".3f"),
-         number(c["rms_mm"], ".3g"), roots[bool(c["chosen"]) if c["chosen"] or c["physical"] else None])
+         number(_told_mm(c["rms_mm"]), ".3g"), roots[bool(c["chosen"]) if c["chosen"] or c["physical"] else None])
         for c in record.coarse
     )  # fmt: skip
     columns = (say("point"), say("channel"), say("x, mm"), say("y, mm"), say("z, mm"), say("first length, mm"), say("rms, mm"), say("root"))

@@ -10,8 +10,14 @@ from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.observation.parameters import ENCODER_ZERO
 from lmeasure.report import html
 from lmeasure.report.words import axes
+from lmeasure.report.zone_maps import ticks
 from lmeasure.rig import Rig, Turned
 from lmeasure.saying import ENGLISH, Say
+
+POWERS = 1e6
+"""Range over which each power of ten has a mark on a telephone."""
+FEW = 8
+"""Marks that find room beside names on a telephone, of which the outer ones are not seen."""
 
 
 def residuals_figure(record: CalibrationRecord, rig: Rig | None, say: Say = ENGLISH) -> go.Figure:
@@ -84,12 +90,15 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
             marker={"symbol": symbols, "size": 8},
         )
     figure.add_hline(y=1.0, line={"dash": "dash"})
-    # on a logarithmic axis an annotation lies at the logarithm
-    at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "top", "showarrow": False}
-    figure.add_annotation(text=say("the prior knows it as well"), **at)
+    # on a logarithmic axis an annotation lies at the logarithm; above the line at the left, where directions are known, there is nothing
+    at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "bottom", "showarrow": False}
+    figure.add_annotation(text=say("prior as good"), **at)
     # the names take a line each on a telephone
-    figure.update_layout(height=270 + 19 * len(figure.data), margin={"t": 20}, xaxis={"title": say("direction, best seen first")})
-    return figure.update_yaxes(title=say("u left, in prior u"), type="log")
+    figure.update_layout(height=300 + 19 * len(figure.data), margin={"t": 20}, xaxis={"title": say("direction, best seen first")})
+    left = [float(d["left"]) for d in record.spectrum]
+    # a mark for each power of ten, or for every other one; room for what is written above the line
+    powers = 1 if max(left) / max(min(left), 1e-300) < POWERS else 2
+    return figure.update_yaxes(title=say("u left, in prior u"), type="log", dtick=powers, autorangeoptions={"include": 6.0})
 
 
 def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
@@ -97,9 +106,14 @@ def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
     figure = go.Figure()
     names = [html.label(p.name) for p in record.parameters]
     priors = [p.prior_u for p in record.parameters]
-    figure.add_scatter(y=names, x=priors, mode="markers", name=say("prior"), marker={"symbol": "line-ns-open", "size": 9})
+    line = {"symbol": "line-ns-open", "size": 9, "line": {"width": 2}}
+    figure.add_scatter(y=names, x=priors, mode="markers", name=say("prior"), marker=line)
     figure.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibrated"))
     # a row for each name: they never stand in each other's way
     figure.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10})
-    figure.update_xaxes(title=say("u, mm or deg"), type="log", dtick=1)
+    every = priors + [p.u for p in record.parameters]
+    marks = ticks(min(v for v in every if v > 0.0) / 3.0, 3.0 * max(every)) if any(v > 0.0 for v in every) else [1.0]
+    # powers of ten, and 2 and 5 times them where these are few; some beyond what is drawn, as that has a margin
+    marks = [v for v in marks if f"{v:e}".startswith("1")] if len(marks) > FEW else marks
+    figure.update_xaxes(title=say("u, mm or deg"), type="log", tickvals=marks, ticktext=[say.number(v, ".3g") for v in marks])
     return figure.update_yaxes(autorange="reversed", dtick=1, automargin=True)
