@@ -24,8 +24,8 @@ def write_check_page(
     """Write a self-contained HTML page of the check, whole or not at all; inputs: files with their SHA-256."""
     words = texts(DOMAIN, language)
     body = [
-        html.paragraph(verdict(found, language), "" if found.passed else "warning"),
-        html.paragraph(words["when"].format(when=when, stops=len(found.stops), tests=len(found.closures))) if when else "",
+        html.paragraph(verdict(found, language), "verdict" if found.passed else "verdict bad"),
+        html.paragraph(words["when"].format(when=_when(when), stops=len(found.stops), tests=len(found.closures))) if when else "",
         html.heading(words["closures"]),
         html.paragraph(words["closures.told"].format(limit=decimal(language, f"{100 * found.limit:.2g}"))),
         html.figure(closures_figure(found, language), "closures", first=True, language=language),
@@ -37,7 +37,7 @@ def write_check_page(
         body.append(html.figure(trend_figure(trend, language), "trend", first=False, language=language))
     if found.notes:
         body += [html.heading(words["notes"]), *(html.paragraph(note) for note in said(found, language))]
-    body += [html.heading(words["inputs"]), html.table((words["file"], "SHA-256"), inputs, "text")]
+    body += [html.heading(words["inputs"]), html.table((words["file"], "SHA-256"), inputs, "text hashes")]
     files.write_text(path, html.page(words["title"].format(rig=found.rig), body, language))
 
 
@@ -61,16 +61,29 @@ def cause_text(c: Cause, language: str) -> str:
     """What may have changed, and by how much."""
     words = texts(DOMAIN, language)
     size, u = (decimal(language, f"{value:.2g}") for value in (c.size, c.u))
-    return words[f"cause.{c.kind}"].format(name=c.name, size=size, u=u, unit=words[f"unit.{c.unit}"])
+    return words[f"cause.{c.kind}"].format(name=c.name, size=size, u=u, unit=_unit(c, language))
 
 
 def _chance(language: str, probability: float) -> str:
     return decimal(language, f"{probability:.2g}") if probability >= 1e-9 else "< 10⁻⁹"
 
 
+def _when(when: str) -> str:
+    """A time as people write it: 2026-03-05 09:00:00 UTC for 2026-03-05T09:00:00Z."""
+    day, mark, time = when.partition("T")
+    return f"{day} {time.removesuffix('Z')} UTC" if mark and time.endswith("Z") else when
+
+
 def _of(closure: Closure) -> str:
-    """Of what it is, in signs of every language."""
-    return closure.name.replace(" to ", "–") if closure.kind == "distance" else closure.name
+    """Of what it is, in signs of every language and in one piece."""
+    name = closure.name.replace(" to ", "\u2060–\u2060") if closure.kind == "distance" else closure.name
+    return name.replace(" ", "\u00a0")
+
+
+def _unit(c: Cause, language: str) -> str:
+    """Its unit, behind its number."""
+    unit = texts(DOMAIN, language)[f"unit.{c.unit}"]
+    return unit if unit == "°" else f"\u00a0{unit}"
 
 
 def _rows(found: Checked, language: str) -> list[tuple[str, ...]]:
@@ -98,7 +111,8 @@ def closures_figure(found: Checked, language: str) -> go.Figure:
     figure.update_layout(
         height=160 + 20 * len(names),
         margin={"t": 20, "l": 180},
-        xaxis={"title": words["part"]},
+        # the line of the limit is not cut off
+        xaxis={"title": words["part"], "range": [0.0, 1.06 * max([1.0, *part])]},
         yaxis={"autorange": "reversed", "dtick": 1},
     )
     return figure
@@ -131,7 +145,7 @@ def _agreement(found: Checked, language: str) -> list[str]:
     rows = [
         (
             words[f"cause.{c.kind}"].split("{")[0].strip() + f" {c.name}" if c.kind != "start" else words["start"],
-            *(decimal(language, f"{value:.3g}") + f"\u00a0{words[f'unit.{c.unit}']}" for value in (c.size, c.u, c.detectable)),
+            *(decimal(language, f"{value:.3g}") + _unit(c, language) for value in (c.size, c.u, c.detectable)),
             decimal(language, f"{c.rest:.1f}"),
         )
         for c in told.causes

@@ -1,0 +1,35 @@
+"""The page of an interim check: verdict, times and units as people write them, and a limit that is seen."""
+
+from pathlib import Path
+
+import pages
+import pytest
+from browser import opened
+
+from lmeasure.report.interim import _when
+
+
+def test_a_time_is_as_people_write_it() -> None:
+    assert _when("2026-03-05T09:00:00Z") == "2026-03-05 09:00:00 UTC"
+    assert _when("2026-03-05T09:00:00+02:00") == "2026-03-05T09:00:00+02:00"
+    assert _when("yesterday") == "yesterday"
+
+
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return pages.PAGES["check"](tmp_path_factory.mktemp("check"), "ru")
+
+
+def test_a_verdict_is_seen_to_be_bad(checked: Path) -> None:
+    with opened(checked) as page:
+        verdict = page.evaluate("[...document.querySelectorAll('.verdict.bad')].map(e => e.textContent)")
+        (line,) = page.evaluate("document.getElementById('closures').layout.shapes.map(s => s.x0)")
+        low, high = page.evaluate("document.getElementById('closures').layout.xaxis.range")
+        cells = page.evaluate("[...document.querySelectorAll('td')].map(e => e.textContent)")
+    assert len(verdict) == 1
+    assert verdict[0].startswith("Требуется калибровка")
+    assert low == 0.0
+    assert line < 0.96 * high
+    # a degree stands at its number
+    assert any(cell.endswith("°") for cell in cells)
+    assert not any(cell.endswith((" °", "\u00a0°")) for cell in cells)
