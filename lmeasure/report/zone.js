@@ -112,6 +112,11 @@
     const length = Math.hypot(...way) || 1;
     const size = data.radius * Math.sqrt(xx + yy + zz);
     const line = way.map((v) => [0, (v / length) * size]);
+    // figures at the corner of two axes would touch: of each side its middle and what is half way to its ends
+    const half = [xx, yy, zz].map((v) => Number((0.5 * data.radius * root(v)).toPrecision(1)));
+    const marks = {};
+    "xyz".split("").forEach((axis, k) => (marks[`scene.${axis}axis.tickvals`] = [-half[k], 0, half[k]]));
+    Plotly.relayout("ellipsoid", marks);
     Plotly.restyle("ellipsoid", { x: [shell.x], y: [shell.y], z: [shell.z] }, [0]);
     Plotly.restyle("ellipsoid", { x: [line[0]], y: [line[1]], z: [line[2]] }, [1]);
   };

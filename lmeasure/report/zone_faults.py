@@ -45,7 +45,7 @@ def _span(values: np.ndarray, unit: str, say: Say) -> str:
     if not np.isfinite(low):
         return say("none")
     best = say.number(low, ".3g")
-    return f"{best}{unit} … {say.number(high, '.3g')}{unit}" if np.isfinite(high) else say("{best} or none", best=best + unit)
+    return f"{best}\u00a0… {say.number(high, '.3g')}{unit}" if np.isfinite(high) else say("{best} or none", best=best + unit)
 
 
 def _level(zone: xr.Dataset) -> int:

@@ -35,10 +35,14 @@ def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say:
     """The parts of the page: sliders, what they leave of the zone, both maps, and the place that was clicked. Plotly's code must stand
     before them."""
     seen = thinned(zone)
+    held = seen["in_zone"].values.sum(axis=(0, 1))
+    # the middle where the zone is there, else where there is most of it
+    middle = len(held) // 2
+    level = middle if held[middle] or not held.any() else int(np.argmax(held))
     data = _data(seen, zone, rig, calibration) | {"words": _words(say), "mark": DECIMAL_MARK[say.language]}
     angle, u95 = data["limit_deg"], data["limit_u95"]
     controls = (
-        _slider("level", say("Level Z"), 0, len(data["z"]) - 1, len(data["z"]) // 2, 1)
+        _slider("level", say("Level Z"), 0, len(data["z"]) - 1, level, 1)
         + _slider("angle", say("Largest pressure angle"), 0, 90, angle, 0.5)
         # its position is on a logarithmic scale, as the colours are
         + _slider("u95", say("Largest 95 % radius of the position"), 0, 1000, round(1000 * _part(u95, data)), 1)
@@ -61,7 +65,7 @@ def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say:
 def _words(say: Say) -> dict[str, str]:
     """What the page's script says."""
     return {
-        "mm": say(" mm"),
+        "mm": say(" mm").replace(" ", "\u00a0"),
         "any": say("any"),
         "yes": say("yes"),
         "no": say("no"),

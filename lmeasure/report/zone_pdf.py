@@ -33,7 +33,8 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
         "findings": zone_text.findings(zone, found, say),
         "exact": zone_text.taken_as_exact(zone, say),
         "slices": [{"level": say("Z = {mm:g} mm", mm=level), "svg": svg} for level, svg in _slices(zone)],
-        "scale": _scale(),
+        "scale": _scale(float(zone.attrs["limit_deg"])),
+        "limit": float(zone.attrs["limit_deg"]) / 90.0,
         "views": [{"axes": axes, "svg": _drawing(lines)} for axes, lines in sides],
         # a unit alone in a line of a header says nothing
         "tables": [
@@ -68,9 +69,11 @@ def _colour(fraction: float) -> str:
     return str(plotly.colors.sample_colorscale(SCALE, [min(max(fraction, 0.0), 1.0)], colortype="rgb")[0])
 
 
-def _scale() -> str:
+def _scale(limit_deg: float) -> str:
+    """SVG of the colours from 0 to 90 degrees, with a mark at the limit."""
+    mark = f'<path d="M{limit_deg:g} 0v4" stroke="white" stroke-width="0.4"/>'
     bars = "".join(f'<rect x="{i}" y="0" width="1.05" height="4" fill="{_colour(i / 90)}"/>' for i in range(90))
-    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 90 4">{bars}</svg>'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 90 4">{bars}{mark}</svg>'
 
 
 def _slices(zone: xr.Dataset) -> list[tuple[float, str]]:
@@ -91,9 +94,9 @@ def _slices(zone: xr.Dataset) -> list[tuple[float, str]]:
 
 
 def _edge(inside: BoolArray) -> str:
-    """SVG path between cells of which one lies in the zone and its neighbour does not."""
+    """SVG path between cells of which one lies in the zone and its neighbour does not; what lies beyond the box nobody scanned."""
     n = inside.shape[1]
-    padded = np.pad(inside, 1)
+    padded = np.pad(inside, 1, mode="edge")
     parts = [f"M{i} {n - 1 - j}v1" for i, j in np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])]
     parts += [f"M{i} {n - j}h1" for i, j in np.argwhere(padded[1:-1, 1:] != padded[1:-1, :-1])]
     return "".join(parts)

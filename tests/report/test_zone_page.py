@@ -1,9 +1,11 @@
 """The zone's report: opened in a browser, its controls clicked; the PDF read back."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pypdfium2
 import pytest
 import xarray as xr
 from browser import LOOK, opened
@@ -17,8 +19,10 @@ from lmeasure.accuracy.radius import radii_95
 from lmeasure.accuracy.zone import axis, scan_zone, tilts
 from lmeasure.accuracy.zone_dataset import within
 from lmeasure.report.zone import write_zone_report
-from lmeasure.report.zone_maps import log_colours, ticks
+from lmeasure.report.zone_maps import log_colours, maps, ticks
+from lmeasure.report.zone_pdf import _edge
 from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.saying import ENGLISH
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +104,7 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
         page.evaluate(move("angle", 40))
         page.evaluate(move("u95", 500))
         shown = page.evaluate("[document.getElementById('u95-told'), document.getElementById('left')].map(e => e.textContent)")
-        limit = float(shown[0].removesuffix(" mm"))
+        limit = float(shown[0].removesuffix("\u00a0mm"))
         expected = within(zone, Limits(angle_deg=40.0, u95_mm=limit))["in_zone"].values.sum()
         # the limit is the figure that is printed
         assert int(shown[1].split(": ")[1].split()[0]) == int(expected)
@@ -113,13 +117,18 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
         start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"])
         found = ellipsoids(rig, None, at[None], Rotation.from_quat(turns[len(turns) // 2]), start=start)
         text = page.evaluate("document.getElementById('place').innerText")
-        assert f"({', '.join(f'{v:g}' for v in at)}) mm" in text
+        assert f"({', '.join(f'{v:g}' for v in at)})\u00a0mm" in text
         assert f"{rig.cable[int(found.weakest[0])].name}: pressure angle {found.angle_deg[0]:.1f}°" in text
         x, y, z = (np.array(page.evaluate(f"document.getElementById('ellipsoid').data[0].{n}")).ravel() for n in "xyz")
         surface = np.column_stack([x, y, z])
         # every point of it is as many standard deviations away
         whitened = np.einsum("ni,ij,nj->n", surface, np.linalg.inv(found.covariance[0]), surface)
         np.testing.assert_allclose(whitened, chi2.ppf(0.95, 3), rtol=1e-3)
+        # figures away from the corners, where those of two axes would touch
+        for axis, own in zip("xyz", surface.T, strict=True):
+            marks = np.array(page.evaluate(f"document.getElementById('ellipsoid').layout.scene.{axis}axis.tickvals"))
+            assert list(np.sign(marks)) == [-1, 0, 1]
+            assert 0.3 < marks[2] / own.max() < 0.7
         assert page.errors == []
 
 
@@ -154,6 +163,49 @@ def test_pdf_is_whole_and_the_same_each_time(folder: Path, zone: xr.Dataset, rig
     assert b"pdfaid" in pdf
     write_zone_report(tmp_path, zone, rig)
     assert (tmp_path / "zone.pdf").read_bytes() == pdf
+
+
+def test_the_first_level_is_one_with_the_zone(rig: Rig, zone: xr.Dataset) -> None:
+    """The middle one where the zone is there, else that with most of it."""
+
+    def level(held: dict[int, int]) -> int:
+        inside = np.zeros_like(zone["in_zone"].values)
+        for k, n in held.items():
+            inside[:n, 0, k] = 1
+        page = maps(zone.assign(in_zone=(zone["in_zone"].dims, inside)), rig, None, ENGLISH)[0]
+        found = re.search(r'id="level" min="0" max="6" step="1" value="(\d)"', page)
+        assert found is not None
+        return int(found[1])
+
+    assert [level(held) for held in ({}, {0: 2, 3: 1}, {0: 1, 1: 3, 6: 2})] == [3, 3, 1]
+
+
+def test_the_edge_of_a_zone_is_not_that_of_the_box() -> None:
+    """Cells x, y; X to the right, Y up. What lies beyond the box nobody scanned."""
+    assert _edge(np.ones((2, 3), bool)) == ""
+    lower = np.zeros((2, 3), bool)
+    lower[:, 0] = True
+    assert _edge(lower) == "M0 2h1M1 2h1"
+    left = np.zeros((2, 3), bool)
+    left[0] = True
+    assert _edge(left) == "M1 2v1M1 1v1M1 0v1"
+
+
+@pytest.mark.parametrize("limit", [1.0, 30.0, 60.0, 89.0])
+def test_a_limit_stands_below_its_colour(rig: Rig, limit: float, tmp_path: Path) -> None:
+    """On paper: as far from both ends as its angle is, but for the width of what is written there."""
+    nodes = axis(0, 100, 100)
+    write_zone_report(tmp_path, scan_zone(rig, None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.1, 2), limit_deg=limit), rig)
+    document = pypdfium2.PdfDocument(tmp_path / "zone.pdf")
+    sheet = document[0]
+    text = sheet.get_textpage()
+    boxes = {text.get_text_bounded(*box): box for box in (text.get_rect(i) for i in range(text.count_rects()))}
+    line = next(box for said, box in boxes.items() if f"limit {limit:g}°" in said)
+    place = (line[0] + line[2]) / 2 / sheet.get_width()
+    # the scale is 70 % of what is within margins of 20 mm of 210
+    expected = (20 + 170 * (0.15 + 0.7 * limit / 90)) / 210
+    assert place == pytest.approx(expected, abs=0.07 if limit in (1.0, 89.0) else 0.01)
+    document.close()
 
 
 def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:
