@@ -58,7 +58,6 @@ _UNIT = (
 )  # fmt: skip
 _TOGETHER = re.compile(
     rf"(?<=\d) (?={_UNIT})"  # a number and its unit,
-    rf"|(?<=,) (?=(?:{_UNIT})$)"  # what a column has, and its unit,
     r"|(?<=\bp) (?==)|(?<=[=<>]) (?=[-+\d])|(?<=\(u) (?=\d)"  # p = 0.01, < 1, (u 0.2)
 )
 _PLACE = re.compile(r"\([-+\d.,]+(?:[,;] [-+\d.,]+)+\)")
@@ -75,7 +74,7 @@ def kept(value: object) -> str:
 
 def indexed(value: str) -> Ready:
     """A text with the indices of its symbols set as such."""
-    return Ready("".join(text(plain) + (f"<sub>{text(index)}</sub>" if index else "") for plain, index in with_indices(value)))
+    return Ready("".join(kept(plain) + (f"<sub>{text(index)}</sub>" if index else "") for plain, index in with_indices(value)))
 
 
 def paragraph(value: object, kind: str = "") -> str:

@@ -12,8 +12,8 @@ from lmeasure.report.readable import page_text
         ("within 0.1 mm, 80 % of 7 counts", "within 0.1~mm, 80~% of 7~counts"),
         ("на 3,5 мм/с² при 5 К", "на 3,5~мм/с² при 5~К"),
         ("7 minutes, 3 msec, 12 kgs", "7 minutes, 3 msec, 12 kgs"),
-        ("first length, mm", "first length,~mm"),
-        ("in cm, mm and m", "in cm, mm and m"),
+        # a column would be wider than its numbers
+        ("first length, mm", "first length, mm"),
         ("p = 0.001, probability < 10⁻⁹ (u 0.2)", "p~=~0.001, probability &lt;~10⁻⁹ (u~0.2)"),
         ("about (0.5, -1, 20) and (1; -2,5)", "about (0.5,~-1,~20) and (1;~-2,5)"),
         ("(a, b) and (1 of 2)", "(a, b) and (1 of 2)"),
