@@ -113,7 +113,7 @@ def _residuals(calibration: Calibration, say: Say) -> list[str]:
     parts = [html.heading(say("Residuals")), html.paragraph(say("Measured less modelled change of each cable since its zero pose."))]
     if all(abs(r.mm) <= ROUNDING_MM for r in record.residuals):
         # a drawing would show how the arithmetic was rounded
-        told = say("All are nothing: the counts tell as many directions as there are equations, and what fits them says nothing of errors.")
+        told = say("All are zero: the counts tell as many directions as there are equations, and what fits them says nothing of errors.")
         return [*parts, html.paragraph(told)]
     figure = residuals_figure(record, calibration.campaign.rig, say)
     return [*parts, html.figure(figure, "residuals", first=False, language=say.language)]

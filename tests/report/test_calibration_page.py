@@ -31,7 +31,7 @@ def test_a_calibration_without_an_equation_left_over_shows_no_rounding(record: C
     noise = record.noise | {"degrees_of_freedom": 0.0, "residual_rms_mm": 3e-13, "chi_squared": 7e-20}
     source, words = written(tmp_path, record.model_copy(update={"residuals": exact, "noise": noise, "inputs": ()}))
     assert 'id="residuals"' not in source
-    assert "All are nothing" in words
+    assert "All are zero" in words
     assert "residuals 0 mm rms" in words
     assert "none: no equation is left over" in words
     # coarse solutions of as many poses as unknowns fit to rounding too
@@ -39,7 +39,7 @@ def test_a_calibration_without_an_equation_left_over_shows_no_rounding(record: C
     assert "Inputs" not in words
     source, words = written(tmp_path, record)
     assert 'id="residuals"' in source
-    assert "All are nothing" not in words
+    assert "All are zero" not in words
     assert "Inputs file SHA-256 rig.toml" in words
 
 
