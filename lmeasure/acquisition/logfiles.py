@@ -58,7 +58,7 @@ def log_batches(path: Path, report: LogReport, progress: Progress | None = None)
         for batch in batches:
             report.frames += len(batch)
             if progress:
-                progress(raw.tell(), size)
+                progress(size if raw.closed else raw.tell(), size)  # python-can's readers close it behind the last frame
             if len(batch):
                 yield batch
         if progress:

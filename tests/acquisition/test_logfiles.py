@@ -302,6 +302,15 @@ def test_missing_file(tmp_path: Path) -> None:
         list(log_batches(tmp_path / "gone.blf", LogReport()))
 
 
+@pytest.mark.parametrize("suffix", [*SUFFIXES, ".trc", ".csv", ".mf4", ".csv.gz"])
+def test_progress_reaches_the_end_of_a_short_log(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"log{suffix}", [m for m in messages(50, 1, fd=False, channels=(1,)) if not (m.is_error_frame or m.is_remote_frame)])
+    seen: list[tuple[int, int]] = []
+    assert sum(len(batch) for batch in log_batches(path, LogReport(), lambda done, of: seen.append((done, of)))) > 30
+    assert seen == sorted(seen)
+    assert seen[-1] == (path.stat().st_size, path.stat().st_size)
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_batches_are_bounded_and_progress_reaches_the_end(tmp_path: Path, suffix: str) -> None:
     times = (1e9 + i * 1e-3 for i in range(120_000))

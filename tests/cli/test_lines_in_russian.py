@@ -15,6 +15,11 @@ from lmeasure.schemas import KINDS
 from lmeasure.workflows.schema import Settings, run
 
 SAID = [
+    (
+        "drive.trc.gz: 10766 frames in 15.3712 s; PEAK's TRC, packed, times of day",
+        "drive.trc.gz: кадров 10766 за 15,3712 с; TRC фирмы PEAK, сжат, время суток",
+    ),
+    ("      080  can0         1538     100.0/s      0 bytes", "      080  can0         1538     100,0/с      0 байт"),
     ("    13     0.0023     0.0063  c2         44 of 48  further", "    13     0,0023     0,0063  c2         44 из 48  сверх плана"),
     ("            rms      worst  cable    determined", "            СКЗ     худшая  трос     определено"),
     (
