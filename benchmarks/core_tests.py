@@ -77,7 +77,7 @@ CORE = {
     "estimation/least_squares.py": _ESTIMATED,
     "estimation/fit.py": _ESTIMATED,
     "estimation/elimination.py": _ESTIMATED,
-    "estimation/regions.py": [*_ESTIMATED, "tests/calibration/test_regions.py"],
+    "estimation/regions.py": [*_ESTIMATED, "tests/estimation/test_laws_of_regions.py", "tests/calibration/test_regions.py"],
     "estimation/deletion.py": _ESTIMATED,
     "estimation/robust.py": _ESTIMATED,
     "estimation/explanations.py": _ESTIMATED,

@@ -95,11 +95,12 @@ def test_noise_level_from_few_residuals_widens() -> None:
     np.testing.assert_allclose(estimated.U95 / stated.U95, scipy.stats.t.ppf(0.975, 6) / 1.96, rtol=0.1)
 
 
-def test_errors_are_drawn_uniform_where_they_are_and_with_the_covariance_that_is_stated() -> None:
-    """Of rounding and of two zeros, and then with a Gaussian rest that is correlated."""
-    rounding, zeros = np.array([0.04, 0.0, 0.09, 0.01]), np.array([[0.3, 0.0], [0.3, 0.0], [0.0, 0.5], [0.0, 0.5]])
+@pytest.mark.parametrize("unit", [1.0, 1e-7, 1e7])
+def test_errors_are_drawn_uniform_where_they_are_and_with_the_covariance_that_is_stated(unit: float) -> None:
+    """Of rounding and of two zeros, and then with a Gaussian rest that is correlated; in whatever unit."""
+    rounding, zeros = unit**2 * np.array([0.04, 0.0, 0.09, 0.01]), unit * np.array([[0.3, 0.0], [0.3, 0.0], [0.0, 0.5], [0.0, 0.5]])
     alone = np.diag(rounding) + zeros @ zeros.T
-    rest = 0.2 * np.ones((4, 4)) + 0.1 * np.eye(4)
+    rest = unit**2 * (0.2 * np.ones((4, 4)) + 0.1 * np.eye(4))
     for V in (alone, alone + rest):
         stated: Any = SimpleNamespace(V=V, problem=SimpleNamespace(uniform=lambda: (rounding, zeros)))
         drawn = _noise(stated, np.random.default_rng(3))
@@ -116,3 +117,13 @@ def test_errors_are_drawn_uniform_where_they_are_and_with_the_covariance_that_is
             assert (np.abs(drawn).max(axis=1) > 0.9 * ends).all()
         else:
             assert (np.abs(drawn).max(axis=1) > ends).all()
+
+
+@pytest.mark.parametrize(("seed", "bent"), [(3, False), (23, True)])
+def test_a_bend_of_three_standard_uncertainties_is_told(seed: int, bent: bool) -> None:
+    """From where the truth strays ten times the linear variance; with 2.8 nothing is said, with 3.4 it is."""
+    drawn = draw(1_000_000 + seed, poses=6 + seed % 5)
+    bend = regions(fitted(drawn)[1], 0).bend
+    assert (2.5, 3.0)[bent] < bend < (3.0, 3.5)[bent]
+    told = [w for w in calibrate(drawn.campaign).record.warnings if w.code == "nonlinear"]
+    assert [w.value for w in told] == [pytest.approx(bend, rel=0.05)][:bent]
