@@ -75,6 +75,70 @@ def test_where_the_data_say_less_than_the_prior_it_decides() -> None:
     np.testing.assert_allclose(everywhere.covariance / np.outer(width, width), bayes / np.outer(width, width), atol=1e-9)
 
 
+def test_with_the_prior_everywhere_the_optimum_is_exact() -> None:
+    """Where residuals are large and bent, so that each step mends only a part: the derivative of the objective is nothing there."""
+    points = np.array([[3.0, 1.0], [-2.0, 2.0], [1.0, -3.0], [-1.0, -2.0]])
+
+    def of(theta: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.norm(points - theta, axis=1) - [7.0, 1.0, 6.0, 1.5])
+
+    def by(theta: FloatArray) -> FloatArray:
+        way = points - theta
+        return np.asarray(-way / np.linalg.norm(way, axis=1)[:, None])
+
+    problem = Curve(of, by, np.zeros(2))
+    found = fit(problem, problem.start, prior_everywhere=True)
+    assert found.chi2 > 5.0
+    assert found.converged
+    slope = problem.jacobian(found.theta).T @ problem.residuals(found.theta) + found.theta
+    assert np.abs(slope).max() < 1e-5
+
+
+def test_a_valley_that_never_ends_is_said_not_to_be_settled() -> None:
+    """It winds a thousandth of a standard uncertainty wide to where the data are eight prior widths away."""
+
+    def of(theta: FloatArray) -> FloatArray:
+        return np.array([1000.0 * (theta[1] - np.sin(5.0 * theta[0]) / 5.0), 2.0 * (theta[0] - 8.0)])
+
+    def by(theta: FloatArray) -> FloatArray:
+        return np.array([[-1000.0 * np.cos(5.0 * theta[0]), 1000.0], [2.0, 0.0]])
+
+    problem = Curve(of, by, np.zeros(2))
+    assert not fit(problem, problem.start, prior_everywhere=True).converged
+    # next to its end it comes there
+    near = fit(problem, np.array([6.4, np.sin(32.0) / 5.0]), prior_everywhere=True)
+    assert near.converged
+    assert near.theta[0] == pytest.approx(6.4, abs=0.02)
+
+
+class Uneven(Line):
+    """Readings err the more the steeper the line is, far out above all."""
+
+    covariance_varies = True
+
+    def covariance(self, theta: FloatArray) -> FloatArray:
+        return np.diag(self.readings.u**2 * (1.0 + theta[1] ** 2 * self.readings.x**4))
+
+
+@pytest.mark.parametrize("prior", [False, True])
+def test_a_covariance_that_varies_is_that_at_the_optimum(prior: bool) -> None:
+    """From a start where it was quite another; against least squares with weights that are renewed until they stay."""
+    x, rng = np.linspace(0.0, 3.0, 20), np.random.default_rng(2)
+    readings = Readings(x, 0.3 + 2.0 * x + np.sqrt(1.0 + 4.0 * x**4) * rng.normal(0, 0.1, 20))
+    problem = Uneven(readings)
+    theta: FloatArray = np.zeros(2)
+    J = problem.jacobian(theta)
+    for _ in range(50):
+        weight = 1.0 / np.diag(problem.covariance(theta))
+        information = (J.T * weight) @ J + prior * np.eye(2) / 100.0
+        theta = np.asarray(np.linalg.solve(information, (J.T * weight) @ readings.y), dtype=np.float64)
+    u = np.sqrt(np.diag(np.linalg.inv(information)))
+    found, plain = fit(problem, problem.start, prior), fit(Line(readings), problem.start, prior)
+    assert np.abs((plain.theta - theta) / u).max() > 0.5
+    np.testing.assert_allclose((found.theta - theta) / u, 0.0, atol=0.05)
+    np.testing.assert_allclose(found.V, problem.covariance(found.theta))
+
+
 def whole(problem: Stations, found: Fit, prior: bool) -> tuple[FloatArray, FloatArray]:
     """The problem solved for everything at once, with the prior everywhere or not, and the information there."""
     width = np.r_[problem.parameters.width, np.full(len(found.theta) - problem.own, np.inf)]

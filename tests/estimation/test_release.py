@@ -2,6 +2,7 @@
 and without a nuisance parameter beside, which is eliminated and changes nothing."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,37 @@ def test_it_goes_to_the_optimum_nearest_to_its_start(start: float, found: float,
     assert got.chi2 == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(got.covariance, np.diag([1.0 / 8.0**2, 0.5][: 1 + beside]), atol=1e-9)
     assert got.nominal_misfit == pytest.approx((found - 0.5) ** 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("start", [-0.55, 0.55])
+def test_values_are_counted_in_their_own_prior_widths(start: float, beside: bool) -> None:
+    """Beginning half a unit from the pass between two optima, which is one prior width, leads to the one on that side."""
+    problem = one(lambda v: 8.0 * (v * v - 1.0), lambda v: 16.0 * v, beside, 1.5 * np.sign(start))
+    problem.parameters = replace(problem.parameters, width=np.array([0.5]), nominal=-problem.parameters.nominal)
+    got = begun(problem, start, near=True)
+    assert got.theta[0] == pytest.approx(np.sign(start), abs=1e-7)
+    assert got.nominal_misfit == pytest.approx((2.5 / 0.5) ** 2)
+
+
+def test_fewer_residuals_than_values_tell_as_many(beside: bool) -> None:
+    """Of two values their sum; across it they stay where they were."""
+    problem = Curve(lambda z: np.array([3.0 * (z[0] + z[1] - 1.0)]), lambda z: np.array([[3.0, 3.0]]), np.array([0.5, 0.1]), beside=beside)
+    got = fit(problem, problem.start)
+    assert got.theta[:2] == pytest.approx([0.7, 0.3], abs=1e-7)
+    assert (got.rank, got.converged, got.s.shape) == (1 + beside, True, (2,))
+    np.testing.assert_allclose(np.abs(got.silent), [[np.sqrt(0.5), np.sqrt(0.5)]], atol=1e-9)
+    np.testing.assert_allclose(
+        got.covariance[:2, :2], [[0.5 + 1.0 / 36.0, -0.5 + 1.0 / 36.0], [-0.5 + 1.0 / 36.0, 0.5 + 1.0 / 36.0]], atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(("step", "settled"), [(1e-3, True), (0.05, False)])
+def test_residuals_in_steps_are_settled_within_a_hundredth(step: float, settled: bool, beside: bool) -> None:
+    """Of a standard uncertainty: no value brings them nearer to nothing than half a step."""
+    problem = one(lambda z: step * (np.floor(10.0 * (z - 0.7) / step) + 0.5), lambda z: 10.0, beside)
+    got = begun(problem, 0.0)
+    assert got.theta[0] == pytest.approx(0.7, abs=0.2 * step)
+    assert got.converged == settled
 
 
 def test_priors_lead_first_unless_it_begins_near(beside: bool) -> None:
@@ -85,10 +117,12 @@ def test_what_keeps_changing_sides_is_left_to_its_prior(beside: bool) -> None:
     assert got.converged
 
 
-def test_a_step_that_leads_uphill_is_halved(beside: bool) -> None:
-    """From there a whole Gauss-Newton step lies farther off on the other side, and twice the step farther still."""
-    problem = one(lambda z: 100.0 * np.arctan(5.0 * z), lambda z: 500.0 / (1.0 + 25.0 * z * z), beside)
-    got = begun(problem, 0.5, near=True)
+@pytest.mark.parametrize(("steep", "start"), [(5.0, 0.5), (5e4, 0.002)])
+def test_a_step_that_leads_uphill_is_halved(steep: float, start: float, beside: bool) -> None:
+    """From there a whole Gauss-Newton step lies farther off on the other side, and twice the step farther still; or a hundred times as far
+    as the optimum."""
+    problem = one(lambda z: 100.0 * np.arctan(steep * z), lambda z: 100.0 * steep / (1.0 + (steep * z) ** 2), beside)
+    got = begun(problem, start, near=True)
     assert got.theta[0] == pytest.approx(0.0, abs=1e-7)
     assert got.converged
 
