@@ -26,7 +26,7 @@ RANK = 1e-10  # of the largest singular value of a block's derivatives, under wh
 IN_SPAN = 0.99  # cosine from which a direction is a motion of the gauge
 
 
-def fit(problem: Problem, start: FloatArray, prior: bool, near: bool = False) -> Fit:
+def fit(problem: Problem, start: FloatArray, prior: bool, near: bool) -> Fit:
     """Gauss-Newton with the nuisance parameters eliminated at each step; first with the prior on every direction of the parameters, then
     only where the data are silent, as `least_squares.fit` does, whose near this is."""
     own, width = problem.own, problem.parameters.width

@@ -86,18 +86,22 @@ class Plane:
 
 class Stations(Problem):
     """Distances from stations that are roughly known to targets that are not: targets are nuisance parameters. With since_first distances
-    are counted from the first target, whose block every residual shares."""
+    are counted from the first target, whose block every residual shares, or from one of the first so many in turn; taken (e,) of the
+    variances was given them by a robust loss."""
 
-    def __init__(self, nominal: Plane, measured: FloatArray, u: float, *, since_first: bool) -> None:
-        self.nominal, self.u, self.since_first = nominal, u, since_first
+    def __init__(
+        self, nominal: Plane, measured: FloatArray, u: float, *, since_first: bool, firsts: int = 1, taken: FloatArray | None = None
+    ) -> None:
+        self.nominal, self.u, self.since_first, self.taken = nominal, u, since_first, taken
         target, station = np.nonzero(nominal.seen)
-        keep = target > 0 if since_first else np.ones(len(target), np.bool_)
+        keep = target != station % firsts if since_first else np.ones(len(target), np.bool_)
         self.target, self.station = target[keep], station[keep]
-        self.measured = measured[self.target, self.station] - since_first * measured[0, self.station]
+        self.first = self.station % firsts
+        self.measured = measured[self.target, self.station] - since_first * measured[self.first, self.station]
         m, n = len(nominal.stations), len(nominal.targets)
         self.parameters = Parameters(tuple(f"S{j}.{a}" for j in range(m) for a in "xy"), nominal.stations.reshape(-1), np.full(2 * m, 5.0))
         names = tuple(f"target {i}.{a}" for i in range(n) for a in "xy")
-        self.nuisance = Nuisance(2, names, self.target, np.array([0] if since_first else [], dtype=np.int64))
+        self.nuisance = Nuisance(2, names, self.target, np.arange(firsts if since_first else 0))
 
     def _ways(self, theta: FloatArray, target: NDArray[np.int64]) -> FloatArray:
         targets = self.nominal.targets + theta[self.own :].reshape(-1, 2)
@@ -106,12 +110,12 @@ class Stations(Problem):
     def residuals(self, theta: FloatArray) -> FloatArray:
         length = np.linalg.norm(self._ways(theta, self.target), axis=1)
         if self.since_first:
-            length = length - np.linalg.norm(self._ways(theta, np.zeros_like(self.target)), axis=1)
+            length = length - np.linalg.norm(self._ways(theta, self.first), axis=1)
         return np.asarray(length - self.measured)
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         J, every = np.zeros((len(self.target), len(theta))), np.arange(len(self.target))
-        for target, sign in ((self.target, 1.0), (np.zeros_like(self.target), -1.0))[: 1 + self.since_first]:
+        for target, sign in ((self.target, 1.0), (self.first, -1.0))[: 1 + self.since_first]:
             way = self._ways(theta, target)
             way = sign * way / np.linalg.norm(way, axis=1)[:, None]
             for a in range(2):
@@ -121,7 +125,12 @@ class Stations(Problem):
 
     def covariance(self, theta: FloatArray) -> FloatArray:
         same = self.station[:, None] == self.station
-        return self.u**2 * (np.eye(len(self.target)) + self.since_first * same)
+        V = self.u**2 * (np.eye(len(self.target)) + self.since_first * same)
+        return V if self.taken is None else V + np.diag(self.taken)
+
+    @property
+    def taken_back(self) -> FloatArray | None:
+        return self.taken
 
 
 class Curve(Problem):
@@ -188,14 +197,15 @@ def arc(turn: float, count: int, u: float, seed: int) -> Circle:
     return Circle(np.column_stack([3.0 + r * np.cos(angle), -2.0 + r * np.sin(angle)]), u)
 
 
-def plane(seed: int, *, since_first: bool, u: float = 0.01, hidden: int = 0, blind: bool = False) -> Stations:
-    """Five stations off by their priors, of which the last may be blind, and twelve targets; hidden many only two of them see."""
+def plane(seed: int, *, since_first: bool, u: float = 0.01, hidden: int = 0, blind: bool = False, firsts: int = 1) -> Stations:
+    """Five stations off by their priors, of which the last may be blind, and twelve targets; hidden many, behind those that are counted
+    from, only two of them see."""
     rng = np.random.default_rng(seed)
     true = np.array([[0.0, 0.0], [1000.0, 50.0], [900.0, 800.0], [-50.0, 900.0], [400.0, -300.0]])
     targets = rng.uniform(100, 800, (12, 2))
     seen = np.ones((12, 5), np.bool_)
-    seen[1 : 1 + hidden, 2:] = False
     seen[:, 4] = not blind
+    seen[firsts : firsts + hidden, 2:] = False
     distance = np.linalg.norm(targets[:, None] - true, axis=2) + rng.normal(0, u, (12, 5))
     nominal = Plane(true + rng.normal(0, 5.0, true.shape), targets + rng.normal(0, 30.0, targets.shape), seen)
-    return Stations(nominal, distance, u, since_first=since_first)
+    return Stations(nominal, distance, u, since_first=since_first, firsts=firsts)

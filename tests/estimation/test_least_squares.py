@@ -17,7 +17,15 @@ from lmeasure.estimation.regions import regions
 FloatArray = NDArray[np.float64]
 
 
-@pytest.mark.parametrize("problem", [arc(6.0, 20, 0.1, 0), plane(1, since_first=False), plane(1, since_first=True, hidden=3)])
+@pytest.mark.parametrize(
+    "problem",
+    [
+        arc(6.0, 20, 0.1, 0),
+        plane(1, since_first=False),
+        plane(1, since_first=True, hidden=3),
+        plane(1, since_first=True, firsts=2),
+    ],
+)
 def test_derivatives(problem: Problem) -> None:
     theta = problem.start + np.random.default_rng(0).normal(size=len(problem.names))
     h = 1e-4
@@ -155,9 +163,12 @@ def whole(problem: Stations, found: Fit, prior: bool) -> tuple[FloatArray, Float
     return solved.x, J.T @ J
 
 
-@pytest.mark.parametrize(("since_first", "hidden"), [(False, 0), (False, 3), (True, 0), (True, 3)])
-def test_eliminating_is_solving_for_everything(since_first: bool, hidden: int) -> None:
-    problem = plane(1, since_first=since_first, hidden=hidden)
+@pytest.mark.parametrize(
+    ("since_first", "hidden", "firsts"), [(False, 0, 1), (False, 3, 1), (True, 0, 1), (True, 3, 1), (True, 0, 2), (True, 2, 3)]
+)
+def test_eliminating_is_solving_for_everything(since_first: bool, hidden: int, firsts: int) -> None:
+    """Also of what several residuals share, and has residuals of its own beside."""
+    problem = plane(1, since_first=since_first, hidden=hidden, firsts=firsts)
     found = fit(problem, problem.start, prior_everywhere=True)
     theta, information = whole(problem, found, prior=True)
     u = np.sqrt(np.diag(found.covariance))
@@ -208,6 +219,51 @@ def test_a_block_that_is_not_told_is_named() -> None:
     blind = Stations(Plane(problem.nominal.stations, problem.nominal.targets, seen), np.full((12, 5), 500.0), 0.01, since_first=False)
     with pytest.raises(CalibrationError, match=r"^target 7\.x and what belongs to it: the residuals do not tell it$"):
         fit(blind, blind.start, prior_everywhere=True)
+
+
+def test_what_others_count_from_is_named_where_it_is_not_told() -> None:
+    """One station counts from a target that no other sees: from wherever on a circle about itself."""
+    sound = plane(1, since_first=True, firsts=2)
+    seen = sound.nominal.seen.copy()
+    seen[:, 3] = False
+    seen[1, [0, 2, 4]] = False
+    blind = Stations(Plane(sound.nominal.stations, sound.nominal.targets, seen), np.full((12, 5), 500.0), 0.01, since_first=True, firsts=2)
+    with pytest.raises(CalibrationError, match=r"^target [01]\.x and what belongs to it: the residuals do not tell it$"):
+        fit(blind, blind.start, prior_everywhere=True)
+
+
+def test_a_block_of_which_no_residual_says_anything_is_named() -> None:
+    problem = Curve(lambda z: 3.0 * z, lambda z: 3.0 * np.eye(1), np.zeros(1), beside=True)
+    deaf = Curve(lambda z: 3.0 * z, lambda z: 3.0 * np.eye(1), np.zeros(1), beside=True)
+    deaf.jacobian = lambda theta: problem.jacobian(theta) * [1.0, 0.0]  # type: ignore[method-assign]
+    assert fit(problem, problem.start).converged
+    with pytest.raises(CalibrationError, match=r"^place and what belongs to it: the residuals do not tell it$"):
+        fit(deaf, deaf.start)
+
+
+def test_what_a_loss_takes_back_tells_no_more_than_if_it_were_not_there() -> None:
+    """A target whose distances count for nothing leaves as many degrees of freedom as one that was not seen: its place goes with them. One
+    that two stations see has none to lose, and of half a variance half is lost."""
+    whole = plane(1, since_first=False, hidden=1)
+    seen = whole.nominal.seen.copy()
+    seen[5] = False
+    kept = np.delete(np.arange(12), 5)
+    distance = np.zeros((12, 5))
+    distance[whole.target, whole.station] = whole.measured
+    fewer = Stations(Plane(whole.nominal.stations, whole.nominal.targets[kept], seen[kept]), distance[kept], whole.u, since_first=False)
+    expected = fit(fewer, fewer.start)
+
+    def loosened(target: int, times: float) -> Fit:
+        taken = times * whole.u**2 * (whole.target == target)
+        problem = Stations(whole.nominal, distance, whole.u, since_first=False, taken=taken)
+        return fit(problem, problem.start)
+
+    found = loosened(5, 1e6)
+    assert found.lost == pytest.approx(5 - 2, rel=1e-5)
+    assert found.freedom == expected.freedom
+    np.testing.assert_allclose(found.theta[: whole.own], expected.theta[: whole.own], atol=1e-3)
+    assert loosened(5, 1.0).lost == pytest.approx((5 - 2) / 2.0)
+    assert loosened(1, 1e6).lost == 0.0
 
 
 def test_regions_of_a_straight_problem_are_those_of_its_errors() -> None:

@@ -53,15 +53,18 @@ def test_values_are_counted_in_their_own_prior_widths(start: float, beside: bool
 
 
 def test_fewer_residuals_than_values_tell_as_many(beside: bool) -> None:
-    """Of two values their sum; across it they stay where they were."""
-    problem = Curve(lambda z: np.array([3.0 * (z[0] + z[1] - 1.0)]), lambda z: np.array([[3.0, 3.0]]), np.array([0.5, 0.1]), beside=beside)
+    """Of two values their sum, and of a third nothing; where they do not lead values stay where they were, and follow no error."""
+    start = np.array([0.5, 0.1, -0.4])
+    problem = Curve(lambda z: np.array([3.0 * (z[0] + z[1] - 1.0)]), lambda z: np.array([[3.0, 3.0, 0.0]]), start, beside=beside)
     got = fit(problem, problem.start)
-    assert got.theta[:2] == pytest.approx([0.7, 0.3], abs=1e-7)
-    assert (got.rank, got.converged, got.s.shape) == (1 + beside, True, (2,))
-    np.testing.assert_allclose(np.abs(got.silent), [[np.sqrt(0.5), np.sqrt(0.5)]], atol=1e-9)
-    np.testing.assert_allclose(
-        got.covariance[:2, :2], [[0.5 + 1.0 / 36.0, -0.5 + 1.0 / 36.0], [-0.5 + 1.0 / 36.0, 0.5 + 1.0 / 36.0]], atol=1e-9
-    )
+    assert got.theta[:3] == pytest.approx([0.7, 0.3, -0.4], abs=1e-7)
+    assert (got.rank, got.converged, got.s.shape) == (1 + beside, True, (3,))
+    np.testing.assert_allclose(got.gain[:3, 0], [1.0 / 6.0, 1.0 / 6.0, 0.0], atol=1e-9)
+    assert len(got.silent) == 2
+    np.testing.assert_allclose(got.silent @ [1.0, 1.0, 0.0], 0.0, atol=1e-9)
+    half = 0.5 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    np.testing.assert_allclose(got.covariance[:2, :2], half + 1.0 / 36.0, atol=1e-9)
+    np.testing.assert_allclose(got.covariance[2, :3], [0.0, 0.0, 1.0], atol=1e-9)
 
 
 @pytest.mark.parametrize(("step", "settled"), [(1e-3, True), (0.05, False)])
@@ -86,6 +89,7 @@ def test_data_decide_where_they_tell_more_than_the_prior(gain: float, known: boo
     assert got.theta[0] == pytest.approx(0.7 if known else 0.0, abs=1e-7)
     assert got.covariance[0, 0] == pytest.approx(1.0 / gain**2 if known else 1.0)
     assert (got.rank, got.converged) == (known + beside, True)
+    assert got.gain[0, 0] == pytest.approx(1.0 / gain if known else 0.0, abs=1e-9)
     assert got.prior_misfit == pytest.approx(0.0, abs=1e-9)
     everywhere = fit(got.problem, got.problem.start, prior_everywhere=True)
     assert everywhere.theta[0] == pytest.approx(0.7 * gain**2 / (1.0 + gain**2), abs=1e-7)
@@ -129,6 +133,8 @@ def test_a_step_that_leads_uphill_is_halved(steep: float, start: float, beside: 
 
 @pytest.mark.parametrize("near", [False, True])
 def test_wrong_derivatives_do_not_settle(near: bool, beside: bool) -> None:
-    """Every step leads uphill."""
+    """Every step leads uphill, so that none is made."""
     problem = one(lambda z: 100.0 * (z - 3.0), lambda z: -100.0, beside)
-    assert not begun(problem, 0.0, near=near).converged
+    got = begun(problem, 0.0, near=near)
+    assert not got.converged
+    assert got.theta[0] == pytest.approx(0.0, abs=1e-6)
