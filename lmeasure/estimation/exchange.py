@@ -76,7 +76,7 @@ class Criterion:
         for first in range(0, len(order), WORST):
             some = order[first : first + WORST]
             if bound[some[0]] > least:
-                break
+                break  # the others are no better
             values = self._largest(before, spread[some], gram[some], self._targets)
             if values.min() < least:
                 found, least = int(some[np.argmin(values)]), float(values.min())

@@ -1,8 +1,9 @@
 """Which measurements to make: updates against the criterion itself, the search against trying everything, sums against covariances."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 import pytest
@@ -28,6 +29,18 @@ def test_rank_one_style_updates_are_the_criterion_itself(kind: str, seed: int) -
     tried = rng.normal(size=(6, m, q)) * 10 ** rng.uniform(-1, 2)
     direct = [criterion.value(M + A.T @ A) for A in tried]
     np.testing.assert_allclose(criterion.values(M, tried), direct, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("shared", [0, 3])
+def test_criteria_are_those_of_the_covariance_of_the_parameters(shared: int) -> None:
+    """Mean and largest variance of targets, and the logarithm of the determinant, of what shared errors leave."""
+    rng, p = np.random.default_rng(3), 4
+    root, targets = rng.normal(size=(9, p + shared)), rng.normal(size=(7, p))
+    M = root.T @ root + np.eye(p + shared)
+    covariance = np.linalg.inv(M)[:p, :p]
+    variances = [float(t @ covariance @ t) for t in targets]
+    expected = {"I": np.mean(variances), "G": max(variances), "D": np.log(np.linalg.det(covariance))}
+    assert {kind: Criterion(kind, targets).value(M) for kind in expected} == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("kind", ["I", "G", "D"])
@@ -112,8 +125,8 @@ class OnALine:
     def beside(self, points: FloatArray) -> list[FloatArray]:
         return [np.clip(x + np.array([-0.1, 0.1]), -1.0, 1.0)[:, None] for x in points[:, 0]]
 
-    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple["OnALine", FloatArray]]:
-        return () if near else ((one, one.blocks(points)) for one in (OnALine(0.5), OnALine(3.0), OnALine(2.0)))
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
+        return () if near else ((one, one.blocks(points)) for one in (replace(self, gain=gain) for gain in (0.5, 3.0, 2.0)))
 
 
 def test_places_beside_and_what_all_hang_on_are_tried_too() -> None:
@@ -129,15 +142,56 @@ def test_places_beside_and_what_all_hang_on_are_tried_too() -> None:
     np.testing.assert_allclose(np.linalg.det(better.information), 4.0 * 3.0**6, rtol=1e-6)
 
 
+@dataclass(frozen=True)
+class Hills(OnALine):
+    """Places at which readings tell of one value, along two hills of which the second is the higher; two of them are known coarsely."""
+
+    @property
+    def pool(self) -> FloatArray:
+        return np.array([-0.5, 0.5])[:, None]
+
+    def blocks(self, points: FloatArray) -> FloatArray:
+        x = points[:, 0]
+        return np.asarray(np.maximum(1.0 - np.abs(x + 0.8), 2.0 - np.abs(x - 0.7))[:, None, None])
+
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
+        return ()
+
+
+def test_what_lies_beside_is_tried_last() -> None:
+    """Beside the better of the coarse places, and not beside the one that it begins with."""
+    begun = replace(empty(Hills(), np.eye(1)), points=np.array([[-0.5]]), blocks=Hills().blocks(np.array([[-0.5]])))
+    best = improved(begun, Criterion("D", np.eye(1)), np.random.default_rng(0))
+    np.testing.assert_allclose(best.points, [[0.7]], atol=1e-12)
+
+
+def test_it_ends_when_nothing_is_gained() -> None:
+    """What all hang on is formed anew once for a sweep that gains nothing, coarsely and finely."""
+    asked: list[bool] = []
+
+    @dataclass(frozen=True)
+    class Asked(OnALine):
+        def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
+            asked.append(near)
+            return ()
+
+    points = np.array([-1.0, 0.0, 1.0])[:, None]
+    begun = replace(empty(Asked(), 1e-9 * np.eye(3)), points=points, blocks=Asked().blocks(points))
+    assert improved(begun, Criterion("D", np.eye(3)), np.random.default_rng(0)).points.tolist() == points.tolist()
+    assert asked == [False, True]
+
+
 def test_worth_an_exchange_is_what_makes_the_criterion_less() -> None:
-    """Variances by their ratio, logarithms of a determinant by their difference."""
+    """Variances by their ratio, logarithms of a determinant by their difference: from a ten-thousandth on."""
     by_variance, by_determinant = Criterion("I", np.eye(2)), Criterion("D", np.eye(2))
     assert by_variance.better(0.9, 1.0)
     assert not by_variance.better(1.0, 1.0)
-    assert not by_variance.better(0.99999, 1.0)
+    assert not by_variance.better(0.99992, 1.0)
+    assert by_variance.better(0.99988, 1.0)
     assert by_determinant.better(-5.1, -5.0)
     assert not by_determinant.better(-5.0, -5.0)
-    assert not by_determinant.better(-5.00001, -5.0)
+    assert not by_determinant.better(-5.00008, -5.0)
+    assert by_determinant.better(-5.00012, -5.0)
 
 
 def test_numbered_candidates_are_what_their_numbers_say() -> None:

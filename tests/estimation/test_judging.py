@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import scipy.optimize
 import scipy.stats
 from numpy.typing import NDArray
-from problems import Line, Readings
+from problems import Line, Plane, Readings, Stations, plane
 
 from lmeasure.estimation import fit
 from lmeasure.estimation.deletion import Deletion, fall_test, held_out
@@ -90,6 +91,64 @@ def test_a_shift_is_tested_as_by_solving_for_it() -> None:
     again = Deletion(fit(wide, wide.start)).shift(column, 0.5)
     assert again is not None
     assert again.square == pytest.approx(fall, rel=1e-6)
+
+
+def test_f_tests_are_those_of_the_textbook() -> None:
+    """Each sum of squares by its degrees of freedom; with fewer than three left none is made."""
+    value, log_probability = fall_test(10.0, 2, 8.0, 4) or (0.0, 0.0)
+    assert value == pytest.approx((10.0 / 2.0) / (8.0 / 4.0))
+    assert np.exp(log_probability) == pytest.approx(scipy.stats.f.sf(2.5, 2, 4))
+    assert (fall_test(6.0, 3, 4.0, 3) or (0.0,))[0] == pytest.approx(1.5)
+    assert fall_test(6.0, 3, 4.0, 2) is None
+
+
+@pytest.mark.parametrize("unit", [1e-8, 1.0, 1e8])
+def test_what_is_told_is_told_in_whatever_unit(unit: float) -> None:
+    """Of a shift that the line explains itself nothing is, nor of none; of another as much as in millimetres."""
+    data = readings(1)
+    other = Line(Readings(data.x, unit * data.y, unit * data.u))
+    other.parameters = replace(other.parameters, width=unit * other.parameters.width)
+    plain, scaled = (Deletion(fit(p, p.start)) for p in (Line(data), other))
+    offset, nothing, column = np.ones((30, 1)), np.zeros((30, 1)), columns(6)
+    for silent in (offset, nothing):
+        assert scaled.added(silent) is None
+        assert scaled.step(silent[:, 0]) is None
+        assert scaled.freed(silent).freedom == plain.freedom
+    assert scaled.falls(np.hstack([offset, nothing])).tolist() == [0.0, 0.0]
+    added, expected = scaled.added(np.hstack([column, offset])), plain.added(column)
+    assert added is not None
+    assert expected is not None
+    assert added.freedom == 1
+    assert added.square == pytest.approx(expected.square)
+    step, by = scaled.step(column[:, 0]), plain.step(column[:, 0])
+    assert step is not None
+    assert by is not None
+    assert step == pytest.approx((unit * by[0], by[1]))
+    np.testing.assert_allclose(scaled.falls(column), plain.falls(column))
+
+
+def test_targets_that_are_left_out_are_judged_by_what_their_places_leave_over() -> None:
+    """Two targets together: of ten distances the four coordinates of their places can take away as many, and the rest is as far off as it
+    is from a network without them, wherever the two are put there."""
+    problem = plane(1, since_first=False)
+    groups = problem.target // 2
+    deletion = Deletion(fit(problem, problem.start))
+    found = {int(groups[rows[0]]): errors for rows, errors in deletion.deleted(groups)}
+    assert {group: len(errors) for group, errors in found.items()} == dict.fromkeys(range(6), 10 - 4)
+    distance = np.zeros((12, 5))
+    distance[problem.target, problem.station] = problem.measured
+    for group in (0, 3):
+        kept = np.array([i for i in range(12) if i // 2 != group])
+        nominal = problem.nominal
+        fewer = Stations(Plane(nominal.stations, nominal.targets[kept], nominal.seen[kept]), distance[kept], problem.u, since_first=False)
+        stations = fit(fewer, fewer.start).theta[: problem.own].reshape(-1, 2)
+
+        def misses(at: FloatArray, i: int, stations: FloatArray = stations) -> FloatArray:
+            return np.asarray(np.linalg.norm(at - stations, axis=1) - distance[i])
+
+        places = [scipy.optimize.least_squares(misses, nominal.targets[i], args=(i,)) for i in (2 * group, 2 * group + 1)]
+        square = sum(2.0 * place.cost for place in places)
+        assert found[group] @ found[group] == pytest.approx(square, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(4))
