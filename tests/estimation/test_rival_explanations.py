@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import scipy.stats
 from numpy.typing import NDArray
 from problems import Line, Readings, arc
 
 from lmeasure.estimation import Parameters, Problem, fit
-from lmeasure.estimation.explanations import Evidence, Explained, Explanation, evidence, explained
+from lmeasure.estimation.explanations import Evidence, Explained, Explanation, evidence, explained, improbable
 
 FloatArray = NDArray[np.float64]
 
@@ -112,6 +113,104 @@ def test_what_others_have_made_idle_is_given_back(solved: tuple[str, ...]) -> No
     assert found.fit.theta[-2:] == pytest.approx([1.5, 1.5], abs=0.1)
 
 
+@dataclass(frozen=True)
+class ValuesAndNoises(Values):
+    """The same, and readings at either end may err more than stated."""
+
+    def errors(self, problem: Sum, theta: FloatArray) -> list[Explanation]:
+        return [Explanation("noise", np.eye(40)[:, on], end) for end, on in ENDS.items()]
+
+    def widened(self, problem: Sum, sizes: dict[tuple[str, str | None], float]) -> Sum:
+        more = np.asarray(sum((u**2 * ENDS[str(end)] for (_, end), u in sizes.items()), start=np.zeros(40)), dtype=np.float64)
+        return Noisy(problem.y, problem.groups, width=problem.width, more=more)
+
+    def freed(self, problem: Sum, group: str) -> Sum | None:
+        more = problem.more if isinstance(problem, Noisy) else np.zeros(40)
+        return None if group in problem.groups else Noisy(problem.y, (*problem.groups, group), width=problem.width, more=more)
+
+
+class Noisy(Sum):
+    """Variances more (40,) are added."""
+
+    def __init__(self, y: FloatArray, groups: tuple[str, ...], *, width: float, more: FloatArray) -> None:
+        super().__init__(y, groups, width=width)
+        self.more = more
+
+    def covariance(self, theta: FloatArray) -> FloatArray:
+        return np.diag(U**2 + self.more)
+
+
+ENDS = {"left": X < -0.4, "right": X > 0.4}
+
+
+@pytest.mark.parametrize("seed", [4, 6, 8])
+def test_a_value_that_noise_has_made_idle_is_given_back(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A column that happens to be somewhat like the noise of both ends explains more than that of either, and nothing beside both."""
+    rng = np.random.default_rng(seed)
+    ends = ENDS["left"] | ENDS["right"]
+    noise, other = np.zeros(40), np.zeros(40)
+    noise[ends], other[ends] = 0.5 * rng.normal(size=(2, ends.sum()))
+    y = 1.0 + 2.0 * X + U * rng.normal(size=40) + noise
+    monkeypatch.setitem(COLUMNS, "alike", np.sqrt(0.55) * noise + np.sqrt(0.45) * other)
+    problem, doubts = Sum(y), ValuesAndNoises(("alike",))
+    state = Explained(problem, fit(problem, problem.start))
+    judge = evidence(state.fit, state.fit.V)
+    of_noise = [judge.best(one)[1] for one in doubts.errors(problem, state.fit.theta)]
+    assert judge.best(Explanation("alike", 10.0 * COLUMNS["alike"][:, None]))[1] > max(of_noise)
+    found = explained(state, doubts)
+    assert found.groups == ()
+    assert {key[1]: u > 0.2 for key, u in found.sizes.items()} == {"left": True, "right": True}
+
+
+def test_no_more_than_three_things_are_taken() -> None:
+    """Of four that are there, those that gain most."""
+    sizes = {"a": 4.0, "b": 3.0, "z": 2.0, "slow": 1.0}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(COLUMNS, "slow", np.cos(3.0 * X))
+        y = sum((size * COLUMNS[g] for g, size in sizes.items()), start=X + U * np.random.default_rng(2).normal(size=40))
+        problem = Sum(y)
+        found = explained(Explained(problem, fit(problem, problem.start)), Values(tuple(sizes)))
+    assert len(found.groups) == 3
+    assert improbable(found.fit)
+
+
+def test_beyond_chance_less_is_asked_of_an_explanation() -> None:
+    """A gain of 12, where 20 are asked for of residuals that could be left as they are."""
+    noise = 0.17 * np.random.default_rng(2).normal(size=40)
+    taken: dict[float, bool] = {}
+    for size in np.linspace(0.05, 0.35, 31):
+        problem = Sum(X + noise + size * COLUMNS["a"])
+        state = Explained(problem, fit(problem, problem.start))
+        assert improbable(state.fit)
+        gain = evidence(state.fit, state.fit.V).best(Explanation("a", 10.0 * COLUMNS["a"][:, None]))[1]
+        taken[gain] = explained(state, Values(("a",))).groups == ("a",)
+    assert [gain for gain in taken if 12.0 < gain < 18.0]
+    assert [gain for gain in taken if 8.0 < gain < 12.0]
+    assert taken == {gain: gain > 12.0 for gain in taken}
+
+
+def test_beyond_chance_is_what_happens_less_than_once_in_a_thousand() -> None:
+    """Also of a single degree of freedom; with none there is no telling."""
+    found = fit(Sum(X), np.zeros(2))
+    assert found.freedom == 38
+    odds = {0.0012: False, 0.0008: True}
+    assert {p: improbable(replace(found, chi2=float(scipy.stats.chi2.isf(p, 38)))) for p in odds} == odds
+    for left, told in ((1, True), (0, False)):
+        one = replace(found, lost=38.0 - left, chi2=30.0)
+        assert one.freedom == left
+        assert improbable(one) == told
+
+
+def test_what_gains_nothing_has_no_size() -> None:
+    """Two errors of one size: of the first so little is there that the other, however large, does not make up for it. At its own likeliest
+    size the two together are less likely than without."""
+    for square, told in ((44.7, False), (60.0, True)):
+        F = np.diag([1e8, 1.0])
+        judge = Evidence(np.array([0.0, np.sqrt(square), 0.0]), np.eye(3)[:, 2:], np.eye(3))
+        size, gain = judge.best(Explanation("both", np.vstack([F, np.zeros((1, 2))])))
+        assert (size > 0.0, gain > 0.0) == (told, told)
+
+
 def test_a_value_is_looked_for_in_its_prior_width() -> None:
     """From a millionth of it to a thousand of it: an effect of 1.5 that could be ten thousand, and one that could be a thousandth."""
     y = 1.0 + 2.0 * X + 1.5 * COLUMNS["a"] + U * np.random.default_rng(2).normal(size=40)
@@ -123,7 +222,17 @@ def test_a_value_is_looked_for_in_its_prior_width() -> None:
 def test_sizes_at_the_ends_are_no_result() -> None:
     """A millionth and a thousand: nothing beyond is told; well inside they are."""
     r, J, noise = np.random.default_rng(5).normal(size=40), np.ones((40, 1)), Explanation("all", np.eye(40))
-    for scale, told in ((1e-7, False), (1e-4, True), (10.0, True), (1e5, False)):
+    for scale, told in (
+        (1e-7, False),
+        (0.7e-6, False),
+        (1.4e-6, True),
+        (1e-4, True),
+        (10.0, True),
+        (700.0, True),
+        (1200.0, False),
+        (1e5, False),
+    ):
+        scale /= float(np.std(r, ddof=1))
         size, gain = Evidence(scale * r, J, (1e-3 * scale) ** 2 * np.eye(40)).best(noise)
         assert (gain > 0.0) == told
         assert size == pytest.approx(scale * float(np.std(r, ddof=1)) if told else 0.0, rel=1e-3)
