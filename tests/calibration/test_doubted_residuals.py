@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 import scipy.stats
 from random_campaigns import draw
+from test_with_encoders import campaign_of, swivelled
 
 from lmeasure.calibration import misfit
 from lmeasure.calibration.misfit import explain_misfit
 from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Fit, fit
+from lmeasure.estimation.explanations import Explained as State
+from lmeasure.estimation.explanations import improbable
 
 
-def fitted(times: float) -> Fit:
+def fitted(times: float, poses: int = 20) -> Fit:
     """A campaign whose errors are so many times those that are stated."""
-    drawn = draw(4, points=6, poses=20)
+    drawn = draw(4, points=6, poses=poses)
     campaign = drawn.campaign
     model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
     found = fit(model, model.start)
@@ -65,6 +68,167 @@ def test_what_is_doubted_is_the_likeliest_error_of_lengths(chance: float, doubte
     assert told.fit is found
     np.testing.assert_allclose(told.u_length_mm, likeliest(found) if doubted else 0.0, atol=1e-4)
     assert (told.u_length_mm > 0.0).all() == doubted
+
+
+@pytest.mark.parametrize("times", [1.6, 3.0])
+def test_what_nothing_explains_is_carried_into_lengths_by_the_likeliest_size(times: float) -> None:
+    """And multiplies the covariance, as much as chi-squared is too large; where a channel was named as grossly wrong its residuals explain
+    nothing."""
+    found = fitted(times)
+    model = found.problem
+    assert isinstance(model, Model)
+    told = explain_misfit(model, found, ["ch1"])
+    excess = found.chi2 / found.freedom
+    assert told.fit.excess == pytest.approx(excess)
+    np.testing.assert_allclose(told.fit.covariance, found.covariance * excess)
+    assert told.estimated
+    np.testing.assert_allclose(told.u_length_mm, likeliest(found), atol=1e-4)
+    (finding,) = told.findings
+    assert finding.code == "misfit"
+    assert "what is named above (ch1)" in str(finding.text)
+
+
+def test_a_noise_somewhat_larger_than_stated_is_an_estimated_one() -> None:
+    """Of many residuals a third more than stated is beyond chance; of sound ones nothing is estimated and nothing multiplied."""
+    found = fitted(1.0, poses=60)
+    times = float(np.sqrt(1.35 * found.freedom / found.chi2))
+    found = fitted(times, poses=60)
+    model = found.problem
+    assert isinstance(model, Model)
+    told = explain_misfit(model, found, ["ch1"])
+    assert 1.3 < told.fit.excess < 1.4
+    assert told.estimated
+    sound = fitted(1.0)
+    assert isinstance(sound.problem, Model)
+    told = misfit._covered(State(sound.problem, sound), [], 0.01)
+    assert not told.estimated
+    assert told.fit is sound
+    np.testing.assert_array_equal(told.u_length_mm, 0.0)
+
+
+def test_lengths_that_err_by_metres_are_carried_by_their_residuals() -> None:
+    """Beyond the sizes that are looked for: what of their mean square the stated noise does not make up for."""
+    found = fitted(3.0)
+    model = found.problem
+    assert isinstance(model, Model)
+    far = replace(found, residuals=1e7 * found.residuals, V=1e14 * found.V)
+    told = explain_misfit(model, far, ["ch1"])
+    rms, excess = np.sqrt(np.mean(far.residuals**2)), far.chi2 / far.freedom
+    assert excess > 5.0
+    np.testing.assert_allclose(told.u_length_mm, rms * np.sqrt(1.0 - 1.0 / excess), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("chance", "blamed"), [(0.01, []), (1e-9, ["ch1"])])
+def test_encoders_have_no_lengths_that_err(chance: float, blamed: list[str]) -> None:
+    """Neither where residuals are doubted nor where nothing explains them."""
+    campaign, _ = campaign_of(swivelled(2), 10)
+    model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
+    found = fit(model, model.start)
+    louder = np.sqrt(scipy.stats.chi2.isf(chance, found.freedom) / found.chi2)
+    loud = replace(found, residuals=louder * found.residuals, chi2=louder**2 * found.chi2)
+    told = explain_misfit(model, loud, blamed)
+    assert (told.u_length_mm[:6] > 0.0).all()
+    np.testing.assert_array_equal(told.u_length_mm[6:], 0.0)
+    # a lasting error that explains nearly as well as another
+    doubted = misfit._covered(State(model, found, doubt=0.02), [], 0.01)
+    np.testing.assert_array_equal(doubted.u_length_mm, np.repeat([0.02, 0.0], 6))
+
+
+@pytest.mark.parametrize("wrong", ["pose", "counter", "all", "too few"])
+def test_what_the_others_contradict_most_is_named(wrong: str) -> None:
+    """A pose that was elsewhere, a counter that slipped by fifty counts; nothing where all err alike, or none could contradict another."""
+    drawn = draw(4, points=1, poses=7) if wrong == "too few" else draw(4, points=6, poses=20)
+    campaign = drawn.campaign
+    counts, rows = campaign.counts.copy(), campaign.poses.rows.copy()
+    if wrong == "pose":
+        rows[7, :3] += [2.0, -1.0, 1.5]
+    elif wrong == "counter":
+        counts[12:, 2] += 50.0
+    else:
+        counts[1:] += 3.0 * np.random.default_rng(1).normal(size=counts[1:].shape)
+    campaign = replace(campaign, counts=counts, poses=replace(campaign.poses, rows=rows))
+    model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
+    found = fit(model, model.start)
+    assert improbable(found)
+    assert (found.freedom < 3) == (wrong == "too few")
+    named = [w for w in explain_misfit(model, found, []).findings if w.code in ("outlier", "slip")]
+    if wrong == "pose":
+        assert [(w.code, w.pose) for w in named] == [("outlier", "8")]
+    elif wrong == "counter":
+        assert [(w.code, w.channel, w.pose) for w in named] == [("slip", "ch3", "13")]
+        assert named[0].value == pytest.approx(0.6, rel=0.05)
+    else:
+        assert named == []
+
+
+def silent(poses: int, left: int, u_mm: float) -> Fit:
+    """A campaign whose poses do not say how uncertain they are, with so many degrees of freedom left, and errors of so much: places of its
+    points are sought."""
+    drawn = draw(4, points=6, poses=poses, u_position_mm=u_mm)
+    campaign = drawn.campaign
+    stated, counts = replace(campaign.poses, u_position_mm=np.zeros(poses), absent=("position",)), campaign.counts.copy()
+    counts[-1, : 6 * (poses - 1) - 18 - left] = np.nan
+    campaign = replace(campaign, rig=drawn.truth, poses=stated, counts=counts)
+    model = Model(campaign, unknowns_of(campaign, ("position",)))
+    found = fit(model, model.start)
+    assert found.freedom == left
+    return found
+
+
+@pytest.mark.parametrize(("left", "telling"), [(11, False), (12, True)])
+def test_twelve_degrees_of_freedom_tell_how_uncertain_poses_are(left: int, telling: bool) -> None:
+    """Exact poses are then taken as exact; with fewer an assumed size stays."""
+    found = silent(6, left, 0.0)
+    assert isinstance(found.problem, Model)
+    told = explain_misfit(found.problem, found, [])
+    (finding,) = told.findings
+    said = "the residuals ask for nothing, they are taken as exact" if telling else "the residuals are too few to tell: 0.1 mm"
+    assert said in str(finding.text)
+    np.testing.assert_array_equal(told.model.noise.u_position_mm, 0.0 if telling else 0.1)
+    assert finding.value == (0.0 if telling else 0.1)
+
+
+def test_poses_that_do_not_say_are_as_uncertain_as_their_residuals() -> None:
+    """Not what was assumed in place of a statement beside it."""
+    found = silent(20, 96, 0.12)
+    assert isinstance(found.problem, Model)
+    told = explain_misfit(found.problem, found, [])
+    assert told.estimated
+    (finding,) = told.findings
+    assert finding.value == pytest.approx(0.12, rel=0.25)
+    assert told.model.noise.u_position_mm == pytest.approx(finding.value)
+    assert told.fit.chi2 / told.fit.freedom == pytest.approx(1.0, abs=0.3)
+
+
+def test_what_is_assumed_stays_beside_what_explains_residuals() -> None:
+    """Of poses that do not say how uncertain they are and residuals too few to tell."""
+    found = silent(6, 11, 3.0)
+    assert isinstance(found.problem, Model)
+    told = explain_misfit(found.problem, found, [])
+    assert [w.code for w in told.findings][-1] == "misfit"
+    assert told.model is not found.problem
+    assert (told.model.noise.u_position_mm >= 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "said", "value"),
+    [
+        ("position", 0.3, "the residuals ask for 0.3 mm (1 sigma per axis), which is taken", 0.3),
+        # at an arm of 200 mm
+        ("rotation", 0.3, "the residuals ask for 0.086 deg (1 sigma per axis), which is taken", 0.0859),
+        ("position", 0.0, "the residuals ask for nothing, they are taken as exact", 0.0),
+        ("rotation", 0.0, "the residuals ask for nothing, they are taken as exact", 0.0),
+    ],
+)
+def test_what_residuals_ask_for_is_said(name: str, size: float, said: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(misfit, "arm_mm", lambda _: 200.0)
+    state: Any = SimpleNamespace(sizes={(name, None): size}, problem=None)
+    found = misfit._estimated(state, name)
+    assert str(found.text).startswith(
+        f"reference_poses.csv does not state how uncertain the {name}s are: {said}; state it if it is known (--u-"
+    )
+    assert found.code == f"assumed_{name}"
+    assert found.value == pytest.approx(value, rel=1e-2)
 
 
 @pytest.mark.parametrize(
