@@ -313,17 +313,23 @@ def test_angles_are_the_shortest_way_around() -> None:
 
 
 @pytest.mark.parametrize("parts", [False, True])
-def test_a_radius_has_no_sign(parts: bool) -> None:
+@pytest.mark.parametrize("small", [False, True])
+def test_a_radius_has_no_sign(parts: bool, small: bool) -> None:
     """On the way to an optimum it may become less than nothing: as long as it is more, and derivatives turn around."""
     campaign, _ = campaign_of(with_parts() if parts else swivelled(2))
     model = Model(campaign, unknowns_of(campaign, ("position", "radius")))
     radii = np.array([n.endswith("pulley_radius_mm") for n in model.parameters.names])
     assert radii.sum() == 6
-    theta = model.start
+    theta = np.where(radii & small, 0.7, model.start)
     other = np.where(radii, -theta, theta)
     np.testing.assert_allclose(model.residuals(other), model.residuals(theta), atol=1e-12)
-    np.testing.assert_allclose(model.jacobian(other), np.where(radii, -1.0, 1.0) * model.jacobian(theta), atol=1e-12)
-    assert np.abs(model.jacobian(other)[:, radii]).max() > 0.1
+    J = model.jacobian(theta)
+    np.testing.assert_allclose(model.jacobian(other), np.where(radii, -1.0, 1.0) * J, atol=1e-12)
+    expected = numeric(model, theta)[:, radii]
+    assert np.abs(expected).max() > 0.1
+    # a small pulley that is off its axis turns by many times a step of differences
+    if not (parts and small):
+        np.testing.assert_allclose(J[:, radii], expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("parts", [False, True])
