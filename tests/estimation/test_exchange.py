@@ -152,7 +152,7 @@ class Hills(OnALine):
 
     def blocks(self, points: FloatArray) -> FloatArray:
         x = points[:, 0]
-        return np.asarray(np.maximum(1.0 - np.abs(x + 0.8), 2.0 - np.abs(x - 0.7))[:, None, None])
+        return np.asarray(np.maximum(1.0 - 2.0 * np.abs(x + 0.8), 2.0 - 3.0 * np.abs(x - 0.7)).clip(0.05)[:, None, None])
 
     def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
         return ()
