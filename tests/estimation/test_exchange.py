@@ -203,6 +203,6 @@ def test_numbered_candidates_are_what_their_numbers_say() -> None:
 
 
 def test_what_data_tell_less_of_than_the_prior_keeps_its_width() -> None:
-    covariance, rank = estimated_covariance(np.diag([100.0, 0.5]))
-    np.testing.assert_allclose(covariance, np.diag([0.01, 1.0]))
-    assert rank == 1
+    covariance, rank = estimated_covariance(np.diag([100.0, 1.25, 0.8]))
+    np.testing.assert_allclose(covariance, np.diag([0.01, 0.8, 1.0]))
+    assert rank == 2

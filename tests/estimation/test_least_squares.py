@@ -10,11 +10,28 @@ from numpy.typing import NDArray
 from problems import Curve, Line, Plane, Readings, Stations, arc, plane
 
 from lmeasure.errors import CalibrationError
-from lmeasure.estimation import Fit, Problem, fit
+from lmeasure.estimation import Fit, Nuisance, Parameters, Problem, fit
 from lmeasure.estimation.elimination import Eliminated, linear_objective
 from lmeasure.estimation.regions import regions
 
 FloatArray = NDArray[np.float64]
+
+
+def test_values_belong_to_what_their_names_say() -> None:
+    """All of a name but its last part is whose the value is; blocks of unknowns are as many as there are sets of them."""
+    names = ("cell.B1.x_mm", "B2.x_mm", "cell.B1.y_mm")
+    parameters = Parameters(names, np.zeros(3), np.ones(3))
+    assert [parameters.owner(i) for i in range(3)] == ["cell.B1", "B2", "cell.B1"]
+    assert parameters.of("cell.B1").tolist() == [0, 2]
+    problem = plane(1, since_first=False)
+    assert problem.nuisance is not None
+    assert problem.nuisance.blocks == 12
+    nothing = np.zeros(0, np.int64)
+    assert Nuisance(0, (), nothing, nothing).blocks == 0
+    # unless a problem says so no error is uniform
+    own, shared = problem.uniform()
+    np.testing.assert_array_equal(own, np.zeros(60))
+    assert shared.shape == (60, 0)
 
 
 @pytest.mark.parametrize(
