@@ -33,6 +33,14 @@ def test_each_owner_has_its_own_and_what_is_shared_comes_last(seed: int) -> None
     assert [(owner, at.tolist()) for owner, at in found[1].parts(PARAMETERS)] == [("c", [4]), ("b", [2, 3])]
 
 
+def test_the_largest_part_of_an_owners_direction_is_positive() -> None:
+    """Whatever it is in the subspace: nobody is told the same direction with another sign on another machine."""
+    for angle in np.linspace(0.05, 2.0 * np.pi, 40):
+        (found,) = by_owner(PARAMETERS, np.array([[np.cos(angle), np.sin(angle), 0.0, 0.0, 0.0]]))
+        assert found.weight[np.argmax(np.abs(found.weight))] > 0.7
+        assert abs(found.weight[0] * np.sin(angle) - found.weight[1] * np.cos(angle)) < 1e-12
+
+
 def test_small_parts_of_others_are_not_told() -> None:
     direction = np.array([[0.0, 0.0, np.sqrt(0.48), np.sqrt(0.48), 0.2]])
     (found,) = by_owner(PARAMETERS, direction)
