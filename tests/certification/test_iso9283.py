@@ -192,3 +192,42 @@ def test_compliance_by_forces_of_all_axes_and_small_ones() -> None:
 
 def test_a_band_that_is_kept_from_the_first_sample_on_is_entered_there() -> None:
     assert iso9283_time.crossing(np.array([2.0, 3.0]), np.array([0.5, 0.4]), np.array(0), 1.0) == 2.0
+
+
+def moment(time_s: FloatArray, distance: FloatArray, i: int) -> float:
+    """When the band of 2 mm is crossed on the way to sample i, by similar triangles."""
+    if i == 0:
+        return float(time_s[0])
+    return float(time_s[i - 1] + (time_s[i] - time_s[i - 1]) * (distance[i - 1] - 2.0) / (distance[i - 1] - distance[i]))
+
+
+def looked_at(time_s: FloatArray, distance: FloatArray) -> tuple[float, float, float, float]:
+    """First entry into a band of 2 mm, entry to stay, largest distance behind the first and first way out, sample by sample."""
+    inside = [d <= 2.0 for d in distance]
+    first = next((i for i, within in enumerate(inside) if within), None)
+    last = next((i for i in range(len(inside)) if all(inside[i:])), None)
+    out = next((i for i, within in enumerate(inside) if not within), None)
+    farthest = math.nan if first is None else max(distance[first:])
+    left = math.nan if out in (0, None) else moment(time_s, distance, out)
+    if first is None or last is None:
+        return math.nan, math.nan, farthest, left
+    return moment(time_s, distance, first), moment(time_s, distance, last), farthest, left
+
+
+def test_times_are_those_that_looking_at_one_sample_after_the_other_gives() -> None:
+    """Of distances that often lie just on the limit, that stay, and whose samples are not equally spaced."""
+    rng = np.random.default_rng(5)
+    time_s = np.array([-1.0, 0.5, 0.75, 2.0, 4.0])
+    distance, other = rng.integers(0, 5, (2, 30, 20, 5)).astype(float)
+    alone = np.array([[looked_at(time_s, d) for d in row] for row in distance])
+    there = np.array([[looked_at(time_s, d)[1] for d in row] for row in other])
+    first, last, farthest, left = np.moveaxis(alone, -1, 0)
+    assert (np.isnan(alone).any(axis=(0, 1)) & (alone == time_s[0]).any(axis=(0, 1)))[[0, 1]].all()
+    entered = iso9283_time.arrivals(time_s, distance, 2.0)
+    np.testing.assert_allclose(entered, [first, last], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(iso9283_time.stabilisation_time(time_s, distance, 2.0), last - first, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(iso9283_time.excursion(distance, 2.0), farthest)
+    np.testing.assert_allclose(iso9283_time.departure(time_s, distance, 2.0), left, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(iso9283_time.posing_time(time_s, distance, other, 2.0), there - left, rtol=0, atol=1e-12)
+    reached = farthest[~np.isnan(farthest).any(axis=1)]
+    np.testing.assert_array_equal(iso9283_time.overshoot(reached, 2.0), [max([0.0, *(x for x in row if x > 2.0)]) for row in reached])
