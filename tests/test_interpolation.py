@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import BarycentricInterpolator
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.interpolation import OtherTimes, lagrange
 
 
@@ -111,3 +112,60 @@ def test_instants_on_samples_outside_and_in_holes() -> None:
     assert np.flatnonzero(times.either(mask)).tolist() == [2, 4, 5, 6, 7]
     alone = OtherTimes(np.array([1.0]), np.array([0.5, 1.0, 1.5]), 2.5)
     np.testing.assert_array_equal(alone.read(np.array([3.0]), np.array([True]), 1.0, 0.2)[0], [np.nan, 3.0, np.nan])
+
+
+def looked_up(
+    time_s: FloatArray, values: FloatArray, good: BoolArray, at: float, *, hole: float, quantum: float, smooth: float
+) -> tuple[float, float]:
+    """The value at one instant, and by how much it misses, from the samples about it one by one."""
+    k, sure = len(time_s), values.copy()
+    sure[~good] = np.nan
+    whole = np.diff(time_s) <= hole * np.median(np.diff(time_s))
+
+    def bends(i: int) -> tuple[float, float]:
+        """The second derivative of the parabola through a sample and its neighbours, and how much of it rounding may be."""
+        if not 0 < i < k - 1 or not whole[i - 1 : i + 1].all():
+            return np.nan, np.nan
+        early, late = np.diff(time_s[i - 1 : i + 2])
+        return 2.0 * np.polyfit(time_s[i - 1 : i + 2] - time_s[i], sure[i - 1 : i + 2], 2)[0], 2.0 * quantum / (early * late)
+
+    if not time_s[0] <= at <= time_s[-1]:
+        return np.nan, 0.0
+    if at in time_s:
+        return float(values[time_s == at][0]), 0.0
+    left = int(np.flatnonzero(time_s < at)[-1])
+    h, f = time_s[left + 1] - time_s[left], (at - time_s[left]) / (time_s[left + 1] - time_s[left])
+    if not whole[left]:
+        return np.nan, 0.0
+    if 0 < left < k - 2:
+        (one, of_one), (other, of_other) = bends(left), bends(left + 1)
+        four = slice(left - 1, left + 3)
+        basis = [float(BarycentricInterpolator(time_s[four], unit)(at)) for unit in np.eye(4)]
+        apart, mean = abs(one - other) * h**2, (abs(one) + abs(other)) / 2.0 * h**2
+        if apart <= max(smooth + (of_one + of_other) * h**2, mean) and np.dot(basis, basis) <= 1.0:
+            return float(np.dot(basis, values[four])), 0.0
+    sizes = [max(abs(bend) - rounding, 0.0) for bend, rounding in map(bends, range(k)) if np.isfinite(bend)]
+    sides = [max(abs(bend) - rounding, 0.0) for bend, rounding in map(bends, (left, left + 1)) if np.isfinite(bend)]
+    size = float(np.mean(sides)) if sides else max(sizes, default=0.0)
+    return float(values[left] + f * (values[left + 1] - values[left])), size * h**2 * f * (1.0 - f) / 2.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_value_is_what_its_own_samples_give(seed: int) -> None:
+    """Of a motion that starts and stops, rounded, at uneven stamps with holes, some in doubt; read within, on and beside the samples."""
+    rng = np.random.default_rng(seed)
+    steps = rng.uniform(0.6, 1.4, 80)
+    steps[rng.integers(0, 80, 6)] *= 2.2
+    time_s = 3.0 + np.cumsum(steps)
+    motion = np.where(np.sin(0.2 * time_s) > 0.0, 4.0 * np.cos(0.9 * time_s), 4.0)
+    quantum = 0.25 * (seed % 2)
+    values = np.rint(motion / quantum) * quantum if quantum else motion
+    good = rng.uniform(size=80) > 0.12
+    at_s = np.sort(np.r_[rng.uniform(time_s[0] - 2.0, time_s[-1] + 2.0, 150), time_s[rng.integers(0, 80, 12)], time_s[[0, -1]]])
+    kinds = {"hole": 2.0, "quantum": quantum, "smooth": 0.1 * (seed % 3)}
+    found, missed = OtherTimes(time_s, at_s, kinds["hole"]).read(values, good, quantum, kinds["smooth"])
+    alone = np.array([looked_up(time_s, values, good, float(at), **kinds) for at in at_s])
+    np.testing.assert_allclose(found, alone[:, 0], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(missed, alone[:, 1], rtol=1e-6, atol=1e-9)
+    assert (alone[:, 1] > 0.0).sum() > 20
+    assert np.isnan(found).sum() > 4
