@@ -1,0 +1,55 @@
+"""Which methods gave which runs the figures of today: certificates by these are compared to the digit, others are shown beside today's."""
+
+import itertools
+import re
+
+import pytest
+
+from lmeasure.certification import method
+from lmeasure.certification.method import METHOD, contradicted, method_of, same_figures
+from lmeasure.findings import finding
+
+WHAT = ("passes", "linked", "rough", "contradicted")
+
+
+def test_every_method_is_described_where_its_number_stands() -> None:
+    described = [int(number) for number in re.findall(r"(?<![\w.])(\d+): ", method.__doc__ or "")]
+    assert described == list(range(1, METHOD + 1))
+
+
+@pytest.mark.parametrize(
+    ("what", "first"),
+    [
+        (set(), 3),
+        ({"passes"}, 4),
+        ({"linked"}, 5),
+        ({"passes", "linked"}, 5),
+        ({"rough"}, 7),
+        ({"contradicted"}, 7),
+        ({"passes", "rough"}, 7),
+        ({"linked", "contradicted"}, 7),
+    ],
+)
+def test_methods_of_the_same_figures_begin_where_the_last_thing_changed_that_a_run_has(what: set[str], first: int) -> None:
+    """Of what it has not, nothing matters; a method that comes after today's is not known."""
+    found = [m for m in range(METHOD + 3) if same_figures(m, **{name: name in what for name in WHAT})]
+    assert found == list(range(first, METHOD + 1))
+
+
+def test_what_a_run_has_more_never_makes_an_earlier_method_the_same() -> None:
+    every = [dict(zip(WHAT, so, strict=True)) for so in itertools.product((False, True), repeat=4)]
+    for less, more in itertools.product(every, every):
+        if all(more[name] for name in WHAT if less[name]):
+            assert all(same_figures(m, **less) for m in range(1, METHOD + 1) if same_figures(m, **more))
+
+
+def test_a_certificate_without_a_method_is_by_the_first() -> None:
+    assert method_of({}) == 1
+    assert method_of({"method": 5}) == 5
+
+
+def test_a_run_contradicts_itself_where_a_finding_says_so_and_not_where_a_text_does() -> None:
+    other, said = finding("angles.none", part="pose P1", angles="kuka-abc"), finding("channels.contradict", begin="0", end="1", said="ch1")
+    assert not contradicted([])
+    assert not contradicted([other, str(said)])
+    assert contradicted([str(other), other, said])
