@@ -125,6 +125,7 @@ CORE = {
     "certification/attainment.py": ["tests/certification/test_attainment.py", *_SEALED[:-1], f"test_attainment or {_SEALED[-1]}"],
     "certification/iso9283/pose.py": ["tests/certification/test_u95.py", *_SEALED[:-1], f"stays_so or {_SEALED[-1]}"],
     "certification/evaluate.py": ["tests/certification/test_u95.py", *_SEALED[:-1], f"what_is_done or have_none or {_SEALED[-1]}"],
+    "certification/fitted_frame.py": ["tests/certification/test_fitted_frame.py"],
     "certification/capability.py": ["tests/certification/test_capability_limits.py"],
     "certification/angles.py": ["tests/certification/test_angles.py", *_SEALED[:-1], f"test_angles or {_SEALED[-1]}"],
     "certification/iso9283/corners.py": ["tests/certification/test_corner_laws.py", *_SEALED[:-1], f"test_corner_laws or {_SEALED[-1]}"],

@@ -133,9 +133,8 @@ def _relative(a: Any, b: Any, size: float) -> float:
         return max((_relative(a[k], b[k], size) for k in a), default=0.0)
     if all(isinstance(x, int | float) and not isinstance(x, bool) for x in (a, b)):
         return abs(a - b) / max(size, abs(a)) if a != b else 0.0
-    if isinstance(a, str) and isinstance(b, str):
-        return 0.0 if _alike(a, b) else math.inf
-    return 0.0 if a == b else math.inf
+    same = _alike(a, b) if isinstance(a, str) else a == b
+    return 0.0 if same else math.inf
 
 
 def _figure(figure: Mapping[str, Any] | None) -> str:

@@ -202,6 +202,22 @@ def test_pauses_of_the_bus_do_not_pass_for_a_slower_sync() -> None:
         assert pace(stopped) == pytest.approx(0.005, rel=1e-3)
 
 
+@pytest.mark.parametrize(("at_once", "intervals"), [(64, 512), (64, 1024), (32, 256), (16, 135), (1, 15), (1, 1)])
+def test_a_host_that_hands_over_as_many_at_once_as_are_compared_is_timed_exactly(at_once: int, intervals: int) -> None:
+    """Of stretches of 64 intervals, or an eighth of all, each has the same length."""
+    stamped = np.zeros(intervals)
+    stamped[at_once - 1 :: at_once] = 0.005 * at_once
+    assert pace(stamped) == pytest.approx(0.005, rel=1e-9)
+
+
+@pytest.mark.parametrize("stops", [4, 6])
+def test_a_pause_counts_where_it_is_in_a_third_of_the_stretches(stops: int) -> None:
+    """Each is in 64 of the 961 stretches of 1024 intervals."""
+    intervals = np.full(1024, 0.005)
+    intervals[150 * np.arange(1, stops + 1)] = 1.0
+    assert (pace(intervals) == pytest.approx(0.005, rel=1e-9)) == (stops < 5)
+
+
 def test_the_start_input_is_a_column() -> None:
     import can
 

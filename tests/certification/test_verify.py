@@ -13,7 +13,7 @@ import tomli_w
 from made_trajectories import made_campaign
 
 from lmeasure.certification import Settings
-from lmeasure.certification.again import RELATIVE, SOURCES, _keyed, compare, label, of_environment
+from lmeasure.certification.again import RELATIVE, SOURCES, _keyed, beside, compare, label, of_environment
 from lmeasure.certification.bundle import CERTIFICATE, SIGNATURE, Difference, copy_into, entries, seal
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import certificate, identification
@@ -259,6 +259,9 @@ def test_a_figure_without_an_uncertainty_is_allowed_a_part_of_itself(u95: float 
         ("5 poses", "5 poses 7", False),
         ("1234567.0 s", "1234567.9 s", True),
         ("2.5", "-2.5", False),
+        ("1000000.0 s", "1000001.0 s", True),
+        ("U95 0.0123 mm", "U95 0.01239 mm", True),
+        ("U95 0.0123 mm", "U95 0.01245 mm", False),
     ],
 )
 def test_tables_alike_but_for_last_digits(one: Any, other: Any, alike: bool) -> None:
@@ -266,6 +269,28 @@ def test_tables_alike_but_for_last_digits(one: Any, other: Any, alike: bool) -> 
         stated: dict[str, Any] = {"characteristics": [], "figures_sha256": "", "notes": a}
         out, _ = compare(stated | {"id": identification(stated)}, stated | {"notes": b}, exact=False)
         assert [d.what for d in out] == ([] if alike else [CERTIFICATE])
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_table_that_earlier_versions_did_not_write_is_missed_where_this_very_one_should_have(exact: bool) -> None:
+    """One that this version would not write is no part of a certificate, whichever wrote it; of codes the texts tell enough."""
+    stated: dict[str, Any] = {"characteristics": [], "figures_sha256": "", "method": METHOD, "notes": []}
+    stated["id"] = identification(stated)
+    out, _ = compare(stated, stated | {"novel": [1.0]}, exact=exact)
+    assert [str(d) for d in out] == ([f"{CERTIFICATE}: novel is None, computed again [1.0]"] if exact else [])
+    more = stated | {"novel": [1.0]}
+    out, _ = compare(more | {"id": identification(more)}, stated, exact=exact)
+    assert [str(d) for d in out] == [f"{CERTIFICATE}: novel is [1.0], computed again None"]
+    coded = stated | {"findings": [{"code": "x", "text": "y"}]}
+    out, _ = compare(coded | {"id": identification(coded)}, stated | {"findings": []}, exact=exact)
+    assert bool(out) == exact
+
+
+def test_what_no_method_has_a_part_in_is_held_to_the_digit_beside_those_of_another() -> None:
+    stated: dict[str, Any] = {"characteristics": [], "method": METHOD + 1, "measurement": {"constraint_mm": 2.0}, "settings": {"trials": 1}}
+    stated["id"] = identification(stated)
+    for change, said in (({}, []), ({"settings": {"trials": 2}}, []), ({"measurement": {"constraint_mm": 2.0 + 1e-12}}, ["measurement"])):
+        assert [str(d).removeprefix(f"{CERTIFICATE}: ").split()[0] for d in beside(stated, stated | change)[0]] == said
 
 
 @pytest.mark.parametrize(
@@ -278,6 +303,7 @@ def test_tables_alike_but_for_last_digits(one: Any, other: Any, alike: bool) -> 
         ({"upper": 2.0}, {"upper": 2.0, "lower": 2.0}, np.inf),
         ({}, 2.0, np.inf),
         ({}, {}, 0.0),
+        ({"upper": 2.0, "more": {}}, {"upper": 2.0 + 4e-7, "more": {}}, 2e-7),
         ("to 0.012", "to 0.013", 0.0),
         ("to 0.012", "up to 0.012", np.inf),
         ("2.0", 2.0, np.inf),
