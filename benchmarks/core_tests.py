@@ -123,7 +123,12 @@ CORE = {
     **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},
     **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
     "certification/attainment.py": ["tests/certification/test_attainment.py", *_SEALED[:-1], f"test_attainment or {_SEALED[-1]}"],
-    "certification/iso9283/pose.py": ["tests/certification/test_u95.py", *_SEALED[:-1], f"stays_so or {_SEALED[-1]}"],
+    "certification/iso9283/pose.py": [
+        "tests/certification/test_pose_laws.py",
+        "tests/certification/test_u95.py",
+        *_SEALED[:-1],
+        f"test_pose_laws or stays_so or {_SEALED[-1]}",
+    ],
     "certification/evaluate.py": ["tests/certification/test_u95.py", *_SEALED[:-1], f"what_is_done or have_none or {_SEALED[-1]}"],
     "certification/fitted_frame.py": ["tests/certification/test_fitted_frame.py"],
     "certification/capability.py": ["tests/certification/test_capability_limits.py"],
