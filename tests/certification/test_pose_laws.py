@@ -143,3 +143,15 @@ def test_cycles_as_likely_as_those_measured(name: str, scale: float) -> None:
         np.testing.assert_allclose(shift, moved[..., 3:], rtol=0, atol=1e-12)
         np.testing.assert_allclose(turned, moved[..., :3] @ rates_at(attained.mean()).T, rtol=0, atol=1e-9)
         np.testing.assert_allclose(twist, np.degrees(moved[..., :3]), rtol=0, atol=1e-10)
+
+
+def test_where_the_orientation_is_not_measured_there_is_none() -> None:
+    """Of a cycle alone as of several; positions are what they were."""
+    for n in (1, 4):
+        places = PLACE + np.random.default_rng(3).normal(size=(n, 3))
+        pose: Any = SimpleNamespace(commanded=np.r_[PLACE, COMMANDED.as_quat()], poses=np.column_stack([places, np.full((n, 4), np.nan)]))
+        part = PosePart(pose, PoseErrors.of(np.zeros((n, 6, 1)), np.zeros((n, 6, 0))), "fanuc-wpr", np.zeros(n, np.int64))
+        for reduced in (False, True):
+            state = part.state(np.zeros((n, 6)), reduced)
+            assert (state.angles_deg, state.turn_deg) == (None, None)
+            np.testing.assert_allclose(state.position.mean(axis=0), places.mean(axis=0), rtol=1e-12)

@@ -327,3 +327,67 @@ def test_figures_of_which_a_trajectory_states_no_uncertainty_have_none(absent: t
     codes = [getattr(f, "code", None) for f in found.findings]
     assert ("uncertainty.unstated" in codes) == bool(without)
     assert "uncertainty.unstated" not in [getattr(f, "code", None) for f in kept.findings]
+
+
+class Row:
+    """Positions along x (n,), half as large where they are as likely as those measured; for the law of their errors alone."""
+
+    def __init__(self, x: FloatArray, errors: PoseErrors) -> None:
+        self.x, self.errors = x, errors
+        self.positions = np.outer(x, np.eye(3)[0])
+
+    def state(self, errors: FloatArray, reduced: bool) -> FloatArray:
+        return np.asarray((0.5 if reduced else 1.0) * self.x + errors[..., 3])
+
+
+def along_x(n: int, *u: float) -> FloatArray:
+    """(n, 6, k) factors of errors along x."""
+    return np.asarray(np.tile(np.eye(6)[3][:, None] * np.array(u).reshape(1, -1), (n, 1, 1)))
+
+
+def test_parts_have_the_errors_of_the_run_in_common_and_no_others() -> None:
+    """One of them knows of fewer of these than the others."""
+    one, other, less = (Subject("pose", name) for name in ("P1", "P2", "P3"))
+    parts = {
+        less: Row(np.zeros(1), PoseErrors.of(along_x(1, 0.2), along_x(1, 0.5))),
+        one: Row(np.zeros(1), PoseErrors.of(along_x(1, 0.1), along_x(1, 0.5, 0.4))),
+        other: Row(np.zeros(1), PoseErrors.of(along_x(1, 0.1), along_x(1, 0.5, -0.4))),
+    }
+    figures = [
+        lambda s: s[one][..., 0] - s[other][..., 0],
+        lambda s: s[one][..., 0] + s[other][..., 0],
+        lambda s: s[one][..., 0] - s[less][..., 0],
+    ]
+    apart, both, fewer = propagate(parts, figures, trials=4000, seed=3)
+    assert (apart.u_random, apart.u_systematic) == (pytest.approx(0.1 * np.sqrt(2), rel=0.1), pytest.approx(0.8, rel=0.1))
+    assert (both.u_random, both.u_systematic) == (pytest.approx(0.1 * np.sqrt(2), rel=0.1), pytest.approx(1.0, rel=0.1))
+    assert (fewer.u_random, fewer.u_systematic) == (pytest.approx(np.hypot(0.1, 0.2), rel=0.1), pytest.approx(0.4, rel=0.1))
+    assert apart.u95 == pytest.approx(1.96 * np.hypot(0.1 * np.sqrt(2), 0.8), rel=0.05)
+    # what a fitted frame takes of them, it takes of all
+    nothing = propagate(parts, figures, trials=50, seed=3, fitted=lambda errors: {key: 0.0 * e for key, e in errors.items()})
+    assert [(s.u95, s.u_random, s.u_systematic, s.bias) for s in nothing] == [(0.0, 0.0, 0.0, 0.0)] * 3
+    assert propagate({}, [], trials=10, seed=1) == []
+
+
+def test_errors_are_those_about_what_is_likely_and_standard_uncertainties_those_about_what_was_measured() -> None:
+    """Of the square of 6 mm, which are 3 mm as likely; and an error adds its own square on average."""
+    part = Row(np.array([6.0]), PoseErrors.of(along_x(1, 0.03), along_x(1, 0.04)))
+    (found,) = propagate({AT: part}, [lambda s: s[AT][..., 0] ** 2], trials=20_000, seed=4)
+    assert (found.u_random, found.u_systematic) == (pytest.approx(12.0 * 0.03, rel=0.1), pytest.approx(12.0 * 0.04, rel=0.1))
+    assert found.u95 == pytest.approx(1.96 * 6.0 * 0.05, rel=0.03)
+    (wide,) = propagate({AT: Row(np.zeros(1), part.errors)}, [lambda s: s[AT][..., 0] ** 2], trials=20_000, seed=4)
+    assert wide.bias == pytest.approx(0.05**2, rel=0.05)
+    assert wide.u95 == pytest.approx((1.96 * 0.05) ** 2, rel=0.05)
+
+
+def test_many_poses_are_drawn_in_pieces_of_which_each_counts() -> None:
+    """A hundred thousand at once; of standard uncertainties the first five hundred draws."""
+    n, told = 1200, []
+    part = Row(np.zeros(n), PoseErrors.of(along_x(n, 3.0), along_x(n, 0.2)))
+    figures = [lambda s: s[AT].mean(axis=-1), lambda s: s[AT][..., 0]]
+    mean, single = propagate({AT: part}, figures, trials=630, seed=5, progress=lambda *at: told.append(at))
+    assert told == [*((83 * k, 630) for k in range(1, 8)), (630, 630)]
+    assert (mean.u_random, mean.u_systematic) == (pytest.approx(3.0 / np.sqrt(n), rel=0.12), pytest.approx(0.2, rel=0.12))
+    assert (single.u_random, single.u_systematic) == (pytest.approx(3.0, rel=0.12), pytest.approx(0.2, rel=0.12))
+    assert mean.u95 == pytest.approx(1.96 * np.hypot(0.2, 3.0 / np.sqrt(n)), rel=0.12)
+    assert single.u95 == pytest.approx(1.96 * np.hypot(0.2, 3.0), rel=0.12)
