@@ -93,6 +93,7 @@ def test_cycles_as_likely_as_those_measured(which: str, scale: float) -> None:
     angles = np.array([[t.as_euler("xyz", degrees=True) - COMMANDED.as_euler("xyz", degrees=True) for t in row] for row in turned])
     angles -= 360.0 * np.rint(angles / 360.0)
     np.testing.assert_allclose(measured.position, deviation, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(part.positions, [c.attained[i, j, :3] for i in range(m) for j in range(n)])
     np.testing.assert_allclose(measured.turn_deg, turns, rtol=0, atol=1e-9)
     np.testing.assert_allclose(measured.angles_deg, angles, rtol=0, atol=1e-9)
     step = 1e-4

@@ -125,7 +125,8 @@ def test_cycles_as_likely_as_those_measured(name: str, scale: float) -> None:
     assert measured.turn_deg is not None
     assert state.angles_deg is not None
     assert state.turn_deg is not None
-    np.testing.assert_allclose(measured.position, PLACE + delta[:, 3:], rtol=0, atol=1e-12)
+    for position in (measured.position, part.positions):
+        np.testing.assert_allclose(position, PLACE + delta[:, 3:], rtol=0, atol=1e-12)
     np.testing.assert_allclose(measured.turn_deg, turns, rtol=0, atol=1e-9)
     np.testing.assert_allclose(measured.angles_deg, angles, rtol=0, atol=1e-9)
     nothing = np.zeros((3, 3))
