@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.certification.iso9283.pose import PosePart
+from lmeasure.certification.iso9283.pose import PosePart, of_rests
 from lmeasure.trajectory.pose_errors import PoseErrors
+from lmeasure.trajectory.vibration import Swing, Vibration
 
 SIDED = 1.6448536
 """Standard deviations of a normal law above which 5 % lie."""
@@ -156,3 +157,19 @@ def test_where_the_orientation_is_not_measured_there_is_none() -> None:
             state = part.state(np.zeros((n, 6)), reduced)
             assert (state.angles_deg, state.turn_deg) == (None, None)
             np.testing.assert_allclose(state.position.mean(axis=0), places.mean(axis=0), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("scatter", "common"), [(1.0, 1.0), (0.5, 1.0), (1.01, 0.99), (20.0, 0.0)])
+def test_rests_that_only_swing_apart_are_rounded_alike(scatter: float, common: float) -> None:
+    """What means of dwells scatter by because the robot swings, 0.3 counts here, is not where it rests; scatter: times as much."""
+    count, n = 0.02, 5
+    along = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+    errors = PoseErrors.of(np.tile(count / np.sqrt(12.0) * along, (n, 1, 1)), np.zeros((n, 6, 0)), rounded=True)
+    still, swing = Swing(np.zeros((9, 6)), np.zeros((6, 6)), np.zeros(6)), (0.3 * count) ** 2 * along
+    pose: Any = SimpleNamespace(
+        scatter_within=lambda groups: scatter * swing, vibration=Vibration((still,) * n, swing), readings=np.full(n, 9)
+    )
+    found = of_rests(errors, pose, np.zeros(n, np.int64))
+    of_rounding = found.covariance_of(np.array([[1.0, -1.0, 0.0, 0.0, 0.0]]))[0, 3, 3] - 2.0 * swing[3, 3]
+    assert of_rounding == pytest.approx(2.0 * count**2 / 12.0, rel=1e-6)
+    assert np.square(found.local[:, 3, :6]).sum(axis=1) * 12.0 / count**2 == pytest.approx(np.full(n, common), abs=0.05)
