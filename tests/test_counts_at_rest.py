@@ -119,3 +119,37 @@ def test_of_three_stamps_the_usual_interval_is_known() -> None:
     rates = RateEvidence(1e4, 1000.0)
     rates.add(np.array([0.0, 0.0, 50.0]), np.array([0.0, 0.1, 0.1001]))
     assert rates.believed() == pytest.approx(2.0 * 50.0 / 0.05005)
+
+
+def test_of_two_stamps_the_usual_interval_is_not_known() -> None:
+    """A hundred counts in a tenth of a millisecond are no motion, though two more stamps are a tenth of a second apart."""
+    rates = RateEvidence(1e4, 1000.0)
+    rates.add(np.array([0.0]), np.array([0.0]))
+    rates.add(np.array([100.0, 100.0]), np.array([1e-4, 0.1]))
+    assert rates.believed() == 1000.0
+
+
+@pytest.mark.parametrize(
+    ("values", "bits"),
+    [
+        # the highest value of 16 bits without a sign is 65,535
+        ([1.0, 65_535.0], 16),
+        ([1.0, 65_536.0], None),
+        # and with one there are no more between the lowest and the highest
+        ([-32_767.0, 32_768.0], 16),
+        ([-32_768.0, 32_768.0], None),
+    ],
+)
+def test_a_width_is_one_of_which_the_counter_shows_every_value(values: list[float], bits: int | None) -> None:
+    assert unwrap(np.array(values), np.array([0.0, 1e-3]), max_rate=2000.0, bits=None).inferred_bits == bits
+
+
+def test_a_step_that_is_just_possible_asks_for_no_width() -> None:
+    """Half way round 16 bits, in as long as a drum needs at most."""
+    for step, bits in ((32_768.0, None), (32_769.0, 16)):
+        assert unwrap(np.array([0.0, step]), np.array([0.0, 32_767.0]), max_rate=1.0, bits=None).inferred_bits == bits
+
+
+def test_samples_are_numbered_from_nothing() -> None:
+    with pytest.raises(FileFormatError, match=r"counts: sample 2: time_s = 1\.0 does not follow 1\.0"):
+        Counts(np.array([0.0, 1.0, 1.0]), ("a",), np.zeros((3, 1)))

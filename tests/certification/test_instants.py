@@ -10,12 +10,13 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 
 from lmeasure.certification import Characteristic, Settings, evaluate
-from lmeasure.certification.figure import Subject
-from lmeasure.certification.instants import on_times
+from lmeasure.certification.figure import OfInstants, Subject
+from lmeasure.certification.instants import most_planes, of_crossing, of_duration, on_times, with_instants
 from lmeasure.certification.iso9283.velocity import VelocityTest
 from lmeasure.findings import recognised
 from lmeasure.program import Program
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.pose_errors import PoseErrors
 from lmeasure.trajectory.stamps import sound, stamps_of
 
 FloatArray = NDArray[np.float64]
@@ -127,3 +128,75 @@ def test_the_mean_of_ways_over_times_is_more_than_that_over_the_mean_of_times() 
     longer = [(np.diff(time_s, axis=0) / np.diff(time_s + sign * errors, axis=1)).mean() - 1.0 for sign in (1.0, -1.0)]
     # of a robot that is three per cent slow
     assert velocity._of_instants(-3.0).bias == pytest.approx(97.0 * np.mean(longer), rel=0.02)
+
+
+def test_every_window_goes_with_the_samples_and_as_far_beyond_them_as_it_was() -> None:
+    """Of poses, of their settling, of paths, moves and loads; between two samples in proportion."""
+    stamps = replace(sound(np.array([10.0, 11.0, 12.0, 13.0])), kind="even", stamp_s=np.array([10.5, 11.5, 12.7, 13.1]))
+    before, after = (9.5, 12.1), (9.0, 11.5)
+    later, moved = (13.1, 14.6), (13.0, 14.5)
+    end = {"position_mm": (0.0, 0.0, 0.0), "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "limit_band_mm": 1.0}
+    program = Program.model_validate(
+        {
+            "schema": "lmeasure.program/1",
+            "pose": [
+                {"name": "A", **end, "windows_s": [before], "settling_s": [later]},
+                {"name": "B", **end, "windows_s": [before, later]},
+            ],
+            "path": [{"name": "line", "kind": "linear", "start_mm": (0, 0, 0), "end_mm": (1, 0, 0), "windows_s": [before]}],
+            "posing": [{"from": "A", "to": "B", "limit_band_mm": 1.0, "windows_s": [later]}],
+            "compliance": [{"pose": "A", "windows_s": [before], "force_n": [(1.0, 0.0, 0.0)]}],
+        }
+    )
+    found = on_times(program, stamps)
+    first, last = (pytest.approx(window, abs=1e-12) for window in (after, moved))
+    assert [list(p.windows_s) for p in found.pose] == [[first], [last]]
+    assert list(found.pose[0].settling_s) == [last]
+    assert [p.windows_s[0] for p in (found.path[0], found.posing[0], found.compliance[0])] == [first, last, first]
+    assert on_times(program, replace(stamps, kind="sound")) is program
+
+
+def test_planes_that_instants_allow_are_ten_of_their_uncertainties_apart() -> None:
+    stamps = replace(sound(np.arange(3.0)), u_time_s=0.01)
+    assert [most_planes(stamps, seconds) for seconds in (0.099, 0.101, 2.05, 5.0)] == [0, 1, 20, 50]
+    assert most_planes(sound(np.arange(3.0)), 1.0) > 10**9
+
+
+def test_instants_that_err_are_places_that_err_along_the_path() -> None:
+    """Anew at every crossing, and by a rate that all have in common, in proportion to the time since the middle of its cycle."""
+    rng, m, n = np.random.default_rng(6), 4, 3
+    time_s, pace = np.cumsum(rng.uniform(0.5, 1.0, (m, n)), axis=0), rng.uniform(100.0, 200.0, (m, n))
+    tangent = rng.normal(size=(m, 3))
+    crossed: Any = SimpleNamespace(time_s=time_s, pace_mm_s=pace, tangent=tangent)
+    places = PoseErrors.of(rng.normal(size=(m * n, 6, 2)), rng.normal(size=(m * n, 6, 1)))
+    stamps = replace(sound(np.arange(3.0)), kind="even", u_time_s=1e-3, u_rate=1e-4)
+    found = of_crossing(places, crossed, stamps)
+    weights = rng.normal(size=m * n)
+    by_instants = found.covariance_of(weights[None])[0] - places.covariance_of(weights[None])[0]
+    # the two laws written out: dt of each crossing, and one rate
+    way = np.zeros((m * n, 6))
+    way[:, 3:] = (tangent[:, None] * pace[:, :, None]).reshape(-1, 3)
+    since = (time_s - time_s.mean(axis=0)).ravel()
+    common = (weights * since) @ way * 1e-4
+    expected = 1e-6 * np.einsum("k,ki,kj->ij", weights**2, way, way) + np.outer(common, common)
+    np.testing.assert_allclose(by_instants, expected, rtol=1e-6, atol=1e-12)
+    assert of_crossing(places, crossed, replace(stamps, kind="sound")) is places
+
+
+def test_a_duration_errs_by_both_ends_of_its_cycles_and_by_the_rate() -> None:
+    figure = Characteristic(
+        name="t_s", clause="7.4", value=2.0, unit="s", u95=0.03, capable=False, cycles=5, u_random=0.01, u_systematic=0.004
+    )
+    stamps = replace(sound(np.arange(3.0)), kind="even", u_time_s=0.006, u_rate=1e-3)
+    added = np.hypot(np.sqrt(2.0 / 5.0) * 0.006, 2e-3)
+    for value in (2.0, -2.0):
+        found = of_duration(replace(figure, value=value), stamps)
+        assert found.u95 == pytest.approx(np.hypot(0.03, 1.959964 * added), rel=1e-6)
+        assert (found.value, found.u_random) == (value, 0.01)
+        assert found.u_systematic == pytest.approx(np.hypot(0.004, added))
+        assert found.coverage_factor == pytest.approx(found.u95 / np.sqrt(0.01**2 + 0.004**2 + added**2))
+    assert of_duration(figure, sound(np.arange(3.0))) is figure
+    exact = replace(figure, u95=0.0, u_random=None, u_systematic=None)
+    assert with_instants(exact, OfInstants(0.0)).coverage_factor is None
+    biased = with_instants(exact, OfInstants(0.01, 0.002))
+    assert [biased.u95, biased.u_systematic] == pytest.approx([1.959964 * 0.01 + 0.002, 0.01], rel=1e-6)
