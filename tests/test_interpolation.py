@@ -154,7 +154,7 @@ def looked_up(
 def test_every_value_is_what_its_own_samples_give(seed: int) -> None:
     """Of a motion that starts and stops, rounded, at uneven stamps with holes, some in doubt; read within, on and beside the samples."""
     rng = np.random.default_rng(seed)
-    steps = rng.uniform(0.6, 1.4, 80)
+    steps = rng.uniform(0.6, 1.4, 80) if seed % 3 else rng.uniform(0.1, 1.9, 80)
     steps[rng.integers(0, 80, 6)] *= 2.2
     time_s = 3.0 + np.cumsum(steps)
     motion = np.where(np.sin(0.2 * time_s) > 0.0, 4.0 * np.cos(0.9 * time_s), 4.0)
@@ -169,3 +169,10 @@ def test_every_value_is_what_its_own_samples_give(seed: int) -> None:
     np.testing.assert_allclose(missed, alone[:, 1], rtol=1e-6, atol=1e-9)
     assert (alone[:, 1] > 0.0).sum() > 20
     assert np.isnan(found).sum() > 4
+
+
+@pytest.mark.parametrize(("last", "middle"), [(5.0, 0.25), (6.0, 0.5)])
+def test_second_differences_bend_alike_that_are_no_farther_apart_than_their_mean(last: float, middle: float) -> None:
+    """Of 1 and 3 the cubic, of 1 and 4 the line."""
+    found, _ = read(np.arange(4.0), np.array([0.0, 0.0, 1.0, last]), np.array([1.5]), smooth=0.0)
+    assert found[0] == middle
