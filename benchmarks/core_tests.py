@@ -131,6 +131,7 @@ CORE = {
     ],
     "certification/iso9283/path.py": ["tests/certification/test_path_laws.py", *_SEALED[:-1], f"test_path_laws or {_SEALED[-1]}"],
     "certification/evaluate.py": ["tests/certification/test_u95.py", *_SEALED[:-1], f"what_is_done or have_none or {_SEALED[-1]}"],
+    "certification/exclusions.py": ["tests/certification/test_exclusions.py"],
     "certification/fitted_frame.py": ["tests/certification/test_fitted_frame.py"],
     "certification/capability.py": ["tests/certification/test_capability_limits.py"],
     "certification/angles.py": ["tests/certification/test_angles.py", *_SEALED[:-1], f"test_angles or {_SEALED[-1]}"],

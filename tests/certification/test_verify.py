@@ -134,7 +134,7 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
     first = label(figures[0])
     content = resealed(folder, {"method": METHOD + 1, "characteristics": [figures[0] | {"value": 5.0, "u95": 0.5}, *figures[1:]]})
     found = verify(folder, printers=PRINTERS)
-    assert (texts(found), found.figures, found.exit_code) == ([], 0, 3)
+    assert (texts(found), found.figures, found.largest, found.exit_code) == ([], 0, 0.0, 3)
     assert found.skipped == (
         f"figures: made by method {METHOD + 1}, today's is {METHOD}",
         f"{PAGE}: what it prints, since another version of this program prints other texts",
