@@ -229,3 +229,16 @@ def test_a_leap_is_told_with_the_number_of_its_sample() -> None:
     for size in (len(frames), 9):
         got = counts_from_frames(RIG, pieces(frames, size), FIELDS)
         assert [(e.sample, e.kind, e.channel, e.time_s) for e in got.events.kept] == [(7, "jump", "ch2", MOVING.time_s[7])]
+
+
+def test_of_the_last_two_that_were_stamped_at_once_the_earlier_is_brought_back() -> None:
+    """Behind a pause of the host, when nothing else is held back."""
+    stamps = np.r_[0.01 * np.arange(150.0), 3.0, 3.0001]
+    many = replace(MOVING, time_s=stamps, recorded=np.ones((152, 6)))
+    frames = replace(frames_of(RIG, many), time_s=np.repeat(stamps, PER_SAMPLE), timestamp_source="host")
+    assembler = new_assembler(RIG, FIELDS)
+    first = assembler.feed(frames)
+    np.testing.assert_allclose(first.time_s, stamps[:150], rtol=0, atol=1e-12)
+    rest = assembler.feed(no_frames(), last=True)
+    np.testing.assert_allclose(rest.time_s, [3.0001 - 0.95 * 0.01, 3.0001], rtol=0, atol=1e-12)
+    assert assembler.stamps_moved_s == pytest.approx(0.95 * 0.01 - 0.0001)
