@@ -101,7 +101,7 @@ def test_planes_are_so_few_that_the_robot_needs_ten_uncertainties_of_an_instant_
 
 
 def test_of_a_path_that_is_run_once_the_convention_is_that_of_its_angles() -> None:
-    """And none where its orientation is not measured, or the convention is not known."""
+    """And none where its orientation is not measured."""
     way = np.arange(-10.0, 510.0, 2.0)
     trajectory, windows = runs(way, [way[:, None] * np.array([0.6, 0.8, 0.0])])
     program = program_of(LINE | {"quaternion_xyzw": UNIT}, windows)
@@ -115,8 +115,10 @@ def test_of_a_path_that_is_run_once_the_convention_is_that_of_its_angles() -> No
     poses[:, 3:] = np.nan
     point = replace(trajectory, poses=poses)
     assert convention(point, "kuka-abc") is None
+    # one that nobody knows is refused, though of a path without an orientation there are no angles
+    plain = program_of(LINE, windows)
     with pytest.raises(FileFormatError, match="angles = 'by-hand' is not a known convention; known: "):
-        convention(point, "by-hand")
+        attained(trajectory, plain, Settings(angles="by-hand"), sound(trajectory.time_s), rig_angles=None)
 
 
 def test_errors_of_times_are_those_where_a_window_begins_and_where_its_last_tenth_does() -> None:
