@@ -68,6 +68,8 @@ def test_what_a_frame_takes_of_errors_is_what_a_frame_fitted_to_erring_poses_doe
     errors = {key: rng.normal(size=(2, len(positions), 6)) * np.repeat([1e-3, 1.0], 3) for key, positions in places.items()}
     found = follows(parts)(errors)
     for draw in range(2):
+        alone = follows(parts)({key: e[draw] for key, e in errors.items()})
+        assert all(np.allclose(alone[key], found[key][draw], rtol=1e-12, atol=1e-15) for key in places)
         moved = {key: se3.displaced(at(places[key]), step * errors[key][draw]) for key in places}
         frame = fit_frame([attained(cycles[key].mean(axis=0), moved[key]) for key in cycles])
         for key, positions in places.items():
