@@ -12,6 +12,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.certification import Settings
 from lmeasure.certification.attainment import attained
 from lmeasure.certification.iso9283.path import PathPart
+from lmeasure.certification.iso9283.path import tests as path_tests
 from lmeasure.certification.waves import cosines, reduced
 from lmeasure.trajectory.pose_errors import PoseErrors
 from lmeasure.trajectory.stamps import sound
@@ -150,3 +151,18 @@ def test_errors_move_deviations_across_the_path_and_instants_along_it() -> None:
         earlier = np.diff(c.time_s - along / c.pace_mm_s, axis=1)
         faster = (np.diff(c.time_s, axis=0) / earlier)[:, part._middle]
         np.testing.assert_allclose(after.speed_mm_s / before.speed_mm_s, np.swapaxes(faster, 1, 2), rtol=1e-9)
+
+
+@pytest.mark.parametrize("cycles", [1, 2])
+@pytest.mark.parametrize("oriented", [True, False])
+def test_a_path_has_figures_of_its_angles_where_it_has_an_orientation_and_of_scatter_from_two_cycles_on(
+    cycles: int, oriented: bool
+) -> None:
+    way = np.arange(-10.0, 510.0, 2.0)
+    trajectory, windows = runs(way, [way[:, None] * np.array([0.6, 0.8, 0.0])] * cycles)
+    program = program_of(LINE | ({"quaternion_xyzw": (0.0, 0.0, 0.0, 1.0)} if oriented else {}), windows)
+    given = attained(trajectory, program, Settings(angles="fanuc-wpr"), sound(trajectory.time_s), rig_angles=None)
+    (test,) = path_tests(given)
+    kinds = ["AT", "RT"][:cycles]
+    expected = [f"{kind}_{part}" for kind in kinds for part in (("p", "a", "b", "c", "rot") if oriented else ("p",))]
+    assert [figure.key.name for figure in test.figures()] == expected
