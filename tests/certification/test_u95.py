@@ -239,6 +239,7 @@ def test_the_least_vector_that_could_have_been_measured_so_long() -> None:
         assert float(reduction_of_mean(observed, 1.0, 3)) == factor
     assert 0.0 < float(reduction_of_mean(1.001 * few, 1.0, 3)) < 0.01
     np.testing.assert_allclose(reduction_of_mean(np.array([4.0, 9.0]), np.zeros(2), 3), 1.0)
+    assert float(reduction_of_mean(0.0, 0.0, 3)) == 0.0
 
 
 def test_the_least_scatter_that_could_have_been_observed() -> None:
@@ -391,3 +392,11 @@ def test_many_poses_are_drawn_in_pieces_of_which_each_counts() -> None:
     assert [single.u_random, single.u_systematic] == pytest.approx([3.0, 0.2], rel=0.12)
     assert mean.u95 == pytest.approx(1.96 * np.hypot(0.2, 3.0 / np.sqrt(n)), rel=0.12)
     assert single.u95 == pytest.approx(1.96 * np.hypot(0.2, 3.0), rel=0.12)
+
+
+def test_draws_of_a_part_do_not_depend_on_how_much_the_run_has_in_common() -> None:
+    found = []
+    for shared in (0, 1, 3):
+        part = Row(np.zeros(2), PoseErrors.of(along_x(2, 0.1), along_x(2, *([0.0] * shared))))
+        found.append(propagate({AT: part}, [lambda s: s[AT].mean(axis=-1)], trials=40, seed=6)[0])
+    assert found[0] == found[1] == found[2]
