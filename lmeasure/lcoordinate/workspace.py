@@ -124,7 +124,7 @@ def _filled(bounds: Bounds, plane: Slice, places: FloatArray, limits: IntArray, 
         gone = np.linalg.norm(between - begin[long] - 0.5 * way[long], axis=1)
         found = gone < 0.5 * np.linalg.norm(way[long], axis=1)
         if not found.any():
-            break
+            break  # where none can be put between them they stay as they are
         at = long[found] + 1
         places, limits = np.insert(places, at, between[found], axis=0), np.insert(limits, at, nearest[long[found]])
     return Boundary(places, limits, closed, float(np.minimum(off, np.linalg.norm(way, axis=1)).max(initial=0.0)))
@@ -136,7 +136,7 @@ def _beside_lines(bounds: Bounds, plane: Slice, begin: FloatArray, way: FloatArr
     values, rates = bounds.with_rates(plane.poses(begin[:, None] + QUARTERS[:, None] * way[:, None]), plane.displacements)
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.nan_to_num(values / np.linalg.norm(rates, axis=-1), nan=np.inf, posinf=np.inf, neginf=-np.inf)
-    return np.abs(far.min(axis=-1)).max(axis=-1), np.asarray(far[:, 1].argmin(axis=-1))
+    return np.abs(far.min(axis=2)).max(axis=1), np.asarray(far[:, 1].argmin(axis=1))
 
 
 def _onto(bounds: Bounds, plane: Slice, places: FloatArray, which: int | IntArray) -> FloatArray:
@@ -156,7 +156,7 @@ def _onto(bounds: Bounds, plane: Slice, places: FloatArray, which: int | IntArra
         before[going] = size
         going = going[~(last | np.isnan(step[:, 0]))]
         if not len(going):
-            break
+            break  # all have settled or failed
     out[going] = np.nan
     return out.reshape(np.shape(places))
 
@@ -191,7 +191,7 @@ def _walk(
     """Places from the first one on, the limits met there, and whether the walk came back to it."""
     place, tangent = begun, _tangent(bounds, plane, begun, which, way)
     places, limits, h, gone, corner_mm = [begun], [which], step_mm, 0.0, 1000.0 * STUCK * plane.reach_mm
-    while len(places) < MOST:
+    while len(places) <= MOST:
         if h < STUCK * plane.reach_mm:
             if gone > 1.5 * step_mm and float(np.linalg.norm(place - begun)) <= corner_mm:
                 return places, limits, True
@@ -259,7 +259,7 @@ def _around(
         raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
     begin = int(np.argmax(inside))
     end = begin + int(np.argmin(np.r_[inside[begin:], False]))
-    low, high = angles[end - 1], angles[end % LOOK] if end < LOOK else back
+    low, high = np.append(angles, back - way * 2.0 * np.pi)[[end - 1, end]]
     for _ in range(40):
         middle = (low + high) / 2.0
         if bounds.inside(plane.poses(place + radius * np.array([np.cos(middle), np.sin(middle)]))):

@@ -205,3 +205,17 @@ def test_gradients_have_a_column_for_each_parameter() -> None:
     at = poses(1, 3)
     for o in every_kind(1):
         assert o.gradient(at, values(o)).shape == (3, len(o.parameters)), o.name
+
+
+@pytest.mark.parametrize("radius", [0.0, 1e-3, 1.0, 25.0])
+def test_a_cable_leaves_its_pulley_where_it_is_put_there(radius: float) -> None:
+    """Built from the angle that is wrapped and the length that runs free, in a turned frame; straight ones along u too."""
+    u, side, _ = Rotation.from_euler("xyz", [0.3, -0.8, 1.9]).as_matrix().T
+    angle, free = np.array([0.01, 0.2, 1.3, 2.5]), np.array([800.0, 900.0, 300.0, 1200.0])
+    if radius == 0.0:
+        angle[0] = 0.0
+    along = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * side
+    left = radius * (np.sin(angle)[:, None] * u + (1.0 - np.cos(angle))[:, None] * side)
+    found = wrap.span(left + free[:, None] * along, u, radius)
+    np.testing.assert_allclose(found.length, radius * angle + free, rtol=1e-12)
+    np.testing.assert_allclose(found.direction, along, atol=1e-12)

@@ -14,7 +14,7 @@ from lmeasure.observation import Observation, predictions, pressure_angles, rows
 from lmeasure.observation.channel import values, variances
 from lmeasure.observation.continuation import _near, _side, _until_lost, follow
 from lmeasure.observation.joint import solve_jointly, with_values
-from lmeasure.observation.solver import ALL
+from lmeasure.observation.solver import ALL, lengths
 from lmeasure.status import Status
 
 EXACT_MM = 1e-9
@@ -280,3 +280,106 @@ def test_poses_and_what_all_readings_share_are_one_least_squares() -> None:
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-3, atol=1e-7)
     there = se3.displaced(truth, (best.x[8:] * scale).reshape(5, 6))
     np.testing.assert_allclose(se3.displacement(found.poses.poses, there) / scale[:6], 0.0, atol=1e-3)
+
+
+class Plain:
+    """A channel whose reading is linear in a small motion from home, by a row that does not change; how it is asked is kept."""
+
+    variance, period, parameters = 1.0, np.inf, ()
+
+    def __init__(self, row: FloatArray, point: FloatArray) -> None:
+        self.name, self.of, self.point = "plain", row, point
+        self.asked: list[FloatArray] = []
+
+    def predict(self, at: FloatArray, p: FloatArray) -> FloatArray:
+        self.asked.append(at.copy())
+        return np.asarray(se3.displacement(at, np.broadcast_to(HOME, at.shape)) @ self.of)
+
+    def row(self, at: FloatArray, p: FloatArray) -> FloatArray:
+        return np.tile(self.of, (len(at), 1))
+
+    def gradient(self, at: FloatArray, p: FloatArray) -> FloatArray:
+        return np.empty((len(at), 0))
+
+
+def plain(*along: float) -> list[Plain]:
+    """Six that each see one component of a motion so many times, turns counted at the 200 mm at which their points are."""
+    return [Plain(row, np.array([0.0, 200.0, 0.0])) for row in np.diag(along) * np.repeat([200.0, 1.0], 3)]
+
+
+@pytest.mark.parametrize("weak", [1, 4], ids=["a turn", "a shift"])
+@pytest.mark.parametrize("strong", [0, 5], ids=["beside a turn", "beside a shift"])
+def test_a_motion_seen_ten_million_times_less_than_another_is_not_determined(weak: int, strong: int) -> None:
+    """Turns counted at the tool's size; on both sides of the limit."""
+    for part, told in ((0.95e-7, False), (1.05e-7, True)):
+        seen = np.full(6, 0.5)
+        seen[[weak, strong]] = part, 1.0
+        found = twists(plain(*seen), HOME[None])[0]
+        assert np.isfinite(found).all() == told
+        if told:
+            np.testing.assert_allclose(found, np.diag(1.0 / (seen * np.repeat([200.0, 1.0], 3))), rtol=1e-6)
+
+
+def test_no_step_turns_by_more_than_half_a_radian() -> None:
+    """Towards a pose turned by 1.2 rad about an axis: two whole steps, and the rest."""
+    channels, axis = plain(*np.ones(6)), np.array([0.6, 0.0, 0.8])
+    truth = se3.displaced(HOME, np.r_[1.2 * axis, np.zeros(3)])
+    found = solve_poses(channels, np.stack([o.predict(truth[None], np.empty(0)) for o in channels], axis=1), HOME)
+    np.testing.assert_allclose(found.poses[0], truth, atol=1e-12)
+    turned = np.linalg.norm(se3.displacement(np.concatenate(channels[0].asked[1:5]), np.tile(HOME, (4, 1)))[:, :3], axis=1)
+    np.testing.assert_allclose(turned, [0.0, 0.5, 1.0, 1.2], atol=1e-9)
+
+
+class Far:
+    """A straight cable whose rig is a hundred times as large."""
+
+    def __init__(self, o: Observation) -> None:
+        self.name, self.variance, self.period, self.parameters = o.name, o.variance, o.period, o.parameters
+        self.base, self.point = 100.0 * values(o)[:3], 100.0 * values(o)[9:12]
+
+    def ways(self, at: FloatArray) -> FloatArray:
+        return np.asarray(at[:, :3] + se3.matrices(at) @ self.point - self.base)
+
+    def predict(self, at: FloatArray, p: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.norm(self.ways(at), axis=1))
+
+    def row(self, at: FloatArray, p: FloatArray) -> FloatArray:
+        along = self.ways(at) / self.predict(at, p)[:, None]
+        return np.hstack([np.cross(se3.matrices(at) @ self.point, along), along])
+
+    def gradient(self, at: FloatArray, p: FloatArray) -> FloatArray:
+        return np.zeros((len(at), len(p)))
+
+
+def test_poses_in_a_hall_of_a_hundred_metres_are_found() -> None:
+    """Where a step never gets as small as in a cell, as readings are rounded to more."""
+    channels = [Far(o) for o in cables(0, 6, radius=0.0)]
+    truth = poses(0, 40, reach_mm=10_000.0)
+    found = solve_poses(
+        channels, predictions(channels, truth), se3.displaced(truth, np.tile([0.01, 0.0, 0.01, 300.0, -200.0, 100.0], (40, 1)))
+    )
+    assert (found.status == Status.OK).all()
+    assert error_of(found.poses, truth).max() < 1e-7
+
+
+def test_where_a_channel_cannot_be_read_nothing_is_told() -> None:
+    """A cable to a point on its pulley's swivel axis: no pose is found from there, and no channel is known to move it."""
+    channels = mixed(0)
+    p = values(channels[0])
+    alpha, beta = np.radians(p[3:5])
+    along = np.array([-np.cos(alpha) * np.sin(beta), -np.cos(alpha) * np.cos(beta), np.sin(alpha)])
+    on = HOME.copy()
+    on[:3] = p[:3] + 900.0 * along - p[9:12]
+    beside = se3.displaced(on, np.array([0.0, 0.0, 0.0, 3.0, -5.0, 4.0]))
+    known = np.isfinite(twists(channels, np.stack([on, beside])))
+    assert not known[0].any()
+    assert known[1].all()
+    found = solve_poses(channels, predictions(channels, beside[None]), np.stack([on]))
+    assert found.status.tolist() == [Status.NOT_CONVERGED]
+    assert np.isnan(found.poses).all()
+
+
+def test_lengths_of_motions_are_their_largest_part_at_the_size_of_the_tool() -> None:
+    channels = plain(*np.ones(6))
+    motions = np.array([(0.01, 0, 0, 1.0, 0, 0), (0.01, 0, -0.02, 0, 3.0, 0), (0, 0.01, 0, 0, 1.9, -2.5), np.zeros(6)])
+    np.testing.assert_allclose(lengths(channels, motions), [2.0, 4.0, 2.5, 0.0], rtol=1e-12)
