@@ -86,7 +86,7 @@ def _halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float, turns:
                 more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim=aim, turns=turns)))
             more.append((j, b))
         if len(more) == len(found):
-            break
+            break  # between no two the limits are missed
         found = more
     return found
 

@@ -322,3 +322,14 @@ def test_seen_from_each_edge_it_is_the_same_tetrahedron(seed: int) -> None:
         named = t.seen_from(edge)
         assert named.pq == edge
         assert volume({k: d[name] for k, name in vars(named).items()}) == pytest.approx(volume(d), rel=1e-9)
+
+
+def test_bands_of_edges_that_hardly_vary_are_as_sharp_as_stated() -> None:
+    """No three points come near to a line, so that extremes are at corners of the limits, and at once."""
+    limits = {name: (v, v * 1.01) for name, v in (("xy", 3.0), ("px", 2.5), ("py", 2.7), ("qx", 2.9), ("qy", 2.2), ("pq", 2.0))}
+    found = flat.bands(flat.Tetrahedron(*flat.EDGES, "pq"), limits, "pq")
+    corners = np.stack(np.meshgrid(*(limits[e] for e in flat.EDGES), indexing="ij")).reshape(5, -1)
+    for band, values in zip((found.near, found.far), flat.flat(corners), strict=True):
+        assert band.sharp < 1e-5 * 3.03
+        assert band.low == pytest.approx((values.min(), values.min()), abs=1e-5 * 3.03)
+        assert band.high == pytest.approx((values.max(), values.max()), abs=1e-5 * 3.03)

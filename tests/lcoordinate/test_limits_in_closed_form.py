@@ -501,9 +501,10 @@ def test_the_nearest_pose_keeps_every_limit_by_the_margin() -> None:
         (lambda p: p[..., 0] - 1.0, lambda p: -1.0 - p[..., 0]),
         (lambda p: 0.0 * p[..., 0] - 1.0,),
         (lambda p: np.where(p[..., 0] > 0.5, np.nan, p[..., 0] - 1.0),),
+        (lambda p: np.where(p[..., 0] > 1e-6, np.nan, p[..., 0] - 1.0),),
         (lambda p: -1.0 - p[..., 0] ** 2,),
     ],
-    ids=["contradiction", "no slope", "not known", "nowhere"],
+    ids=["contradiction", "no slope", "not known", "not known beside it", "nowhere"],
 )
 def test_limits_that_no_pose_keeps_are_told(kept: tuple[Limit, ...]) -> None:
     with pytest.raises(StructureError, match="no pose near the commanded one keeps the limits"):
@@ -619,3 +620,40 @@ def test_poses_between_two_are_on_a_straight_way_and_turned_about_one_axis() -> 
         shift, turn = np.linalg.norm(poses[i + 1, :3] - poses[i, :3]), (turns[i + 1] * turns[i].inv()).magnitude()
         assert way[i] == pytest.approx(np.hypot(shift, 80.0 * turn))
     assert se3.displacement(at(poses, 3.0), poses[3]) == pytest.approx(np.zeros(6), abs=1e-9)
+
+
+def test_the_nearest_pose_of_a_bent_limit_is_straight_out() -> None:
+    """From a pillar, and to a limit whose slope falls off with the square of how far one is from it."""
+    pillar = limits(lambda p: (np.hypot(p[..., 0], p[..., 1]) - 100.0) / 100.0)
+    np.testing.assert_allclose(led(pillar, turned(30.0, 40.0, 7.0, 0.1)), turned(60.0, 80.0, 7.0, 0.1), atol=1e-6)
+    flattened = limits(lambda p: np.arctan((p[..., 0] - 200.0) / 30.0))
+    np.testing.assert_allclose(led(flattened, HERE), turned(200.0, 0.0, 0.0, 0.0), atol=1e-6)
+
+
+def test_the_nearest_pose_is_found_where_a_limit_is_known_to_its_thirteenth_digit() -> None:
+    """As of cables over pulleys: differences over a millionth of a millimetre would tell nothing."""
+
+    def rough(p: FloatArray) -> FloatArray:
+        x, y, z = np.moveaxis(p[..., :3], -1, 0)
+        return np.asarray((0.6 * x + 0.8 * y - 100.0) / 100.0 + 1e-13 * np.sin(1e7 * (x + 2.0 * y + 3.0 * z)))
+
+    np.testing.assert_allclose(led(limits(rough), HERE)[:3], [60.0, 80.0, 0.0], atol=1e-5)
+
+
+@pytest.mark.parametrize(("missed", "told"), [(0.9e-7, False), (1.2e-7, True)])
+def test_between_two_poses_a_limit_may_be_missed_by_a_ten_millionth(monkeypatch: pytest.MonkeyPatch, missed: float, told: bool) -> None:
+    """Else the poses are put inside by half as much again as is missing, three times at most."""
+    across_it, aims = path((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)), []
+
+    def halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
+        aims.append(aim)
+        return list(zip((0.0, 1.0), across_it, strict=True))
+
+    monkeypatch.setattr(detours, "_halved", halved)
+    bounds = limits(lambda p: np.abs(p[..., 0]) - missed)
+    if not told:
+        np.testing.assert_array_equal(detour(bounds, across_it).poses, across_it)
+        return
+    with pytest.raises(StructureError, match="between samples 1 and 2 a limit cannot be kept"):
+        detour(bounds, across_it)
+    np.testing.assert_allclose(aims, 1.5 * missed * np.arange(4.0), atol=1e-15)

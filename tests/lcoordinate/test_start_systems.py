@@ -1,13 +1,16 @@
 """How start systems are grown, kept and told apart, and what tetrahedra say of heights."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from linkages import lengths_at, rig
+from linkages import lengths_at, nearest, rig
 
 from lmeasure import se3
-from lmeasure.arrays import ComplexArray, IntArray
+from lmeasure.arrays import BoolArray, ComplexArray, IntArray
+from lmeasure.kernels import homotopy
 from lmeasure.kernels.homotopy import REACHED
 from lmeasure.lcoordinate import starts, straight, study, tetrahedra
 from lmeasure.lcoordinate.structures import Structure, incidence, parse, structures
@@ -133,3 +136,138 @@ def test_what_tetrahedra_do_not_solve_has_no_assemblies_in_closed_form(shape: tu
     poses, closes = tetrahedra.closed_form(base, platform, np.ones(shape))
     assert poses.shape == (*shape[:-1], 0, 7)
     assert closes.shape == (*shape[:-1], 0)
+
+
+# what becomes of paths that are lost
+
+
+def watched(monkeypatch: pytest.MonkeyPatch, keeps: Callable[[int, ComplexArray], ComplexArray]) -> list[int]:
+    """The numbers of the ways that are taken to the assemblies; keeps: what is let through of a way's ends."""
+    taken: list[int] = []
+    near = straight._near
+
+    def some(*given: Any) -> ComplexArray:
+        taken.append(given[-1])
+        return keeps(given[-1], near(*given))
+
+    monkeypatch.setattr(straight, "_near", some)
+    return taken
+
+
+def test_assemblies_that_one_way_loses_are_found_by_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a structure without special points; those of the first way are kept, and no more ways are taken than it needs."""
+    base, platform, (pose,) = rig(named("L-222-3111:ab-ac-ad"), 3)
+    lengths = lengths_at(base, platform, pose)
+    taken = watched(monkeypatch, lambda way, ends: ends)
+    whole = straight.assemblies(base, platform, lengths)
+    assert (taken, whole.status) == ([0], straight.ALL)
+    monkeypatch.undo()
+    taken = watched(monkeypatch, lambda way, ends: ends[:3] if way == 0 else ends)
+    found = straight.assemblies(base, platform, lengths)
+    assert (taken, found.status, found.complex_found) == ([0, 1], straight.ALL, whole.complex_found)
+    for each in whole.poses:
+        assert nearest(found.poses, each) < 1e-9
+    monkeypatch.undo()
+    taken = watched(monkeypatch, lambda way, ends: ends[:5])
+    found = straight.assemblies(base, platform, lengths)
+    assert (taken, found.status) == ([0, 1, 2], straight.NOT_PROVED)
+    assert found.complex_expected == whole.complex_expected
+
+
+def test_points_that_have_fewer_assemblies_are_known_by_the_first_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where as many are missing by it as their lengths are special in nothing."""
+    base, platform, (pose,) = rig(named("L-222-3111:ab-ac-ad"), 3)
+    expected = starts.complex_assemblies(named("L-222-3111:ab-ac-ad"))
+    taken = watched(monkeypatch, lambda way, ends: ends[: expected - 4])
+    monkeypatch.setattr(straight, "_of_these_points", lambda *asked: expected - 4)
+    found = straight.assemblies(base, platform, lengths_at(base, platform, pose))
+    assert (taken, found.complex_found, found.complex_expected, found.status) == ([0], expected - 4, expected - 4, straight.ALL)
+
+
+def test_each_way_to_the_assemblies_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    base, platform, (pose,) = rig(named("L-222-3111:ab-ac-ad"), 3)
+    a, b = base / 300.0, platform / 300.0
+    found, rows = incidence(base, platform), study.links(a, b, (lengths_at(base, platform, pose) / 300.0) ** 2)
+    ways: list[list[ComplexArray]] = []
+
+    def follow(start: ComplexArray, aim: ComplexArray, points: ComplexArray) -> tuple[ComplexArray, IntArray]:
+        ways[-1].append(aim)
+        return homotopy.follow(start, aim, points)
+
+    monkeypatch.setattr(straight, "follow", follow)
+    ends = []
+    for attempt in range(3):
+        ways.append([])
+        ends.append(straight._followed(found, rows, a, b, attempt)[0])
+    assert [len(way) for way in ways] == [1, 2, 2]
+    assert not np.allclose(ways[1][0], ways[2][0])
+    assert len(starts.distinct(starts.unit(np.concatenate(ends)))) == len(ends[0]) == len(ends[1]) == len(ends[2])
+
+
+def test_how_many_assemblies_points_have_is_told_where_no_path_is_in_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ends that are poses have |e.e| of a millionth or more, others of a thousand-millionth or less, and two draws of lengths agree."""
+    base, platform, _ = rig(named("L-222-3111:ab-ac-ad"), 3)
+    drawn: list[ComplexArray] = []
+
+    def told(*draws: list[tuple[float, bool]]) -> int:
+        left = list(draws)
+
+        def ended(found: object, rows: ComplexArray, *points: object) -> tuple[ComplexArray, BoolArray]:
+            drawn.append(rows)
+            draw = left.pop(0)
+            ends = np.zeros((len(draw), 8), complex)
+            ends[:, 0] = np.sqrt([ee for ee, _ in draw])
+            ends[:, 4 : 4 + len(draw)] = np.eye(len(draw)) * np.sqrt(1.0 - np.array([ee for ee, _ in draw]))
+            return ends, np.array([reached for _, reached in draw])
+
+        monkeypatch.setattr(straight, "_followed", ended)
+        return straight._of_these_points(incidence(base, platform), base, platform)
+
+    sound = [(0.1, True), (1.2e-6, True), (0.9e-9, False)]
+    assert told(sound, sound) == 2
+    assert not np.allclose(drawn[0], drawn[1])
+    np.testing.assert_array_equal(drawn[0][:, :6], drawn[1][:, :6])
+    assert told(sound, sound[:1]) == 0
+    for doubt in ((0.9e-6, True), (1.2e-9, False)):
+        assert told([*sound, doubt], [*sound, doubt]) == 0
+
+
+@pytest.mark.parametrize(("found", "expected", "status"), [(1, 1, straight.ALL), (0, 0, straight.NOT_PROVED), (7, 8, straight.NOT_PROVED)])
+def test_all_are_accounted_for_where_there_are_any(found: int, expected: int, status: str) -> None:
+    assert straight.Assemblies(np.empty((0, 7)), np.empty(0, np.bool_), found, expected).status == status
+
+
+# what is not proved
+
+
+def test_a_pose_of_long_links_is_led_to_its_lengths() -> None:
+    """Far from the base, where an arm about another place would be a wrong one."""
+    base, platform, _ = rig(named("L-222-111111"), 4)
+    a, b = base / 300.0, platform / 300.0
+    true = np.array([3.0, -6.0, 8.0, 0.1, 0.2, -0.1, np.sqrt(0.94)])
+    lengths = lengths_at(a, b, true)
+    near = se3.displaced(true, 0.08 * np.array([1.0, -1.0, 0.5, 1.0, 1.0, -1.0]))
+    found = straight._folds(a, b, lengths, near[None], np.empty((0, 7)))
+    assert len(found) == 1
+    assert np.abs(se3.displacement(found[0], true)).max() < 1e-8
+    # known already, or beside what is
+    for off, new in ((0.9e-5, False), (1.2e-5, True)):
+        known = se3.displaced(true, np.array([off, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        assert len(straight._folds(a, b, lengths, near[None], known[None])) == new
+
+
+def test_a_start_that_is_no_pose_or_has_a_link_without_a_length_leads_nowhere() -> None:
+    base, platform, _ = rig(named("L-222-111111"), 4)
+    a, b = base / 300.0, platform / 300.0
+    on = np.array([*(a[2] - b[2]), 0.0, 0.0, 0.0, 1.0])
+    for near in (np.array([np.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), on):
+        assert not len(straight._folds(a, b, np.ones(6), near[None], np.empty((0, 7))))
+
+
+@pytest.mark.parametrize(("off", "listed"), [(0.9e-9, True), (1.2e-9, False)])
+def test_lengths_that_are_missed_by_a_thousand_millionth_of_the_rig_are_none(off: float, listed: bool) -> None:
+    """Six links between the same two points, of lengths that contradict each other by so much."""
+    a, b = np.zeros((6, 3)), np.tile([0.3, 0.1, 0.0], (6, 1))
+    lengths = 1.0 + off * np.array([1.0, -1.0] * 3)
+    near = np.array([0.5, 0.6, 0.2, 0.0, 0.0, 0.0, 1.0])
+    assert len(straight._folds(a, b, lengths, near[None], np.empty((0, 7)))) == listed
