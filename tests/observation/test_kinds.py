@@ -16,6 +16,8 @@ from lmeasure.kernels import cable as compiled
 from lmeasure.observation import Observation, differences, of_rig, predictions, wrap
 from lmeasure.observation.channel import values
 from lmeasure.observation.parameters import FACTORS
+from lmeasure.rig import rig_from_dict
+from lmeasure.simulation import cell_rig
 
 
 def every_kind(seed: int) -> list[Observation]:
@@ -219,3 +221,33 @@ def test_a_cable_leaves_its_pulley_where_it_is_put_there(radius: float) -> None:
     found = wrap.span(left + free[:, None] * along, u, radius)
     np.testing.assert_allclose(found.length, radius * angle + free, rtol=1e-12)
     np.testing.assert_allclose(found.direction, along, atol=1e-12)
+
+
+def test_channels_of_a_rig_are_as_uncertain_as_their_counts_and_zeros() -> None:
+    """A reading by a count, evenly distributed, and so its zero; one that nobody knows by ten metres, or anywhere on the circle."""
+    data = cell_rig(1).to_dict()
+    for i, point in enumerate(data["observation_point"]):
+        point["drum"] |= {"zero_exact": i == 2, "scale": 1.0 + 0.01 * i}
+    rig, twelfth = rig_from_dict(data), np.sqrt(12.0)
+    for zeroed in (None, HOME):
+        for i, (c, o) in enumerate(zip(rig.cable, of_rig.cable_lengths(rig, zeroed), strict=True)):
+            drum = rig.point(c.from_point).drum
+            count = drum.count_length_mm / drum.scale
+            assert o.variance == pytest.approx((count / twelfth) ** 2)
+            assert o.parameters[-1].value == 0.0
+            assert o.parameters[-1].prior_u == pytest.approx(1e4 if zeroed is None else 0.0 if i == 2 else count / twelfth)
+            assert (o.count_length_mm, o.counts_per_revolution) == (drum.count_length_mm, drum.counts_per_revolution)
+    some = of_rig.cable_lengths(rig, HOME, rig.cable[1:3])
+    assert [o.name for o in some] == [c.channel for c in rig.cable[1:3]]
+    point, to = rig.cable[0].from_point, rig.cable[0].to_point
+    for stated, (zero, u) in (({}, (0.0, 360.0 / twelfth)), ({"zero_deg": 7.0, "u_zero_deg": 0.5}, (7.0, 0.5))):
+        swung = of_rig.swivel_angle(rig, "s1", point, to, counts_per_revolution=4096, **stated)
+        leaning = of_rig.inclination("i1", (0.0, 0.6, 0.8), counts_per_revolution=4096, **stated)
+        for o in (swung, leaning):
+            assert o.variance == pytest.approx((2.0 * np.pi / 4096 / twelfth) ** 2)
+            assert (o.parameters[-1].value, o.parameters[-1].unit) == (zero, "deg")
+            assert o.parameters[-1].prior_u == pytest.approx(u)
+        assert [(q.value, q.prior_u) for q in leaning.parameters[:6]] == [(v, 0.0) for v in (0.0, 0.6, 0.8, 0.0, 0.0, 1.0)]
+    leaning = of_rig.inclination("i1", (0.0, 0.6, 0.8), counts_per_revolution=4096, u_axis=1e-3, up=(0.0, 0.6, 0.8), u_up=2e-3)
+    assert [(q.value, q.prior_u) for q in leaning.parameters[3:6]] == [(0.0, 2e-3), (0.6, 2e-3), (0.8, 2e-3)]
+    assert {q.prior_u for q in leaning.parameters[:3]} == {1e-3}
