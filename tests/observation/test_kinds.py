@@ -240,13 +240,14 @@ def test_channels_of_a_rig_are_as_uncertain_as_their_counts_and_zeros() -> None:
     some = of_rig.cable_lengths(rig, HOME, rig.cable[1:3])
     assert [o.name for o in some] == [c.channel for c in rig.cable[1:3]]
     point, to = rig.cable[0].from_point, rig.cable[0].to_point
-    for stated, (zero, u) in (({}, (0.0, 360.0 / twelfth)), ({"zero_deg": 7.0, "u_zero_deg": 0.5}, (7.0, 0.5))):
+    said: dict[str, Any] = {"zero_deg": 7.0, "u_zero_deg": 0.5}
+    for stated, (zero, u) in (({}, (0.0, 360.0 / twelfth)), (said, (7.0, 0.5))):
         swung = of_rig.swivel_angle(rig, "s1", point, to, counts_per_revolution=4096, **stated)
         leaning = of_rig.inclination("i1", (0.0, 0.6, 0.8), counts_per_revolution=4096, **stated)
-        for o in (swung, leaning):
-            assert o.variance == pytest.approx((2.0 * np.pi / 4096 / twelfth) ** 2)
-            assert (o.parameters[-1].value, o.parameters[-1].unit) == (zero, "deg")
-            assert o.parameters[-1].prior_u == pytest.approx(u)
+        for sensor in (swung, leaning):
+            assert sensor.variance == pytest.approx((2.0 * np.pi / 4096 / twelfth) ** 2)
+            assert (sensor.parameters[-1].value, sensor.parameters[-1].unit) == (zero, "deg")
+            assert sensor.parameters[-1].prior_u == pytest.approx(u)
         assert [(q.value, q.prior_u) for q in leaning.parameters[:6]] == [(v, 0.0) for v in (0.0, 0.6, 0.8, 0.0, 0.0, 1.0)]
     leaning = of_rig.inclination("i1", (0.0, 0.6, 0.8), counts_per_revolution=4096, u_axis=1e-3, up=(0.0, 0.6, 0.8), u_up=2e-3)
     assert [(q.value, q.prior_u) for q in leaning.parameters[3:6]] == [(0.0, 2e-3), (0.6, 2e-3), (0.8, 2e-3)]
