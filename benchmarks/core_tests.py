@@ -49,10 +49,10 @@ CORE = {
     "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "few_samples or 75_degrees_in"],
     **{
         f"kernels/{name}.py": [
-            "tests/kernels/test_least_squares.py",
+            "tests/kernels/test_followed_channels.py",
             "tests/observation/test_fast_paths.py",
             "-k",
-            "test_least_squares or few_samples",
+            "test_followed_channels or few_samples",
         ]
         for name in ("least_squares", "damped")
     },

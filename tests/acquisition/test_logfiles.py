@@ -304,7 +304,8 @@ def test_missing_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [*SUFFIXES, ".trc", ".csv", ".mf4", ".csv.gz"])
 def test_progress_reaches_the_end_of_a_short_log(tmp_path: Path, suffix: str) -> None:
-    path = write(tmp_path / f"log{suffix}", [m for m in messages(50, 1, fd=False, channels=(1,)) if not (m.is_error_frame or m.is_remote_frame)])
+    data = [m for m in messages(50, 1, fd=False, channels=(1,)) if not (m.is_error_frame or m.is_remote_frame)]
+    path = write(tmp_path / f"log{suffix}", data)
     seen: list[tuple[int, int]] = []
     assert sum(len(batch) for batch in log_batches(path, LogReport(), lambda done, of: seen.append((done, of)))) > 30
     assert seen == sorted(seen)
