@@ -76,6 +76,22 @@ def test_what_a_usual_size_would_add_is_what_stating_it_adds(kind: CableEffect) 
     assert len(found.taken_as_exact) == len(WHAT) - 1
 
 
+@pytest.mark.parametrize("kind", [kind for kind in EFFECTS if kind is not ATTACHMENT], ids=lambda k: k.text)
+def test_of_a_point_that_is_measured_too(kind: CableEffect) -> None:
+    """Three cables to one point: its place in the tool frame does not enter, and no orientation is known to look from."""
+    true, poses = truth(4), way(4)
+    true = replace(true, tied=np.zeros(len(true.tied), dtype=np.int64))
+    data, counts = nominal(true), np.rint(true.true_counts(poses, poses[0]))
+    first = [f"B{j}" for j in (1, 3, 5)]
+    data["observation_point"] = [p for p in data["observation_point"] if p["name"] in first]
+    data["cable"] = [c for c in data["cable"] if c["from"] in first]
+    run = run_of(rig_from_dict(data), counts[:, [0, 2, 4]])
+    before = taken(run)
+    assert list(before) == [text for text in WHAT if text != ATTACHMENT.text]
+    found = reconstruct(replace(run, rig=with_usual(run.rig, kind)))
+    assert before[kind.text].mm == pytest.approx(largest_systematic(found), rel=0.02)
+
+
 def test_the_summary_says_it_in_one_line() -> None:
     text = reconstruct(plain_run()).summary()
     (line,) = [line for line in text.splitlines() if line.startswith("taken as exact")]

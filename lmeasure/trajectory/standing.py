@@ -67,7 +67,7 @@ class StandingFinder:
         moved = np.flatnonzero((values[1:] != values[:-1]) | ~(np.diff(times) <= STANDS_S))
         edges = np.concatenate([[0], moved, [len(time_s)]])
         # the one that goes on from before, long ones, and the one that will go on
-        lasting = time_s[edges[1:] - 1] - time_s[np.minimum(edges[:-1], len(time_s) - 1)] >= STANDS_S
+        lasting = time_s[edges[1:] - 1] - time_s[edges[:-1]] >= STANDS_S
         lasting[0] = lasting[-1] = True
         for number in np.flatnonzero(lasting).tolist():
             begin, end = int(edges[number]), int(edges[number + 1])
@@ -82,7 +82,6 @@ class StandingFinder:
     def _end(self, j: int, time_s: float) -> None:
         k = max(i for i, stood in enumerate(self._found) if stood.cable == j)
         self._found[k] = replace(self._found[k], until_s=time_s)
-        self._told[j] = False
 
     def _begin(self, j: int, time_s: float) -> None:
         self._since[j], self._told[j] = time_s, False

@@ -119,9 +119,10 @@ def test_no_cable_from_inside_the_pulley_or_on_its_axis() -> None:
     assert np.isnan(cable.span_rows(row, np.array([0, 0, 0, 0, 0, 0, 1.0]))).all(), "a cable of no length has no direction"
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(9))
 def test_row_is_the_derivative_of_the_length_by_the_twist(seed: int) -> None:
-    for c, pose, _ in random_cables(seed, 4):
+    """Of pulleys, and of straight cables too."""
+    for c, pose, _ in random_cables(seed, 4, radius=0.0 if seed == 8 else None):
         row = row_of(c)[None]
         analytic = cable.span_rows(row, pose)[0]
         for axis in range(6):
@@ -152,6 +153,36 @@ def test_every_parameter_against_difference_quotients(seed: int) -> None:
             else:
                 expected, tolerance = oracles.derivative(partial(moved, c, pose, recorded, name)), 1e-11
             assert value == pytest.approx(expected, rel=tolerance, abs=tolerance), name
+
+
+def test_many_poses_are_one_by_one() -> None:
+    """Rows and derivatives of four cables at nine poses and at two, each as it is alone."""
+    some = [next(random_cables(seed, 1)) for seed in range(60, 64)]
+    rows, scales = np.array([row_of(c) for c, _, _ in some]), np.array([c.scale for c, _, _ in some])
+    for n in (9, 2):
+        poses, counts = np.array([some[i % 4][1] for i in range(n)]), np.random.default_rng(n).uniform(-5e4, 5e4, (n, 4))
+        at_once, gradients = cable.span_rows_of(rows, poses), cable.length_gradients(rows, poses, counts, scales)
+        assert at_once.shape == (n, 4, 6)
+        assert gradients.shape == (n, 4, layout.WIDTH)
+        for i, j in np.ndindex(n, 4):
+            np.testing.assert_array_equal(at_once[i, j], cable.span_rows(rows[[j]], poses[i])[0])
+            one = cable.length_gradients(rows[[j]], poses[[i]], counts[[i]][:, [j]], scales[[j]])[0, 0]
+            np.testing.assert_array_equal(gradients[i, j], one)
+
+
+def test_a_drum_at_its_pulley_gives_nothing_where_nothing_is_paid_out() -> None:
+    """Both legs nothing, and no count: no change, no count of it, and no way that a leg could be moved along."""
+    c, pose, _ = next(random_cables(19, 1))
+    row = row_of(replace(c, tangent=0.0, axial=0.0))[None]
+    assert cable.changes_from_counts(row, np.zeros((1, 1)))[0, 0] == 0.0
+    assert cable.counts_from_changes(row, np.zeros((1, 1)))[0, 0] == 0.0
+    found = cable.length_gradients(row, pose[None], np.zeros((1, 1)), np.ones(1))[0, 0]
+    assert found[[layout.BY_TANGENT, layout.BY_AXIAL, layout.BY_PITCH, layout.BY_SCALE]].tolist() == [0.0] * 4
+    # from there it goes along the drum alone, whichever way
+    for k in (1000.0, -1000.0):
+        beyond = cable.length_gradients(row, pose[None], np.full((1, 1), k), np.ones(1))[0, 0]
+        assert beyond[layout.BY_TANGENT] == 0.0
+        assert abs(beyond[layout.BY_AXIAL]) == pytest.approx(1.0)
 
 
 def test_drum_is_a_hypotenuse() -> None:
@@ -303,9 +334,9 @@ def test_a_drum_that_comes_past_its_pulley_has_finite_derivatives() -> None:
     )
 
 
-@pytest.mark.parametrize("radius", [0.3, 0.9])
+@pytest.mark.parametrize("radius", [0.3, 0.9, 1.0])
 def test_thin_pulleys_are_pulleys(radius: float) -> None:
-    """Of less than a millimetre: length, heading, angle and centre are those of a string around a disc, no straight cable's."""
+    """Of a millimetre or less: length, heading, angle and centre are those of a string around a disc, no straight cable's."""
     for c, pose, _ in random_cables(21, 4, radius=radius):
         length, angle, heading = oracles.string_around_disc(
             oracles.attachment_in_base(c, pose), c.base, oracles.guide(c.alpha, c.beta), c.radius

@@ -60,6 +60,24 @@ def test_a_fifth_of_a_second_from_its_first_sample_to_its_last_is_enough(samples
     assert bool(stood(time_s[: -FIRST + 20], mm[FIRST - 20 :])) is told
 
 
+@pytest.mark.parametrize("piece", [1, 7, 50, 10**6])
+def test_it_may_stand_from_the_first_sample_on(piece: int) -> None:
+    """It is told from there, once its point has moved far; what moves little is not, though nothing was seen of before."""
+    time_s, mm = ways()
+    later = slice(FIRST, None)
+    assert stood(time_s[later], mm[later], piece) == (Stood(0, time_s[FIRST], time_s[LAST]),)
+    time_s, mm = ways(40.0, 10.0)
+    assert stood(time_s[later], mm[later], piece) == ()
+
+
+def test_as_short_as_this_it_does_not_stand_at_the_end_of_a_run_either() -> None:
+    """A tenth of a second, in which the point moves far."""
+    time_s, mm = ways(800.0, 120.0)
+    end = FIRST + 11
+    assert stood(time_s[:end], mm[:end]) == ()
+    assert stood(time_s[: end + 20], mm[: end + 20]) == (Stood(0, time_s[FIRST], np.inf),)
+
+
 def test_every_time_it_stands_is_told_and_of_each_channel() -> None:
     time_s, mm = ways(samples=800)
     mm[500:600, 0] = mm[500, 0]
