@@ -152,7 +152,7 @@ class Bounds:
 
 def _turned(poses: FloatArray, turns: FloatArray) -> FloatArray:
     """(..., k, 7) poses (..., 7) with their bodies turned about their origins by quaternions (k, 4), in base axes."""
-    (x, y, z, w), (a, b, c, d) = np.moveaxis(turns, -1, 0), np.moveaxis(poses[..., None, 3:], -1, 0)
+    (x, y, z, w), (a, b, c, d) = turns.T, np.moveaxis(poses[..., None, 3:], -1, 0)
     turned = (w * a + x * d + y * c - z * b, w * b - x * c + y * d + z * a, w * c + x * b - y * a + z * d, w * d - x * a - y * b - z * c)
     places = np.broadcast_to(poses[..., None, :3], (*poses.shape[:-1], len(turns), 3))
     return np.concatenate([places, np.stack(turned, axis=-1)], axis=-1)
