@@ -298,6 +298,19 @@ def test_what_nobody_has_is_solved_for_from_nothing() -> None:
     assert (np.abs(J - expected) <= 3e-4 * np.maximum(1.0, np.abs(expected).max(axis=0))).all()
 
 
+def test_axes_that_lean_carry_parts_that_are_far_off_along() -> None:
+    """Pulleys of which nobody would say that they are as drawn: derivatives by both tilts are those of finite differences."""
+    data = swivelled(2).to_dict()
+    for i, point in enumerate(data["observation_point"]):
+        point |= {"swivel_offset_mm": 2.0, "pulley_eccentricity_mm": [1.0, -0.7], "phase_length_mm": 1500.0 + 10.0 * i}
+        point["swivel_tilt_deg"] = [0.3, -0.2]
+    campaign, _ = campaign_of(rig_from_dict(data))
+    model = Model(replace(campaign, temperature_c=None), unknowns_of(campaign, ("tilt",)))
+    J, expected = model.jacobian(model.start), numeric(model, model.start)
+    assert np.abs(expected).max(axis=0).min() > 0.0
+    np.testing.assert_allclose(J, expected, atol=1e-4)
+
+
 def test_angles_are_the_shortest_way_around() -> None:
     """Zeros of encoders that are off by more than a turn leave what they are off by less whole turns."""
     campaign, _ = campaign_of(swivelled(3), exact=True)
