@@ -283,8 +283,6 @@ def follow(
         # what is moved about per unit of it [mm]
         reach[j] = 1.0 if cables[j, KIND] == CABLE else size if cables[j, KIND] == INCLINATION else 1.0 / norm(e)
         smallest = min(smallest, u[j] * reach[j])
-    for j in range(m):
-        weights[j] = smallest / u[j]
     probe = np.empty(POSE_COLUMNS)
     for i in range(n):
         counted, of_lengths = 0, 0
