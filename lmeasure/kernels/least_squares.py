@@ -194,7 +194,7 @@ def fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
         turn = (G[0, j], G[1, j], G[2, j])
         if cables[j, KIND] == INCLINATION:
             largest = max(largest, norm(turn))
-            continue
+            continue  # it has no force to have an arm
         arm = rotate(orientation(pose), vec(cables[j], ATTACHMENT))
         moved = norm(add((G[3, j], G[4, j], G[5, j]), cross(turn, arm)))
         if cables[j, KIND] != CABLE:
