@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from lmeasure.catalogue import decimal
-from lmeasure.certification.compare import Comparison, Pair
+from lmeasure.certification.compare import SIGNIFICANT, Comparison, Pair
 from lmeasure.certification.improvement import Improvement
 from lmeasure.certification.printed import with_u95
 from lmeasure.report import html
@@ -171,4 +171,8 @@ def _moved(pair: Pair, say: Say) -> list[str]:
             verdict, chance = say("moved") if s.moved else say("not shown to have moved"), number(s.probability, ".2g")
         rows.append((s.pose, number(s.distance_mm, ".4f"), number(s.u95_mm, ".4f"), chance, verdict))
     header = (say("pose"), say("shift of the mean, mm"), "U95", say("probability by chance"), say("verdict"))
-    return [html.table(header, rows, "text moved")] if rows else []
+    told = say(
+        "A pose is said to have moved where as much at any pose would come by chance in less than {percent:.0f} % of comparisons.",
+        percent=100.0 * SIGNIFICANT,
+    )
+    return [html.table(header, rows, "text moved"), html.paragraph(told)] if rows else []

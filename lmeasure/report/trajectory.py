@@ -47,7 +47,8 @@ def write_trajectory_page(
     words = texts(DOMAIN, language)
     shown = {"space.told": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
     over_time = {
-        "time.bands": _banded(found.trajectory), "time.told": True, "time.thinned": len(found.rows) < len(found.u95_mm),
+        "time.bands": _banded(found.trajectory), "time.told": True, "time.turns": not np.isnan(found.rotation_deg).all(),
+        "time.thinned": len(found.rows) < len(found.u95_mm),
     }  # fmt: skip
     body = [
         STYLE,

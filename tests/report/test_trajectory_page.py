@@ -179,6 +179,8 @@ def test_a_trajectory_of_another_instrument(tmp_path: Path) -> None:
         found = along(read)
         assert found.worst is None
         assert dict(summary(found, "en"))["Largest U95 of the position (radius)"] == "not stated"
+        write_trajectory_page(tmp_path / "t.html", "t", found, None, inputs=[])
+        assert ("rotation vectors" in page_text((tmp_path / "t.html").read_bytes())) is turned
     stated = along(read_trajectory(tmp_path / "tracker.csv", Stated(mapped, 0.01)))
     assert dict(summary(stated, "en"))["Largest U95 of the rotation (radius)"] == "orientation not measured"
     assert stated.u95_mm == pytest.approx(np.full(50, 0.027955), rel=1e-4)
