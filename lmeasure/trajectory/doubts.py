@@ -233,7 +233,6 @@ class _Places:
             known = np.vstack([np.ones_like(trusted[:1]), trusted[before]])
             apart = self._length_mm[i] - np.vstack([np.zeros_like(self._length_mm[:1]), self._length_mm[before]])
             others = trusted[i] & known
-            others[:, j] = False
             number, of_others = others.sum(axis=1), np.where(others, np.abs(apart), 0.0)
             scatter = np.sqrt((of_others**2).sum(axis=1) / np.maximum(number, 1))
             back = np.maximum(BACK_COUNTS * count_mm[j], np.minimum(BACK_MM, BACK_SCATTERS * scatter))

@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells import FloatArray, cell
+from cells import FloatArray, cell, motion, record
 
+from lmeasure.counts import Counts
 from lmeasure.findings import finding, recognised
+from lmeasure.lengths import COUNTER_STATE, lengths_from_counts
 from lmeasure.recorded import Recorded
 from lmeasure.rig import Rig
+from lmeasure.run import Run
 from lmeasure.status import Status
 from lmeasure.trajectory.continuity import Away, Continuity
-from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts, judged, unseen
+from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts, Shift, judged, unseen
 from lmeasure.trajectory.standing import Stood
 from lmeasure.trajectory.steps import Break
 from lmeasure.trajectory.visits import Rests
@@ -68,6 +71,36 @@ def test_a_doubt_is_about_the_samples_behind_its_beginning_up_to_its_end() -> No
     assert [doubts.about(1, t) for t in (2.0, 2.1, 3.0, 3.1)] == [False, True, True, False]
     assert not doubts.about(2, 2.5)
     assert EVERY not in range(6)
+
+
+@pytest.mark.parametrize("piece", [1, 2, 3, 5, 12, 30])
+def test_pieces_of_a_run_are_doubted_as_the_whole_is(piece: int) -> None:
+    """Doubts and shifts that begin and end between pieces, at their first and last samples, before and behind all; the first and the last
+    sample they are about, and none beside."""
+    rig = cell()
+    time_s, poses = motion(30, rate_hz=10.0)
+    run = record(rig, time_s, poses)
+    said = finding("contradiction")
+    ends = [(0, -1.0, 0.3), (1, 0.4, 0.5), (2, 0.9, 1.4), (3, 2.8, 9.0), (4, 5.0, 6.0), (5, -2.0, -1.0), (0, 1.1, 1.1), (EVERY, 1.9, 2.1)]
+    doubts = Doubts(
+        every=tuple(Doubt(c, float(a), float(b), Status.JUMP, said) for c, a, b in ends),
+        shifts=(Shift(1, 0.7, 1.6, 25.0), Shift(1, 2.2, np.inf, -40.0), Shift(5, -1.0, 0.2, 3.0)),
+    )
+    counters, parts = np.zeros((6, COUNTER_STATE)), []
+    for i in range(0, 30, piece):
+        own = Counts(time_s[i : i + piece], run.passes[0].channels, run.passes[0].recorded[i : i + piece], source="pass1")
+        parts.append(doubts.applied(rig, lengths_from_counts(Run(rig, run.start, (own,)), counters)))
+    counts, flags = np.concatenate([p.counts for p in parts]), np.concatenate([p.flags for p in parts])
+    expected = lengths_from_counts(run).counts.copy()
+    for shift in doubts.shifts:
+        mine = (time_s > shift.after_s) & (time_s <= shift.until_s)
+        expected[mine, shift.cable] -= shift.counts
+    bad = np.zeros((30, 6), np.bool_)
+    for cable, after_s, until_s in ends:
+        bad[(time_s > after_s) & (time_s <= until_s), slice(None) if cable == EVERY else cable] = True
+    expected[bad] = np.nan
+    np.testing.assert_array_equal(counts, expected)
+    np.testing.assert_array_equal(flags, np.where(bad.any(axis=1), Status.JUMP, Status.OK))
 
 
 def test_moments_away_and_stands() -> None:
