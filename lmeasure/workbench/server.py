@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable
@@ -10,6 +11,7 @@ from http import HTTPStatus
 from pathlib import Path
 
 import uvicorn
+from markupsafe import Markup, escape
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
@@ -18,6 +20,7 @@ from starlette.responses import Response
 from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
+from lmeasure.catalogue import decimal
 from lmeasure.errors import LMeasureError
 from lmeasure.files import not_written
 from lmeasure.workbench import api, calibrations, certificates, pages, projects, runs, things
@@ -29,6 +32,7 @@ from lmeasure.workbench.words import said
 
 LOOPBACK = "127.0.0.1"
 GRACE_S = 3
+_OPTION = re.compile(r"--[a-z][\w-]*")
 ROUTES = (projects, pages, things, runs, calibrations, certificates, api)
 """Modules that answer."""
 
@@ -51,6 +55,8 @@ def application(folder: Path, token: str, port: int, language: str = "en", *, sh
     )
     app.state.bench = bench
     TEMPLATES.env.filters["words"] = lambda name: name.replace("_", " ")
+    TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="whole">\g<0></span>', str(escape(line))))
+    TEMPLATES.env.filters["printed"] = lambda text, language: "\u00a0±\u00a0".join(decimal(language, one) for one in text.split(" ± "))
     return app
 
 

@@ -170,17 +170,22 @@ async def rig_scene(request: Request) -> Response:
 
 
 async def coarse(request: Request) -> Response:
-    """How good the rig would be with its points where they are dragged to: posted {file, points: {name: [x, y, z]}, limit_deg}."""
+    """How good the rig would be with its points where they are dragged to: posted {file, points: {name: [x, y, z]}, limit_deg}. That a rig
+    has no zone, as two cables have none, is an answer too: {error}."""
     bench = bench_of(request)
     try:
         content = await request.json()
         path = inside(bench.folder, str(content["file"]))
         points = {str(name): tuple(float(v) for v in at) for name, at in content["points"].items()}
         limit = float(content.get("limit_deg", 60.0))
-        told = await run_in_threadpool(rig_form.coarse, path, points, limit)
     except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         return JSONResponse({"error": str(error) if isinstance(error, LMeasureError) else "wanted: {file, points, limit_deg}"}, 422)
-    return JSONResponse(told)
+    try:
+        return JSONResponse(await run_in_threadpool(rig_form.coarse, path, points, limit))
+    except (LMeasureError, OSError) as error:
+        return JSONResponse({"error": str(error)})
+    except (ValueError, TypeError):
+        return JSONResponse({"error": "wanted: {file, points, limit_deg}"}, 422)
 
 
 async def compiled(request: Request) -> Response:

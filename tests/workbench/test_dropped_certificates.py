@@ -127,5 +127,8 @@ def test_figures_over_time_are_those_of_the_certificates(tmp_path: Path) -> None
         # a value ends where its U95 does
         value, u95 = accuracy.points[0].said.split(" ± ")
         assert len(value.partition(".")[2]) == len(u95.partition(".")[2]) > 0
-        assert f"<td>{value} ± {u95}</td>" in page
+        assert f"<td>{value}\u00a0±\u00a0{u95}</td>" in page
+        assert "AP<sub>p</sub> [" in page
+        russian = asked.get("/trend", headers={"Accept-Language": "ru"}).text
+        assert f"<td>{value.replace('.', ',')}\u00a0±\u00a0{u95.replace('.', ',')}</td>" in russian
         assert "certificates=first&amp;certificates=later" in page.replace("%2F", "/")

@@ -121,6 +121,8 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
         assert asked.post("/start/run", data={"start": "1,2"}).status_code == 422
         assert asked.post("/start/run", data={"start": "/etc/passwd"}).status_code == 422
         assert asked.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
+        # as it may be typed again
+        assert "<code>0, 0, 0, 0, 0, 0, 1</code>" in asked.get("/start/run").text
         assert "No run has its start pose" not in asked.get("/robot").text
 
 

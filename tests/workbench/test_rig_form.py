@@ -131,6 +131,19 @@ def test_a_coarse_zone_is_the_zone_on_its_grid(tmp_path: Path) -> None:
     )
 
 
+def test_a_rig_that_has_no_zone_is_told_so_and_a_wrong_request_is_one(tmp_path: Path) -> None:
+    """Two cables tell no pose: an answer with a reason, which is no fault of who asks."""
+    rig = cell_rig(0)
+    write_rig(tmp_path / "rig.toml", rig.model_copy(update={"cable": rig.cable[:2]}))
+    places = {p.name: list(p.position_mm) for p in rig.observation_point}
+    with client(tmp_path) as asked:
+        told = asked.post("/coarse", json={"file": "rig.toml", "points": places})
+        assert told.status_code == 200
+        assert "has 2 cables" in told.json()["error"]
+        for wrong in ({"file": "rig.toml"}, {"file": "../rig.toml", "points": places}, {"file": "rig.toml", "points": {"B1": ["a", 0, 0]}}):
+            assert asked.post("/coarse", json=wrong).status_code == 422
+
+
 def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Which one, how long all of it takes, and how long this has taken; in both languages."""
     write_rig(tmp_path / "rig.toml", cell_rig(0))

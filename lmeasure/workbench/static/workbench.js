@@ -8,12 +8,15 @@ const row = document.querySelector('header nav'), here = row?.querySelector('[ar
 if (here) row.scrollLeft = here.offsetLeft - row.offsetLeft - (row.clientWidth - here.offsetWidth) / 2;
 row?.addEventListener('focusin', (event) => event.target.scrollIntoView({block: 'nearest', inline: 'nearest'}));
 
+// of a command line, every second one an option, which no line breaks
+const part = (text, i) => { const span = document.createElement('span'); span.className = i % 2 ? 'whole' : ''; span.textContent = text; return span; };
+
 for (const form of document.querySelectorAll('form[data-command]')) {
   let waiting;
   const renew = async () => {
     const answer = await post(`/line/${form.dataset.command}`, new FormData(form));
     const told = await answer.json();
-    form.querySelector('[data-line]').textContent = told.line;
+    form.querySelector('[data-line]').replaceChildren(...told.line.split(/(--[a-z][\w-]*)/).map(part));
     const why = form.querySelector('[data-hindered]'), button = form.querySelector('button.go');
     button.disabled = why.parentElement.parentElement.querySelector('p.needs:not([data-hindered])') !== null || Boolean(told.hindered);
     why.hidden = !told.hindered; why.firstElementChild.textContent = told.hindered ?? ''; why.lastElementChild.href = told.mend ?? '#';
