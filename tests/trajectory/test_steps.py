@@ -96,7 +96,7 @@ def test_too_few_samples_show_no_step() -> None:
 @pytest.mark.parametrize(("stride", "n"), [(stride, n) for stride in (1, 2, 3) for n in range(1, 3 * stride + 1)])
 def test_a_step_has_two_continuations(stride: int, n: int) -> None:
     """As long as there is none behind it, or before it, nothing is said."""
-    time_s, mm = INTERVAL_S * np.arange(n), np.where(np.arange(n) < n // 2, 0.0, 9.0)[:, None]
+    time_s, mm = INTERVAL_S * np.arange(n, dtype=np.float64), np.where(np.arange(n) < n // 2, 0.0, 9.0)[:, None]
     assert steps_seen(time_s, mm, mm.T.copy(), 0, stride=stride, count_mm=np.array([0.01]), off_s=np.zeros(max(n - 1, 0))) == []
 
 
@@ -104,7 +104,7 @@ def test_a_step_has_two_continuations(stride: int, n: int) -> None:
 def test_a_step_against_the_motion_is_as_large_as_any(by_mm: float) -> None:
     """A cable that runs by 10 mm a sample, and another that is not there for a while, of which nothing is said."""
     n = 40
-    time_s, mm = INTERVAL_S * np.arange(n), np.column_stack([10.0 * np.arange(n), np.zeros(n)])
+    time_s, mm = INTERVAL_S * np.arange(n, dtype=np.float64), np.column_stack([10.0 * np.arange(n), np.zeros(n)])
     mm[20:, 0] += by_mm
     mm[15:25, 1] = np.nan
     (one,) = steps_seen(time_s, mm, mm.T.copy(), 0, stride=1, count_mm=np.array([0.01, 0.01]), off_s=np.zeros(n - 1))
