@@ -50,7 +50,10 @@ def command(name: str) -> Any:
         for path in result.left_over:
             typer.echo(said("note: {path} was left by a command that was broken off; nothing needs it", path=path), err=True)
         if as_json:
-            typer.echo(machine.written(machine.of_result(name, result)))
+            document = machine.of_result(name, result)
+            if events.asked():
+                document |= {"told": [retold(line) for line in result.summary if line]}
+            typer.echo(machine.written(document))
             if result.failure:
                 typer.echo(f"lmeasure: {' '.join(result.failure.split())}", err=True)
             raise typer.Exit(1 if result.failure else result.exit_code)

@@ -3,7 +3,7 @@
 Asked for by LMEASURE_EVENTS=1 in the environment, beside `--json`, whose document stays alone on standard output. Each line has
 `event`: progress (fraction, text), said (text), state (text), asked (text, number, of), live (a recording, its pose), compiling (text).
 What such a command reads on standard input are the answers; where standard input ends, whoever asked is gone, and the command ends as by
-Ctrl-C: what was recorded is kept (docs/command-line.md).
+Ctrl-C: what was recorded is kept (docs/command-line.md). The document has `told` beside `summary`: its lines in the language of who reads.
 """
 
 import contextlib

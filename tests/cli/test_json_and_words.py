@@ -64,6 +64,18 @@ def test_what_must_be_known_of_a_trajectory_is_a_list_in_json(
     assert all(list(note) == ["code", "text"] and f"note: {note['text']}" in told["summary"] for note in told["notes"])
 
 
+def test_who_shows_a_result_has_its_lines_in_the_readers_language_beside(tmp_path: Path) -> None:
+    """In a process of its own, as the workbench begins it: lines in English for scripts stay what they are."""
+    words = [sys.executable, "-m", "lmeasure", "reconstruct", str(TRUTH / "cell-run"), "--out", str(tmp_path / "t.parquet"), "--json"]
+    environment = os.environ | {"LMEASURE_EVENTS": "1", "LANGUAGE": "ru", "LANG": "C.UTF-8", "LC_ALL": "C.UTF-8"}
+    with subprocess.Popen(words, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        document = json.loads(process.stdout.read())
+    assert document["summary"][0] == "2000 samples: 2000 ok"
+    assert document["told"][0] == "замеров 2000: 2000 с позой"
+    assert len(document["told"]) == len(document["summary"])
+
+
 @pytest.mark.parametrize(
     ("words", "code", "command_name", "text"),
     [
