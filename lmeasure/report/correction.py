@@ -69,13 +69,17 @@ def _figures(found: Corrected, say: Say) -> list[tuple[str, str]]:
         u95 = max(o.u95_mm for o in done)
         rows += [
             (say("largest correction"), _whole(say("{mm:.3f} mm", mm=max(c.size_mm for c in corrections)))),
-            (say("largest error before"), _whole(say("{mm:.3f} mm", mm=max(c.was_mm for c in corrections)))),
-            (say("largest error left"), _whole(say("{mm:.3f} mm", mm=max(c.left_mm for c in corrections)))),
+            (say("largest error before, of those corrected"), _whole(say("{mm:.3f} mm", mm=max(c.was_mm for c in corrections)))),
+            (say("largest error left, of those corrected"), _whole(say("{mm:.3f} mm", mm=max(c.left_mm for c in corrections)))),
             (
-                say("largest U95 of where it goes now"),
+                say("largest U95 of where it goes now, of those corrected"),
                 _whole(say("{mm:.3f} mm", mm=u95)) if np.isfinite(u95) else say("cannot be told"),
             ),
         ]
+    # what nobody corrected is as wrong as before; without this the page looks as if nothing were wrong any more
+    stays = [o.correction.was_mm for o in found.outcomes if o.left and o.correction is not None]
+    if stays:
+        rows.append((say("largest error of those left as they are"), _whole(say("{mm:.3f} mm", mm=max(stays)))))
     return rows
 
 
@@ -93,7 +97,8 @@ def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
         look = {"color": colour, "size": 7, "symbol": symbol}
         figure.add_scatter(x=place, y=values, text=names, mode="markers", name=name, marker=look, row=row, col=1)
     figure.update_layout(height=520, margin={"t": 20})
-    return figure.update_xaxes(title=say("target, in the program's order"), row=2).update_yaxes(title=say("mm"), rangemode="tozero")
+    figure.update_xaxes(title=say("corrected target, in the program's order"), row=2)
+    return figure.update_yaxes(title=say("mm"), rangemode="tozero")
 
 
 def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure, float]:
