@@ -22,8 +22,10 @@ from typing import Any
 import pytest
 
 from lmeasure.cli import main
+from lmeasure.cli.commands import command as command_of
 from lmeasure.kernels import lanes, screw
 from lmeasure.trajectory import consistency, continuity, doubts, evidence, lost, screw_method, standing, steps, visits
+from lmeasure.workflows import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -95,6 +97,21 @@ def test_code_and_commands_print_what_the_page_says(page: Path, tmp_path: Path, 
 
 def test_the_tutorial_and_the_conventions_are_run() -> None:
     assert {"tutorial.md", "conventions.md"} <= {p.name for p in PAGES_WITH_CODE}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_every_command_line_names_a_command_and_options_that_there_are(page: Path) -> None:
+    """Those too that no page shows the output of, in blocks of any kind and within lines."""
+    text = page.read_text(encoding="utf-8")
+    shown = [block.text for block in blocks_of(page) if block.kind != "python"] + re.findall(r"`([^`\n]+)`", BLOCK.sub("", text))
+    for line in "\n".join(shown).replace("\\\n", " ").split("\n"):
+        words = re.match(r"\s*(?:\$ )?(?:[A-Z_]+=\S+ )*(?:lmeasure|python3 run\.py) ([a-z][a-z-]*)(.*)", line)
+        if words is None or words[1] == "test":  # of the launcher
+            continue
+        assert words[1] in COMMANDS, line
+        known = {option for parameter in command_of(words[1]).params for option in parameter.opts} | {"--help"}
+        asked = set(re.findall(r"(?<!\S)--[a-z][\w-]*", words[2].partition(" #")[0]))
+        assert asked <= known, f"{line}: {sorted(asked - known)}"
 
 
 def test_pictures_are_those_of_the_program(tmp_path: Path) -> None:
