@@ -1,6 +1,7 @@
 """Russian has one word for each thing, that of docs/glossary.md, in all catalogues; and `play` and `scan` speak it."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,6 +49,15 @@ def test_catalogues_keep_to_the_glossary() -> None:
         for phrase in filter(None, never.split(", ")):
             found = [(domain, text) for domain, _, text in every if pattern(phrase).search(text)]
             assert not found, f"{word} is {russian}, not {phrase}: {found}"
+
+
+@pytest.mark.parametrize("path", sorted(LOCALE.glob("*/*.po")), ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_no_text_stands_twice_in_a_catalogue(path: Path) -> None:
+    """Of two translations of one, it could not be told which is read."""
+    entries = re.findall(r'^msgid ((?:"(?:[^"\\]|\\.)*"\n)+)', path.read_text(encoding="utf-8"), re.MULTILINE)
+    twice = [text for text, number in Counter(entries).items() if number > 1]
+    assert entries
+    assert twice == []
 
 
 def test_a_pose_is_no_position() -> None:

@@ -8,20 +8,26 @@ the signs of eigenvectors, which each build of LAPACK chooses; without a linked 
 lost is taken off its counts, not its lengths, and more of what redundant channels say of one that errs is used; where none contradicts the
 others the figures are those of 5. 7: readings of encoders whose zeros are not known well weigh as they are known until a run tells them,
 and where it does not, poses err by them beyond first order; what a counter lost by and by is taken off its counts too; of other rigs and
-runs the figures are those of 6.
+runs the figures are those of 6. 8: where just as many channels count as there are unknowns, but not six drums, a run is lost at a singular
+pose as six drums lose it; of runs that are not lost the figures are those of 7.
 """
 
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
+from lmeasure.arrays import IntArray
 from lmeasure.findings import Finding
+from lmeasure.rig import Rig
+from lmeasure.status import Status
 from lmeasure.trajectory.prepared import OF_CONTRADICTIONS
 
-METHOD = 7
+METHOD = 8
 """Raised whenever the same inputs give other figures, or the same figures another verdict."""
-SINCE = {"rough": 7, "contradicted": 7, "linked": 5, "passes": 4}
-"""From which methods give the same figures of runs where zeros of encoders are not known well, where redundant channels contradict each
-other, where a calibration is linked, and of several passes."""
+SINCE = {"lost": 8, "rough": 7, "contradicted": 7, "linked": 5, "passes": 4}
+"""From which methods give the same figures of runs that others than six drums lost at a singular pose, where zeros of encoders are not
+known well, where redundant channels contradict each other, where a calibration is linked, and of several passes."""
 SAME_FOR_ONE_PASS = 3
 """From which of all others."""
 
@@ -36,8 +42,14 @@ def contradicted(notes: Iterable[Finding | str]) -> bool:
     return any(isinstance(note, Finding) and note.code in OF_CONTRADICTIONS for note in notes)
 
 
-def same_figures(method: int, *, passes: bool, linked: bool, rough: bool, contradicted: bool) -> bool:
+def lost(rig: Rig, status: IntArray) -> bool:
+    """Whether others than six drums, to a body, lost a run at a singular pose, by the status (n,) of its samples."""
+    six = len(rig.observed) == len(rig.cable) == 6 and len({c.to_point for c in rig.cable}) > 1
+    return not six and bool(np.isin(status, (Status.SINGULAR, Status.OTHER_ASSEMBLY)).any())
+
+
+def same_figures(method: int, *, passes: bool, linked: bool, rough: bool, contradicted: bool, lost: bool) -> bool:
     """Whether a method gives today's figures for a run, or for poses without one, by what is so of it: several passes, a linked
-    calibration, zeros of encoders that are not known well, channels that contradict each other."""
-    so = {"passes": passes, "linked": linked, "rough": rough, "contradicted": contradicted}
+    calibration, zeros of encoders that are not known well, channels that contradict each other, samples lost at a singular pose."""
+    so = {"passes": passes, "linked": linked, "rough": rough, "contradicted": contradicted, "lost": lost}
     return max([SAME_FOR_ONE_PASS, *(since for name, since in SINCE.items() if so[name])]) <= method <= METHOD

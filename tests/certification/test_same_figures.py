@@ -3,13 +3,16 @@
 import itertools
 import re
 
+import numpy as np
 import pytest
 
 from lmeasure.certification import method
-from lmeasure.certification.method import METHOD, contradicted, method_of, same_figures
+from lmeasure.certification.method import METHOD, contradicted, lost, method_of, same_figures
 from lmeasure.findings import finding
+from lmeasure.simulation import cell_rig
+from lmeasure.status import Status
 
-WHAT = ("passes", "linked", "rough", "contradicted")
+WHAT = ("passes", "linked", "rough", "contradicted", "lost")
 
 
 def test_every_method_is_described_where_its_number_stands() -> None:
@@ -28,6 +31,8 @@ def test_every_method_is_described_where_its_number_stands() -> None:
         ({"contradicted"}, 7),
         ({"passes", "rough"}, 7),
         ({"linked", "contradicted"}, 7),
+        ({"lost"}, 8),
+        ({"lost", "passes"}, 8),
     ],
 )
 def test_methods_of_the_same_figures_begin_where_the_last_thing_changed_that_a_run_has(what: set[str], first: int) -> None:
@@ -37,10 +42,23 @@ def test_methods_of_the_same_figures_begin_where_the_last_thing_changed_that_a_r
 
 
 def test_what_a_run_has_more_never_makes_an_earlier_method_the_same() -> None:
-    every = [dict(zip(WHAT, so, strict=True)) for so in itertools.product((False, True), repeat=4)]
+    every = [dict(zip(WHAT, so, strict=True)) for so in itertools.product((False, True), repeat=5)]
     for less, more in itertools.product(every, every):
         if all(more[name] for name in WHAT if less[name]):
             assert all(same_figures(m, **less) for m in range(1, METHOD + 1) if same_figures(m, **more))
+
+
+def test_six_drums_lose_a_run_as_they_always_did() -> None:
+    """Seven of them, or five and an encoder, have since method 8."""
+    six, status = cell_rig(1), np.array([Status.OK, Status.SINGULAR, Status.OTHER_ASSEMBLY])
+    point = six.model_copy(update={"cable": tuple(c.model_copy(update={"to_point": six.cable[0].to_point}) for c in six.cable)})
+    five = six.model_copy(update={"cable": six.cable[:5]})
+    assert not lost(six, status)
+    for rig in (point, five):
+        assert lost(rig, status)
+        assert lost(rig, status[[0, 2]])
+        assert lost(rig, status[:2])
+        assert not lost(rig, np.array([Status.OK, Status.GAP, Status.JUMP]))
 
 
 def test_a_certificate_without_a_method_is_by_the_first() -> None:
