@@ -2,6 +2,7 @@
 
 import contextlib
 import inspect
+import pkgutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -82,12 +83,23 @@ def place_holder(form: Written) -> str | None:
     return {Path: "PATH", int: "N", float: "NUMBER", str: "TEXT"}.get(form.kind)
 
 
+def _completion(choices: tuple[str, ...], names: str | None) -> Callable[[str], list[str]]:
+    """What completes the words that an option may be, or the names that stand at module:NAME."""
+
+    def beginning(incomplete: str) -> list[str]:
+        return [word for word in choices or pkgutil.resolve_name(str(names)) if word.startswith(incomplete)]
+
+    return beginning
+
+
 def parameter(name: str, field: "FieldInfo") -> inspect.Parameter:
     """The parameter of a command's function from which typer makes the option."""
     said, form = said_of(field), written(field)
     about: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar") or place_holder(form)}
     about["min"] = next((m.ge for m in field.metadata if isinstance(m, Ge)), None)
     about["max"] = next((m.le for m in field.metadata if isinstance(m, Le)), None)
+    if form.choices or "words" in said:
+        about["autocompletion"] = _completion(form.choices, said.get("words"))
     if "positional" in said:
         told = typer.Argument(**about)
     else:

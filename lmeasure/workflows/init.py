@@ -32,7 +32,9 @@ class Settings(Asked):
             positional=True,
         ),
     ] = Path()
-    template: Annotated[str | None, option("Shape to begin with; without it questions are asked.", metavar="NAME")] = None
+    template: Annotated[
+        str | None, option("Shape to begin with; without it questions are asked.", metavar="NAME", words="lmeasure.templates:TEMPLATES")
+    ] = None
     list: Annotated[bool, option("Only list the templates.", flag="--list")] = False
 
 

@@ -11,7 +11,9 @@ from lmeasure.workflows.settings import Asked, Paths, option
 class Settings(Asked):
     """What `lmeasure schema` is asked."""
 
-    name: Annotated[str | None, option("Which file's; without it they are listed.", metavar="NAME", positional=True)] = None
+    name: Annotated[
+        str | None, option("Which file's; without it they are listed.", metavar="NAME", positional=True, words="lmeasure.schemas:KINDS")
+    ] = None
     out: Annotated[Path | None, option("Write it to this file instead of the screen.", metavar="FILE.json")] = None
 
     def paths(self) -> Paths:

@@ -81,10 +81,19 @@ def option(
     le: float | None = None,
     within: tuple[float, float] | None = None,
     positional: bool = False,
+    words: str | None = None,
 ) -> Any:
     """What is said of an option beside its type and default: help; flag, else `--` and its name; metavar; the panel or group of a form
-    that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage itself checks."""
-    extra: dict[str, Any] = {"flag": flag, "metavar": metavar, "panel": panel, "unit": unit, "positional": positional or None}
+    that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage itself checks; words: where
+    the names are that it may be, as module:NAME, for who completes what is typed."""
+    extra: dict[str, Any] = {
+        "flag": flag,
+        "metavar": metavar,
+        "panel": panel,
+        "unit": unit,
+        "positional": positional or None,
+        "words": words,
+    }
     if within is not None:
         extra |= {"minimum": within[0], "maximum": within[1]} if math.isfinite(within[1]) else {"minimum": within[0]}
     return Field(description=text, ge=ge, le=le, json_schema_extra={key: value for key, value in extra.items() if value is not None})

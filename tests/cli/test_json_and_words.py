@@ -19,6 +19,7 @@ from lmeasure.cli import app, machine, main
 from lmeasure.cli.commands import command
 from lmeasure.cli.faces import told_of_compiling
 from lmeasure.cli.words import retold, said
+from lmeasure.schemas import KINDS
 from lmeasure.workflows import COMMANDS, JOBS
 from lmeasure.workflows.flow import Result
 
@@ -166,11 +167,19 @@ def test_compiling_is_told_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, 
         assert bool(re.search(r"compiled 2 kernels in \d+ s, kept for later: inner, outer", told)) == terminal
 
 
-def test_completion_knows_the_commands() -> None:
-    environment = {**os.environ, "_LMEASURE_COMPLETE": "complete_bash", "COMP_WORDS": "lmeasure re", "COMP_CWORD": "1"}
+def completed(line: str) -> set[str]:
+    """What completion offers behind a line."""
+    words = line.split(" ")
+    environment = {**os.environ, "_LMEASURE_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
     code = "import sys; sys.argv = ['lmeasure']; from lmeasure.cli import main; main()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
-    assert {"reconstruct", "record"} <= set(done.stdout.split())
+    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment).stdout.split())
+
+
+def test_completion_knows_commands_and_words() -> None:
+    assert {"reconstruct", "record"} <= completed("lmeasure re")
+    assert completed("lmeasure capture rig.toml --by ") == {"key", "rest", "both"}
+    assert completed("lmeasure init --template six-") == {"six-cables"}
+    assert completed("lmeasure schema r") == {name for name in KINDS if name.startswith("r")}
 
 
 def test_words_in_english_are_the_texts() -> None:
