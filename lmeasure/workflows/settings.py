@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, get_args
@@ -27,6 +28,7 @@ from lmeasure.errors import SettingsError
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
 
+START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
 BOX = "X0:X1,Y0:Y1,Z0:Z1"
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 _UNITS = {"mm": "mm", "mm_s": "mm/s", "deg": "deg", "rad": "rad", "s": "s", "n": "N", "percent": "%"}
@@ -190,6 +192,16 @@ def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float
     return value
 
 
+def _six_or_seven(value: str) -> str:
+    """Numbers alone are no name of a file."""
+    numbers = 0
+    with suppress(ValueError):
+        numbers = len([float(part) for part in parts_of(value)])
+    if numbers not in (0, 6, 7):
+        raise ValueError(f"{value!r} is {numbers} numbers; wanted are {START}")
+    return value
+
+
 def _listed(value: Any) -> Any:
     return tuple(part.strip() for part in value.split(";") if part.strip()) if isinstance(value, str) else value
 
@@ -225,9 +237,8 @@ Quaternion = Annotated[tuple[float, float, float, float], Separated(",", count=4
 UnitQuaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit), Separated(",", count=4)]
 Names = Annotated[tuple[str, ...], Words(",", str)]
 Recording = Annotated[Path, AfterValidator(_recording)]
-Start = Annotated[str, Pose()]
+Start = Annotated[str, AfterValidator(_six_or_seven), Pose()]
 """A pose as text, or a file that has it."""
-START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
 LANGUAGE = option("Language of what is to be read: en or ru; default that of the terminal (LANG).")
 RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")
 TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, .mcap."
