@@ -7,7 +7,7 @@ from typing import Any
 
 from lmeasure import files
 from lmeasure.errors import FileFormatError
-from lmeasure.findings import Finding, finding
+from lmeasure.findings import Finding, finding, recognised
 
 HARMLESS = ("duplicate", "duplicate_sync", "reordered", "wrap")
 """Faults after which the counts are what they would have been without."""
@@ -34,9 +34,9 @@ class Recorded:
         if self.early:
             early = {"number": self.passage}
             out.append(finding("recording.early.why", **early, why=self.why) if self.why else finding("recording.early", **early))
-        told = ", ".join(f"{n} {kind}" for kind, n in sorted(self.faults.items()) if n and kind not in HARMLESS)
+        told = [f"{n} {kind}" for kind, n in sorted(self.faults.items()) if n and kind not in HARMLESS]
         if told:
-            out.append(finding("recording.faults", number=self.passage, faults=told))
+            out.append(finding("recording.faults", number=self.passage, faults=tuple(recognised(one) or one for one in told)))
         return out
 
 

@@ -30,6 +30,11 @@ RUSSIAN = "канал ch3 (трос c3): скачок на -200 отсч. (+2,40
         ),
         ("pass 1: the recording ended early: no bus", "проход 1: запись оборвалась: no bus"),
         ("pass 1: the recording ended early", "проход 1: запись оборвалась"),
+        (
+            "pass 1: faults while it was recorded: 1 bus_error, 2 overflow",
+            "проход 1: сбои при записи: ошибок шины 1 (bus_error), переполнений очереди 2 (overflow)",
+        ),
+        ("pass 1: faults while it was recorded: 3 odd", "проход 1: сбои при записи: 3 odd"),
     ],
 )
 def test_texts_from_files_are_known_again(english: str, russian: str) -> None:

@@ -17,6 +17,7 @@ from lmeasure import files
 from lmeasure.calibration_record import CalibrationRecord, Parameter, write_calibration_record
 from lmeasure.errors import FileFormatError
 from lmeasure.linked import read_linked_rig
+from lmeasure.recorded import Recorded
 from lmeasure.rig import Rig, write_rig
 from lmeasure.run import read_run, read_run_head, write_run
 from lmeasure.trajectory import reconstruct, reconstruct_stream
@@ -64,6 +65,7 @@ def test_how_it_was_recorded_is_said(tmp_path: Path) -> None:
     whole = folder(tmp_path / "whole", [EARLY | {"ended": "complete", "why": "", "faults": faults}])
     text = reconstruct_stream(read_run_head(whole), tmp_path / "t.csv").text()
     assert f"note: {said[1]}" in text
+    assert str(Recorded(1, faults={"of another kind": 2}).notes()[0]).endswith("recorded: 2 of another kind")
     assert "ended early" not in text
 
 

@@ -26,6 +26,9 @@ from lmeasure.rig import Rig
 from lmeasure.run import Run, write_run
 
 SHOWN_IDENTIFIERS = 12
+PAUSE_S = 5.0
+"""In which no counter of a bus that is recorded says anything: an interruption."""
+SHOWN_SEAMS = 3
 
 
 @dataclass
@@ -83,7 +86,21 @@ class ImportedLog:
             f"{self.path}: {self.report.frames} frames, {len(self.counts.time_s)} samples in {duration:.6g} s, {self.events.summary()}",
             *self.survey.lines(),
             *self.report.notes(),
+            *self.seams(),
         ]
+
+    def seams(self) -> list[str]:
+        """Where the log may be two recordings, one behind the other, by the log's own clock: one line each for the first of them."""
+        advice = "if these are two recordings, cut the log there, and import each as a run of its own"
+        times, out = self.counts.time_s, []
+        steps = np.diff(times)
+        for i in np.flatnonzero(steps > max(PAUSE_S, 100.0 * float(np.median(steps)))) if len(steps) else ():
+            out.append(f"{self.path}: nothing came for {steps[i]:.6g} s behind {self.start_s + times[i]:.6f} s: {advice}")
+        for event in self.events.kept:
+            if event.kind == "time":
+                last = self.start_s + times[max(min(event.sample, len(times)) - 1, 0)]
+                out.append(f"{self.path}: its clock goes {event.text} behind {last:.6f} s: {advice}")
+        return out[:SHOWN_SEAMS]
 
 
 @dataclass(frozen=True)
@@ -246,8 +263,8 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
             "faults": dict(sorted(log.events.tally.items())),
             "sha256": {log.path.name: log.sha256},
         }
-        if log.report.notes():
-            entry["why"] = "; ".join(log.report.notes())
+        if why := log.report.why():
+            entry["why"] = why
         recording.append(entry)
     for name, content in imported.beside.items():
         files.write_bytes(out / name, content)

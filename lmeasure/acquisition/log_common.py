@@ -40,12 +40,15 @@ class LogReport:
 
     def notes(self) -> list[str]:
         """What a person should know, one line each."""
-        notes = []
-        if self.ended_early:
-            notes.append(f"ended early: {self.ended_early}; everything before it was read")
-        if self.unread:
-            notes.append(f"{self.unread} lines could not be read; the first is {self.first_unread}")
-        return notes
+        early = [f"ended early: {self.ended_early}; everything before it was read"] if self.ended_early else []
+        return early + self._unread()
+
+    def why(self) -> str:
+        """The same for a run.toml, which says apart that the recording ended early."""
+        return "; ".join([*([self.ended_early] if self.ended_early else []), *self._unread()])
+
+    def _unread(self) -> list[str]:
+        return [f"{self.unread} lines could not be read; the first is {self.first_unread}"] if self.unread else []
 
 
 def new_columns(count: int, width: int) -> Columns:

@@ -96,7 +96,7 @@ def _library_batches(path: Path, file: BinaryIO, suffix: str, report: LogReport)
             for message in itertools.islice(messages, MESSAGES_AT_ONCE):
                 batch.append(checked(message))
         except Exception as error:
-            broken = _why(error, suffix)
+            broken = _why(error) if suffix == ".mf4" else f"what stands behind line {report.frames + len(batch) + 1} is no frame"
         if not batch:
             break
         yield frames_from_messages(batch, "log", str(path))
@@ -113,14 +113,13 @@ def _library_batches(path: Path, file: BinaryIO, suffix: str, report: LogReport)
         report.ended_early = f"after frame {report.frames}: {broken}"
 
 
-def _why(error: Exception, suffix: str) -> str:
+def _why(error: Exception) -> str:
     """What an exception says, in one line; its frames are let go, and with them a file that asammdf could not open, whose end is not
     worth a word."""
-    if suffix == ".mf4":
-        hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-        try:
-            traceback.clear_frames(error.__traceback__)
-            gc.collect()
-        finally:
-            sys.unraisablehook = hook
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
     return " ".join(str(error).split()) or type(error).__name__

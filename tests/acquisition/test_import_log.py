@@ -163,7 +163,33 @@ def test_a_cut_log_says_that_it_ended_early(tmp_path: Path) -> None:
     assert "ended early" in imported.summary()
     entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
     assert entry["ended"] == "early"
-    assert "ended early" in entry["why"]
+    assert entry["why"] == imported.logs[0].report.ended_early
+
+
+@pytest.mark.parametrize(
+    ("later_s", "told"),
+    [
+        (3600.0, "nothing came for 3599.94 s behind 1700000000.059000 s: if these are two recordings, cut the log there"),
+        (-0.02, "its clock goes back by 0.0190001 s behind 1700000000.059000 s: if these are two recordings"),
+        (4.9, ""),
+    ],
+)
+def test_two_recordings_in_one_log_are_told(tmp_path: Path, later_s: float, told: str) -> None:
+    first, then = counter_log(60, 3), counter_log(60, 3)
+    for m in then:
+        m.timestamp += later_s if later_s > 0.0 else 0.04
+    lines = import_logs([write(tmp_path / "two.log", first + then)], six_cables(), START_POSE).summary().splitlines()
+    assert [line for line in lines if "two recordings" in line] == [line for line in lines if told and f"two.log: {told}" in line]
+    assert any("two recordings" in line for line in lines) == bool(told)
+
+
+def test_a_log_of_the_library_that_is_cut_says_where(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.csv", counter_log(60, 3)).read_text().splitlines()
+    cut = tmp_path / "cut.csv"
+    cut.write_text("\n".join([*whole[:200], whole[200][:20]]))
+    write_import(tmp_path / "run", import_logs([cut], six_cables(), START_POSE))
+    said = [str(note) for recorded in read_run(tmp_path / "run").recorded for note in recorded.notes()]
+    assert said[0] == "pass 1: the recording ended early: after frame 199: what stands behind line 200 is no frame"
 
 
 def test_faults_are_counted_and_kept(tmp_path: Path) -> None:
