@@ -101,7 +101,8 @@ class ContinuityFinder:
         self._mm = np.array([d.count_length_mm for d in drums])
         self._time_s, self._mm_at = np.empty(0), np.empty((0, len(drums)))
         self._interval_s = 0.0
-        self._accelerations = np.zeros(len(WINDOWS_S))
+        self._accelerations, self._hardest = np.zeros(len(WINDOWS_S)), np.zeros(len(WINDOWS_S))
+        """Of the motion: at least, and what its stamps make of it."""
         self._standing = StandingFinder(rig)
         self._geometry = 0.0  # largest time squared over which a step may hide [s^2]
         self._jitter_mm = np.zeros(len(drums))
@@ -158,7 +159,7 @@ class ContinuityFinder:
         _add(breaks, self._jumps)
         for number, every in enumerate(self._rushes):
             for candidates in every:
-                beyond = np.abs(candidates.by) > RUSH * self._accelerations[: number + 1].max() + 2.0 * self._usual(number)
+                beyond = np.abs(candidates.by) > RUSH * self._hardest[: number + 1].max() + 2.0 * self._usual(number)
                 rushed = (replace(candidates.at(int(i), int(j), np.nan), by_mm=np.nan) for i, j in np.argwhere(beyond))
                 # a step is a rush as well, as far as the stretch reaches
                 _add(breaks, rushed, 1.5 * max(WINDOWS_S[number], self._interval_s))
@@ -246,7 +247,11 @@ class ContinuityFinder:
             self._jitter_mm = np.fmax(self._jitter_mm, JITTERED * np.fmax.reduce(speed * off[fine], axis=1, initial=0.0))
 
     def _look_for_rushes(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, w: int, number: int, off_s: float) -> None:
-        """Accelerations over w samples either way: the motion's, and those that one channel has by itself; off_s: of the stamps."""
+        """Accelerations over w samples either way: the motion's, and those that one channel has by itself; off_s: of the stamps.
+
+        Stamps that are off leave less of a cable that goes than of one that turns back, whose speed is none: what is suspected is taken at
+        the least, and held against what the others may have at most.
+        """
         m, n = x.shape
         if n <= 2 * w or m < 2:
             return
@@ -257,15 +262,19 @@ class ContinuityFinder:
         # by the samples' order, and where they are not even by their stamps: as for steps
         missed_mm = SMALLEST_COUNTS * self._count_mm[:, None]
         size = (np.abs(bent, out=bent) - 2.0 * missed_mm) / (w * interval) ** 2
+        least = size
         if max(np.abs(before - w * interval).max(), np.abs(after - w * interval).max()) > EVEN * w * interval:
             first, second = (x[:, w:-w] - x[:, : -2 * w]) / before, (x[:, 2 * w :] - x[:, w:-w]) / after
-            missed = missed_mm + 2.0 * off_s * np.fmax(np.abs(first), np.abs(second))
-            by_stamps = (np.abs(second - first) - missed * (1.0 / before + 1.0 / after)) * (2.0 / (before + after))
+            changed, per = np.abs(second - first), 2.0 / (before + after)
+            twice = 1.0 / before + 1.0 / after
+            by_stamps = (changed - missed_mm * twice) * per
+            least = np.fmin(size, by_stamps - 2.0 * off_s * np.fmax(np.abs(first), np.abs(second)) * twice * per)
             size = np.fmin(size, by_stamps)
-        largest, next_largest = two_largest(size)
+        largest, next_largest = two_largest(least)
         self._accelerations[number] = max(self._accelerations[number], float(np.fmax.reduce(next_largest, initial=0.0)))
-        self._habits[number] += counted_sizes(size[:, max(known - 2 * w, 0) :: HABITS_EVERY])
-        limit = RUSH * self._accelerations[: number + 1].max()
+        self._hardest[number] = max(self._hardest[number], float(np.fmax.reduce(two_largest(size)[1], initial=0.0)))
+        self._habits[number] += counted_sizes(least[:, max(known - 2 * w, 0) :: HABITS_EVERY])
+        limit = RUSH * self._hardest[: number + 1].max()
         # a cable that sticks and slips rushes as well
         slips = 2.0 * STEP_MM / (w * interval) ** 2
         some = np.flatnonzero(largest > limit + slips)
@@ -273,13 +282,13 @@ class ContinuityFinder:
         if not len(some):
             return
         # few: row by row from here on, what is not there being nothing
-        mine = np.maximum(np.nan_to_num(size[:, some].T), 0.0)
+        mine, seen = (np.maximum(np.nan_to_num(a[:, some].T), 0.0) for a in (least, size))
         first, second = ((mm[some + k] - mm[some + k - w]) / (time_s[some + k] - time_s[some + k - w])[:, None] for k in (w, 2 * w))
-        others = np.sqrt(np.maximum((mine**2).sum(axis=1, keepdims=True) - mine**2, 0.0) / (m - 1))
+        others = np.sqrt(np.maximum((seen**2).sum(axis=1, keepdims=True) - seen**2, 0.0) / (m - 1))
         going = np.minimum(others_largest(np.abs(first)), others_largest(np.abs(second))) > GOING_MM_S
         # where the change is in the middle of the stretch it is seen largest
         around = np.clip(some[:, None] + np.arange(-w, w + 1), 0, size.shape[1] - 1)
-        peak = np.fmax.reduce(size[:, around], axis=2).T
+        peak = np.fmax.reduce(least[:, around], axis=2).T
         alone = (mine > limit + slips) & (mine > ALONE * others) & going & (mine >= peak)
         rows = np.flatnonzero(alone.any(axis=1))
         if len(rows):
