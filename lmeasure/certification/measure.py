@@ -16,7 +16,7 @@ from lmeasure.certification.canonical import digest
 from lmeasure.certification.capability import undecided
 from lmeasure.certification.details import Details, Logo, read_details, read_logo
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
-from lmeasure.certification.method import METHOD, contradicted, lost, same_figures
+from lmeasure.certification.method import METHOD, contradicted, late, lost, same_figures
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError, OtherTrajectoryError
 from lmeasure.findings import Finding
@@ -95,11 +95,11 @@ class Inputs:
                 raise CertificationError(f"{out[name]}: its copy would have the name of that of {out[first]}")
         return out
 
-    def same_figures(self, method: int, *, contradicted: bool = False, linked: bool = True, lost: bool = False) -> bool:
+    def same_figures(self, method: int, *, contradicted: bool = False, linked: bool = True, lost: bool = False, late: bool = False) -> bool:
         """Whether a method gives today's figures for these inputs; contradicted: channels of the run contradict each other; linked: False
-        where a calibration changes nothing; lost: others than six drums lost the run at a singular pose."""
+        where a calibration changes nothing; lost: others than six drums lost the run at a singular pose; late: it is stamped unevenly."""
         if self.run is None:
-            return same_figures(method, passes=False, linked=False, rough=False, contradicted=False, lost=False)
+            return same_figures(method, passes=False, linked=False, rough=False, contradicted=False, lost=False, late=False)
         head = read_run_head(self.run, self.rig)
         return same_figures(
             method,
@@ -108,6 +108,7 @@ class Inputs:
             rough=bool((zeros_of(head.rig, head.calibration) > NEAR_RAD).any()),
             contradicted=contradicted,
             lost=lost,
+            late=late,
         )
 
     def stated(self) -> dict[str, Any]:
@@ -203,6 +204,8 @@ class Measured:
     logo: Logo | None = None
     lost: bool = False
     """Whether others than six drums lost the run at a singular pose."""
+    late: bool = False
+    """Whether the run is stamped unevenly."""
 
 
 def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None, method: int = METHOD) -> Measured:
@@ -235,13 +238,13 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     aligned = align(run)
     trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
     # no pose depends on what is drawn of a calibration
-    gone = lost(run.rig, trajectory.status)
-    if inputs.same_figures(method, linked=False, contradicted=contradicted(trajectory.notes), lost=gone):
+    gone, uneven = lost(run.rig, trajectory.status), late(run)
+    if inputs.same_figures(method, linked=False, contradicted=contradicted(trajectory.notes), lost=gone, late=uneven):
         _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
     notes: tuple[Finding | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))
-    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo, gone)
+    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo, gone, uneven)
 
 
 def _systematic(run: Run) -> str | None:

@@ -94,7 +94,7 @@ def verify(
         other = not inputs.same_figures(method)
         copies = entries(folder, sorted(inputs.copies()))
         measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress, method)
-        other = not inputs.same_figures(method, contradicted=contradicted(measured.notes), lost=measured.lost)
+        other = not inputs.same_figures(method, contradicted=contradicted(measured.notes), lost=measured.lost, late=measured.late)
     except LMeasureError as error:
         if not other:
             return _not_computed(folder, seal, error)

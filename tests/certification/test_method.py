@@ -150,17 +150,17 @@ def test_a_certificate_states_its_method(copy: Path) -> None:
         (2, (), False), (3, (), True), (3, ("passes",), False), (4, ("passes",), True), (4, ("linked",), False), (5, ("linked",), True),
         (5, ("linked", "passes"), True), (6, ("contradicted",), False), (7, ("contradicted", "linked"), True),
         (6, ("rough",), False), (7, ("rough", "contradicted", "linked", "passes"), True), (7, ("lost",), False),
-        (8, ("lost", "rough"), True), (METHOD + 1, (), False),
+        (8, ("lost", "rough"), True), (8, ("late",), False), (9, ("late", "lost"), True), (METHOD + 1, (), False),
     ],
 )  # fmt: skip
 def test_figures_are_compared_with_those_of_methods_that_differ_elsewhere(
     copy: Path, monkeypatch: pytest.MonkeyPatch, *, method: int, so: tuple[str, ...], same: bool
 ) -> None:
     """Method 4 changed what is drawn of later passes, 5 what is drawn of a linked calibration, 7 what is used of contradicting channels and
-    what is made of encoders whose zeros are not known well, 8 how others than six drums lose a run."""
+    what is made of encoders whose zeros are not known well, 8 how others than six drums lose a run, 9 what late stamps leave out."""
     resealed(copy, {"method": method})
     elsewhere(copy)
-    true = {name: name in so for name in ("passes", "linked", "rough", "contradicted", "lost")}
+    true = {name: name in so for name in ("passes", "linked", "rough", "contradicted", "lost", "late")}
     measuring = importlib.import_module("lmeasure.certification.measure")
     monkeypatch.setattr(measuring, "same_figures", lambda method, **_: same_figures(method, **true))
     found = looked_at(copy)

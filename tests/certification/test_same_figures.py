@@ -2,17 +2,20 @@
 
 import itertools
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lmeasure.certification import method
-from lmeasure.certification.method import METHOD, contradicted, lost, method_of, same_figures
+from lmeasure.certification.method import METHOD, contradicted, late, lost, method_of, same_figures
 from lmeasure.findings import finding
+from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig
 from lmeasure.status import Status
 
-WHAT = ("passes", "linked", "rough", "contradicted", "lost")
+WHAT = ("passes", "linked", "rough", "contradicted", "lost", "late")
 
 
 def test_every_method_is_described_where_its_number_stands() -> None:
@@ -33,6 +36,8 @@ def test_every_method_is_described_where_its_number_stands() -> None:
         ({"linked", "contradicted"}, 7),
         ({"lost"}, 8),
         ({"lost", "passes"}, 8),
+        ({"late"}, 9),
+        ({"late", "lost"}, 9),
     ],
 )
 def test_methods_of_the_same_figures_begin_where_the_last_thing_changed_that_a_run_has(what: set[str], first: int) -> None:
@@ -42,7 +47,7 @@ def test_methods_of_the_same_figures_begin_where_the_last_thing_changed_that_a_r
 
 
 def test_what_a_run_has_more_never_makes_an_earlier_method_the_same() -> None:
-    every = [dict(zip(WHAT, so, strict=True)) for so in itertools.product((False, True), repeat=5)]
+    every = [dict(zip(WHAT, so, strict=True)) for so in itertools.product((False, True), repeat=6)]
     for less, more in itertools.product(every, every):
         if all(more[name] for name in WHAT if less[name]):
             assert all(same_figures(m, **less) for m in range(1, METHOD + 1) if same_figures(m, **more))
@@ -71,3 +76,17 @@ def test_a_run_contradicts_itself_where_a_finding_says_so_and_not_where_a_text_d
     assert not contradicted([])
     assert not contradicted([other, str(said)])
     assert contradicted([str(other), other, said])
+
+
+def test_a_run_is_late_where_a_host_stamped_it_so() -> None:
+    """Rows that are not there leave whole intervals, which are as even as others."""
+    even = read_run(Path(__file__).parents[1] / "authorities" / "truth" / "cell-run")
+    counts = even.passes[0]
+    time_s = counts.time_s
+    assert not late(even)
+    kept = np.delete(np.arange(len(time_s)), [50, 51, 200])
+    assert not late(replace(even, passes=(replace(counts, time_s=time_s[kept], recorded=counts.recorded[kept]),)))
+    stamped = time_s.copy()
+    stamped[100] += 0.0004
+    assert late(replace(even, passes=(counts, replace(counts, time_s=stamped))))
+    assert not late(replace(even, passes=(replace(counts, time_s=time_s[:1], recorded=counts.recorded[:1]),)))
