@@ -262,8 +262,9 @@ def drum_summary(measured: Sequence[DrumMeasurement]) -> list[str]:
 
 def _figures(measured: DrumMeasurement) -> str:
     g, (u_tangent, u_offset) = drum_geometry(measured), drum_uncertainty(measured)
+    tangent, offset = (f"u {u:.3f}" if u > 0 else "u not stated" for u in (u_tangent, u_offset))
     return (
-        f"tangent {g.tangent_length_mm:.3f} mm (u {u_tangent:.3f}), "
-        f"axial offset {g.axial_offset_mm:.3f} mm (u {u_offset:.3f}), {g.count_length_mm:.6g} mm per count; "
+        f"tangent {g.tangent_length_mm:.3f} mm ({tangent}), "
+        f"axial offset {g.axial_offset_mm:.3f} mm ({offset}), {g.count_length_mm:.6g} mm per count; "
         f"groove angle {math.degrees(g.groove_angle):.3f} deg, drum to fixed pulley {g.stretch_mm:.3f} mm at k = 0"
     )

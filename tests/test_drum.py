@@ -172,7 +172,9 @@ def test_the_command(tmp_path: Path) -> None:
     arguments = ["drum", str(tmp_path / "drums.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "out.toml")]
     done = CliRunner().invoke(app, [*arguments, "--point", "B1"])
     assert done.exit_code == 0, done.output
-    assert "B1: tangent 149.757 mm (u 0.000), axial offset 20.000 mm (u 0.300), 0.012 mm per count; groove angle 1.194 deg" in done.output
+    assert (
+        "B1: tangent 149.757 mm (u not stated), axial offset 20.000 mm (u 0.300), 0.012 mm per count; groove angle 1.194 deg" in done.output
+    )
     assert "the link to calibration.json is dropped" in done.output
     rig = read_rig(tmp_path / "out.toml")
     assert rig.point("B1").drum.tangent_length_mm == pytest.approx(149.756507, abs=1e-6)

@@ -135,7 +135,9 @@ def import_logs(
     """
     logs = tuple(logs)
     if len(logs) != rig.passes:
-        raise AcquisitionError(f"rig {rig.name!r}: its cables need {rig.passes} passes, one log each; {len(logs)} given")
+        raise AcquisitionError(
+            f"rig {rig.name!r}: its cables need {rig.passes} pass{'es' * (rig.passes > 1)}, one log each; {len(logs)} given"
+        )
     found = tuple(_import_log(log, rig, passage, folder, bus, progress) for passage, log in enumerate(logs, 1))
     for log in found:
         rig = as_mapped(rig, log.fields)

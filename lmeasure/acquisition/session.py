@@ -46,7 +46,7 @@ def record_session(
     """
     rig, calibration = read_linked_rig(rig_path)
     if passage > rig.passes:
-        raise AcquisitionError(f"{rig_path}: its cables need {rig.passes} pass(es); there is no pass {passage}")
+        raise AcquisitionError(f"{rig_path}: its cables need {rig.passes} pass{'es' * (rig.passes > 1)}; there is no pass {passage}")
     pose = None if start is None else start_from_text(start, rig)
     here = Path(rig_path).parent
     link = connect(rig, here, bus, passage=passage, options=options_from_text(options), paced=paced)

@@ -215,9 +215,9 @@ class Simulated(Shown):
         """A line for a person on each part."""
         lines = []
         if self.run is not None:
-            counts = self.run.run.passes[0]
+            counts, passes = self.run.run.passes[0], len(self.run.run.passes)
             lines.append(
-                f"{len(counts.time_s)} samples over {counts.time_s[-1]:.6g} s, {len(self.run.run.passes)} pass(es) of "
+                f"{len(counts.time_s)} samples over {counts.time_s[-1]:.6g} s, {passes} pass{'es' * (passes > 1)} of "
                 f"{', '.join(counts.channels)}; true poses in truth.parquet"
             )
         if self.campaign is not None:

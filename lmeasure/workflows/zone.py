@@ -134,7 +134,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
 
         write_recording(settings.rerun, rig, zone=data)
     chosen = " ".join(f"--{name} {':'.join(f'{v:g}' for v in ranges[name])}" for name, span in given.items() if span is None)
-    lines = [*([f"no range was given: the box is {chosen}, around the rig"] if chosen else []), *summary(data).splitlines()]
+    missing = [f"--{name}" for name, span in given.items() if span is None]
+    along = "" if len(missing) == len(given) else f" for {', '.join(missing)}"
+    lines = [*([f"no range was given{along}: the box is {chosen}, around the rig"] if chosen else []), *summary(data).splitlines()]
     if chosen and (over := goes_on(data)):
         lines.append(f"the zone goes on beyond the box along {', '.join(over)}")
     if not data["in_zone"].values.any():

@@ -68,6 +68,9 @@ def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> No
     again = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *written.split(), "--out", str(out)])
     assert result.output.splitlines()[1:3] == again.output.splitlines()[:2]
     assert "no range" not in again.output
+    some = written.split()[:2]
+    part = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *some, "--out", str(out)])
+    assert part.output.startswith(f"no range was given for --y, --z: the box is {' '.join(written.split()[2:])}, around the rig\n")
 
 
 @pytest.mark.parametrize("places", [[(0, 0, 0)], [(10, 20, 3000), (900, -700, 3000)], [(1e5, 0, 0), (0, 1, 0)]])
