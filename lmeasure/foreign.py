@@ -16,7 +16,7 @@ import pyarrow as pa
 from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.conventions import CONVENTIONS, QUATERNION_COLUMNS, AngleConvention, check_angles, rotation_from_angles
-from lmeasure.errors import FileFormatError
+from lmeasure.errors import FileFormatError, SettingsError
 from lmeasure.opened import read_regular
 
 LARGEST = 1 << 28
@@ -27,6 +27,8 @@ KINDS = {
 }
 """Units of lengths, angles and times: how many of ours are in one."""
 UNITS = {unit: size for kind in KINDS.values() for unit, size in kind.items()}
+ANGLES = {name.rsplit("_", 1)[0] for each in CONVENTIONS.values() for name in each.columns}
+"""What controllers call them."""
 UNIT_TOLERANCE = 1e-3
 """Of a quaternion's length: other programs write four digits."""
 _MAPPED = re.compile(r"\s*([^=\s]+)\s*=\s*(.+?)\s*(?:\[\s*(\w+)\s*\])?\s*")
@@ -45,15 +47,15 @@ class Column:
 
 
 def columns_of(text: str) -> dict[str, Column]:
-    """What `--columns` says, by our names without units; FileFormatError for what is no mapping."""
+    """What `--columns` says, by our names without units; SettingsError for what is no mapping."""
     out: dict[str, Column] = {}
     for part in (p for p in text.split(",") if p.strip()):
         match = _MAPPED.fullmatch(part)
         if match is None or (match[3] and match[3] not in UNITS):
             known = ", ".join(UNITS)
-            raise FileFormatError(f"--columns: {part.strip()!r} is not name=column[unit]; units: {known}")
+            raise SettingsError("columns", f"{part.strip()!r} is not name=column[unit]; units: {known}")
         if match[1] in out:
-            raise FileFormatError(f"--columns: {match[1]!r} is given twice")
+            raise SettingsError("columns", f"{match[1]!r} is given twice")
         out[match[1]] = Column(match[2], match[3] or "")
     return out
 
@@ -67,6 +69,8 @@ class ForeignTable:
         self._columns = dict(columns or {})
         self.lines: list[int] = []
         """Where its rows stand in a text file."""
+        self._asked = set[str]()
+        """Names by which columns were looked for."""
         self._units: dict[str, str] = {}
         """Of columns, where a row under the header says them."""
         if self.path.suffix.lower() == ".parquet":
@@ -95,6 +99,7 @@ class ForeignTable:
     def find(self, name: str, unit: str = "") -> Column | None:
         """Where a quantity stands: as --columns says, else under its name with a unit as ours or as others write it (`x_mm`, `X [m]`, or
         a row of units)."""
+        self._asked.add(name)
         if name in self._columns:
             column = self._columns[name]
             return Column(column.name, column.unit or self._units.get(column.name, unit))
@@ -109,10 +114,19 @@ class ForeignTable:
                 return Column(own, self._units[own])
         return Column(name, "") if name in self._table.columns and not unit else None
 
+    def nothing_else(self) -> None:
+        """When all is read: FileFormatError names what --columns says of something that is not."""
+        for name, column in self._columns.items():
+            if name not in self._asked | ANGLES:
+                known = ", ".join(sorted(self._asked - ANGLES))
+                raise FileFormatError(
+                    f"{self.path}: --columns {name}={column.name}: {name!r} is not one of {known}, or a controller's angle"
+                )
+
     def orientation(self, preferred: AngleConvention | None = None, *, gaps: bool = False) -> FloatArray | None:
         """(n, 4) quaternions x, y, z, w of unit length, from `qx` ... `qw` or the angles of any controller's convention, NaN in a row
         without one where gaps are allowed; None where there is no such column. preferred: whose columns are looked for first, in any
-        unit. FileFormatError names a row whose quaternion is none."""
+        unit. FileFormatError names a row whose quaternion is none, and what of a quaternion is missing."""
         if all(self.find(name) for name in QUATERNION_COLUMNS):
             out = np.column_stack([self.numbers(name, gaps=gaps) for name in QUATERNION_COLUMNS])
             length = np.linalg.norm(out, axis=1)
@@ -136,6 +150,10 @@ class ForeignTable:
                 of = np.radians(values[known]) if each.axes == "rotvec" else values[known]
                 out[known] = rotation_from_angles(each.name, of).as_quat()
                 return out
+        some = [name for name in QUATERNION_COLUMNS if self.find(name)]
+        if some:
+            missing = ", ".join(name for name in QUATERNION_COLUMNS if name not in some)
+            raise FileFormatError(f"{self.path}: has {', '.join(some)}, but no {missing}: a quaternion is all four")
         return None
 
     def row(self, index: int) -> str:
@@ -146,8 +164,8 @@ class ForeignTable:
         """(n,) floats [mm, deg, or none] of a quantity; FileFormatError where the file has it not, or not with a unit of its kind."""
         column = self.find(name, unit)
         if column is None:
-            shown = f"{name}_{unit}" if unit else name
-            raise FileFormatError(f"{self.path}: column {shown!r} is missing; it has {self.has}; --columns says which column is which")
+            shown, as_said = (f"{name}_{unit}", f"{name}=COLUMN[{unit}]") if unit else (name, f"{name}=COLUMN")
+            raise FileFormatError(f"{self.path}: column {shown!r} is missing; it has {self.has}; --columns {as_said} says which it is")
         if unit and column.unit not in KINDS[unit]:
             raise FileFormatError(f"{self.path}: column {column.name!r}: {column.unit!r} is no unit of {name}")
         return self._table.numbers(column.name, gaps=gaps) * (UNITS[column.unit] if unit else 1.0)

@@ -47,6 +47,7 @@ def read_pose_table(path: Path, angles: str, columns: Mapping[str, Column] | Non
     for name in given.columns:
         if name == "temperature_c" or name.startswith("rho_"):
             out[name] = pa.array(np.asarray(given.numbers(name)))
+    given.nothing_else()
     return files.Table(path, pa.table(out), given.lines[0] - 2 if given.lines else 0)
 
 

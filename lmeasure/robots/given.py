@@ -62,12 +62,8 @@ def _trajectory(path: Path, columns: Mapping[str, Column]) -> tuple[Trajectory, 
         aligned = align(read_run(path))
         trajectory = reconstruct(aligned, covariances=False)
         return trajectory, ErrorsOfRun(aligned), [Noted("run", note) for note in trajectory.notes]
-    kind = kind_of(path)
-    if kind in ("table", "parquet"):
-        there = ForeignTable(path, columns, part=True).columns
-        columns = {name: column for name, column in columns.items() if column.name in there}
-    trajectory = read_trajectory(path, Stated(columns or None))
-    notes = [Noted("markers" if kind == "markers" else "trajectory", note) for note in trajectory.notes]
+    trajectory = read_trajectory(path, Stated(columns or None, of_others=True))
+    notes = [Noted("markers" if kind_of(path) == "markers" else "trajectory", note) for note in trajectory.notes]
     if trajectory.systematic.any():
         notes.append(noted("systematic", "even", file=path.name))
     return trajectory, None, notes

@@ -49,6 +49,7 @@ def read_map(path: Path, columns: Mapping[str, Column] | None = None) -> Measure
     if far.any():
         raise FileFormatError(f"{table.row(int(np.argmax(far)))}: lies more than {MAX_LENGTH_MM:.0f} mm from the origin")
     quaternion = table.orientation()
+    table.nothing_else()
     here = np.tile([0.0, 0.0, 0.0, 1.0], (len(table), 1))
     poses = np.concatenate([place, here if quaternion is None else quaternion], axis=1)
     return MeasuredErrors(poses, errors, None if turns is None else np.radians(turns), quaternion is not None)

@@ -68,6 +68,8 @@ def read_measurements(
             raise FileFormatError(
                 f"{path}: row {names[row]}, column {column.name if column else key!r}: a standard uncertainty is negative"
             )
+    if not points_alone:
+        table.nothing_else()
     turn = u["u_rotation"]
     found = measured(
         joints,

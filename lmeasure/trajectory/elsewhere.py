@@ -38,11 +38,13 @@ _EUROC_QUATERNION = ("q_RS_x", "q_RS_y", "q_RS_z", "q_RS_w")
 @dataclass(frozen=True)
 class Stated:
     """What is said of a file beside itself: which column is which, and standard uncertainties of each coordinate [mm] and of a small
-    rotation about each axis [rad], instead of the file's."""
+    rotation about each axis [rad], instead of the file's. of_others: columns speak of other files too, and what this one has not is one of
+    theirs."""
 
     columns: Mapping[str, Column] | None = None
     u_position_mm: float | None = None
     u_rotation_rad: float | None = None
+    of_others: bool = False
 
     @property
     def anything(self) -> bool:
@@ -68,8 +70,10 @@ def read_trajectory(path: Path, stated: Stated | None = None) -> Trajectory:
     if kind == "mcap":
         return _checked(path, _of_messages(path, stated), [])
     if kind in _READERS:
+        if stated.columns and not stated.of_others:
+            raise FileFormatError(f"{path}: {_FIXED[kind]}: what stands where is known, and --columns says nothing of it")
         return _READERS[kind](path, stated)
-    given = ForeignTable(path, stated.columns)
+    given = ForeignTable(path, stated.columns, part=stated.of_others)
     if len(given) == 0:
         raise FileFormatError(f"{path}: has no rows")
     time_s = given.numbers("time", "s")
@@ -83,6 +87,8 @@ def read_trajectory(path: Path, stated: Stated | None = None) -> Trajectory:
         if strange is not None:
             raise FileFormatError(f"{given.row(strange)}: status {words[strange]!r} is not one of {', '.join(WORDS)}")
         status = np.array([WORDS.index(word) for word in words], dtype=np.int64)
+    if not stated.of_others:
+        given.nothing_else()
     return _checked(path, _trajectory(time_s, position, quaternion, random, systematic, absent, status), given.lines)
 
 
@@ -232,6 +238,9 @@ def _of_markers(path: Path, stated: Stated) -> Trajectory:
 
 
 def _of_messages(path: Path, stated: Stated) -> Trajectory:
+    others = [name for name in stated.columns or () if name != "topic"]
+    if others and not stated.of_others:
+        raise FileFormatError(f"{path}: holds messages: --columns can say topic=/NAME of it, not {', '.join(others)}")
     topic = None if stated.columns is None else stated.columns.get("topic")
     read = read_messages(path, None if topic is None else topic.name)
     random, systematic, absent = _same(len(read.time_s), stated, oriented=True)
@@ -272,3 +281,4 @@ def _checked(path: Path, found: Trajectory, lines: list[int]) -> Trajectory:
 
 
 _READERS = {"tum": _of_lines, "markers": _of_markers, "euroc": _of_euroc}
+_FIXED = {"tum": "is a TUM file", "markers": "is of labelled markers", "euroc": "is an EuRoC file"}

@@ -103,6 +103,10 @@ def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S, stamps
     if stamps.kind == "even":
         # a window that ends at a sample holds it or not by the last digit of the period
         half_width_s = max(half_width_s, FULL * float(np.median(np.diff(time_s))))
+    if half_width_s > (lasts := float(time_s[-1] - time_s[0])) > 0.0:
+        raise TrajectoryError(
+            f"motion: a window of +-{half_width_s:g} s reaches farther to either side than the trajectory lasts, {lasts:.6g} s"
+        )
     poses, derivatives, factors = kernels.local_cubics(time_s, given, half_width_s)
     if np.isnan(poses[:, 0]).all():
         raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {kernels.LEAST} poses")

@@ -55,6 +55,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         figures["u95_mm_s"] = u95
     turned = not np.isnan(found.poses[:, 3:]).all()
     notes = [str(found.stamps.note)] if found.stamps.note else []
+    lost = int(np.isnan(trajectory.poses[:, 0]).sum())
+    notes += (
+        [f"{lost} of {len(trajectory.time_s)} samples have no pose: motion is told where the window holds enough others"] if lost else []
+    )
     notes += [] if turned else ["the orientation is not measured: nothing is said of rotations"]
     lines = tuple(f"note: {note}" for note in notes)
     return Result(found, (told, *lines), figures, lines)

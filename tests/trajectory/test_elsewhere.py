@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from lmeasure.cli import app
-from lmeasure.errors import LMeasureError
+from lmeasure.errors import FileFormatError, LMeasureError, SettingsError
 from lmeasure.files import write_toml
 from lmeasure.foreign import columns_of
 from lmeasure.status import Status
@@ -128,6 +128,7 @@ def test_a_table_under_other_names_units_and_marks(ours: tuple[Trajectory, objec
         ("a.csv", "time_s,x_mm,y_mm,z_mm\n", "has no rows"),
         ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3\n", "line 2: has 3 numbers, the header 4"),
         ("a.mcap", "no such thing", "cannot be read as MCAP"),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm,qx,qw\n0,1,2,3,0,1\n", "has qx, qw, but no qy, qz: a quaternion is all four"),
     ],
 )
 def test_what_cannot_be_read_is_named(name: str, text: str, told: str, tmp_path: Path) -> None:
@@ -135,6 +136,48 @@ def test_what_cannot_be_read_is_named(name: str, text: str, told: str, tmp_path:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(LMeasureError, match=told):
         read_trajectory(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "mapping", "told"),
+    [
+        (
+            "a.csv",
+            "t,x_mm,y_mm,z_mm\n0,1,2,3\n",
+            "t=t[s]",
+            "column 'time_s' is missing; it has t, x_mm, .*; --columns time=COLUMN.s. says which",
+        ),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n", "speed=x_mm", "--columns speed=x_mm: 'speed' is not one of .* time, .* x, y, z"),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n", "roll=x_mm", "'roll' is not one of"),
+        ("a.tum", "0 1 2 3 0 0 0 1\n", "x=X", "is a TUM file: what stands where is known, and --columns says nothing of it"),
+        ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3,4\n", "x=X", "is an EuRoC file"),
+    ],
+)
+def test_a_mapping_that_says_nothing_of_the_file_is_named(name: str, text: str, mapping: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(FileFormatError, match=told):
+        read_trajectory(tmp_path / name, Stated(columns_of(mapping)))
+
+
+def test_a_mapping_says_of_messages_their_topic_alone(ours: tuple[Trajectory, object], tmp_path: Path) -> None:
+    write_trajectory(tmp_path / "t.mcap", ours[0])
+    assert len(read_trajectory(tmp_path / "t.mcap", Stated(columns_of("topic=/lmeasure/pose"))).time_s) == len(ours[0].time_s)
+    with pytest.raises(FileFormatError, match="holds messages: --columns can say topic=/NAME of it, not x"):
+        read_trajectory(tmp_path / "t.mcap", Stated(columns_of("topic=/lmeasure/pose,x=X")))
+
+
+def test_a_mapping_that_is_none_is_wrong_use() -> None:
+    for mapping, told in (("x", "'x' is not name=column"), ("x=X[furlong]", r"'x=X\[furlong\]' is not"), ("x=X,x=Y", "'x' is given twice")):
+        with pytest.raises(SettingsError, match=told):
+            columns_of(mapping)
+
+
+def test_a_mapping_of_several_files_may_speak_of_others(tmp_path: Path) -> None:
+    (tmp_path / "a.tum").write_text("0 1 2 3 0 0 0 1\n", encoding="utf-8")
+    (tmp_path / "a.csv").write_text("t,x_mm,y_mm,z_mm\n0,1,2,3\n", encoding="utf-8")
+    columns = columns_of("joint_1=A1[rad],time=t[s]")
+    for name in ("a.tum", "a.csv"):
+        assert len(read_trajectory(tmp_path / name, Stated(columns, of_others=True)).time_s) == 1
 
 
 def test_certificates_of_other_instruments(ours: tuple[Trajectory, dict[str, object]], tmp_path: Path) -> None:

@@ -92,6 +92,8 @@ def test_what_cannot_be_fitted_is_refused(tmp_path: Path) -> None:
     trajectory = reconstruct(record(cell(), *motion(40)))
     with pytest.raises(TrajectoryError, match="no window"):
         motion_of(trajectory, 0.001)
+    with pytest.raises(TrajectoryError, match=r"a window of \+-100 s reaches farther to either side than the trajectory lasts, "):
+        motion_of(trajectory, 100.0)
     with pytest.raises(TrajectoryError, match="not positive"):
         motion_of(trajectory, 0.0)
     write_motion(tmp_path / "m.csv", motion_of(trajectory))
