@@ -144,7 +144,10 @@ def read_lengths(path: Path) -> Lengths:
 
 def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, of other channels their angles [rad], at (n, 7) poses;
-    GeometryError names pose and cable."""
+    GeometryError names pose and cable, or says that rows have another shape."""
+    rows = np.asarray(rows, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 7:
+        raise GeometryError(f"poses of shape {rows.shape}: wanted are rows (n, 7) of x, y, z [mm], qx, qy, qz, qw")
     chosen = rig.cable if cables is None else cables
     out = cable_kernels.span_lengths(rig.cable_rows(chosen), np.ascontiguousarray(rows))
     bad = np.argwhere(~np.isfinite(out))

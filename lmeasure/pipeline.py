@@ -7,7 +7,7 @@ Nothing is written but what is asked for by name; commands, with their pages and
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -67,9 +67,11 @@ def calibrate(
         with tempfile.TemporaryDirectory() as folder:
             simulation.write_campaign(Path(folder), campaign)
             campaign = calibration.read_campaign(Path(folder))
-    elif not isinstance(campaign, calibration.Campaign):
+    elif isinstance(campaign, Path | str):
         campaign = calibration.read_campaign(Path(campaign))
-    return calibration.calibrate(campaign, replace(settings or calibration.Settings(), **options), progress)
+    elif not isinstance(campaign, calibration.Campaign):
+        raise _wrong("campaign", campaign, "a calibration folder, a Campaign, or what `simulate` gives")
+    return calibration.calibrate(campaign, _with("calibrate", settings or calibration.Settings(), options), progress)
 
 
 def reconstruct(
@@ -118,15 +120,14 @@ def zone(
     rotations: all orientations base_from_tool that are tried at each node, in place of tilts by up to tilt_rad about each axis. options:
     fields of `accuracy.limits.Limits` (`angle_deg=60`, `u95_mm=...`) and of `accuracy.zone.Scan`. See `accuracy.zone.map_zone`.
     """
-    from dataclasses import fields
-
     from lmeasure.accuracy.limits import Limits
     from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
 
     used, record = _linked(rig)
     scan = scan or Scan()
-    asked = {f.name: options.pop(f.name) for f in fields(Limits) if f.name in options}
-    scan = replace(scan, limits=replace(scan.limits, **asked), **options)
+    within = {f.name: options.pop(f.name) for f in fields(Limits) if f.name in options}
+    scan = _with("zone", scan, options, *(f.name for f in fields(Limits)))
+    scan = replace(scan, limits=replace(scan.limits, **within))
     nodes = [axis(*span) if isinstance(span, tuple) else np.asarray(span, dtype=np.float64) for span in (x, y, z)]
     turned = tilts(tilt_rad, tilt_steps) if rotations is None else rotations
     return map_zone(used, record, (nodes[0], nodes[1], nodes[2]), turned, scan=scan, progress=progress)
@@ -191,7 +192,7 @@ def plan_poses(
         settings = planning.Settings(poses, Region(low, high, math.radians(tilt_deg), np.array([0.0, 0.0, 0.0, 1.0])))
     if isinstance(recorded, Path | str):
         recorded = calibration.read_campaign(Path(recorded))
-    return planning.plan_poses(_linked(rig)[0], replace(settings, **options), recorded, progress)
+    return planning.plan_poses(_linked(rig)[0], _with("plan_poses", settings, options), recorded, progress)
 
 
 def plan_program(
@@ -272,7 +273,7 @@ def evaluate(
     from lmeasure.program import read_program
     from lmeasure.trajectory import read_trajectory
 
-    chosen = replace(settings or certification.Settings(), **options)
+    chosen = _with("evaluate", settings or certification.Settings(), options)
     poses, told = _read(trajectory, read_trajectory), _read(program, read_program)
     counted = None if run is None else _run(run, rig)
     return certification.evaluate(poses, told, covariances, run=counted, settings=chosen, progress=progress)
@@ -306,7 +307,7 @@ def certify(
     from lmeasure.report.certificate import Choices, write_certificate
     from lmeasure.trajectory import write_trajectory
 
-    chosen = replace(settings or certification.Settings(), **options)
+    chosen = _with("certify", settings or certification.Settings(), options)
     choices = Choices(language, None if key is None else Path(key), dcc)
     with tempfile.TemporaryDirectory() as scratch:
         here = Path(scratch)
@@ -352,6 +353,10 @@ def _linked(rig: "Rig | calibration.Calibration | File") -> tuple[Rig, Calibrati
         return rig, None
     if isinstance(rig, Path | str):
         return read_linked_rig(Path(rig))
+    from lmeasure.calibration import Calibration
+
+    if not isinstance(rig, Calibration):
+        raise _wrong("rig", rig, "a rig.toml, a Rig or a Calibration")
     return rig.rig, rig.record
 
 
@@ -360,16 +365,32 @@ def _run(
 ) -> Any:
     """A run, that of a simulation, or what was aligned of one; with the rig in place of its own, if one is given."""
     from lmeasure.simulation import Simulated, SimulatedRun
+    from lmeasure.trajectory.passes import Alignment
 
     found = read_run(Path(run)) if isinstance(run, Path | str) else run
     if isinstance(found, Simulated):
         found = _there(found.run, "waypoint")
     if isinstance(found, SimulatedRun):
         found = found.run
+    if not isinstance(found, Run | Alignment):
+        raise _wrong("run", found, "a run folder, a Run, or what `simulate` gives")
     if rig is None:
         return found
     used, record = _linked(rig)
     return replace(found if isinstance(found, Run) else found.run, rig=used, calibration=record)
+
+
+def _with(stage: str, settings: Given, options: Mapping[str, Any], *others: str) -> Given:
+    """Settings with these fields; TypeError names one that there is not, as for any function. others: options beside them."""
+    known = [f.name for f in fields(settings)]  # type: ignore[arg-type]
+    for name in options:
+        if name not in known:
+            raise TypeError(f"{stage}() has no option {name!r}; options: {', '.join([*others, *known])}")
+    return replace(settings, **options)  # type: ignore[type-var]
+
+
+def _wrong(name: str, given: object, wanted: str) -> TypeError:
+    return TypeError(f"{name} is {type(given).__name__}; wanted is {wanted}")
 
 
 def _there(part: Given | None, key: str) -> Given:

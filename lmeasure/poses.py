@@ -120,8 +120,11 @@ class Poses(Shown):
 
 
 def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Poses:
-    """Exact poses from (n, 7) rows; names default to 1, 2, ...; FileFormatError when a quaternion is not of unit length."""
-    rows = np.array(rows, dtype=np.float64).reshape(-1, 7)
+    """Exact poses from (n, 7) rows, or one (7,); names default to 1, 2, ...; FileFormatError when a quaternion is not of unit length, or
+    rows have another shape."""
+    rows = np.atleast_2d(np.array(rows, dtype=np.float64))
+    if rows.ndim != 2 or rows.shape[1] != 7:
+        raise FileFormatError(f"poses of shape {rows.shape}: wanted are rows of x, y, z [mm], qx, qy, qz, qw")
     if not np.isfinite(rows).all():
         raise FileFormatError(f"pose {int(np.argmax(~np.isfinite(rows).all(axis=1))) + 1}: holds a number that is not finite")
     far = (np.abs(rows[:, :3]) > conventions.MAX_LENGTH_MM).any(axis=1)

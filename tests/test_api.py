@@ -157,6 +157,20 @@ def test_every_object_is_drawn_and_shown(nouns: dict[str, Any]) -> None:
         lm.plot({})
 
 
+def test_what_is_not_drawn_is_shown_too(nouns: dict[str, Any]) -> None:
+    covariances = lm.covariances(lm.reconstruct(nouns["run"]), nouns["run"], slice(0, 5))
+    assert repr(covariances).startswith("<PoseCovariances poses: 5, largest random u: 0.0")
+    frame = covariances.to_frame()
+    np.testing.assert_allclose(frame["u_x_mm"] ** 2, covariances.random[:, 3, 3])
+    np.testing.assert_allclose(frame["u_systematic_rz_rad"] ** 2, covariances.systematic[:, 2, 2])
+    campaign = nouns["calibration"].campaign
+    assert repr(campaign).startswith(
+        "<Campaign rig: cell-a, channels: c1, c2, c3, c4, c5, c6, counts: 48 of 48, poses: 8, u of position: 0.02 mm"
+    )
+    np.testing.assert_array_equal(campaign.to_frame()["c2"], campaign.counts[:, 1])
+    assert list(campaign.to_frame()["x_mm"]) == list(campaign.poses.rows[:, 0])
+
+
 def test_what_is_shown_cannot_be_markup(nouns: dict[str, Any]) -> None:
     named = nouns["rig"].model_copy(update={"name": "<script>"})
     assert "&lt;script&gt;" in named._repr_html_()
@@ -198,14 +212,39 @@ def test_keywords_are_the_settings(nouns: dict[str, Any]) -> None:
     one = lm.evaluate(nouns["trajectory"], poses, settings=settings)
     other = lm.evaluate(nouns["trajectory"], poses, capability=0.5, trials=100)
     assert one.settings == other.settings == settings
-    with pytest.raises(TypeError, match="capabilty"):
+    with pytest.raises(TypeError, match=r"evaluate\(\) has no option 'capabilty'; options: .*capability"):
         lm.evaluate(nouns["trajectory"], poses, capabilty=0.5)
+    with pytest.raises(TypeError, match=r"zone\(\) has no option 'limit_deg'; options: angle_deg, .*u95_mm"):
+        lm.zone(nouns["rig"], AXIS, AXIS, AXIS, limit_deg=60.0)
+    assert lm.zone(nouns["rig"], AXIS, AXIS, np.array([0.0]), angle_deg=30.0).attrs["limit_deg"] == 30.0
     with pytest.raises(CalibrationError, match="say where the robot may go"):
         lm.plan_poses(nouns["rig"])
     plan = lm.plan_program([0.0] * 3, [100.0] * 3, tests=("pose",), cycles={"pose": 2}, speeds_percent=(100.0,))
     assert [p.name for p in plan.program.pose] == ["P1", "P2", "P3", "P4", "P5"]
     with pytest.raises(CertificationError, match="give the box by low_mm and high_mm, or a zone"):
         lm.plan_program()
+
+
+def test_what_is_of_another_kind_is_named() -> None:
+    five: Any = 5
+    for call, told in (
+        (lambda: lm.reconstruct(five), "run is int; wanted is a run folder, a Run, or what `simulate` gives"),
+        (lambda: lm.reconstruct(lm.read_run(CELL), rig=five), "rig is int; wanted is a rig.toml, a Rig or a Calibration"),
+        (lambda: lm.calibrate(five), "campaign is int; wanted is a calibration folder, a Campaign, or what `simulate` gives"),
+    ):
+        with pytest.raises(TypeError, match=told):
+            call()
+
+
+@pytest.mark.parametrize("shape", [(7,), (2, 6), (7, 2), (1, 1, 7)])
+def test_poses_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    """Two columns of seven rows have as many numbers as two poses."""
+    rows = np.zeros(shape)
+    with pytest.raises(LMeasureError, match=rf"poses of shape \({', '.join(map(str, shape))},?\): wanted are rows"):
+        lm.span_lengths(lm.read_rig(CELL / "rig.toml"), rows)
+    if shape != (7,):
+        with pytest.raises(LMeasureError, match="poses of shape"):
+            lm.poses_from_rows(rows)
 
 
 def test_the_readme_goes_from_a_rig_to_a_certificate_in_fifteen_lines() -> None:

@@ -11,12 +11,13 @@ from lmeasure.calibration_record import Input
 from lmeasure.errors import CalibrationError
 from lmeasure.poses import Poses, joined
 from lmeasure.rig import Cable, Observed, Rig
+from lmeasure.shown import DataFrame, Shown
 from lmeasure.unused_counts import ARM_MM
 from lmeasure.zeroing import zeroed_exactly
 
 
-@dataclass(frozen=True)
-class Campaign:
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
     """Counts at reference poses.
 
     poses (n); cables (m) that were measured, and behind them the encoders of angles that were read; counts (n, m) true counts k decoded
@@ -47,6 +48,21 @@ class Campaign:
     """Whether the play that the rig states has been taken off the counts, as off those of a run."""
     counted: IntArray | None = None
     """(n, m) when each cable was counted at a pose: rows of its file; None where that is the poses' order."""
+
+    def about(self) -> dict[str, str]:
+        """Of which rig, how many poses and counts, and how well the poses are known."""
+        poses = self.poses.about()
+        read = int(np.isfinite(self.counts).sum())
+        return {
+            "rig": self.rig.name,
+            "channels": ", ".join(c.name for c in self.cables),
+            "counts": f"{read} of {self.counts.size}",
+            **poses,
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The poses, with the counts of each."""
+        return self.poses.to_frame().assign(**{c.name: self.counts[:, j] for j, c in enumerate(self.cables)})
 
     @property
     def reference_of(self) -> IntArray:
