@@ -163,6 +163,8 @@ class Session:
             self._say("nothing to take back")
             return
         reading = self.folder.take_back()
+        if self.keys:  # who takes it back does not want it again at once: `Enter`, or another rest
+            self._held_s = self.rest.now_s
         self.progress.renew()
         if not self.folder.of_pass:
             self.trust.restore()

@@ -113,6 +113,25 @@ def test_the_last_readings_are_taken_back_one_by_one(tmp_path: Path) -> None:
     assert bench.read == ["1", "2"]
 
 
+def test_what_was_taken_back_is_not_read_at_once_by_the_rest_that_read_it(tmp_path: Path) -> None:
+    """Where a person can say so: Enter reads it anew, and so does another rest."""
+    bench = Bench(tmp_path, replace(QUICK, by="both"))
+    bench.show(bench.at(0, 0.2))
+    bench.session.command("")
+    bench.show(bench.at(0, 0.2))
+    bench.show(going(POSES[:2], 0.25))
+    assert bench.read == ["1", "2"]
+    bench.session.command("undo")
+    bench.show(bench.at(1, 0.5))
+    assert (bench.read, bench.session.goal) == (["1"], "2")
+    bench.session.command("")
+    bench.show(bench.at(1, 0.2))
+    assert bench.read == ["1", "2"]
+    bench.session.command("undo")
+    bench.show(going(POSES[[1, 0, 1]], 0.25))
+    assert bench.read == ["1", "2"]
+
+
 def test_a_return_that_was_taken_back_is_read_again(tmp_path: Path) -> None:
     bench = Bench(tmp_path, replace(QUICK, dwell_s=0.1))
     bench.show(going(np.vstack([POSES, POSES[:1]]), 0.25))
