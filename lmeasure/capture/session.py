@@ -35,6 +35,8 @@ LOSSES = {
     "stall": "stood still while the others moved",
 }
 """Faults of a recording after which a channel's count is not believed."""
+ORIGIN_LOST = ("reset", "lost_wrap")
+"""Those after which it has none any more in the same recording."""
 HELP = "Enter (or take): read; undo: take back the last; skip; go POSE; return: back to the first pose; status; trust; quit"
 
 
@@ -63,6 +65,7 @@ class Session:
         self._asked_s = self._held_s = -np.inf
         self.trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
         self._seen_events = 0
+        self._originless: set[str] = set()
         self._pending: list[Samples] = []
         self.progress = Progress(folder, say)
         self.keys = settings.by != "rest"
@@ -70,6 +73,16 @@ class Session:
         self.finished = self.stopped = False
         self.goal: str | None = self._next()
         self._begin()
+
+    @property
+    def idle(self) -> bool:
+        """Whether no counts have come for so long that somebody must look."""
+        return self._idle
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Channels whose frames may come, and whose counts are none any more: where they count from is not known."""
+        return tuple(c for c in self.rest.silent if c in self._originless)
 
     @property
     def to_read(self) -> int:
@@ -212,16 +225,22 @@ class Session:
 
     # --- readings ---
 
-    def _unfit(self) -> str:
-        """Why no reading can be taken whatever the robot does; empty where it can."""
+    @property
+    def doubt(self) -> str:
+        """What keeps counts from being believed, or from coming; empty where nothing does."""
         if self._idle:
             return "no counts come from the bus at all"
+        if self.lost:
+            anew = "what comes needs a folder of its own" if self.folder.of_pass else "begin again"
+            return f"{', '.join(self.lost)}: where it counts from is lost; end here, {anew}"
         if self.rest.silent:
             return f"{', '.join(self.rest.silent)}: no counts come; look at the encoder, its plug and its cable"
-        if not self.folder.of_pass:
-            return ""
-        if not self.trust.whole:
-            return f"{self.trust.why}: {BACK}"
+        return f"{self.trust.why}: {BACK}" if self.folder.of_pass and not self.trust.whole else ""
+
+    def _unfit(self) -> str:
+        """Why no reading can be taken whatever the robot does; empty where it can."""
+        if self.doubt or not self.folder.of_pass:
+            return self.doubt
         if self.goal == self.folder.of_pass[-1].pose:
             return f"pose {self.goal} was read last; `undo` reads it anew, a second visit comes after another pose"
         return ""
@@ -293,13 +312,15 @@ class Session:
 
     def _hold_against_readings(self) -> None:
         """Whether the counters stand, at this rest, as they did at a pose that has been read."""
-        if self._held_s >= self.rest.since_s:
+        dwell = self.rest.last(self.settings.dwell_s).recorded
+        # a channel that is empty throughout will soon be silent, or comes again
+        if self._held_s >= self.rest.since_s or not (self.rest.silent or np.isfinite(dwell).any(axis=0).all()):
             return
         self._held_s = self.rest.now_s
         if self.rest.silent:
             self._refuse(self._unfit())
             return
-        mean = np.nanmean(self.rest.last(self.settings.dwell_s).recorded, axis=0)
+        mean = np.nanmean(dwell, axis=0)
         pose, why = self.trust.held_against(mean, self.folder.of_pass)
         if not pose:
             self._refuse(why)
@@ -312,6 +333,8 @@ class Session:
 
     def _note_faults(self, events: Sequence[Event]) -> None:
         for event in events[self._seen_events :]:
+            if event.kind in ORIGIN_LOST:
+                self._originless.add(event.channel)
             if event.kind in LOSSES and self.folder.of_pass:
                 self._doubt(event.channel, LOSSES[event.kind], f" ({event.text})" if event.text else "")
         self._seen_events = len(events)

@@ -21,7 +21,8 @@ def state_of(session: Session) -> dict[str, Any]:
     folder, rest = session.folder, session.rest
     newest = rest.counts[-1] if len(rest.counts) else np.full(len(folder.channels), np.nan)
     wanted = session.settings.settle_s + session.settings.dwell_s
-    state = "silent" if rest.silent else "still" if rest.lasts_s > MOVES_S else "moving"
+    silent = folder.channels if session.idle else rest.silent
+    state = "lost" if session.lost and not session.idle else "silent" if silent else "still" if rest.lasts_s > MOVES_S else "moving"
     return {
         "pose": session.goal,
         "typed": [] if session.goal is None else typed(session, session.goal),
@@ -29,8 +30,8 @@ def state_of(session: Session) -> dict[str, Any]:
         "state": state,
         "still_s": round(rest.lasts_s, 2),
         "needs_s": wanted,
-        "channels": [{"name": c, "count": _number(v), "silent": c in rest.silent} for c, v in zip(folder.channels, newest, strict=True)],
-        "doubted": session.trust.why if folder.of_pass else "",
+        "channels": [{"name": c, "count": _number(v), "silent": c in silent} for c, v in zip(folder.channels, newest, strict=True)],
+        "doubted": session.doubt,
         "poses": [{"name": n, "is": _became(session, n)} for n in session.poses.names],
         "readings": _readings(session),
         "worth": [worth(count, w) for count, w in session.progress.history],

@@ -17,6 +17,7 @@ from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.capture.folder import MOST_ROWS, open_folder
 from lmeasure.capture.session import Session
+from lmeasure.capture.state import state_of
 from lmeasure.cli import main
 from lmeasure.files import read_table
 from lmeasure.lengths import span_lengths
@@ -130,6 +131,36 @@ def test_what_was_taken_back_is_not_read_at_once_by_the_rest_that_read_it(tmp_pa
     bench.session.command("undo")
     bench.show(going(POSES[[1, 0, 1]], 0.25))
     assert bench.read == ["1", "2"]
+
+
+def test_a_channel_that_lost_its_origin_is_not_called_silent(tmp_path: Path) -> None:
+    """Its frames come, its counts are empty from there on: no plug is to be looked at, and going back to a pose shows nothing."""
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:2], 0.25))
+    lost = bench.at(2, 2.0)
+    lost.recorded[:, 1] = np.nan
+    bench.events = [Event(0, 1.0, RIG.channels[1], "reset", "from 900 to 0")]
+    bench.show(lost)
+    told = f"{RIG.channels[1]}: where it counts from is lost; end here, what comes needs a folder of its own"
+    assert bench.said[-1] == f"not read: {told}"
+    assert (state_of(bench.session)["state"], state_of(bench.session)["doubted"]) == ("lost", told)
+    bench.events = []
+    fresh = Bench(tmp_path / "other")
+    silent = fresh.at(0, 2.0)
+    silent.recorded[:, 1] = np.nan
+    fresh.show(silent)
+    assert state_of(fresh.session)["state"] == "silent"
+    assert "look at the encoder" in state_of(fresh.session)["doubted"]
+
+
+def test_a_bus_from_which_nothing_comes_is_not_a_robot_that_stands(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.show(bench.at(0))
+    assert state_of(bench.session)["state"] == "still"
+    bench.session.look([], idle_s=3.0)
+    state = state_of(bench.session)
+    assert (state["state"], state["doubted"]) == ("silent", "no counts come from the bus at all")
+    assert all(channel["silent"] for channel in state["channels"])
 
 
 def test_a_return_that_was_taken_back_is_read_again(tmp_path: Path) -> None:
