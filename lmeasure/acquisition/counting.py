@@ -22,12 +22,14 @@ from lmeasure.rig import Rig
 
 TURN_S = 0.05
 """How long one look at the source takes at most."""
+STALE_S = 2.0
+"""For how long a count stands for how things are when no other comes."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What a person may want to see while counts come: counts, counts/s and mm/s per channel; latency_s from a frame's own time to its
-    being counted, where one clock tells both."""
+    """What a person may want to see while counts come: counts, counts/s and mm/s per channel, NaN where none came for `STALE_S`; latency_s
+    from a frame's own time to its being counted, where one clock tells both."""
 
     seconds: float
     frames: int
@@ -60,6 +62,7 @@ class Counting:
         self.frames = self.samples = self.lost = 0
         self.origin: float | None = None
         self._latest: Samples | None = None
+        self._seen = 0, 0.0
         self._noticed: list[Notice] = []
         self._latency: float | None = None
         self.assembler.feed(no_frames())
@@ -104,7 +107,9 @@ class Counting:
         """The state of things, for a display."""
         m = len(self.fields)
         counts, rates = np.full(m, np.nan), np.full(m, np.nan)
-        if self._latest is not None:
+        if self._seen[0] != self.samples:
+            self._seen = self.samples, seconds
+        if self._latest is not None and seconds - self._seen[1] < STALE_S:
             counts = self._latest.recorded[-1]
             span = self._latest.time_s[-1] - self._latest.time_s[0]
             if span > 0:

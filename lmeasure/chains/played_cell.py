@@ -104,6 +104,11 @@ class PlayedCell:
         return [o.name for o in self._observed]
 
     @property
+    def out(self) -> list[str]:
+        """Names of those that a hand holds away from where they were."""
+        return [o.name for o, away in zip(self._observed, self._pulled + self._turned, strict=True) if away]
+
+    @property
     def poses(self) -> list[str]:
         """Names of where the robot can be sent."""
         return [] if self._poses is None else list(self._poses.names)

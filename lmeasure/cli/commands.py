@@ -54,6 +54,9 @@ def command(name: str) -> Any:
             document = machine.of_result(name, result)
             if events.asked():
                 document |= {"told": [retold(line) for line in result.summary if line]}
+                document |= {"told_warnings": [retold(line) for line in document["warnings"]]}
+                made = document["made"] if isinstance(document["made"], dict) else {}
+                document |= {"told_made": {key: retold(text) for key, text in made.items() if isinstance(text, str)}}
             typer.echo(machine.written(document))
             if result.failure:
                 typer.echo(f"lmeasure: {' '.join(result.failure.split())}", err=True)

@@ -19,6 +19,9 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from lmeasure.catalogue import of_terminal, texts
+from lmeasure.cli.words import retold, said
+
 if TYPE_CHECKING:
     from lmeasure.acquisition.check_watch import Moved
     from lmeasure.acquisition.counting import Progress as State
@@ -58,7 +61,7 @@ class Paced:
         now = time.monotonic()
         if (text != self._text and self._event != "state") or now - self._last >= REFRESH_S:
             self._text, self._last = text, now
-            tell(self._event, text=text, **values)
+            tell(self._event, text=retold(text), **values)
 
 
 def progress(label: str) -> Any:
@@ -91,6 +94,8 @@ def live(state: "State", pose: "PoseWatch | str") -> None:
     if time.monotonic() - _told < REFRESH_S:
         return
     _told = time.monotonic()
+    from lmeasure.cli.live import stale
+
     rows = zip(state.channels, state.counts, state.rates, state.speeds_mm_s, strict=True)
     tell(
         "live",
@@ -98,12 +103,13 @@ def live(state: "State", pose: "PoseWatch | str") -> None:
         samples=state.samples,
         frames=state.frames,
         faults=dict(state.faults),
+        faults_told=retold(", ".join(f"{n} {kind}" for kind, n in sorted(state.faults.items()))).replace("_", " "),
         latency_s=_number(state.latency_s),
         newest_s=_number(state.newest_s),
         lost=state.lost,
         disk_free=state.disk_free,
         channels=[{"name": n, "count": _number(c), "counts_s": _number(r), "mm_s": _number(v)} for n, c, r, v in rows],
-        pose=_pose(pose),
+        pose={"status": "", "told": said("no counts"), "text": ""} if stale(state) else _pose(pose),
     )
 
 
@@ -112,16 +118,17 @@ _told = -math.inf
 
 def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
     if isinstance(watch, str):
-        return {"status": "", "text": watch}
+        return {"status": "", "told": "", "text": retold(watch)}
     from lmeasure.cli.live import u95_mm
 
     latest = watch.latest
     if latest is None:
-        return {"status": "", "text": ""}
+        return {"status": "", "told": "", "text": ""}
     if latest.status != "ok":
-        return {"status": latest.status, "text": watch.why}
+        return {"status": latest.status, "told": _status(latest.status), "text": retold(watch.why)}
     return {
         "status": "ok",
+        "told": "",
         "u95_mm": u95_mm(watch),
         "position_mm": [float(v) for v in latest.pose[:3]],
         "angles": watch.angles(),
@@ -131,12 +138,18 @@ def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
     }
 
 
+def _status(word: str) -> str:
+    """What a sample is that has no pose, in the words of who reads."""
+    return texts("trajectory", of_terminal()).get(f"status.{word}", said("the start is not known yet"))
+
+
 def captured(session: "Session") -> None:
     """Where a capture stands: the pose that is wanted, what was read, and what it is worth."""
     from lmeasure.capture.state import state_of
 
     if _captured.due():
-        _captured("", **state_of(session))
+        state = state_of(session)
+        _captured("", **state | {"doubted": retold(state["doubted"])})
 
 
 _captured = Paced("capture")
@@ -161,7 +174,7 @@ _moved = Paced("moved")
 
 def played(cell: "PlayedCell") -> None:
     """What a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is told."""
-    _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at(), cables=cell.cables, poses=cell.poses)
+    _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at(), cables=cell.cables, out=cell.out, poses=cell.poses)
 
 
 _played = Paced("cell")

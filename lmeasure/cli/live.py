@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from lmeasure.acquisition.counting import Progress
+from lmeasure.acquisition.counting import STALE_S, Progress
 from lmeasure.cli.words import retold, said
 
 if TYPE_CHECKING:
@@ -52,9 +52,14 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
         cells = ("-" if value != value else f"{value:+.0f}" for value in (count, speed, mm))
         table.add_row(channel, *cells)
     faults = ", ".join(f"{n} {kind}" for kind, n in sorted(progress.faults.items())) or "no faults"
-    where = pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
+    where = "pose: -" if stale(progress) else pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
     lines = [Text(retold(where))] if where else []
     return Group(Text(retold(head)), table, *lines, Text(retold(faults), style="red" if progress.faults else "green"))
+
+
+def stale(progress: Progress) -> bool:
+    """Whether no channel has a count any more, or yet: what was, nobody takes for what is."""
+    return progress.seconds > STALE_S and all(value != value for value in progress.counts)
 
 
 def u95_mm(watch: "PoseWatch") -> float | None:

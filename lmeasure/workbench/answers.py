@@ -2,6 +2,7 @@
 
 import asyncio
 import mimetypes
+import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from starlette.responses import FileResponse, Response
 from starlette.templating import Jinja2Templates
 
 from lmeasure.workbench import buses, guard, tour
+from lmeasure.workbench.cards import TITLES
 from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.processes import prepared
 from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
@@ -60,7 +62,8 @@ def page(request: Request, name: str, status: int = 200, **values: Any) -> Respo
     bench = bench_of(request)
     asyncio.get_running_loop().call_later(PAUSE_S, prepared.want)
     stop = tour.shown(bench.project, asked) if (asked := request.query_params.get("tour", "")) else None
-    known = {"language": language, "bench": bench, "running": bench.jobs.running(), "playing": buses.playing(bench.jobs), "tour": stop}
+    known = {"language": language, "bench": bench, "tour": stop, "titles": TITLES}
+    known |= {"running": bench.jobs.running(), "playing": buses.playing(bench.jobs)}
     return TEMPLATES.TemplateResponse(
         request,
         name,
@@ -99,6 +102,20 @@ async def form_of(request: Request) -> dict[str, list[str]]:
     """What a form says, without files."""
     async with request.form(max_files=0, max_fields=1000) as form:
         return {key: [str(value) for value in form.getlist(key)] for key in form}
+
+
+def unread(request: Request, error: Exception) -> Response:
+    """What is no file of the project is not found; what is there and cannot be read is said to be so, by its path in the project."""
+    if isinstance(error, OutsideError):
+        return lost(request, str(error))
+    return page(
+        request, "error.html", 422, title=said(language_of(request), "It cannot be read"), text=within(bench_of(request).folder, error)
+    )
+
+
+def within(folder: Path, error: Exception) -> str:
+    """What an error says, with paths as they are called in the project."""
+    return str(error).replace(f"{folder.resolve()}{os.sep}", "").replace(f"{folder}{os.sep}", "")
 
 
 def lost(request: Request, text: str) -> Response:

@@ -16,7 +16,7 @@ from lmeasure import files
 from lmeasure.certification.printed import with_u95
 from lmeasure.errors import LMeasureError
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
-from lmeasure.workbench.answers import bench_of, form_of, language_of, lost, page
+from lmeasure.workbench.answers import bench_of, form_of, language_of, page, unread
 from lmeasure.workbench.project import OutsideError, Project, inside
 from lmeasure.workbench.uploads import take_in, take_in_folder
 from lmeasure.workbench.words import said
@@ -46,7 +46,7 @@ async def details(request: Request) -> Response:
                 return RedirectResponse(f"/details?file={file}&saved=1", 303)
         values = form_of_details.read(path) | {key: text for key, text in typed.items() if not key.startswith("_")}
     except (LMeasureError, OSError) as error:
-        return lost(request, str(error))
+        return unread(request, error)
     shown: dict[str, Any] = {"file": file, "form": form_of_details.FORM, "values": values, "complaints": wrong}
     shown |= {"label": lambda entry: form_of_details.label(entry, language), "saved": request.query_params.get("saved") == "1"}
     return page(request, "details.html", 422 if wrong else 200, missing=form_of_details.missing(content), known=known, **shown)

@@ -194,6 +194,11 @@ def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]
     return out
 
 
+def defaults(command: str) -> dict[str, Any]:
+    """What a command takes for what nobody says, but for switches."""
+    return {o.name: o.default for o in options_of(load(command).settings) if o.default and o.kind != "flag"}
+
+
 def asked(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
     """The words after `lmeasure` of a filled in form.
 

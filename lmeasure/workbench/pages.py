@@ -17,7 +17,7 @@ from lmeasure.files import not_written
 from lmeasure.workbench import forms, runs
 from lmeasure.workbench.answers import COOKIE, bench_of, form_of, job_of, language_of, lost, page
 from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking
-from lmeasure.workbench.jobs import FAILED, RUNNING, Job
+from lmeasure.workbench.jobs import DONE, FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
 from lmeasure.workbench.words import said
 
@@ -34,6 +34,8 @@ STEP_NAMES = {
 
 
 LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "Every dimension of the instrument, in plain files."}
+LASTING = ("record", "watch", "capture", "play")
+"""Commands whose end is somebody's wish: what they have written by then is kept."""
 OWN = ("runs", "robot", "zone", "check", "calibrate")
 """Pages of commands that have something of their own above them."""
 
@@ -87,8 +89,8 @@ async def one_command(request: Request) -> Response:
     if request.method != "POST":
         query = {key: request.query_params.getlist(key) for key in request.query_params}
         given = forms.filled_in(name, query)
-        # a link names a field or two; a job that is done again names them all
-        return _form(request, name, given=given) if "_form" in query else _form(request, name, told=given)
+        # a link names a field or two; a job that is done again names all that were not left as they are by default
+        return _form(request, name, given=forms.defaults(name) | given) if "_form" in query else _form(request, name, told=given)
     given = forms.filled_in(name, await form_of(request))
     try:
         words = forms.asked(name, given, bench.folder)
@@ -145,16 +147,17 @@ async def job(request: Request) -> Response:
     files = _files(found, bench.folder)
     shown = [path for path in files if path.endswith(".html")][:2]
     again = f"/run/{found.command}?{urlencode(_query(found), doseq=True)}"
-    return page(request, "job.html", job=found, files=files, shown=shown, again=again, titles=TITLES, onward=_onward(found))
+    return page(request, "job.html", job=found, files=files, shown=shown, again=again, onward=_onward(found))
 
 
 def _onward(job: Job) -> tuple[tuple[str, str], ...]:
-    """What comes after a job, nothing where it failed; a self-test that found faults is done again with the rig that it corrected."""
+    """What comes after a job, nothing where it failed, or was ended before it had written anything; a self-test that found faults is done
+    again with the rig that it corrected."""
     asked = _query(job)
     if job.command == "check" and job.state == FAILED and asked.get("write"):
         corrected = asked | {"rig": asked["write"], "write": ""}
         return ((f"/run/check?{urlencode(corrected, doseq=True)}", "Take the corrected rig and check again"),)
-    if job.state == FAILED:
+    if job.state == FAILED or (job.state != DONE and job.command not in LASTING):
         return ()
     given = defaultdict(str, {key: quote(value) for key, value in asked.items() if isinstance(value, str)})
     return tuple((address.format_map(given), text) for address, text in ONWARD.get(job.command, ()))

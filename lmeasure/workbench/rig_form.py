@@ -271,14 +271,19 @@ def save(path: Path, form: Mapping[str, str]) -> list[str]:
     if form.get("_digest") != now:
         return [f"{path.name} was changed meanwhile by somebody else; load the page again"]
     content, wrong = filled(document, form)
-    if not wrong:
-        try:
-            KINDS[schema_of(path)](content, path.name)
-        except LMeasureError as error:
-            wrong = list(error.lines)
+    wrong = wrong or faults(path, content)
     if not wrong and content != dict(document):
         files.rewrite_toml(path, document.holding(content))
     return wrong
+
+
+def faults(path: Path, content: Mapping[str, Any]) -> list[str]:
+    """What keeps the content of a file from being what its schema says."""
+    try:
+        KINDS[schema_of(path)](dict(content), path.name)
+    except LMeasureError as error:
+        return list(error.lines)
+    return []
 
 
 def scene(path: Path) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from lmeasure.accuracy.along import AXIS_95, Along, along, kept_rows, merged
 from lmeasure.errors import LMeasureError
 from lmeasure.run import read_run_head
 from lmeasure.trajectory import read_trajectory
-from lmeasure.workbench.answers import bench_of, file_of, language_of, lost, page
+from lmeasure.workbench.answers import bench_of, file_of, language_of, lost, page, unread, within
 from lmeasure.workbench.project import Project
 
 SHOWN = 1500
@@ -26,8 +26,8 @@ LISTED = 500
 
 
 class RunAt(NamedTuple):
-    """A run of the project: its path; what its start is: stated, told (absolute encoders tell it) or missing; what is wrong with its files;
-    what its recording says."""
+    """A run of the project: its path; what its start is: stated, told (absolute encoders tell it), missing, or unread; what is wrong with
+    its files; what its recording says."""
 
     path: str
     start: str
@@ -44,7 +44,7 @@ def _run(folder: Path, path: str, language: str) -> RunAt:
     try:
         head = read_run_head(folder / path)
     except (LMeasureError, OSError) as error:
-        return RunAt(path, "missing", str(error), ())
+        return RunAt(path, "unread", within(folder, error), ())
     start = "stated" if head.start is not None else "told" if head.rig.swivel else "missing"
     return RunAt(path, start, "", tuple(note.text(language) for one in head.recorded for note in one.notes()))
 
@@ -67,7 +67,7 @@ async def trajectory(request: Request) -> Response:
     try:
         found = await run_in_threadpool(_along, path)
     except (LMeasureError, OSError) as error:
-        return lost(request, str(error))
+        return unread(request, error)
     language, project = language_of(request), bench_of(request).project
     recordings = [one for one in project.of("recording") if Path(one).parent == Path(here).parent] or list(project.of("recording"))
     from lmeasure.report.trajectory import summary
@@ -134,7 +134,7 @@ async def export(request: Request) -> Response:
         span = float(request.query_params.get("begin", "-inf")), float(request.query_params.get("end", "inf"))
         content = await run_in_threadpool(cut, *span)
     except (LMeasureError, OSError, ValueError) as error:
-        return lost(request, str(error))
+        return unread(request, error)
     return Response(content, media_type="text/csv", headers={"Content-Disposition": 'attachment; filename="span.csv"'})
 
 
@@ -146,7 +146,7 @@ async def viewer(request: Request) -> Response:
     try:
         found = await run_in_threadpool(web.viewer_file, name)
     except (LMeasureError, OSError) as error:
-        return lost(request, str(error))
+        return unread(request, error)
     if found is None:
         return lost(request, "There is no such file in the project.")
     kind, content = found

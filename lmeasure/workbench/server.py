@@ -33,6 +33,7 @@ from lmeasure.workbench.words import said
 LOOPBACK = "127.0.0.1"
 GRACE_S = 3
 _OPTION = re.compile(r"--[a-z][\w-]*")
+_UNIT = re.compile(r"(?<=\d) (?=(?:mm|мм|%|°)(?!\w))")
 ROUTES = (projects, pages, things, runs, calibrations, certificates, api)
 """Modules that answer."""
 
@@ -56,6 +57,7 @@ def application(folder: Path, token: str, port: int, language: str = "en", *, sh
     app.state.bench = bench
     TEMPLATES.env.filters["words"] = lambda name: name.replace("_", " ")
     TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="whole">\g<0></span>', str(escape(line))))
+    TEMPLATES.env.filters["together"] = lambda text: _UNIT.sub("\u00a0", text.replace(" -", " \u2212"))
     TEMPLATES.env.filters["printed"] = lambda text, language: "\u00a0±\u00a0".join(decimal(language, one) for one in text.split(" ± "))
     return app
 

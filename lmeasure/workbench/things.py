@@ -18,7 +18,7 @@ from lmeasure.files import read_toml, rewrite_toml
 from lmeasure.run import read_run_head
 from lmeasure.start import start_from_text
 from lmeasure.workbench import rig_form
-from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, language_of, lost, page
+from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, language_of, lost, page, unread
 from lmeasure.workbench.cards import card
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.uploads import take_in
@@ -144,10 +144,11 @@ async def rig(request: Request) -> Response:
                     return RedirectResponse(f"/rig?{urlencode({'file': file, 'saved': 1})}", 303)
             document, digest = rig_form.read(path)
         except (LMeasureError, OSError) as error:
-            return lost(request, str(error))
+            return unread(request, error)
         shown = [
             (name, [leaf._replace(value=typed.get(leaf.key, leaf.value)) for leaf in leaves]) for name, leaves in rig_form.parts(document)
         ]
+        values["faults"] = [] if request.method == "POST" else rig_form.faults(path, document)
         values |= {"file": file, "parts": shown, "digest": digest, "links": "calibration" in document}
         below = [card(command, project, page="rig", told=told(file)) for of, command, told in BELOW if of == kind]
         values |= {"drawing": _drawing(language_of(request)), "kind": kind, "cards": below}
@@ -161,12 +162,15 @@ def _drawing(language: str) -> str:
 
 
 async def rig_scene(request: Request) -> Response:
-    """Points and cables of a rig, for the picture in space."""
+    """Points and cables of a rig, for the picture in space; that its file is no whole rig is an answer too: {error}."""
     try:
         path = inside(bench_of(request).folder, request.query_params.get("file", ""))
-        return JSONResponse(rig_form.scene(path))
     except (LMeasureError, OSError) as error:
         return JSONResponse({"error": str(error)}, 422)
+    try:
+        return JSONResponse(rig_form.scene(path))
+    except (LMeasureError, OSError) as error:
+        return JSONResponse({"error": str(error)})
 
 
 async def coarse(request: Request) -> Response:
@@ -204,7 +208,7 @@ async def start(request: Request) -> Response:
             raise OutsideError(f"{request.path_params['path']}: is no run folder of the project")
         head = read_run_head(folder)
     except (LMeasureError, OSError) as failed:
-        return lost(request, str(failed))
+        return unread(request, failed)
     here = folder.relative_to(bench.folder.resolve()).as_posix()
     if request.method == "POST":
         text = (await form_of(request)).get("start", [""])[-1]

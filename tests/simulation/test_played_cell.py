@@ -36,7 +36,9 @@ def test_a_hand_moves_one_cable_and_lets_it_back() -> None:
     pulled = done(cell, "pull c2")
     assert pulled[1] == pytest.approx(100.0 / 0.012, abs=1)
     assert not pulled[[0, 2, 3, 4, 5]].any()
+    assert cell.out == ["c2"]
     assert not done(cell, "let c2").any()
+    assert cell.out == []
     assert done(cell, "turn B3")[2] == 6000
     for wrong in ("pull c9", "pull c1 much", "dance", "go 3", "home now"):
         with pytest.raises(LMeasureError):

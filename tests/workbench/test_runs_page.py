@@ -88,7 +88,7 @@ def test_a_span_is_saved_as_the_file_has_it(project: Path, tmp_path: Path) -> No
         (tmp_path / "span.csv").write_text(answer.text)
         assert asked.get("/along/trajectory.parquet?begin=x").status_code == 422
         assert asked.get("/along/run/run.toml").status_code == 422
-        assert asked.get("/trajectory/run/rig.toml").status_code == 404
+        assert asked.get("/trajectory/run/rig.toml").status_code == 422
     whole, part = read_trajectory(project / "trajectory.parquet"), read_trajectory(tmp_path / "span.csv")
     own = (whole.time_s >= 1.0) & (whole.time_s <= 2.0)
     np.testing.assert_allclose(part.poses, whole.poses[own], rtol=0, atol=1e-12)

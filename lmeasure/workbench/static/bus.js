@@ -1,6 +1,9 @@
 // What comes over a bus: who speaks, what moves, a recording, a capture; and the simulated cell that is told what to do.
 const at = (id) => document.getElementById(id);
-const number = (v, digits) => (v === null || v === undefined ? '–' : v.toFixed(digits));
+// as the language of the page writes it; what is typed into a controller keeps its point
+const own = (text) => { const mark = document.documentElement.lang === 'ru' ? ',' : '.'; return String(text).replace('.', mark).replace('-', '−'); };
+const number = (v, digits) => (v === null || v === undefined ? '–' : own((Math.abs(v) < 0.5 * 10 ** -digits ? 0 : v).toFixed(digits)));
+const {mm, mms, s: seconds} = document.body.dataset;
 const make = (name, text = '', kind = '') => { const e = document.createElement(name); e.textContent = text; if (kind) e.className = kind; return e; };
 const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form)});
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
@@ -10,6 +13,11 @@ const rows = (list, count, row) => {
   while (list.children.length < count) list.append(row());
   return [...list.children];
 };
+
+// a server that has ended says nothing any more: the page does
+export const gone = (is) => { at('gone').hidden = !is; };
+// of a command line, every second one an option, which no line breaks
+export const parts = (line) => line.split(/(--[a-z][\w-]*)/).map((text, i) => make('span', text, i % 2 ? 'whole' : ''));
 
 // ---- the simulated cell ----
 const cell = at('cell');
@@ -25,15 +33,16 @@ if (cell) {
   });
   const name = (button) => { button.textContent = `${button.dataset.cable}: ${button.classList.contains('out') ? cell.dataset.let : cell.dataset.pull}`; };
   const show = (told) => {
-    at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at}: ${told.pose.map((v) => v.toFixed(2)).join(', ')}`;
+    at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at === 'home' ? cell.dataset.home : told.at}: ${told.pose.map((v) => number(v, 2)).join(document.documentElement.lang === 'ru' ? '; ' : ', ')}`;
     rows(at('cell-cables'), told.cables.length, () => { const b = make('button'); b.type = 'button'; return b; })
-      .forEach((b, i) => { if (b.dataset.cable !== told.cables[i]) { b.dataset.cable = told.cables[i]; name(b); } });
+      .forEach((b, i) => { b.dataset.cable = told.cables[i]; b.classList.toggle('out', told.out.includes(told.cables[i])); name(b); });
     rows(at('cell-poses'), told.poses.length, () => { const b = make('button'); b.type = 'button'; return b; })
       .forEach((b, i) => { b.dataset.do = `go ${told.poses[i]}`; b.textContent = `${cell.dataset.go} ${told.poses[i]}`; });
   };
   (async () => {
     while (true) {
       const told = await fetch(`/jobs/${cell.dataset.number}/last`).then((a) => (a.ok ? a.json() : null)).catch(() => null);
+      gone(told === null);
       if (told?.last.cell && !document.hidden) show(told.last.cell);
       if (told && told.state !== 'running') { cell.remove(); return; }
       await pause(document.hidden ? 2000 : 400);
@@ -44,7 +53,7 @@ function wanted() {
   const button = at('cell-asked');
   if (!button) return;
   button.hidden = !(act || goal);
-  button.textContent = act ? `${cell.dataset.asked}: ${act}` : `${cell.dataset.go} ${goal}`;
+  button.textContent = act ? `${cell.dataset.asked}: ${act.replace(/^\w+/, (word) => cell.dataset[word] ?? word)}` : `${cell.dataset.go} ${goal}`;
 }
 
 // ---- adapters and who speaks ----
@@ -58,7 +67,7 @@ if (scan) {
     const answer = await fetch('/api/jobs', {method: 'POST', headers: head, body: JSON.stringify({command: 'scan', settings})});
     const job = await answer.json();
     if (!answer.ok) { at('scan-error').hidden = false; at('scan-error').textContent = job.error; return null; }
-    scan.querySelector('.line code').textContent = job.line;
+    scan.querySelector('.line code').replaceChildren(...parts(job.line));
     running = job.number; at('scan-end').hidden = false;
     while (true) {
       const told = await fetch(`/jobs/${job.number}/last`).then((a) => a.json());
@@ -77,7 +86,7 @@ if (scan) {
     rows(at('scan-lines').tBodies[0], told.lines.length, () => { const r = make('tr'); for (let i = 0; i < 4; i++) r.append(make('td')); r.lastChild.append(make('code')); return r; })
       .forEach((r, i) => {
         const line = told.lines[i], bytes = line.data ? line.data.split(' ') : [];
-        [line.name, String(line.frames), line.rate_hz.toFixed(1)].forEach((text, j) => { r.cells[j].textContent = text; });
+        [line.name, String(line.frames), number(line.rate_hz, 1)].forEach((text, j) => { r.cells[j].textContent = text; });
         rows(r.cells[3].firstChild, bytes.length, () => make('span')).forEach((s, j) => { s.textContent = `${bytes[j]} `; s.className = line.lit[j] ? 'lit' : ''; });
         r.className = line.lit.some(Boolean) ? 'lit' : '';
       });
@@ -110,11 +119,12 @@ const told = {
       .forEach((li, i) => {
         const c = e.channels[i], wrong = c.moves && !c.wanted && e.channels.some((o) => o.wanted);
         li.className = wrong ? 'unwanted' : c.moves ? 'moves' : 'still';
-        li.children[0].textContent = c.channel; li.children[1].textContent = `${c.by >= 0 ? '+' : ''}${c.by.toFixed(1)} ${c.unit === 'mm' ? 'mm' : '°'}`;
+        li.children[0].textContent = c.channel; li.children[1].textContent = `${c.by > 0 ? '+' : ''}${number(c.by, 1)}${c.unit === 'mm' ? `\u00a0${mm}` : '°'}`;
         li.children[2].textContent = wrong ? list.dataset.unwanted : '';
       });
   },
   live: live,
+  said: answered,
   capture: capture,
 };
 document.addEventListener('told', (event) => told[event.detail.event]?.(event.detail));
@@ -135,15 +145,15 @@ function live(e) {
     rows(lines[3], e.pose.angles.length, () => make('span')).forEach((s, i) => { s.textContent = `${e.pose.angles[i][0]} ${number(e.pose.angles[i][1], 3)}°`; });
   } else {
     const lines = rows(pose, 1, () => make('div'));
-    lines[0].replaceChildren(e.pose.status || '–'); lines[0].className = 'words';
+    lines[0].replaceChildren(e.pose.told || '–'); lines[0].className = 'words';
   }
-  at('pose-u95').textContent = ok && e.pose.u95_mm !== null ? `± ${number(e.pose.u95_mm, 3)} mm (95 %)` : '';
+  at('pose-u95').textContent = ok && e.pose.u95_mm !== null ? `± ${number(e.pose.u95_mm, 3)} ${mm} (95 %)` : '';
   at('pose-note').textContent = e.pose.text;
   rows(at('channels'), e.channels.length, () => { const li = make('li'); li.append(make('span'), make('strong'), make('small')); return li; })
     .forEach((li, i) => {
       const c = e.channels[i], kind = c.count === null ? 'silent' : Math.abs(c.mm_s ?? 0) > 0.5 ? 'moves' : 'still';
       li.className = kind;
-      li.children[0].textContent = `${c.name} · ${box.dataset[kind]}`; li.children[1].textContent = number(c.count, 0); li.children[2].textContent = `${number(c.mm_s, 1)} mm/s`;
+      li.children[0].textContent = `${c.name} · ${box.dataset[kind]}`; li.children[1].textContent = number(c.count, 0); li.children[2].textContent = `${number(c.mm_s, 1)}\u00a0${mms}`;
     });
   at('live-seconds').textContent = number(e.seconds, 1);
   at('live-samples').textContent = e.samples;
@@ -151,9 +161,9 @@ function live(e) {
   if (e.seconds - before[0] >= 1) before = [e.seconds, e.samples, (e.samples - before[1]) / (e.seconds - before[0])];
   at('live-rate').textContent = number(before[2], 0);
   at('live-lost').textContent = e.lost;
-  at('live-faults').textContent = Object.entries(e.faults).map(([kind, n]) => `${n} ${kind}`).join(', ') || '0';
+  at('live-faults').textContent = e.faults_told || '0';
   at('live-disk').textContent = e.disk_free === null ? '–' : number(e.disk_free / 1e9, 1);
-  if (e.newest_s !== null) {
+  if (e.newest_s !== null && e.newest_s !== newest) {
     // from a frame's own time, by this machine's clock, until it stands in the page: one between two that are shown waits for the later
     ages.push(Date.now() - 1e3 * e.newest_s + 500 * (newest !== null && e.newest_s > newest ? e.newest_s - newest : 0));
     newest = e.newest_s;
@@ -165,6 +175,12 @@ function live(e) {
 
 // ---- a capture ----
 const LINES = ['worst', 'rms', 'position'];
+// why nothing was read, what was taken back: where one looks who has pressed, until the next reading; poses and readings stand there already
+function answered(e) {
+  const box = at('capture-said');
+  if (!box || /^\s|^\S+ \S+ \(\d+ \S+ \d+\)/.test(e.text)) return;
+  box.hidden = false; box.textContent = e.text;
+}
 function capture(e) {
   const box = at('capture');
   if (!box) return;
@@ -174,7 +190,7 @@ function capture(e) {
   rows(at('capture-typed'), e.typed.length, () => { const d = make('div'); d.append(make('dt'), make('dd')); return d; })
     .forEach((d, i) => { d.children[0].textContent = e.typed[i][0]; d.children[1].textContent = String(e.typed[i][1]); });
   at('capture-lamp').className = `lamp ${e.state}`;
-  at('capture-state').textContent = `${box.dataset[e.state]} ${e.state === 'still' ? `${e.still_s.toFixed(1)} s` : e.channels.filter((c) => c.silent).map((c) => c.name).join(', ')}`;
+  at('capture-state').textContent = `${box.dataset[e.state]} ${e.state === 'still' ? `${number(e.still_s, 1)} ${seconds}` : e.channels.filter((c) => c.silent).map((c) => c.name).join(', ')}`;
   at('capture-still').value = e.state === 'still' ? Math.min(e.still_s / e.needs_s, 1) : 0;
   at('capture-doubt').hidden = !e.doubted; at('capture-doubt').textContent = e.doubted;
   rows(at('capture-poses'), e.poses.length, () => { const li = make('li'), b = make('button'); b.type = 'button'; li.append(b); return li; })
@@ -184,33 +200,38 @@ function capture(e) {
       li.firstChild.textContent = one.name; li.firstChild.dataset.type = `go ${one.name}`;
     });
   rows(at('capture-readings').tBodies[0], e.readings.length, () => { const r = make('tr'); for (let i = 0; i < 4; i++) r.append(make('td')); return r; })
-    .forEach((r, i) => { const one = e.readings[i]; [one.pose, one.samples, one.spread, one.u_counts].forEach((v, j) => { r.cells[j].textContent = v; }); });
-  const key = JSON.stringify([e.worth, e.promised]);
-  if (key !== box.dataset.drawn) { box.dataset.drawn = key; plot(box, e.worth.filter((w) => w.enough), e.promised); }
+    .forEach((r, i) => { const one = e.readings[i]; [one.pose, one.samples, own(one.spread), own(one.u_counts)].forEach((v, j) => { r.cells[j].textContent = v; }); });
+  const narrow = box.querySelector('figure').clientWidth < 480, promised = e.promised?.enough ? e.promised : null, key = JSON.stringify([e.worth, promised, narrow]);
+  if (key !== box.dataset.drawn) { box.dataset.drawn = key; plot(box, e.worth.filter((w) => w.enough), promised, narrow); }
+  if (e.readings.length > (box.dataset.read ?? 0)) at('capture-said').hidden = true;
+  box.dataset.read = e.readings.length;
   const last = e.worth.at(-1);
-  at('capture-worth').textContent = last === undefined ? '' : last.enough
-    ? `${last.readings} ${box.dataset.readings}: ${LINES.map((k) => [k, last[`${k}_mm`]]).filter(([, v]) => v !== null).map(([k, v]) => `${box.dataset[k]} ${v.toPrecision(2)} mm`).join(', ')}`
-    : `${last.readings} ${box.dataset.readings}: ${box.dataset.few}`;
+  at('capture-worth').textContent = e.promised && !promised ? `${box.dataset.poses}: ${e.promised.readings}; ${box.dataset.few}` : last === undefined ? '' : last.enough
+    ? `${box.dataset.readings}: ${last.readings}; ${LINES.map((k) => [k, last[`${k}_mm`]]).filter(([, v]) => v !== null).map(([k, v]) => `${box.dataset[k]} ${own(+v.toPrecision(2))} ${mm}`).join(', ')}`
+    : `${box.dataset.readings}: ${last.readings}; ${box.dataset.few}`;
 }
 
-function plot(box, worth, promised) {
+// on a telephone names stand above the lines, so that letters keep their size
+function plot(box, worth, promised, narrow) {
   const picture = at('capture-plot'), draw = (name, values, text = '') => {
     const e = document.createElementNS('http://www.w3.org/2000/svg', name);
     for (const [key, value] of Object.entries(values)) e.setAttribute(key, value);
     e.textContent = text; picture.append(e);
   };
-  picture.replaceChildren();
+  const left = narrow ? 44 : 60, right = narrow ? 344 : 490;
+  picture.replaceChildren(); picture.setAttribute('viewBox', `0 0 ${narrow ? 360 : 700} 260`);
   const values = [...worth, ...(promised ? [promised] : [])].flatMap((w) => LINES.map((k) => w[`${k}_mm`])).filter((v) => v > 0);
+  picture.parentElement.firstElementChild.hidden = picture.toggleAttribute('hidden', !values.length);
   if (!values.length) return;
   const low = Math.floor(Math.log10(Math.min(...values))), high = Math.ceil(Math.log10(Math.max(...values)) + 1e-9);
   const most = Math.max(promised?.readings ?? 0, worth.at(-1)?.readings ?? 0, 2);
-  const x = (n) => 60 + 430 * (n / most), y = (v) => 225 - 200 * (Math.log10(v) - low) / Math.max(high - low, 1);
-  for (let ten = low; ten <= high; ten++) { draw('line', {x1: 60, x2: 490, y1: y(10 ** ten), y2: y(10 ** ten)}); draw('text', {x: 52, y: y(10 ** ten) + 5, 'text-anchor': 'end'}, String(+(10 ** ten).toPrecision(1))); }
+  const x = (n) => left + (right - left) * (n / most), y = (v) => 225 - 200 * (Math.log10(v) - low) / Math.max(high - low, 1);
+  for (let ten = low; ten <= high; ten++) { draw('line', {x1: left, x2: right, y1: y(10 ** ten), y2: y(10 ** ten)}); draw('text', {x: left - 8, y: y(10 ** ten) + 5, 'text-anchor': 'end'}, own(+(10 ** ten).toPrecision(1))); }
   for (const n of [0, Math.round(most / 2), most]) draw('text', {x: x(n), y: 248, 'text-anchor': 'middle'}, String(n));
   const ends = [];
   for (const k of LINES) {
     const points = worth.filter((w) => w[`${k}_mm`] > 0).map((w) => [x(w.readings), y(w[`${k}_mm`])]);
-    if (promised?.[`${k}_mm`] > 0) draw('line', {x1: 60, x2: 490, y1: y(promised[`${k}_mm`]), y2: y(promised[`${k}_mm`]), class: `promised ${k}`});
+    if (promised?.[`${k}_mm`] > 0) draw('line', {x1: left, x2: right, y1: y(promised[`${k}_mm`]), y2: y(promised[`${k}_mm`]), class: `promised ${k}`});
     if (points.length) {
       draw('polyline', {points: points.map((p) => p.join(',')).join(' '), class: k});
       for (const [px, py] of points) draw('circle', {cx: px, cy: py, r: 3.5, class: k});
@@ -219,5 +240,5 @@ function plot(box, worth, promised) {
     if (end !== null) ends.push([end, k]);
   }
   ends.sort((a, b) => a[0] - b[0]);
-  ends.reduce((above, [py, k]) => { const place = Math.max(py + 5, above + 17); draw('text', {x: 498, y: Math.min(place, 240), class: k}, box.dataset[k]); return place; }, 0);
+  ends.reduce((above, [py, k]) => { const place = Math.max(py + (narrow ? -6 : 5), above + 17); draw('text', {x: narrow ? right : 498, y: Math.min(place, 240), class: k, 'text-anchor': narrow ? 'end' : 'start'}, box.dataset[k]); return place; }, 0);
 }

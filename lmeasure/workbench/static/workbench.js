@@ -1,5 +1,5 @@
 // Every page works without this; with it, command lines, progress and live values renew themselves.
-import '/static/bus.js';
+import {gone, parts} from '/static/bus.js';
 
 const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form), headers: {'Accept': 'application/json'}});
 
@@ -8,15 +8,15 @@ const row = document.querySelector('header nav'), here = row?.querySelector('[ar
 if (here) row.scrollLeft = here.offsetLeft - row.offsetLeft - (row.clientWidth - here.offsetWidth) / 2;
 row?.addEventListener('focusin', (event) => event.target.scrollIntoView({block: 'nearest', inline: 'nearest'}));
 
-// of a command line, every second one an option, which no line breaks
-const part = (text, i) => { const span = document.createElement('span'); span.className = i % 2 ? 'whole' : ''; span.textContent = text; return span; };
 
 for (const form of document.querySelectorAll('form[data-command]')) {
   let waiting;
   const renew = async () => {
-    const answer = await post(`/line/${form.dataset.command}`, new FormData(form));
+    const answer = await post(`/line/${form.dataset.command}`, new FormData(form)).catch(() => null);
+    gone(answer === null);
+    if (answer === null) return;
     const told = await answer.json();
-    form.querySelector('[data-line]').replaceChildren(...told.line.split(/(--[a-z][\w-]*)/).map(part));
+    form.querySelector('[data-line]').replaceChildren(...parts(told.line));
     const why = form.querySelector('[data-hindered]'), button = form.querySelector('button.go');
     button.disabled = why.parentElement.parentElement.querySelector('p.needs:not([data-hindered])') !== null || Boolean(told.hindered);
     why.hidden = !told.hindered; why.firstElementChild.textContent = told.hindered ?? ''; why.lastElementChild.href = told.mend ?? '#';
@@ -37,22 +37,34 @@ function follow(number) {
     while (log.children.length > 500) log.firstChild.remove();
     log.scrollTop = log.scrollHeight;
   };
+  // what began is at work: no word on compiling, no bar without a measure
+  const begun = () => { at('doing').textContent = ''; at('progress').hidden = !at('progress').hasAttribute('value'); };
   const told = {
+    live: begun,
+    capture: begun,
     progress: (e) => { at('progress').value = e.fraction; at('doing').textContent = e.text; },
     compiling: (e) => { const text = at('doing').dataset.compiling.replace('{name}', e.text); at('doing').textContent = text; line(text, 'said'); },
     said: (e) => line(e.text, 'said'),
-    typed: (e) => { line(`> ${e.text}`, 'typed'); at('asked').hidden = true; at('typing').classList.remove('question'); },
+    typed: (e) => { if (e.text) line(`> ${e.text}`, 'typed'); at('asked').hidden = true; at('typing').classList.remove('question'); steps(false); },
     state: (e) => { at('now').hidden = false; at('now').textContent = e.text; at('typing').hidden = false; },
-    asked: (e) => { at('typing').classList.add('question'); at('asked').hidden = false; at('asked').textContent = e.of ? `${e.number}/${e.of}  ${e.text}` : e.text; at('typing').hidden = false; },
-    end: () => { source.close(); location.reload(); },
+    asked: (e) => { at('typing').classList.add('question'); at('asked').hidden = false; at('asked').textContent = e.of ? `${e.number}/${e.of}  ${e.text}` : e.text; at('typing').hidden = false; if (e.of) at('progress').value = (e.number - 1) / e.of; steps(true); },
+    end: async () => { source.close(); if (await fetch(location.href).then((a) => a.ok, () => false)) location.reload(); else gone(true); },
   };
   const source = new EventSource(`/jobs/${number}/events`);
-  source.onopen = () => { log.replaceChildren(); };
+  source.onopen = () => { log.replaceChildren(); gone(false); };
+  source.onerror = () => gone(true);
   source.onmessage = (message) => { const event = JSON.parse(message.data); told[event.event]?.(event); document.dispatchEvent(new CustomEvent('told', {detail: event})); };
-  const type = (text) => post(`/jobs/${number}/type`, {line: text});
-  job.addEventListener('click', (event) => { const button = event.target.closest('[data-type]'); if (button) type(button.dataset.type); });
+  const type = (text) => post(`/jobs/${number}/type`, {line: text}).catch(() => gone(true));
+  // a step of a self-test is answered once it is asked, and by a double click once
+  const steps = (asked) => { if (job.dataset.command === 'check') for (const b of at('typing').querySelectorAll('[data-type]')) b.disabled = !asked; };
+  job.addEventListener('click', (event) => {
+    const button = event.target.closest('[data-type]');
+    if (!button || (event.detail > 1 && !button.dataset.type)) return;
+    steps(false);
+    type(button.dataset.type);
+  });
   at('answer')?.addEventListener('submit', (event) => { event.preventDefault(); type(at('said').value); at('said').value = ''; });
-  at('cancel')?.addEventListener('click', () => { at('cancel').disabled = true; post(`/jobs/${number}/cancel`, {}); });
+  at('cancel')?.addEventListener('click', () => { at('cancel').disabled = true; post(`/jobs/${number}/cancel`, {}).catch(() => gone(true)); });
 }
 
 for (const drop of document.querySelectorAll('form.drop')) {
