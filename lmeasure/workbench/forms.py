@@ -88,6 +88,7 @@ TAKEN_ALONE = {("certify", "run")}
 """What is not required, and taken where the project has one: of several nobody knows which."""
 _SPLIT = re.compile(r"[,;=:\s]")
 _FLAG = re.compile(r"--[a-z][a-z0-9-]*")
+_WORD = re.compile(r"`([^`]+)`")
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class FieldOf:
             label = self.labels.get(found[0])
             return found[0] if label is None else say("“{label}”", label=say(label))
 
-        text = _FLAG.sub(named, say(self.option.help))
+        text = _WORD.sub(lambda found: say("“{label}”", label=found[1]), _FLAG.sub(named, say(self.option.help)))
         low, high = self.option.minimum, self.option.maximum
         if low is None and high is None:
             return text

@@ -118,7 +118,7 @@ def test_the_slider_moves_all_figures_and_a_gap_is_jumped_to(project: Path, tmp_
         at = float(page.evaluate("document.getElementById('along').dataset.at"))
         i = int(np.abs(found.trajectory.time_s - at).argmin())
         told = page.evaluate("document.getElementById('at-x').textContent")
-        assert told == f"{found.trajectory.poses[i, 0]:.3f} ± {AXIS_95 * found.trajectory.u[i, 0]:.4f}"
+        assert told == f"{found.trajectory.poses[i, 0]:.3f} ± {AXIS_95 * found.trajectory.u[i, 0]:.4f}".replace("-", "\u2212")
         press(page, ".stretches button.bad", f"Math.abs(document.getElementById('along').dataset.at - {gap.begin_s}) < 0.5")
         page.wait("(document.getElementById('along').dataset.shown ?? '').startsWith('begin=')")
         ink = "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v)"

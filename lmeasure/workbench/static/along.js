@@ -5,7 +5,7 @@ const plots = [...place.querySelectorAll('canvas')], digits = {u95: 4, angle: 1}
 let span = [...whole], at = whole[0], data = null, asked = 0;
 
 const colour = (name) => getComputedStyle(document.body).getPropertyValue(name);
-const own = (text) => document.documentElement.lang === 'ru' ? text.replace('.', ',') : text;
+const own = (text) => (document.documentElement.lang === 'ru' ? text.replace('.', ',') : text).replace('-', '−');
 const number = (v, n) => v === null || v === undefined ? '–' : own(v.toFixed(n));
 const across = (canvas, t) => 70 + (canvas.clientWidth - 80) * (t - span[0]) / (span[1] - span[0] || 1);
 const timeAt = (canvas, x) => Math.min(span[1], Math.max(span[0], span[0] + (x - 70) / (canvas.clientWidth - 80) * (span[1] - span[0])));

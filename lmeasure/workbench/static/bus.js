@@ -179,7 +179,7 @@ const LINES = ['worst', 'rms', 'position'];
 function answered(e) {
   const box = at('capture-said');
   if (!box || /^\s|^\S+ \S+ \(\d+ \S+ \d+\)/.test(e.text)) return;
-  box.hidden = false; box.textContent = e.text;
+  box.hidden = false; box.textContent = e.text.replace(/(\d) (?=(?:mm|мм)(?![\wа-я]))/g, '$1\u00a0');
 }
 function capture(e) {
   const box = at('capture');
@@ -203,7 +203,7 @@ function capture(e) {
     .forEach((r, i) => { const one = e.readings[i]; [one.pose, one.samples, own(one.spread), own(one.u_counts)].forEach((v, j) => { r.cells[j].textContent = v; }); });
   const narrow = box.querySelector('figure').clientWidth < 480, promised = e.promised?.enough ? e.promised : null, key = JSON.stringify([e.worth, promised, narrow]);
   if (key !== box.dataset.drawn) { box.dataset.drawn = key; plot(box, e.worth.filter((w) => w.enough), promised, narrow); }
-  if (e.readings.length > (box.dataset.read ?? 0)) at('capture-said').hidden = true;
+  if (e.readings.length > (box.dataset.read ?? 0) || (e.doubted && at('capture-said').textContent.includes(e.doubted))) at('capture-said').hidden = true;
   box.dataset.read = e.readings.length;
   const last = e.worth.at(-1);
   at('capture-worth').textContent = e.promised && !promised ? `${box.dataset.poses}: ${e.promised.readings}; ${box.dataset.few}` : last === undefined ? '' : last.enough
@@ -240,5 +240,5 @@ function plot(box, worth, promised, narrow) {
     if (end !== null) ends.push([end, k]);
   }
   ends.sort((a, b) => a[0] - b[0]);
-  ends.reduce((above, [py, k]) => { const place = Math.max(py + (narrow ? -6 : 5), above + 17); draw('text', {x: narrow ? right : 498, y: Math.min(place, 240), class: k, 'text-anchor': narrow ? 'end' : 'start'}, box.dataset[k]); return place; }, 0);
+  ends.reduce((above, [py, k]) => { const place = Math.max(py + (narrow ? -6 : 5), above + 19); draw('text', {x: narrow ? right : 498, y: Math.min(place, 240), class: k, 'text-anchor': narrow ? 'end' : 'start'}, box.dataset[k]); return place; }, 0);
 }
