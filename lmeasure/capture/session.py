@@ -384,6 +384,8 @@ class Session:
         """The state of things in one line."""
         if self._idle:
             state = "no counts"
+        elif self.lost:
+            state = f"no origin: {', '.join(self.lost)}"
         elif self.rest.silent:
             state = f"silent: {', '.join(self.rest.silent)}"
         elif self.rest.lasts_s > 0.1:

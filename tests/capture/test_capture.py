@@ -144,6 +144,7 @@ def test_a_channel_that_lost_its_origin_is_not_called_silent(tmp_path: Path) -> 
     told = f"{RIG.channels[1]}: where it counts from is lost; end here, what comes needs a folder of its own"
     assert bench.said[-1] == f"not read: {told}"
     assert (state_of(bench.session)["state"], state_of(bench.session)["doubted"]) == ("lost", told)
+    assert bench.session.line().startswith(f"pose 3  no origin: {RIG.channels[1]}")
     bench.events = []
     fresh = Bench(tmp_path / "other")
     silent = fresh.at(0, 2.0)

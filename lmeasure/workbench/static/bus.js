@@ -190,7 +190,8 @@ function capture(e) {
   rows(at('capture-typed'), e.typed.length, () => { const d = make('div'); d.append(make('dt'), make('dd')); return d; })
     .forEach((d, i) => { d.children[0].textContent = e.typed[i][0]; d.children[1].textContent = String(e.typed[i][1]); });
   at('capture-lamp').className = `lamp ${e.state}`;
-  at('capture-state').textContent = `${box.dataset[e.state]} ${e.state === 'still' ? `${number(e.still_s, 1)} ${seconds}` : e.channels.filter((c) => c.silent).map((c) => c.name).join(', ')}`;
+  const silent = e.channels.filter((c) => c.silent).map((c) => c.name).join(', ');
+  at('capture-state').textContent = e.state === 'still' ? `${box.dataset.still} ${number(e.still_s, 1)} ${seconds}` : [box.dataset[e.state], ...(silent ? [silent] : [])].join(': ');
   at('capture-still').value = e.state === 'still' ? Math.min(e.still_s / e.needs_s, 1) : 0;
   at('capture-doubt').hidden = !e.doubted; at('capture-doubt').textContent = e.doubted;
   rows(at('capture-poses'), e.poses.length, () => { const li = make('li'), b = make('button'); b.type = 'button'; li.append(b); return li; })

@@ -61,7 +61,8 @@ export async function draw(place, form) {
       const points = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
       const answer = await fetch('/coarse', {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
       const found = await answer.json();
-      const figures = {volume: (found.zone_volume_mm3 / 1e9)?.toFixed(2), angle: found.least_angle_deg?.toFixed(1), u95: found.median_u95_mm?.toFixed(3)};
+      const own = (value, digits) => document.documentElement.lang === 'ru' ? value?.toFixed(digits).replace('.', ',') : value?.toFixed(digits);
+      const figures = {volume: own(found.zone_volume_mm3 / 1e9, 2), angle: own(found.least_angle_deg, 1), u95: own(found.median_u95_mm, 3)};
       // a number and its unit stand in one line
       where.textContent = found.error ?? where.dataset.figures.replace(/{(\w+)}/g, (_, name) => figures[name]).replace(/(\d) (?=[^\s\d])/g, '$1\u00a0');
     } finally { asking = false; clearInterval(patience); }
