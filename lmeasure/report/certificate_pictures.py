@@ -71,7 +71,7 @@ def errors_in_space(certificate: dict[str, Any]) -> Picture | None:
         seen.add(key)
     title = word(language, "errors")
     svg, factor, sides = drawings.errors_in_space(names, commanded, mean - commanded, title)
-    box = "\u00a0× ".join(_short(language, round(float(s), 1)) for s in sides)
+    box = " × ".join(_short(language, round(float(s), 1)) for s in sides)
     return Picture((svg,), word(language, "errors.text", box=f"{box}\u00a0{unit(language, 'mm')}", factor=_short(language, factor)))
 
 

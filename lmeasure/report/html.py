@@ -34,7 +34,7 @@ _PAGE = """<!doctype html>
 <style>{style}</style>
 </head>
 <body>
-<h1>{title}</h1>
+<h1>{head}</h1>
 {body}
 </body>
 </html>
@@ -57,19 +57,40 @@ _UNIT = (
     r"|%|°"
 )  # fmt: skip
 _TOGETHER = re.compile(
-    rf"(?<=\d) (?={_UNIT})"  # a number and its unit,
+    rf"(?<=[\d⁰¹²³⁴-⁹]) (?={_UNIT})"  # a number and its unit,
     r"|(?<=\bp) (?==)|(?<=[=<>]) (?=[-+\d])|(?<=\(u) (?=\d)"  # p = 0.01, < 1, (u 0.2)
+    r"|(?<=\d) (?=[:×±] \d)|(?<=\d [:×±]) (?=\d)"  # 100 : 1, 2 × 3, 21 ± 1
+    r"|(?<=\bmm,) (?=mm\b)|(?<=\bмм,) (?=мм\b)|(?<=\bper) (?=mm\b)|(?<=\bна) (?=мм\b)"  # a unit alone in the second line
 )
 _PLACE = re.compile(r"\([-+\d.,]+(?:[,;] [-+\d.,]+)+\)")
-_OPTION = re.compile(r"(?<![\w&;-])--[a-z][\w-]*(?: \w+:\w+)?")
+_WHOLE = re.compile(
+    r"(?<![\w&;-])(?:--[a-z][\w-]*(?: \w+:\w+)?|LM-[\dA-F]{8}-[\dA-F]{8}(?![\w-])|\d{4}-\d\d-\d\d(?![\w-]))"  # options, numbers, dates
+)
+_LONG = re.compile(r"[^\s<>&;]{20,}")
+_JOINT = re.compile(r"(?<=[_/])(?=\w)")
+
+
+def joined(said: str) -> str:
+    """A plain text in which no line breaks between a number and its unit or within coordinates."""
+    return _PLACE.sub(lambda place: place[0].replace(" ", "\u00a0"), _TOGETHER.sub("\u00a0", said))
 
 
 def kept(value: object) -> str:
-    """Text from outside, safe inside a page, whose numbers and units, coordinates and options no line breaks."""
+    """Text from outside, safe inside a page, whose numbers and units, coordinates, dates and options no line breaks; a long name is broken
+    at its joints first."""
     if isinstance(value, Ready):
         return value
-    whole = _PLACE.sub(lambda place: place[0].replace(" ", "\u00a0"), _TOGETHER.sub("\u00a0", str(value)))
-    return _OPTION.sub(lambda option: f'<span class="kept">{option[0]}</span>', text(whole))
+    marked = _WHOLE.sub(lambda found: f'<span class="kept">{found[0]}</span>', text(joined(str(value))))
+    return _LONG.sub(lambda name: _JOINT.sub("<wbr>", name[0]), marked)
+
+
+def on_paper(content: Any) -> Any:
+    """What a sheet is set from, its texts `joined`; drawings stay as they are."""
+    if isinstance(content, dict):
+        return {key: on_paper(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [on_paper(value) for value in content]
+    return joined(content) if isinstance(content, str) and not content.startswith("<svg") else content
 
 
 def indexed(value: str) -> Ready:
@@ -344,7 +365,8 @@ def policy(body: str) -> str:
 def page(title: str, body: Iterable[str], language: str = "en") -> str:
     """The text of a page of ready HTML parts under an escaped title."""
     whole = "\n".join(_in_sections(body))
-    return _PAGE.format(title=text(title), body=whole, language=language, policy=policy(whole), style=_STYLE.read_text(encoding="utf-8"))
+    style = _STYLE.read_text(encoding="utf-8")
+    return _PAGE.format(title=text(title), head=kept(title), body=whole, language=language, policy=policy(whole), style=style)
 
 
 def _in_sections(body: Iterable[str]) -> list[str]:

@@ -6,7 +6,7 @@ import lxml.etree
 import pypdfium2
 
 _UNSEEN = {"script", "style"}
-_WITHIN = "span"
+_WITHIN = {"span", "wbr"}
 """What stands within a word or beside one."""
 
 
@@ -39,7 +39,7 @@ class _Reader(HTMLParser):
         self._apart(tag)
 
     def _apart(self, tag: str) -> None:
-        if tag != _WITHIN:
+        if tag not in _WITHIN:
             self.parts.append(" ")
 
     def handle_data(self, data: str) -> None:

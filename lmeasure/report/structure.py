@@ -177,7 +177,7 @@ def _outline(points: FloatArray, ink: str, title: str, names: list[str]) -> go.S
     for point, name in zip(points, names, strict=True):
         unique.setdefault(tuple(point), []).append(name)
     places = np.array(list(unique))
-    texts = [html.kept(", ".join(dict.fromkeys(n))) for n in unique.values()]
+    texts = [html.label(", ".join(dict.fromkeys(n))) for n in unique.values()]
     centred = places - places.mean(axis=0)
     axes = np.linalg.svd(centred)[2]
     order = np.argsort(np.arctan2(centred @ axes[1], centred @ axes[0]))

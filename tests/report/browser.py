@@ -59,18 +59,19 @@ LOOK = """(() => {
   for (const cell of document.querySelectorAll('td, th')) {
     const range = document.createRange(), walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
     while (walker.nextNode()) for (const found of walker.currentNode.data.matchAll(/[^\\s–-]+/g)) {
-      if (found[0].length > 11) continue;
+      if (found[0].length > (/^\\p{L}+$/u.test(found[0]) ? 16 : 11)) continue;
       range.setStart(walker.currentNode, found.index);
       range.setEnd(walker.currentNode, found.index + found[0].length);
       const tops = new Set([...range.getClientRects()].map((box) => Math.round(box.top)));
       if (tops.size > 1) out.push(`'${found[0]}' of '${cell.textContent.slice(0, 30)}' is broken`);
     }
   }
-  // what belongs together stands in one line: a number and its unit, an option
-  for (const e of document.querySelectorAll('p, li, td, th, h2, h3, small, figcaption')) {
+  // what belongs together stands in one line: a number and its unit, an option, a date, a ratio
+  for (const e of document.querySelectorAll('p, li, td, th, h1, h2, h3, small, figcaption')) {
     const range = document.createRange(), walker = document.createTreeWalker(e, NodeFilter.SHOW_TEXT);
-    const together = /\\d\\s(?:mm|мм|%|°|deg)(?![\\wа-я])|--[a-z][\\w-]*/gu;
-    while (walker.nextNode()) for (const found of walker.currentNode.data.matchAll(together)) {
+    const units = /[\\d⁰¹²³⁴-⁹]\\s(?:mm|мм|%|°|deg)(?![\\wа-я])|\\d\\s[:×±]\\s\\d/gu;
+    const whole = /--[a-z][\\w-]*|(?<![\\w-])\\d{4}-\\d\\d-\\d\\d(?![\\w-])|LM-[\\dA-F-]{17}/gu;
+    while (walker.nextNode()) for (const found of [units, whole].flatMap((all) => [...walker.currentNode.data.matchAll(all)])) {
       range.setStart(walker.currentNode, found.index);
       range.setEnd(walker.currentNode, found.index + found[0].length);
       const tops = new Set([...range.getClientRects()].map((box) => Math.round(box.top)));
