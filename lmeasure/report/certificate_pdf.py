@@ -11,7 +11,7 @@ from lmeasure.certification.measure import Measured
 from lmeasure.errors import CertificationError
 from lmeasure.report import certificate_pictures as pictures
 from lmeasure.report import certificate_text as say
-from lmeasure.report import drawings, summary
+from lmeasure.report import drawings, html, summary
 from lmeasure.report.words import with_indices, word
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
@@ -25,7 +25,7 @@ def certificate_pdf(certificate: dict[str, Any], measured: Measured) -> bytes:
 
     A character that the built-in fonts have no glyph for is printed as its number, since an archive file must not hold holes.
     """
-    content = json.dumps(_content(certificate, measured), ensure_ascii=False)
+    content = json.dumps(html.on_paper(_content(certificate, measured)), ensure_ascii=False)
     for _ in range(8):
         try:
             return bytes(

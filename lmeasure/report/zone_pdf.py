@@ -12,7 +12,7 @@ import xarray as xr
 from lmeasure import files
 from lmeasure.accuracy.extent import extent
 from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.report import zone_text
+from lmeasure.report import html, zone_text
 from lmeasure.report.zone_figures import views
 from lmeasure.report.zone_maps import SCALE
 from lmeasure.rig import Rig
@@ -54,7 +54,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
             "sides told": say("Green: the scanned box. Red: observation points. The tool stands in the middle of the box."),
         },
     }
-    pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(content)}, pdf_standards=["a-2b"])
+    pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(html.on_paper(content))}, pdf_standards=["a-2b"])
     with files.whole(path) as temporary:
         temporary.write_bytes(pdf)
 
