@@ -14,6 +14,8 @@ from lmeasure.report.zone_maps import ticks
 from lmeasure.rig import Rig, Turned
 from lmeasure.saying import ENGLISH, Say
 
+BEFORE, AFTER = html.PALETTE[1], html.PALETTE[0]
+"""As other pages have them."""
 POWERS = 1e6
 """Range over which each power of ten has a mark on a telephone."""
 FEW = 8
@@ -107,13 +109,13 @@ def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
     names = [html.label(p.name) for p in record.parameters]
     priors = [p.prior_u for p in record.parameters]
     line = {"symbol": "line-ns-open", "size": 9, "line": {"width": 2}}
-    figure.add_scatter(y=names, x=priors, mode="markers", name=say("prior"), marker=line)
-    figure.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibrated"))
+    figure.add_scatter(y=names, x=priors, mode="markers", name=say("prior"), marker=line | {"color": BEFORE})
+    figure.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibrated"), marker={"color": AFTER})
     # a row for each name: they never stand in each other's way
     figure.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10})
     every = priors + [p.u for p in record.parameters]
     marks = ticks(min(v for v in every if v > 0.0) / 3.0, 3.0 * max(every)) if any(v > 0.0 for v in every) else [1.0]
     # powers of ten, and 2 and 5 times them where these are few; some beyond what is drawn, as that has a margin
     marks = [v for v in marks if f"{v:e}".startswith("1")] if len(marks) > FEW else marks
-    figure.update_xaxes(title=say("u, mm or deg"), type="log", tickvals=marks, ticktext=[say.number(v, ".3g") for v in marks])
+    figure.update_xaxes(title=say("u, mm or °"), type="log", tickvals=marks, ticktext=[say.number(v, ".3g") for v in marks])
     return figure.update_yaxes(autorange="reversed", dtick=1, automargin=True)

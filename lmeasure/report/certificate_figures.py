@@ -81,7 +81,7 @@ def _cycles(figure: go.Figure, path: AttainedPath, x: FloatArray, values: FloatA
         )  # fmt: skip
 
 
-_LINES = tuple(qualitative.Dark24)
+_LINES = (*html.PALETTE, *qualitative.Dark24)
 
 
 def _one_of(figure: go.Figure, language: str, names: Sequence[object]) -> None:

@@ -180,6 +180,8 @@ def of_dates(language: str) -> dict[str, Any]:
     return {"tickformatstops": stops, "tickangle": 0}
 
 
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#882255", "#999933", "#7f7f7f")
+"""What lines and points are told apart by where nothing else gives them a colour, also without colour vision (Okabe and Ito; Tol)."""
 LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "container", "yanchor": "bottom"}
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
@@ -194,6 +196,8 @@ MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.9
 beside it."""
 WALL = {"showbackground": False, "gridcolor": "#dfe8f3", "zerolinecolor": "#c8d4e3"}
 """Of a scene: lines alone, for a wall that is filled hides what of a label lies behind it, and on a telephone labels are large."""
+FLAT_WIDE = 70.0
+"""Of a drawing of one scale on a telephone: its width without figures and margins, in hundredths of the window's."""
 COLOURS = 70
 """Of a colour bar under a scene: its height in pixels."""
 UNDER = 80
@@ -202,6 +206,8 @@ HALF_VIEW = math.tan(math.pi / 8)
 """Half of what plotly's eye sees from top to bottom, at the distance one."""
 FLATTEST = 0.05
 """Of the widest side of a scene: what a side of none counts for."""
+FOOT = 0.12
+"""Of the widest side of a scene: how far above its foot the upright axis has its first figure, as another axis has its own there."""
 BEYOND = 0.08
 """Of the extent: room around a scene, beyond which labels would be cut off."""
 
@@ -212,9 +218,10 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
     settled(drawing)
     drawing.update_layout(separators=SEPARATORS[language])
     scene = any(_in_space(trace) for trace in drawing.data)
+    one_scale = drawing.layout.xaxis.scaleanchor == "y"
     given = drawing.layout.height or 640
-    if scene:
-        # on a telephone less high than wide, or its sides would be cut off
+    if scene or one_scale:
+        # on a telephone less high than wide, or the sides of a scene would be cut off, and one scale for both axes leaves the rest empty
         drawing.layout.height = None
     known = texts("report", language)
     buttons = {key.removeprefix("plot."): text for key, text in known.items() if key.startswith("plot.")}
@@ -226,15 +233,18 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
         "locales": {language: {"dictionary": buttons, "format": DATES.get(language, {})}},
     }
     ready = str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
-    if not scene:
+    if not scene and not one_scale:
         return ready
-    beside = ROOM + max(drawing.layout.margin.b, _legend_high(drawing) + COLOURS * any(_has_bar(trace) for trace in drawing.data))
-    return f'<div class="scene" style="height:min({given}px, calc({_high(drawing):.0f}vw + {beside}px))">{ready}</div>'
+    high = _high(drawing) if scene else _high_flat(drawing)
+    under = UNDER if drawing.layout.margin.b is None else drawing.layout.margin.b
+    beside = ROOM + max(under, _legend_high(drawing) + COLOURS * any(_has_bar(trace) for trace in drawing.data))
+    return f'<div class="scene" style="height:min({given}px, calc({high:.0f}vw + {beside}px))">{ready}</div>'
 
 
 def settled(drawing: go.Figure) -> go.Figure:
     """The figure with room for its buttons, labels and legend at every width, where it does not say itself how it wants them."""
     legend, margin = drawing.layout.legend, drawing.layout.margin
+    drawing.update_layout(colorway=PALETTE)
     if legend.orientation is None and legend.x is None:
         drawing.update_layout(legend=LEGEND)
     # figures at the corner of two axes would touch
@@ -294,6 +304,13 @@ def _high(drawing: go.Figure) -> float:
     return min(MOST_HIGH, WIDE * HALF_VIEW / (widest * LABELLED))
 
 
+def _high_flat(drawing: go.Figure) -> float:
+    """How high a drawing of one scale is between its margins on a telephone, in hundredths of the window's width."""
+    across, up = (np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in drawing.data]) for axis in "xy")
+    wide, high = float(np.nanmax(across) - np.nanmin(across)), float(np.nanmax(up) - np.nanmin(up))
+    return FLAT_WIDE * high / wide if wide > 0.0 else MOST_HIGH
+
+
 def _sides(drawing: go.Figure) -> FloatArray:
     """The sides of a scene as plotly draws them: by its data, their product being one."""
     ends = _ends(drawing)
@@ -310,6 +327,25 @@ def _ends(drawing: go.Figure) -> dict[str, tuple[float, float]]:
     return {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items() if np.isfinite(each).any()}
 
 
+def _most(side: float, widest: float) -> int:
+    """Figures at a side of a scene."""
+    return max(2, round(5.0 * side / widest)) if widest else 5
+
+
+def _upright(low: float, high: float, widest: float) -> list[float] | None:
+    """Round figures of the upright axis that stand clear of its foot; where there are none, plotly's own."""
+    foot = low + min(FOOT * widest, (high - low) / 2.0) if widest else low
+    most = _most(high - low, widest)
+    # of four pieces and more one lies in the upper half
+    for least in ((high - low) / most, (high - low) / (2 * most), (high - low) / (4 * most)):
+        power = 10.0 ** math.floor(math.log10(least))
+        step = next(power * n for n in (1.0, 2.0, 5.0, 10.0) if power * n > 0.999 * least)
+        every = [float(f"{n * step:.9g}") for n in range(math.ceil(low / step), math.floor(high / step + 1e-9) + 1)]
+        if found := [value for value in every if value > foot]:
+            return found
+    return None
+
+
 def _with_room(drawing: go.Figure) -> None:
     """Figures at the axes that do not stand in each other where one is short beside the others, ranges in which labels have room, and an
     eye that sees all of it."""
@@ -321,8 +357,7 @@ def _with_room(drawing: go.Figure) -> None:
     room = max(BEYOND * widest, 1.0) if labelled else 0.0
     for axis in "xyz":
         low, high = ends.get(axis, (0.0, 0.0))
-        ticks = 5 if not widest else max(2, round(5.0 * (high - low) / widest))
-        drawing.update_scenes({f"{axis}axis": {"nticks": ticks}})
+        drawing.update_scenes({f"{axis}axis": {"nticks": _most(high - low, widest)}})
     if widest or labelled:
         whole = {}
         for axis in "xyz":
@@ -331,6 +366,7 @@ def _with_room(drawing: go.Figure) -> None:
             whole[axis] = (low - flat - room, high + flat + room)
             if labelled or flat:
                 drawing.update_scenes({f"{axis}axis": {"range": list(whole[axis])}})
+        drawing.update_scenes(zaxis_tickvals=_upright(*whole["z"], widest))
         sides = np.array([high - low for low, high in whole.values()])
         if drawing.layout.scene.aspectmode == "data" and min(sides) <= FLATTEST * max(sides) * 1.001:
             # plotly would go by the data, which have no height

@@ -125,12 +125,11 @@ def slices_figure(found: Workspace, say: Say = ENGLISH) -> go.Figure:
     """Places inside at some heights, one under the other in one picture: the outline of each."""
     levels = np.flatnonzero(found.inside.any(axis=(0, 1)))
     chosen = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_SLICES).round().astype(int))]
-    palette = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
     figure = go.Figure()
     # a rim of nothing around the grid: what ends at its edge is an outline too, that closes
     x, y = (np.pad(axis, 1, mode="linear_ramp", end_values=(axis[0] - RIM, axis[-1] + RIM)) for axis in (found.x_mm, found.y_mm))
     inside = np.pad(found.inside, ((1, 1), (1, 1), (0, 0)))
-    for colour, level in zip(palette, chosen, strict=False):
+    for colour, level in zip(html.PALETTE, chosen, strict=False):
         figure.add_contour(
             x=x, y=y, z=inside[:, :, level].T.astype(float),
             contours={"start": 0.5, "end": 0.5, "coloring": "lines"}, line={"color": colour, "width": 2, "smoothing": 0}, showscale=False,

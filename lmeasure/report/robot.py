@@ -136,7 +136,7 @@ def _by_joint(found: Identified[Any], rows: Any, after: FloatArray, say: Say) ->
         value = of.joints[:, i] if found.nominal.sliding[i] else np.degrees(of.joints[:, i])
         figure.add_scatter(x=value, y=along, mode="markers", name=html.label(name), marker={"size": 4})
         mean.append((name, say.number(float(np.sqrt(np.mean(along**2))), ".4f"), f"{reach.mean():.0f}"))
-    figure.update_layout(xaxis_title=say("joint value, deg or mm"), yaxis_title=say("residual along the joint's motion, mm"))
+    figure.update_layout(xaxis_title=say("joint value, ° or mm"), yaxis_title=say("residual along the joint's motion, mm"))
     header = (say("joint"), say("rms along its motion, mm"), say("target's distance from it, mean, mm, or 1"))
     return [
         html.heading(say("Residuals against joint values")),

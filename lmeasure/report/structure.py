@@ -271,7 +271,6 @@ def way_figure(way: dict[str, Any], say: Say = ENGLISH) -> go.Figure:
 def slices_figure(workspace: dict[str, Any], pose: FloatArray | None, say: Say = ENGLISH) -> go.Figure:
     """The boundaries of all levels in their plane, and the pose (7,)."""
     a, b = ("xyz".index(axis) for axis in workspace["plane"])
-    palette = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
     met = list(dict.fromkeys(limit for piece in workspace["slices"] for limit in piece["limits"]))
     figure = go.Figure()
     told_of: set[str] = set()
@@ -283,9 +282,10 @@ def slices_figure(workspace: dict[str, Any], pose: FloatArray | None, say: Say =
             reach = keep | np.append(False, keep[:-1])
             x, y = np.where(reach, places[:, a], np.nan), np.where(reach, places[:, b], np.nan)
             how = say("closed") if piece["closed"] else say("open")
+            colour = html.PALETTE[met.index(limit) % len(html.PALETTE)]
             label = say("{mm:g} mm, {how}: {limit}", mm=piece["level_mm"], how=how, limit=say.told(limit))
             figure.add_scatter(
-                x=x, y=y, mode="lines", line={"color": palette[met.index(limit) % len(palette)]}, name=html.label(say.told(limit)),
+                x=x, y=y, mode="lines", line={"color": colour}, name=html.label(say.told(limit)),
                 text=[label] * len(x),
                 hovertemplate=f"%{{x:.2f}}, %{{y:.2f}} {say('mm')}<br>%{{text}}<extra></extra>", legendgroup=limit,
                 showlegend=limit not in told_of,

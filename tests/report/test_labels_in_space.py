@@ -75,3 +75,34 @@ def test_no_wall_of_a_scene_is_filled() -> None:
     named = go.Scatter3d(x=[0.0, 9.0], y=[0.0, 9.0], z=[0.0, 9.0], mode="markers+text", text=["a", "b"])
     scene = html.settled(go.Figure([named])).layout.scene
     assert [scene[f"{axis}axis"].showbackground for axis in "xyz"] == [False] * 3
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "wide", "expected"),
+    [
+        (0.0, 40.0, 200.0, (40.0,)),  # flat: 0 stands where another axis begins, 20 has no room above it
+        (-100.0, 110.0, 230.0, (-50.0, 0.0, 50.0, 100.0)),
+        (0.0, 0.3, 0.3, (0.1, 0.2, 0.3)),
+        (0.0, 100.0, 900.0, (100.0,)),
+        (3.0, 3.0, 1000.0, (20.0,)),  # 50 lies beyond the range that it is given, 0 at its foot
+        (-3e-7, 9e-7, 1e-6, (0.0, 5e-7)),
+        (0.0, 0.0, 0.0, None),
+    ],
+)
+def test_figures_of_the_upright_axis_stand_clear_of_its_foot(
+    low: float, high: float, wide: float, expected: tuple[float, ...] | None
+) -> None:
+    line = go.Scatter3d(x=[0.0, wide], y=[0.0, 0.0], z=[low, high], mode="lines")
+    assert html.settled(go.Figure([line])).layout.scene.zaxis.tickvals == expected
+
+
+@pytest.mark.parametrize(("up", "high"), [(20.0, 140), (5.0, 35)])
+def test_a_drawing_of_one_scale_is_no_higher_than_it_is_drawn(up: float, high: int) -> None:
+    figure = go.Figure(go.Scatter(x=[0.0, 10.0], y=[0.0, up]), {"height": 600, "xaxis": {"scaleanchor": "y"}})
+    assert f'style="height:min(600px, calc({high}vw + {html.ROOM + html.UNDER}px))"' in html.figure(figure, "one", first=False)
+
+
+def test_lines_that_ask_for_no_colour_are_told_apart_without_colour_vision() -> None:
+    figure = html.settled(go.Figure([go.Scatter(y=[1.0, 2.0])] * 2))
+    assert figure.layout.colorway[:3] == ("#0072b2", "#d55e00", "#009e73")
+    assert len(set(html.PALETTE)) == len(html.PALETTE)
