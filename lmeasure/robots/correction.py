@@ -121,8 +121,8 @@ def too_large(change: FloatArray, limits: Limits) -> str:
     size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
     if size_mm <= limits.most_mm and size_rad <= limits.most_rad:
         return ""
-    most = f"{limits.most_mm:g} mm and {np.degrees(limits.most_rad):g} deg are the most"
-    return f"a correction of {size_mm:.3f} mm and {np.degrees(size_rad):.3f} deg; {most}"
+    most = f"{limits.most_mm:g} mm and {np.degrees(limits.most_rad):g}° are the most"
+    return f"a correction of {size_mm:.3f} mm and {np.degrees(size_rad):.3f}°; {most}"
 
 
 def in_keep_out(limits: Limits, places: FloatArray) -> int | None:

@@ -127,7 +127,7 @@ def test_limits(identified: tuple[Path, SerialRobot]) -> None:
     robot = read_identified(folder / "id")
     q = joints_of(np.random.default_rng(5), 1)[0]
     small = correct(robot.nominal, robot.found, q, Limits(most_mm=0.05))
-    assert small.refused.endswith("0.05 mm and 1 deg are the most")
+    assert small.refused.endswith("0.05 mm and 1° are the most")
     assert np.array_equal(small.joints, q)
     clipped = correct(robot.nominal, robot.found, q, Limits(most_mm=0.05, clip=True))
     assert clipped.clipped
