@@ -64,9 +64,11 @@ class ForeignTable:
     """A table whose columns are asked for by our own names; numbers come in millimetres and degrees."""
 
     def __init__(self, path: Path, columns: Mapping[str, Column] | None = None, *, part: bool = False) -> None:
-        """part: --columns speaks of other files too, and what this one has not is one of theirs."""
+        """columns: None where whoever asks has no --columns. part: --columns speaks of other files too, and what this one has not is one
+        of theirs."""
         self.path = Path(path)
         self._columns = dict(columns or {})
+        self._mapped = columns is not None
         self.lines: list[int] = []
         """Where its rows stand in a text file."""
         self._asked = set[str]()
@@ -164,8 +166,9 @@ class ForeignTable:
         """(n,) floats [mm, deg, or none] of a quantity; FileFormatError where the file has it not, or not with a unit of its kind."""
         column = self.find(name, unit)
         if column is None:
-            shown, as_said = (f"{name}_{unit}", f"{name}=COLUMN[{unit}]") if unit else (name, f"{name}=COLUMN")
-            raise FileFormatError(f"{self.path}: column {shown!r} is missing; it has {self.has}; --columns {as_said} says which it is")
+            shown, said = (f"{name}_{unit}", f"{name}=COLUMN[{unit}]") if unit else (name, f"{name}=COLUMN")
+            hint = f"; --columns {said} says which it is" if self._mapped else ""
+            raise FileFormatError(f"{self.path}: column {shown!r} is missing; it has {self.has}{hint}")
         if unit and column.unit not in KINDS[unit]:
             raise FileFormatError(f"{self.path}: column {column.name!r}: {column.unit!r} is no unit of {name}")
         return self._table.numbers(column.name, gaps=gaps) * (UNITS[column.unit] if unit else 1.0)

@@ -52,7 +52,7 @@ def marked(text: str, mark: str) -> str:
     return _NUMBERS.sub(told, text)
 
 
-_NUMBER = r"[-+±]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+_NUMBER = r"[-+±]?\d+(?:\.\d+)?(?:e[-+]?\d+|·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
 _KEPT = r"--[\w-]+[ =]\S+|\w*_\w+ = (?:\[[^]]*\]|\S+)|'[^']*'|\"[^\"]*\"|`[^`]*`|\(\d+ \w+ \d+\): .*"
 _NUMBERS = re.compile(rf"{_KEPT}|(?<![\w.,:/=-])(?P<row>{_NUMBER}(?:, {_NUMBER})*)(?![\w=-]|/(?![sс]\b)|[.,:]\w)")
 

@@ -11,10 +11,14 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.errors import RobotError
 from lmeasure.poses import Poses
 from lmeasure.robots.identify import Identified, Settings, identify
 from lmeasure.robots.measurements import Measurements, measured
 from lmeasure.robots.model import Parameter
+
+ASTRAY = 0.1
+"""Of the spread of the places: what poses of both still miss each other by where they are not poses of one robot and one target."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +76,12 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     """Base and target from poses of the same names, as many as both have: base_from_flange and instrument_from_target.
 
     Stated uncertainties of both count, those of the robot taken to the instrument's frame; where neither states any, the noise is what
-    the residuals show.
+    the residuals show. RobotError where no name stands in both, and where what base and target leave is no error of measurement.
     """
     both = [n for n in instrument.names if n in set(robot.names)]
+    if not both:
+        firsts = f"the robot's first is {robot.names[0]!r}, the first that was measured {instrument.names[0]!r}"
+        raise RobotError(f"no pose has one name in both tables: {firsts}")
     of_robot = robot.of(np.array([robot.names.index(n) for n in both], dtype=np.int64))
     seen = instrument.of(np.array([instrument.names.index(n) for n in both], dtype=np.int64))
     rows = measured(
@@ -86,9 +93,21 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     # stated of whole poses, and more than nothing: then that is what they scatter by, and the robot's poses are given ones
     told = bool(all(stated) and (np.einsum("nii->ni", rows.covariance) > 0.0).all())
     found = identify(model, rows, Settings(seed=seed, own_noise=not told))
+    _check_one(found)
     if not of_robot.covariances.any():
         return found
     return identify(model, _with_robot(rows, of_robot, found), Settings(seed=seed, own_noise=not told))
+
+
+def _check_one(found: Identified[GivenPoses]) -> None:
+    kept = found.kept & found.rows.placed
+    places = found.rows.position[kept]
+    off, spread = (float(np.sqrt((part**2).sum() / len(part))) for part in (found.errors_mm()[kept], places - places.mean(axis=0)))
+    if off > ASTRAY * spread:
+        raise RobotError(
+            f"robot and instrument still miss each other by {off:.3g} mm of a spread of {spread:.3g} mm: names, the order of quaternions, "
+            "angles, axes or units are others than stated"
+        )
 
 
 def _with_robot(rows: Measurements, robot: Poses, found: Identified[GivenPoses]) -> Measurements:

@@ -42,7 +42,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     from lmeasure.poses import read_poses
     from lmeasure.robots.mechanisms import dyads
 
-    given = read_poses(settings.poses, "puma-oat")
+    given = read_poses(settings.poses, "puma-oat", unnamed=True)
     poses = given.rows
     if len(poses) < LEAST:
         raise FileFormatError(f"{settings.poses}: {len(poses)} poses; a link has {LEAST} parameters, so that {LEAST} are needed")

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from lmeasure.errors import RobotError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
@@ -46,7 +47,16 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     robot = read_poses(settings.robot, settings.angles)
     seen = read_poses(settings.measured, settings.angles, positions_alone=True)
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
-    found = frames(robot, seen.with_uncertainty(settings.u_position_mm, turn), settings.seed)
+    try:
+        found = frames(robot, seen.with_uncertainty(settings.u_position_mm, turn), settings.seed)
+    except RobotError as error:
+        raise RobotError(f"{settings.robot}, {settings.measured}: {error}") from None
+    alone = tuple(
+        f"pose {name!r} stands in {path} alone; it is left out"
+        for path, own, other in ((settings.robot, robot, seen), (settings.measured, seen, robot))
+        for name in own.names
+        if name not in set(other.names)
+    )
     progress(0.9, "writing")
     fit, state = found.fit, found.state
     u = np.sqrt(np.diag(fit.covariance))
@@ -67,14 +77,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
         "freedom": fit.freedom,
         "noise": {"position_mm": found.noise.position_mm, "rotation_deg": math.degrees(found.noise.rotation_rad)},
         "unobservable": [{"text": text} for text in silent_texts],
-        "warnings": [f.stated() for f in found.findings],
+        "warnings": [f.stated() for f in found.findings] + [{"code": "unmatched", "text": text} for text in alone],
         "inputs": [{"file": str(p), "sha256": files.sha256(p)} for p in (settings.robot, settings.measured)],
     }
     files.write_text(settings.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
     lines = [f"{p['name']:12s} {p['value']:14.5f}  u {p['u']:.3g}, u95 {p['u95']:.3g} {p['unit']}" for p in parameters]
     lines += [f"{found.kept.sum()} poses; residuals {np.linalg.norm(found.errors_mm()[found.kept], axis=1).mean():.4f} mm in the mean"]
-    lines += [*silent_texts, *(f"warning {f.code}: {f.text}" for f in found.findings), f"written: {settings.out}"]
-    return Result(found, tuple(lines), {p["name"]: p["value"] for p in parameters}, tuple(f.text for f in found.findings))
+    lines += [*silent_texts, *(f"warning {f.code}: {f.text}" for f in found.findings)]
+    lines += [*(f"warning unmatched: {text}" for text in alone), f"written: {settings.out}"]
+    return Result(found, tuple(lines), {p["name"]: p["value"] for p in parameters}, (*(f.text for f in found.findings), *alone))
 
 
 def _pose(row: Any) -> dict[str, Any]:

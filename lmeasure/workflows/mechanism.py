@@ -183,7 +183,7 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
     from lmeasure.poses import pose_columns, poses_from_rows, read_poses
     from lmeasure.robots.parallel.study import at_poses, completions
 
-    given = read_poses(poses, "puma-oat")
+    given = read_poses(poses, "puma-oat", unnamed=True)
     if settings.complete is None:
         columns = at_poses(file, given.rows)
         files.write_table(out, {"pose": list(given.names), **columns})

@@ -120,6 +120,38 @@ SAID = [
         "effect radius of B3: 41.2 mm  u 6.3  p 5.6e-11  0.7 bits learned: found",
         "эффект radius, B3: 41,2 мм  u 6,3  p 5,6e-11  узнано бит 0,7: найден",
     ),
+    (
+        "2000 samples, window +-0.02 s: path 925.941 mm, speed up to 859.588 mm/s; no uncertainty is stated: state it by columns or "
+        "--u-position-mm",
+        "замеров 2000, окно ±0,02 с: путь 925,941 мм, скорость до 859,588 мм/с; неопределённость не указана: укажите её столбцами или "
+        "--u-position-mm",
+    ),
+    (
+        "note: the orientation is not measured: nothing is said of rotations",
+        "примечание: ориентация не измерена: о поворотах ничего не сказано",
+    ),
+    (
+        "largest correction 2.990 mm; the identified robot was off by up to 2.991 mm",
+        "наибольшая поправка 2,990 мм; идентифицированный робот отстоял на величину до 2,991 мм",
+    ),
+    ("U95 of where it goes now: 0.205 mm at most", "U95 того, куда он идёт теперь: не больше 0,205 мм"),
+    ("U95 of where it goes now: cannot be told", "U95 того, куда он идёт теперь: сказать нельзя"),
+    (
+        "left as it was: prog.script:3: movej of line 3: a correction of 2.642 mm and 0.696 deg; 0.1 mm and 1 deg are the most",
+        "оставлено как было: prog.script:3: movej строки 3: поправка 2,642 мм и 0,696°; предел 0,1 мм и 1°",
+    ),
+    (
+        "gradient (omega; v): 2253060, 1.23129·10⁷, -1030830, -959.368",
+        "градиент (ω; v): 2253060; 1,23129·10⁷; -1030830; -959,368",
+    ),
+    (
+        "warning unmatched: row 150 (line 17): no measured point has this name; it is left out",
+        "предупреждение unmatched: строка 150 (номер в файле 17): точки с этим именем не измерено; строка не учтена",
+    ),
+    (
+        "warning unmatched: pose 'P12' stands in my/robot.csv alone; it is left out",
+        "предупреждение unmatched: поза 'P12' есть только в my/robot.csv; она не учтена",
+    ),
 ]
 
 

@@ -131,6 +131,23 @@ def test_links_are_found_for_poses(tmp_path: Path) -> None:
     assert np.ptp(far) < 1e-6
 
 
+def test_poses_need_no_names(tmp_path: Path) -> None:
+    """A table of what the help names, x_mm ... qw, is read: poses are called by their number. What is missing has no hint to an option that
+    these commands do not have."""
+    poses = any_shipped("seven-link").model.forward(np.linspace(-70.0, 50.0, 12)[:, None])
+    columns = dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True))
+    files.write_table(tmp_path / "poses.csv", columns)
+    run("dyads", tmp_path / "poses.csv", "--out", tmp_path / "links", "--links", "1", "--starts", "10")
+    assert files.read_table(tmp_path / "links" / "misses.csv").text("pose") == [str(i + 1) for i in range(12)]
+    run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "joints.csv")
+    assert files.read_table(tmp_path / "joints.csv").text("pose") == [str(i + 1) for i in range(12)]
+    del columns["z_mm"]
+    files.write_table(tmp_path / "flat.csv", columns)
+    said = refused("dyads", tmp_path / "flat.csv", "--out", tmp_path / "none")
+    assert "column 'z_mm' is missing" in said
+    assert "--columns" not in said
+
+
 def _turn(q: np.ndarray) -> np.ndarray:
     x, y, z, w = q
     return np.array(

@@ -1,14 +1,21 @@
 """AX = YB: coverage of what is stated, and the cost of a generic optimiser."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
+from typer.testing import CliRunner
 
-from lmeasure import se3
-from lmeasure.poses import Poses
+from lmeasure import files, se3
+from lmeasure.cli import app
+from lmeasure.errors import RobotError
+from lmeasure.poses import Poses, pose_columns
 from lmeasure.robots.frames import frames
 
 FloatArray = NDArray[np.float64]
@@ -68,3 +75,28 @@ def test_positions_alone_tell_the_base_and_say_what_they_do_not() -> None:
     found = frames(robot, seen)
     assert np.abs(se3.displacement(found.state.base, base)[3:]).max() < 0.2
     assert not found.fit.problem.unknowns.turned.any()
+
+
+def test_poses_that_belong_to_others_give_no_frames() -> None:
+    """Names of two tables that share none; each pose under its neighbour's name; quaternions with w first: no frames, and the reason."""
+    robot, seen, _, _ = drawn(np.random.default_rng(5))
+    with pytest.raises(RobotError, match=r"no pose has one name in both tables: the robot's first is 'P0', .* 'Q0'"):
+        frames(robot, replace(seen, names=tuple(f"Q{i}" for i in range(len(seen)))))
+    for strange in (
+        replace(seen, names=(*seen.names[1:], seen.names[0])),
+        replace(seen, rows=np.column_stack([seen.rows[:, :3], np.roll(seen.rows[:, 3:], 1, axis=1)])),
+    ):
+        with pytest.raises(RobotError, match=r"still miss each other by .* mm of a spread of .* mm: names, the order of quaternions"):
+            frames(robot, strange)
+
+
+def test_poses_of_one_table_alone_are_named(tmp_path: Path) -> None:
+    robot, seen, _, _ = drawn(np.random.default_rng(6))
+    for name, poses in (("robot.csv", robot), ("seen.csv", seen.of(np.arange(1, 12)))):
+        files.write_table(tmp_path / name, pose_columns(poses))
+    out = tmp_path / "frames.json"
+    words = ["--robot", str(tmp_path / "robot.csv"), "--measured", str(tmp_path / "seen.csv"), "--out", str(out)]
+    done = CliRunner().invoke(app, ["frames", *words])
+    assert done.exit_code == 0, done.output
+    assert f"warning unmatched: pose 'P0' stands in {tmp_path / 'robot.csv'} alone; it is left out" in done.output.splitlines()
+    assert [w["code"] for w in json.loads(out.read_text())["warnings"]] == ["unmatched"]
