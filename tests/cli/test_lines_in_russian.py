@@ -137,7 +137,7 @@ SAID = [
     ("U95 of where it goes now: 0.205 mm at most", "U95 того, куда он идёт теперь: не больше 0,205 мм"),
     ("U95 of where it goes now: cannot be told", "U95 того, куда он идёт теперь: сказать нельзя"),
     (
-        "left as it was: prog.script:3: movej of line 3: a correction of 2.642 mm and 0.696 deg; 0.1 mm and 1 deg are the most",
+        "left as it was: prog.script:3: movej of line 3: a correction of 2.642 mm and 0.696°; 0.1 mm and 1° are the most",
         "оставлено как было: prog.script:3: movej строки 3: поправка 2,642 мм и 0,696°; предел 0,1 мм и 1°",
     ),
     (
