@@ -117,13 +117,12 @@ class ForeignTable:
         return Column(name, "") if name in self._table.columns and not unit else None
 
     def nothing_else(self) -> None:
-        """When all is read: FileFormatError names what --columns says of something that is not."""
+        """When all is read: SettingsError names what --columns says of something that is not."""
         for name, column in self._columns.items():
             if name not in self._asked | ANGLES:
-                known = ", ".join(sorted(self._asked - ANGLES))
-                raise FileFormatError(
-                    f"{self.path}: --columns {name}={column.name}: {name!r} is not one of {known}, or a controller's angle"
-                )
+                known = ", ".join(sorted(n for n in self._asked - ANGLES if not n.endswith(("_mm", "_rad"))))
+                told = f"{name}={column.name}: {self.path} is asked for {known}, and controllers' angles, not for {name}"
+                raise SettingsError("columns", told)
 
     def orientation(self, preferred: AngleConvention | None = None, *, gaps: bool = False) -> FloatArray | None:
         """(n, 4) quaternions x, y, z, w of unit length, from `qx` ... `qw` or the angles of any controller's convention, NaN in a row

@@ -14,7 +14,7 @@ import numpy as np
 from lmeasure import files, se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.conventions import MAX_LENGTH_MM
-from lmeasure.errors import FileFormatError, TrajectoryError
+from lmeasure.errors import FileFormatError, SettingsError, TrajectoryError
 from lmeasure.findings import finding
 from lmeasure.foreign import UNIT_TOLERANCE, Column, ForeignTable, decoded, text_of
 from lmeasure.opened import open_regular
@@ -71,7 +71,7 @@ def read_trajectory(path: Path, stated: Stated | None = None) -> Trajectory:
         return _checked(path, _of_messages(path, stated), [])
     if kind in _READERS:
         if stated.columns and not stated.of_others:
-            raise FileFormatError(f"{path}: {_FIXED[kind]}: what stands where is known, and --columns says nothing of it")
+            raise SettingsError("columns", f"{path} {_FIXED[kind]}, which says itself what stands where: a table has columns to name")
         return _READERS[kind](path, stated)
     given = ForeignTable(path, stated.columns, part=stated.of_others)
     if len(given) == 0:
@@ -240,7 +240,7 @@ def _of_markers(path: Path, stated: Stated) -> Trajectory:
 def _of_messages(path: Path, stated: Stated) -> Trajectory:
     others = [name for name in stated.columns or () if name != "topic"]
     if others and not stated.of_others:
-        raise FileFormatError(f"{path}: holds messages: --columns can say topic=/NAME of it, not {', '.join(others)}")
+        raise SettingsError("columns", f"{path} holds messages: topic=/NAME may be said of it, not {', '.join(others)}")
     topic = None if stated.columns is None else stated.columns.get("topic")
     read = read_messages(path, None if topic is None else topic.name)
     random, systematic, absent = _same(len(read.time_s), stated, oriented=True)
@@ -281,4 +281,4 @@ def _checked(path: Path, found: Trajectory, lines: list[int]) -> Trajectory:
 
 
 _READERS = {"tum": _of_lines, "markers": _of_markers, "euroc": _of_euroc}
-_FIXED = {"tum": "is a TUM file", "markers": "is of labelled markers", "euroc": "is an EuRoC file"}
+_FIXED = {"tum": "is a TUM file", "markers": "is one of labelled markers", "euroc": "is an EuRoC file"}

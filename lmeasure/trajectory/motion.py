@@ -109,7 +109,9 @@ def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S, stamps
         )
     poses, derivatives, factors = kernels.local_cubics(time_s, given, half_width_s)
     if np.isnan(poses[:, 0]).all():
-        raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {kernels.LEAST} poses")
+        apart = float(np.median(np.diff(time_s[placed]))) if placed.sum() > 1 else np.nan
+        told = "" if np.isnan(apart) else f", which are {apart:.3g} s apart: a wider window, or times in another unit"
+        raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {kernels.LEAST} poses{told}")
     if not turned:
         poses[:, 3:] = derivatives[:, :, :3] = np.nan
     u = np.sqrt(np.einsum("nii->ni", trajectory.random))

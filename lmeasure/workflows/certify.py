@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import OtherTrajectoryError, SettingsError
+from lmeasure.saying import Say
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, Point, option
 
@@ -81,7 +82,30 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
             raise
         raise OtherTrajectoryError(f"{error}; if it was reconstructed with another rig than the run's own, --rig names it") from None
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
-    return Result(content, tuple(lines), _figures(content), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))
+    notes = _strange(content)
+    lines += notes
+    return Result(
+        content, tuple(lines), _figures(content), tuple(notes), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file()))
+    )
+
+
+TURNED_DEG = 90.0
+"""From which on the tool was nowhere as it was commanded: quaternions or frames are others than stated."""
+
+
+def _strange(content: dict[str, Any]) -> list[str]:
+    """What no robot does, in the language of the certificate."""
+    off = [c["value"] for c in content["characteristics"] if c["name"] == "AP_rot" and c["value"] is not None]
+    if not off or min(off) < TURNED_DEG:
+        return []
+    say = Say(content["language"])
+    return [
+        say(
+            "note: at every pose the tool is turned by at least {least:.0f} deg from where it was commanded: is the order of quaternions "
+            "x, y, z, w, and are program and measurement told of one tool frame?",
+            least=min(off),
+        )
+    ]
 
 
 LARGEST = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")

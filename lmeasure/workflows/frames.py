@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from lmeasure.errors import RobotError
+from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
@@ -40,10 +40,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     import scipy.stats
 
     from lmeasure import files
+    from lmeasure.conventions import CONVENTIONS
     from lmeasure.poses import read_poses
     from lmeasure.robots.frames import frames
     from lmeasure.robots.told import unknown_frames
 
+    if settings.angles not in CONVENTIONS:
+        raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
     robot = read_poses(settings.robot, settings.angles)
     seen = read_poses(settings.measured, settings.angles, positions_alone=True)
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)

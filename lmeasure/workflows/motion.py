@@ -3,11 +3,16 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from lmeasure.errors import SettingsError, TrajectoryError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import COLUMNS, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.motion import Motion
+
+
+FASTEST_MM_S = 1e5
+"""No robot moves as fast: places or times are in other units."""
 
 
 class Settings(Asked):
@@ -40,7 +45,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     stated = Stated(columns_of(settings.columns), settings.u_position_mm, turn)
     trajectory = read_trajectory(settings.trajectory, stated)
-    found = motion_of(trajectory, settings.half_width_s)
+    lasts = float(np.ptp(trajectory.time_s))
+    if settings.half_width_s > lasts > 0.0:
+        raise SettingsError("half_width_s", f"{settings.half_width_s:g} s to either side of a trajectory that lasts {lasts:.6g} s")
+    try:
+        found = motion_of(trajectory, settings.half_width_s)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{settings.trajectory}: {error}") from None
     progress(1.0, "motion")
     write_motion(settings.out, found)
     largest, u95 = found.largest_speed()
@@ -55,10 +66,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         figures["u95_mm_s"] = u95
     turned = not np.isnan(found.poses[:, 3:]).all()
     notes = [str(found.stamps.note)] if found.stamps.note else []
-    lost = int(np.isnan(trajectory.poses[:, 0]).sum())
-    notes += (
-        [f"{lost} of {len(trajectory.time_s)} samples have no pose: motion is told where the window holds enough others"] if lost else []
-    )
+    if lost := int(np.isnan(trajectory.poses[:, 0]).sum()):
+        notes.append(f"{lost} of {len(trajectory.time_s)} samples have no pose: motion is told where the window holds enough others")
+    if largest > FASTEST_MM_S:
+        notes.append(f"no robot moves at {largest / 1e3:.0f} m/s: places or times are in other units than stated")
     notes += [] if turned else ["the orientation is not measured: nothing is said of rotations"]
     lines = tuple(f"note: {note}" for note in notes)
     return Result(found, (told, *lines), figures, lines)

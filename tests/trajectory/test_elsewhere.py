@@ -2,7 +2,10 @@
 
 import json
 import struct
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +15,7 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from lmeasure.cli import app
+from lmeasure.cli import app, main
 from lmeasure.errors import FileFormatError, LMeasureError, SettingsError
 from lmeasure.files import write_toml
 from lmeasure.foreign import columns_of
@@ -147,22 +150,27 @@ def test_what_cannot_be_read_is_named(name: str, text: str, told: str, tmp_path:
             "t=t[s]",
             "column 'time_s' is missing; it has t, x_mm, .*; --columns time=COLUMN.s. says which",
         ),
-        ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n", "speed=x_mm", "--columns speed=x_mm: 'speed' is not one of .* time, .* x, y, z"),
-        ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n", "roll=x_mm", "'roll' is not one of"),
-        ("a.tum", "0 1 2 3 0 0 0 1\n", "x=X", "is a TUM file: what stands where is known, and --columns says nothing of it"),
+        (
+            "a.csv",
+            "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n",
+            "speed=x_mm",
+            "speed=x_mm: .*a.csv is asked for .* time, .* x, y, z, and controllers' angles, not for speed",
+        ),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n", "roll=x_mm", "not for roll"),
+        ("a.tum", "0 1 2 3 0 0 0 1\n", "x=X", "a.tum is a TUM file, which says itself what stands where"),
         ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3,4\n", "x=X", "is an EuRoC file"),
     ],
 )
 def test_a_mapping_that_says_nothing_of_the_file_is_named(name: str, text: str, mapping: str, told: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises(FileFormatError, match=told):
+    with pytest.raises((FileFormatError, SettingsError), match=told):
         read_trajectory(tmp_path / name, Stated(columns_of(mapping)))
 
 
 def test_a_mapping_says_of_messages_their_topic_alone(ours: tuple[Trajectory, object], tmp_path: Path) -> None:
     write_trajectory(tmp_path / "t.mcap", ours[0])
     assert len(read_trajectory(tmp_path / "t.mcap", Stated(columns_of("topic=/lmeasure/pose"))).time_s) == len(ours[0].time_s)
-    with pytest.raises(FileFormatError, match="holds messages: --columns can say topic=/NAME of it, not x"):
+    with pytest.raises(SettingsError, match="holds messages: topic=/NAME may be said of it, not x"):
         read_trajectory(tmp_path / "t.mcap", Stated(columns_of("topic=/lmeasure/pose,x=X")))
 
 
@@ -213,3 +221,78 @@ def test_motion_of_places_alone(tmp_path: Path) -> None:
     assert made[["u_speed_mm_s", "wx_rad_s", "qx"]].isna().all(axis=None)
     assert run(["motion", str(tmp_path / "seen.csv"), *U[:2], "--half-width-s", "0.1", "--out", str(tmp_path / "m.csv")]) == 0
     assert (pd.read_csv(tmp_path / "m.csv")["u_speed_mm_s"] > 0.0).all()
+
+
+Said = Callable[..., tuple[object, dict[str, Any]]]
+
+
+@pytest.fixture
+def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
+    """Exit code and the JSON document of a command."""
+
+    def of(*words: object) -> tuple[object, dict[str, Any]]:
+        monkeypatch.setattr(sys, "argv", ["lmeasure", *map(str, words), "--json"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, json.loads(capsys.readouterr().out)
+
+    return of
+
+
+@pytest.mark.parametrize("command", ["motion", "report", "certify"])
+def test_a_slip_in_columns_is_no_silence(command: str, said: Said, ours: tuple[Trajectory, dict[str, object]], tmp_path: Path) -> None:
+    """What --columns says of no trajectory, or of a file whose format says it all, is wrong usage and leaves nothing."""
+    found, program = ours
+    write_toml(tmp_path / "program.toml", program)
+    as_tum(tmp_path / "t.tum", found)
+    write_trajectory(tmp_path / "t.csv", found)
+    more = ["--program", tmp_path / "program.toml"] if command == "certify" else []
+    out = tmp_path / ("m.csv" if command == "motion" else "out")
+    for name, columns, told in (
+        ("t.csv", "tine=time_s[s]", "t.csv is asked for qw, qx, qy, qz, status, time, x, y, z"),
+        ("t.tum", "x=y_mm", "is a TUM file, which says itself what stands where"),
+        ("t.csv", "x", "'x' is not name=column[unit]"),
+    ):
+        code, document = said(command, tmp_path / name, "--columns", columns, "--out", out, *more)
+        assert (code, document["exit_code"]) == (2, 2), document
+        assert told in str(document["error"])
+        assert not out.exists()
+
+
+def test_motion_says_what_times_and_windows_do_not_fit(said: Said, tmp_path: Path) -> None:
+    """A window wider than the trajectory would make one cubic of all of it, nanoseconds taken for seconds leave none full, and millimetres
+    taken for metres are a thousand times as fast."""
+    time_s = np.arange(400) / 100.0
+    places = np.column_stack([500.0 * np.sin(time_s), 0.0 * time_s, 5.0 + 0.0 * time_s])
+
+    def made(name: str, *columns: FloatArray) -> Path:
+        rows = np.column_stack([*columns, np.tile([0.0, 0.0, 0.0, 1.0], (len(time_s), 1))])
+        (tmp_path / name).write_text("\n".join(" ".join(f"{v:.9g}" for v in row) for row in rows) + "\n", encoding="utf-8")
+        return tmp_path / name
+
+    out = tmp_path / "m.csv"
+    wide = said("motion", made("t.tum", time_s, places / 1e3), "--half-width-s", "4.5", "--out", out)
+    assert (wide[0], "4.5 s to either side of a trajectory that lasts 3.99 s" in str(wide[1]["error"])) == (2, True)
+    late = said("motion", made("ns.tum", 1e9 * time_s, places / 1e3), "--out", out)
+    assert (late[0], "ns.tum: motion: no window of +-0.02 s holds 8 poses, which are 1e+07 s apart" in str(late[1]["error"])) == (1, True)
+    assert not out.exists()
+    fast = said("motion", made("mm.tum", time_s, places), "--half-width-s", "0.1", "--out", out)
+    assert (fast[0], fast[1]["warnings"]) == (0, ["note: no robot moves at 500 m/s: places or times are in other units than stated"])
+    right = said("motion", tmp_path / "t.tum", "--half-width-s", "0.1", "--out", out)
+    assert (right[0], right[1]["warnings"]) == (0, [])
+
+
+def test_a_tool_that_is_upside_down_at_every_pose_is_remarked(
+    said: Said, ours: tuple[Trajectory, dict[str, object]], tmp_path: Path
+) -> None:
+    found, program = ours
+    write_toml(tmp_path / "program.toml", program)
+    as_tum(tmp_path / "t.tum", found)
+    rows = [line.split() for line in (tmp_path / "t.tum").read_text().splitlines()[1:]]
+    (tmp_path / "w.tum").write_text("".join(" ".join([*row[:4], row[7], *row[4:7]]) + "\n" for row in rows))
+    for name, notes in (("t.tum", 0), ("w.tum", 1)):
+        words = ["--program", tmp_path / "program.toml", *U, "--trials", "100", "--out", tmp_path / name[0]]
+        code, document = said("certify", tmp_path / name, *words)
+        assert (code, len(document["warnings"])) == (0, notes), document
+    assert document["warnings"][0].startswith("note: at every pose the tool is turned by at least 180 deg")
+    assert "is the order of quaternions x, y, z, w" in document["summary"][-1]
