@@ -94,6 +94,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         )
     out, columns = settings.out, columns_of(settings.columns)
     robot = nominal(settings.robot, settings.tip)
+    if "stiffness" in settings.free and getattr(robot, "payload", None) is None:
+        raise SettingsError("free", "stiffness is told by a load: the robot states no [payload], whose weight would turn its joints")
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     measured = given(settings.measurements, settings.joints, robot.model, Stated(columns, settings.u_position_mm, turn))
     rows = measured.rows
@@ -147,6 +149,8 @@ def nominal(name: str, tip: str | None = None) -> "AnyRobot":
     path = Path(name)
     if path.suffix.lower() == ".urdf":
         return read_urdf(path, tip)
+    if tip is not None:
+        raise SettingsError("tip", "goes with a .urdf")
     if not path.suffix and name not in shipped_names():
         raise SettingsError("robot", f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
     return read_robot(path) if path.suffix else any_shipped(name)
