@@ -135,6 +135,28 @@ SAID = [
         "примечание: роботы не движутся со скоростью 860 м/с: места или времена в других единицах, чем указано",
     ),
     (
+        "first that is not ok: sample 1000 at 1 s, cable c3: channel ch3 stepped by about +299 counts (within 20) between 0.999 and 1 s: "
+        "its origin is lost",
+        "первый с ошибкой: замер 1000 при 1 с, трос c3: канал ch3: скачок примерно на +299 отсч. (не точнее 20) между 0,999 и 1 с, начало "
+        "отсчёта потеряно",
+    ),
+    (
+        "first that is not ok: sample 0 at 0 s: the cables contradict each other, and no single one explains it",
+        "первый с ошибкой: замер 0 при 0 с: тросы противоречат друг другу, и ни один в отдельности этого не объясняет",
+    ),
+    (
+        "first that is not ok: sample 3 at 0.3 s, cable c1, c2: channel ch3 was elsewhere for a moment",
+        "первый с ошибкой: замер 3 при 0,3 с, трос c1, c2: канал ch3: мгновенный выброс",
+    ),
+    (
+        "note: smallest fault that a single sample tells apart from one of any other channel (significance 0.1 %, power 80 %), where it "
+        "shows best and worst: c1 0.084 to 7.1 mm, c8 0.054 to 22 mm",
+        "примечание: наименьшая ошибка, которую отдельный отсчёт отличает от ошибки любого другого канала (значимость 0,1 %, мощность "
+        "80 %), там, где она видна лучше и хуже всего: c1 от 0,084 до 7,1 мм, c8 от 0,054 до 22 мм",
+    ),
+    ("c1: -12.5 to 20.1 mm", "c1: от -12,5 до 20,1 мм"),
+    ("Largest U95 of the position (radius): not stated", "Наибольшая U95 положения (радиус): не указана"),
+    (
         "largest correction 2.990 mm; the identified robot was off by up to 2.991 mm",
         "наибольшая поправка 2,990 мм; идентифицированный робот отстоял на величину до 2,991 мм",
     ),
