@@ -154,6 +154,28 @@ SAID = [
         "примечание: наименьшая ошибка, которую отдельный отсчёт отличает от ошибки любого другого канала (значимость 0,1 %, мощность "
         "80 %), там, где она видна лучше и хуже всего: c1 от 0,084 до 7,1 мм, c8 от 0,054 до 22 мм",
     ),
+    (
+        "path line 1: led around, at most 130.9 mm from the command, ends kept",
+        "траектория line 1: обведена, не дальше 130,9 мм от заданной, концы сохранены",
+    ),
+    (
+        "path round: LEFT AS IT IS: sample 1, an end, is beyond a limit itself: pressure angle of c1",
+        "траектория round: ОСТАВЛЕНА КАК БЫЛА: точка 1, конец, сама за пределом: угол давления троса c1",
+    ),
+    (
+        "12 poses of 1500 candidates; left uncertain of their places, rms, at 0.05 mm a coordinate:",
+        "поз 12 из 1500 кандидатов; остаётся неопределённость их мест, СКЗ, при 0,05 мм на координату:",
+    ),
+    ("  after  10: 2.6166 mm, at random 2.9856", "  после  10: 2,6166 мм, при случайном выборе 2,9856"),
+    (
+        "note: no tool is stated (--tool): the target is taken to sit on the flange itself, where it tells nothing of the last joint",
+        "примечание: инструмент не указан (--tool): считается, что мишень стоит на самом фланце, где о последнем шарнире она ничего не "
+        "говорит",
+    ),
+    (
+        "warning duplicate: row 90 (line 111): the copy of row 90 (line 11), and used once",
+        "предупреждение duplicate: строка 90 (номер в файле 111): то же, что строка 90 (номер в файле 11); учтена один раз",
+    ),
     ("c1: -12.5 to 20.1 mm", "c1: от -12,5 до 20,1 мм"),
     ("Largest U95 of the position (radius): not stated", "Наибольшая U95 положения (радиус): не указана"),
     (
