@@ -176,6 +176,23 @@ SAID = [
         "warning duplicate: row 90 (line 111): the copy of row 90 (line 11), and used once",
         "предупреждение duplicate: строка 90 (номер в файле 111): то же, что строка 90 (номер в файле 11); учтена один раз",
     ),
+    (
+        "left as it was: pick.dat:2: XP1: the frame BASE_DATA[2] is not stated",
+        "оставлено как было: pick.dat:2: XP1: система координат BASE_DATA[2] не указана",
+    ),
+    (
+        "left as it was: pick.src:5: LIN XP1: is not declared here with its values",
+        "оставлено как было: pick.src:5: LIN XP1: здесь не объявлена со значениями",
+    ),
+    ("left as it was: a.csv:2: T0: a cell that is no number", "оставлено как было: a.csv:2: T0: ячейка, которая не число"),
+    (
+        "left as it was: m.mod:7: p1: an external axis is at 10: where robot and workpiece then are is not known",
+        "оставлено как было: m.mod:7: p1: внешняя ось стоит на 10: где тогда робот и деталь, неизвестно",
+    ),
+    (
+        "left as it was: t.csv:2: T0: a singular pose lies between the nominal and the corrected joint values: another branch",
+        "оставлено как было: t.csv:2: T0: между номинальными и исправленными значениями шарниров лежит особая поза: другая ветвь",
+    ),
     ("c1: -12.5 to 20.1 mm", "c1: от -12,5 до 20,1 мм"),
     ("Largest U95 of the position (radius): not stated", "Наибольшая U95 положения (радиус): не указана"),
     (
