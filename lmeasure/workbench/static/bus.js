@@ -21,21 +21,26 @@ export const parts = (line) => line.split(/(--[a-z][\w-]*)/).map((text, i) => ma
 
 // ---- the simulated cell ----
 const cell = at('cell');
-let act = '', goal = '';
+let act = '', goal = '', pressed = 0;
 if (cell) {
   const type = (line) => post(`/jobs/${cell.dataset.number}/type`, {line});
   cell.addEventListener('click', (event) => {
     const button = event.target.closest('button');
     if (!button) return;
     if (button.id === 'cell-asked') type(act || `go ${goal}`);
-    else if (button.dataset.cable) { type(`${button.classList.contains('out') ? 'let' : 'pull'} ${button.dataset.cable}`); button.classList.toggle('out'); name(button); }
+    else if (button.dataset.cable) { type(`${button.classList.contains('out') ? 'let' : 'pull'} ${button.dataset.cable}`); button.classList.toggle('out'); pressed = Date.now(); name(button); }
     else if (button.dataset.do) type(button.dataset.do);
   });
   const name = (button) => { button.textContent = `${button.dataset.cable}: ${button.classList.contains('out') ? cell.dataset.let : cell.dataset.pull}`; };
   const show = (told) => {
     at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at === 'home' ? cell.dataset.home : told.at}: ${told.pose.map((v) => number(v, 2)).join(document.documentElement.lang === 'ru' ? '; ' : ', ')}`;
     rows(at('cell-cables'), told.cables.length, () => { const b = make('button'); b.type = 'button'; return b; })
-      .forEach((b, i) => { b.dataset.cable = told.cables[i]; b.classList.toggle('out', told.out.includes(told.cables[i])); name(b); });
+      .forEach((b, i) => {
+        b.dataset.cable = told.cables[i];
+        // what was asked just now stands, whatever was told before
+        if (Date.now() - pressed > 1500) b.classList.toggle('out', told.out.includes(told.cables[i]));
+        name(b);
+      });
     rows(at('cell-poses'), told.poses.length, () => { const b = make('button'); b.type = 'button'; return b; })
       .forEach((b, i) => { b.dataset.do = `go ${told.poses[i]}`; b.textContent = `${cell.dataset.go} ${told.poses[i]}`; });
   };
