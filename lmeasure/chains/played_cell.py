@@ -161,8 +161,9 @@ class PlayedCell:
 
     def _let(self, name: str) -> str:
         j = self._channel(name)
-        self._move_hand(j, -float(self._pulled[j] + self._turned[j]))
-        self._pulled[j] = self._turned[j] = 0.0
+        held = self._pulled if self._pulled[j] else self._turned  # a turn from before stays: only what was pulled comes back
+        self._move_hand(j, -float(held[j]))
+        held[j] = 0.0
         return f"{name} is let back"
 
     def _turn(self, name: str) -> str:

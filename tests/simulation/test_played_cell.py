@@ -59,6 +59,15 @@ def test_a_drum_that_was_turned_is_wound_back_before_the_robot_goes_anywhere() -
     assert not done(cell, "home").any()
 
 
+def test_a_cable_that_was_pulled_comes_back_to_where_it_was_pulled_from() -> None:
+    """A self-test that is done again finds its drums a turn on, and each cable that it has pulled where it was before."""
+    cell = played()
+    turned = done(cell, "turn c1")
+    done(cell, "pull c1")
+    assert np.array_equal(done(cell, "let c1"), turned)
+    assert not done(cell, "let c1").any()
+
+
 def test_exchanged_encoders_count_the_other_cable() -> None:
     cell = played(how=Built(exchanged=("ch1", "ch4")))
     assert np.flatnonzero(done(cell, "pull c1")).tolist() == [3]

@@ -217,7 +217,7 @@ function capture(e) {
     : `${box.dataset.readings}: ${last.readings}; ${box.dataset.few}`;
 }
 
-// on a telephone names stand above the lines, so that letters keep their size
+// on a telephone names stand in a row above the lines, where there is room for their letters
 function plot(box, worth, promised, narrow) {
   const picture = at('capture-plot'), draw = (name, values, text = '') => {
     const e = document.createElementNS('http://www.w3.org/2000/svg', name);
@@ -231,7 +231,7 @@ function plot(box, worth, promised, narrow) {
   if (!values.length) return;
   const low = Math.floor(Math.log10(Math.min(...values))), high = Math.ceil(Math.log10(Math.max(...values)) + 1e-9);
   const most = Math.max(promised?.readings ?? 0, worth.at(-1)?.readings ?? 0, 2);
-  const x = (n) => left + (right - left) * (n / most), y = (v) => 225 - 200 * (Math.log10(v) - low) / Math.max(high - low, 1);
+  const x = (n) => left + (right - left) * (n / most), y = (v) => 225 - (narrow ? 190 : 200) * (Math.log10(v) - low) / Math.max(high - low, 1);
   for (let ten = low; ten <= high; ten++) { draw('line', {x1: left, x2: right, y1: y(10 ** ten), y2: y(10 ** ten)}); draw('text', {x: left - 8, y: y(10 ** ten) + 5, 'text-anchor': 'end'}, own(+(10 ** ten).toPrecision(1))); }
   for (const n of [0, Math.round(most / 2), most]) draw('text', {x: x(n), y: 248, 'text-anchor': 'middle'}, String(n));
   const ends = [];
@@ -246,5 +246,10 @@ function plot(box, worth, promised, narrow) {
     if (end !== null) ends.push([end, k]);
   }
   ends.sort((a, b) => a[0] - b[0]);
-  ends.reduce((above, [py, k]) => { const place = Math.max(py + (narrow ? -6 : 5), above + 19); draw('text', {x: narrow ? right : 498, y: Math.min(place, 240), class: k, 'text-anchor': narrow ? 'end' : 'start'}, box.dataset[k]); return place; }, 0);
+  if (narrow) {
+    let across = 4;
+    for (const [, k] of ends) { draw('text', {x: across, y: 13, class: `${k} above`}, box.dataset[k]); across += picture.lastChild.getComputedTextLength() + 7; }
+    return;
+  }
+  ends.reduce((above, [py, k]) => { const place = Math.max(py + 5, above + 17); draw('text', {x: 498, y: Math.min(place, 240), class: k}, box.dataset[k]); return place; }, 0);
 }
