@@ -33,7 +33,7 @@ def write_zone_page(
     body = [
         *(html.paragraph(line) for line in zone_text.findings(zone, found, say)),
         html.heading(say("The zone in space")),
-        html.paragraph(_in_space(bool(zone["in_zone"].values.any()), say)),
+        html.paragraph(_in_space(zone_text.has_edge(zone), say)),
         html.figure(space_figure(zone, rig, say, followed), "space", first=True, language=language),
         html.heading(say("Level by level")),
         html.paragraph(
@@ -60,9 +60,9 @@ def write_zone_page(
     html.write_page(path, zone_text.title(rig, say), body, language)
 
 
-def _in_space(there: bool, say: Say) -> str:
-    """What is seen of the zone in space; there: whether any place lies in it, so that it has an edge."""
-    if there:
+def _in_space(edge: bool, say: Say) -> str:
+    """What is seen of the zone in space, with its edge or without."""
+    if edge:
         return say(
             "Drag to turn, scroll to come nearer. The orange surface is the edge of the zone; the slider moves a plane through it, "
             "coloured by the worst pressure angle. Lines are the cables with the tool in the middle of the box."

@@ -47,7 +47,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
             "page": say("page"),
             "of": say("of"),
             "levels": say("Level by level"),
-            "levels told": _levels_told(bool(zone["in_zone"].values.any()), say),
+            "levels told": _levels_told(zone_text.has_edge(zone), say),
             "limit": say("limit {angle}", angle=limit),
             "scale": say("colour scale, 0 to 90 degrees"),
             "sides": say("The rig, seen along its axes"),
@@ -59,8 +59,8 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
         temporary.write_bytes(pdf)
 
 
-def _levels_told(any_inside: bool, say: Say) -> str:
-    if any_inside:
+def _levels_told(edge: bool, say: Say) -> str:
+    if edge:
         return say("Worst pressure angle over the orientations; the white line is the edge of the zone. X to the right, Y up.")
     return say("Worst pressure angle over the orientations. X to the right, Y up.")
 

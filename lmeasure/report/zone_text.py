@@ -19,6 +19,12 @@ def title(rig: Rig, say: Say) -> str:
     return say("Accuracy zone of {rig}", rig=rig.name)
 
 
+def has_edge(zone: xr.Dataset) -> bool:
+    """Whether some places of the box lie in the zone and some do not."""
+    inside = zone["in_zone"].values
+    return bool(inside.any() and not inside.all())
+
+
 def findings(zone: xr.Dataset, found: Extent, say: Say) -> list[str]:
     """A few sentences for a robot engineer."""
     attrs = zone.attrs

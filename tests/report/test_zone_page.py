@@ -18,6 +18,7 @@ from lmeasure.accuracy.limits import Limits
 from lmeasure.accuracy.radius import radii_95
 from lmeasure.accuracy.zone import axis, scan_zone, tilts
 from lmeasure.accuracy.zone_dataset import within
+from lmeasure.report.readable import page_text, pdf_text
 from lmeasure.report.zone import write_zone_report
 from lmeasure.report.zone_maps import log_colours, maps, ticks
 from lmeasure.report.zone_pdf import _edge
@@ -206,6 +207,17 @@ def test_a_limit_stands_below_its_colour(rig: Rig, limit: float, tmp_path: Path)
     expected = (20 + 170 * (0.15 + 0.7 * limit / 90)) / 210
     assert place == pytest.approx(expected, abs=0.07 if limit in (1.0, 89.0) else 0.01)
     document.close()
+
+
+@pytest.mark.parametrize(("limit_deg", "edge"), [(1.0, False), (50.0, True), (89.0, False)])
+def test_only_a_zone_that_ends_within_the_box_has_an_edge(rig: Rig, tmp_path: Path, limit_deg: float, edge: bool) -> None:
+    nodes = axis(-300, 300, 150)
+    found = scan_zone(rig, None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 2), limit_deg=limit_deg)
+    assert bool(found["in_zone"].values.any()) is (limit_deg > 1.0)
+    write_zone_report(tmp_path, found, rig)
+    page = page_text((tmp_path / "zone.html").read_bytes())
+    assert ("The orange surface is the edge of the zone" in page) is edge
+    assert ("the white line is the edge of the zone" in pdf_text((tmp_path / "zone.pdf").read_bytes())) is edge
 
 
 def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:
