@@ -217,6 +217,22 @@ SAID = [
         "warning unmatched: pose 'P12' stands in my/robot.csv alone; it is left out",
         "предупреждение unmatched: поза 'P12' есть только в my/robot.csv; она не учтена",
     ),
+    ("one robot over time, serial number 0001: old, new", "один робот в разное время, заводской номер 0001: old, new"),
+    ("3 robots of one type, R-6: a, b, c", "роботов 3 одного типа, R-6: a, b, c"),
+    ("2 robots: a, b", "роботов 2: a, b"),
+    (
+        "  mean of P1: 0.120 mm (U95 0.014), chance 0.0012  moved",
+        "  среднее P1: 0,120 мм (U95 0,014), случайность 0,0012  сместилось",
+    ),
+    (
+        "  AP_p of P1 at 50 %: 0.10 -> 0.22 mm, difference +0.12 (U95 0.01)",
+        "  AP_p в P1 at 50 %: 0,10 -> 0,22 мм, разность +0,12 (U95 0,01)",
+    ),
+    ("note: new: certified with other settings: rule, align", "примечание: new: сертифицировано с другими настройками: rule, align"),
+    (
+        "note: a frame was fitted in some: what moved the whole robot or instrument is not seen",
+        "примечание: в некоторых подобрана система координат: общее смещение робота или прибора не видно",
+    ),
 ]
 
 
