@@ -1,5 +1,6 @@
 """A certificate as a whole: measured, printed, copied together and sealed."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,9 +101,22 @@ def headline(content: dict[str, Any], folder: Path) -> list[str]:
         out.append(word(language, "headline", figures=len(content["characteristics"])))
         out += _columns([(r.symbol, r.name, where, r.value, f"{r.u95} {r.unit}".strip(), _verdict(r)) for r, where in rows])
     out += counted(content)
+    without = _without_figures(content)
+    out += [f"{word(language, 'headline.without')}: {', '.join(without)}"] if without else []
     out.append(f"{word(language, 'headline.look')} {folder / PDF}, {folder / PAGE}")
     out.append(f"{word(language, 'headline.check')}: lmeasure verify {folder}")
     return _plain(out)
+
+
+def _without_figures(content: dict[str, Any]) -> list[str]:
+    """Poses and paths of the program of which there is no figure, and no reason why: a program that states times of some parts is not
+    looked for in the trajectory, and its other parts would be missing without a word."""
+    names = {kind: [str(part["name"]) for part in content["program"][kind]] for kind in ("pose", "path")}
+    told = {(kind, str(c[kind])) for c in content["characteristics"] for kind in names if c.get(kind) is not None}
+    told |= {(str(e["kind"]), str(e["name"])) for e in content["excluded"]}
+    told |= {("pose", one) for a, b in itertools.permutations(names["pose"], 2) if ("pose", f"{a}-{b}") in told for one in (a, b)}
+    missing = [(kind, name) for kind in names for name in names[kind] if (kind, name) not in told]
+    return [f"{word(content['language'], f'kind.{kind}')} {say.visible(name)}" for kind, name in missing]
 
 
 def every_figure(content: dict[str, Any]) -> list[str]:

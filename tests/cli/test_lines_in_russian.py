@@ -229,6 +229,11 @@ SAID = [
         "  AP_p в P1 at 50 %: 0,10 -> 0,22 мм, разность +0,12 (U95 0,01)",
     ),
     ("note: new: certified with other settings: rule, align", "примечание: new: сертифицировано с другими настройками: rule, align"),
+    ("  sw1: 0.00343 deg, 0.00764 deg; 0.00385 mm", "  sw1: 0,00343°, 0,00764°; 0,00385 мм"),
+    ("  c2: 0.126 mm, 2.01 mm; 0.0616 mm", "  c2: 0,126 мм, 2,01 мм; 0,0616 мм"),
+    ("  c3: 0.126 mm, none; 0.0616 mm", "  c3: 0,126 мм, нет; 0,0616 мм"),
+    ("  c4: none, none; none", "  c4: нет, нет; нет"),
+    ("computed with numpy 2.4.5, here 2.4.6", "вычислено с numpy 2.4.5, здесь 2.4.6"),
     (
         "note: a frame was fitted in some: what moved the whole robot or instrument is not seen",
         "примечание: в некоторых подобрана система координат: общее смещение робота или прибора не видно",

@@ -33,7 +33,7 @@ def held(probability: float, upper: float = 1.0) -> dict[str, Any]:
 
 def certificate(found: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
     settings = {"limit_angle_deg": 60.0, "capability": 0.25, "tool_offset_mm": [0.0, 0.0, 0.0]}
-    rest: dict[str, Any] = {"program": {"pose": [], "path": []}, "instrument": None, "attained": [], "settings": settings}
+    rest: dict[str, Any] = {"program": {"pose": [], "path": []}, "instrument": None, "attained": [], "excluded": [], "settings": settings}
     return {"id": "LM-1", "created": "2026-03-05T10:11:12Z", "language": "en", "details": {}, "characteristics": found} | rest | more
 
 
@@ -74,6 +74,16 @@ def test_the_screen_gets_a_headline_and_all_on_request() -> None:
     assert not re.search(r"\d{6}", "".join(full))
     with_tolerances = headline(certificate([figure("AP_p", 0.5, **held(0.97)), figure("RP_l", 2.0, **held(0.01))]), Path("made"))
     assert "2 figures with a tolerance: conforms: 1, does not conform: 1" in with_tolerances
+
+
+def test_parts_of_a_program_without_figures_are_named() -> None:
+    program = {"pose": [{"name": name} for name in ("P1", "P2", "P3", "P4", "P5")], "path": [{"name": "line"}, {"name": "circle"}]}
+    found = [figure("AP_p", 0.5), figure("t_min", 0.4, pose="P3-P2"), figure("AT_p", 0.5, pose=None, path="line")]
+    excluded = [{"kind": "pose", "name": "P4", "reason": "outside"}]
+    lines = headline(certificate(found, program=program, excluded=excluded), Path("made"))
+    assert "not measured, the program states no times of: pose P5, path circle" in lines
+    all_told = headline(certificate(found, program=program | {"pose": program["pose"][:4], "path": program["path"][:1]}, excluded=excluded), Path("made"))
+    assert not any("not measured" in line for line in all_told)
 
 
 def test_the_instrument_is_described() -> None:
