@@ -37,6 +37,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
 
     import numpy as np
 
+    from lmeasure.conventions import QUATERNION_COLUMNS
     from lmeasure.foreign import columns_of
     from lmeasure.trajectory import Stated, read_trajectory
     from lmeasure.trajectory.motion import motion_of, write_motion
@@ -70,6 +71,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         notes.append(f"{lost} of {len(trajectory.time_s)} samples have no pose: motion is told where the window holds enough others")
     if largest > FASTEST_MM_S:
         notes.append(f"no robot moves at {largest / 1e3:.0f} m/s: places or times are in other units than stated")
-    notes += [] if turned else ["the orientation is not measured: nothing is said of rotations"]
+    if not turned:
+        named = f"{', '.join(QUATERNION_COLUMNS[:-1])} and {QUATERNION_COLUMNS[-1]}, or the angles of a controller"
+        notes.append(f"the orientation is not measured, or not under known names ({named}): nothing is said of rotations")
     lines = tuple(f"note: {note}" for note in notes)
     return Result(found, (told, *lines), figures, lines)

@@ -127,8 +127,10 @@ SAID = [
         "--u-position-mm",
     ),
     (
-        "note: the orientation is not measured: nothing is said of rotations",
-        "примечание: ориентация не измерена: о поворотах ничего не сказано",
+        "note: the orientation is not measured, or not under known names (qx, qy, qz and qw, or the angles of a controller): nothing is "
+        "said of rotations",
+        "примечание: ориентация не измерена или не под известными именами (qx, qy, qz и qw или углы контроллера): о поворотах ничего не "
+        "сказано",
     ),
     (
         "note: no robot moves at 860 m/s: places or times are in other units than stated",

@@ -82,7 +82,9 @@ def test_parts_of_a_program_without_figures_are_named() -> None:
     excluded = [{"kind": "pose", "name": "P4", "reason": "outside"}]
     lines = headline(certificate(found, program=program, excluded=excluded), Path("made"))
     assert "not measured, the program states no times of: pose P5, path circle" in lines
-    all_told = headline(certificate(found, program=program | {"pose": program["pose"][:4], "path": program["path"][:1]}, excluded=excluded), Path("made"))
+    all_told = headline(
+        certificate(found, program=program | {"pose": program["pose"][:4], "path": program["path"][:1]}, excluded=excluded), Path("made")
+    )
     assert not any("not measured" in line for line in all_told)
 
 

@@ -296,3 +296,12 @@ def test_a_tool_that_is_upside_down_at_every_pose_is_remarked(
         assert (code, len(document["warnings"])) == (0, notes), document
     assert document["warnings"][0].startswith("note: at every pose the tool is turned by at least 180 deg")
     assert "is the order of quaternions x, y, z, w" in document["summary"][-1]
+
+
+def test_two_angles_of_three_are_not_passed_over_in_silence(said: Said, tmp_path: Path) -> None:
+    time_s = np.arange(100) / 100.0
+    table = pd.DataFrame({"time_s": time_s, "x_mm": 50.0 * time_s**2, "y_mm": 0.0, "z_mm": 5.0, "o_deg": 0.0, "a_deg": 0.0})
+    table.to_csv(tmp_path / "seen.csv", index=False)
+    code, document = said("motion", tmp_path / "seen.csv", "--half-width-s", "0.1", "--out", tmp_path / "m.csv")
+    assert (code, len(document["warnings"])) == (0, 1)
+    assert "not under known names (qx, qy, qz and qw, or the angles of a controller)" in document["warnings"][0]
