@@ -45,7 +45,8 @@ class Excluded:
 @dataclass(frozen=True)
 class AttainedPath:
     """How a path was run: commanded (m, 3) points [mm] at arc (m,) [mm], where the planes stand; attained (n, m, 3) crossings
-    [mm] of n cycles, deviation (n, m) their distance from the commanded points, speed (n, m - 1) between the planes [mm/s]."""
+    [mm] of n cycles, deviation (n, m) their distance from the commanded points, speed (n, m - 1) between the planes [mm/s]; unseen: the
+    first part of the way on which a cycle has no samples, in words."""
 
     name: str
     arc_mm: FloatArray
@@ -54,6 +55,7 @@ class AttainedPath:
     deviation_mm: FloatArray
     speed_mm_s: FloatArray
     commanded_speed_mm_s: float | None
+    unseen: str | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -265,4 +267,5 @@ def _attained_path(name: str, crossed: Crossings) -> AttainedPath:
         deviation_mm=np.linalg.norm(attained - crossed.commanded, axis=2),
         speed_mm_s=crossed.speed_mm_s,
         commanded_speed_mm_s=crossed.line.path.speed_mm_s,
+        unseen=crossed.unseen(),
     )

@@ -22,6 +22,10 @@ SAMPLES_PER_PLANE = 2
 LEAST_PLANES = LEAST_SAMPLES // SAMPLES_PER_PLANE
 BACKWARDS = 0.02
 """Of a path's length: farther back is not a robot that overshoots but one that runs the other way."""
+HOLE_PLANES = 3
+"""So many planes between two neighbouring samples are a hole, where the time between these is long too: what it did there is a guess."""
+HOLE_STEPS = 3.0
+"""Times as long as the median step of a cycle that time is."""
 ABOUT_MM = 0.05
 """To either side of a plane, where the speed at which it is crossed is taken: as far as what is measured may be off."""
 
@@ -117,6 +121,18 @@ class Crossings:
         """(m,) numbers of the stretches between corners in which the planes stand."""
         turns = self.line.turns()
         return np.asarray(np.searchsorted(self.line.arc[turns], self.way_mm) if turns else np.zeros(len(self.way_mm), dtype=np.int64))
+
+    def unseen(self) -> str | None:
+        """The first part of the way on which a cycle has no samples, in words; None where there is none."""
+        for number, cycle in enumerate(self.cycles, 1):
+            planes = np.diff(np.searchsorted(self.way_mm, np.maximum.accumulate(cycle.way_mm)))
+            steps = np.diff(cycle.time_s)
+            holes = np.flatnonzero((planes >= HOLE_PLANES) & (steps > HOLE_STEPS * np.median(steps)))
+            if len(holes):
+                i = int(holes[0])
+                (a, b), way = cycle.time_s[i : i + 2], cycle.way_mm[i + 1] - cycle.way_mm[i]
+                return f"cycle {number}: there are no samples from {a:.6g} to {b:.6g} s, on {way:.3g} mm of the way"
+        return None
 
     @property
     def speed_mm_s(self) -> FloatArray:

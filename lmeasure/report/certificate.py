@@ -11,7 +11,7 @@ from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import certificate, now
 from lmeasure.certification.dcc import dcc_xml
 from lmeasure.certification.environment import environment
-from lmeasure.certification.evaluate import Settings
+from lmeasure.certification.evaluate import Evaluation, Settings
 from lmeasure.certification.measure import Inputs, Measured, measure
 from lmeasure.certification.signature import read_private_key
 from lmeasure.certification.verify import Printer
@@ -72,6 +72,7 @@ def write_certificate(
         measured = measure(inputs, settings, progress)
         if not measured.evaluation.characteristics:
             raise CertificationError(f"{inputs.program}: names no pose or path with windows_s: there is nothing to certify")
+        _without_holes(measured.evaluation)
         copy_into(folder, copies)
         known = entries(folder, sorted(copies))
         content = certificate(measured, inputs, known, created=now(), language=choices.language, environment=environment())
@@ -84,6 +85,18 @@ def write_certificate(
     if choices.zipped:
         write_zip(zip_of(out), Path(out))
     return content
+
+
+def _without_holes(evaluation: Evaluation) -> None:
+    """CertificationError for a path that gets figures though nobody saw part of it. Only new certificates are held to this: those sealed
+    before state what they state, and are verified by it."""
+    out = {e.name for e in evaluation.excluded if e.kind == "path"}
+    for path in evaluation.paths:
+        if path.unseen is not None and path.name not in out:
+            raise CertificationError(
+                f"path {path.name}, {path.unseen}: what the robot did there was not measured; measure again, or state windows_s of the "
+                "poses and of this path's other cycles"
+            )
 
 
 def zip_of(out: Path) -> Path:

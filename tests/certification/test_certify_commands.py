@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from campaigns import write_campaign
 from typer.testing import CliRunner
@@ -107,6 +109,30 @@ def test_a_tolerance_that_decides_nothing_is_refused(campaign: Path, tmp_path: P
     assert code == 1
     assert told in text
     assert not (tmp_path / "c").exists()
+
+
+def test_a_path_of_which_a_part_was_not_seen_is_not_certified(campaign: Path, tmp_path: Path) -> None:
+    from lmeasure.certification import evaluate
+    from lmeasure.program import read_program
+    from lmeasure.trajectory import read_trajectory
+
+    table = pq.read_table(campaign / "trajectory.parquet")
+    program = read_program(campaign / "program.toml")
+    begin, end = program.path[0].windows_s[2]
+    time = table["time_s"].to_numpy()
+    seen = (time < begin + 0.4 * (end - begin)) | (time > begin + 0.6 * (end - begin))
+    holed = tmp_path / "holed.parquet"
+    pq.write_table(table.filter(pa.array(seen)), holed)
+    code, text = run("certify", holed, "--program", campaign / "program.toml", "--trials", "100", "--out", tmp_path / "c")
+    assert code == 1
+    assert re.fullmatch(
+        r"path line, cycle 3: there are no samples from [\d.]+ to [\d.]+ s, on [\d.]+ mm of the way: "
+        "what the robot did there was not measured; measure again, or state windows_s of the poses and of this path's other cycles",
+        text,
+    )
+    assert list(tmp_path.iterdir()) == [holed]
+    # what was sealed before is computed again as it was
+    assert evaluate(read_trajectory(holed), program).characteristics
 
 
 def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> None:

@@ -39,6 +39,22 @@ def test_a_line_with_known_deviations() -> None:
     assert found["FV", None] == pytest.approx(0.0, abs=1e-8)
 
 
+@pytest.mark.parametrize(("lost_mm", "told"), [(0.0, False), (4.0, False), (12.0, False), (40.0, True)])
+def test_a_part_of_the_way_without_samples_is_told(lost_mm: float, *, told: bool) -> None:
+    # planes stand 5 mm apart, samples 0.5 mm; in the second cycle samples are missing from 200 mm on
+    way = np.arange(-5.0, 505.0, 0.5)
+    ideal = way[:, None] * np.array([0.6, 0.8, 0.0])
+    trajectory, windows = runs(way, [ideal, ideal])
+    second = np.arange(len(trajectory.time_s)) - len(way)
+    seen = (second < 0) | (way[second] <= 200.0) | (way[second] >= 200.0 + lost_mm)
+    kept = trajectory_of(trajectory.time_s[seen], trajectory.poses[seen, :3])
+    path = evaluate(kept, program_of(LINE, windows), EXACT, settings=Settings(trials=10)).paths[0]
+    if told:
+        assert path.unseen == "cycle 2: there are no samples from 2.86 to 3.02 s, on 40 mm of the way"
+    else:
+        assert path.unseen is None
+
+
 def test_speeds_of_a_line() -> None:
     # cycle 1 at 245 and 255 mm/s by turns, cycle 2 at 260 throughout
     rate, length = 500.0, 520.0
