@@ -25,6 +25,10 @@ from lmeasure.status import WORDS, Status, words
 from lmeasure.unsolved import last_travel
 from lmeasure.unused_counts import Reasons, on_time_base, other_times, rate_notes, reasons_of
 
+POSE = 7
+"""Numbers of a pose."""
+NEARLY_UNIT = 1e-3
+"""By how much a quaternion's length may be off: it is made a unit by who reads poses, and rounded by who writes them."""
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
 
@@ -143,13 +147,18 @@ def read_lengths(path: Path) -> Lengths:
 
 
 def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
-    """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, of other channels their angles [rad], at (n, 7) poses;
-    GeometryError names pose and cable, or says that rows have another shape."""
-    rows = np.asarray(rows, dtype=np.float64)
-    if rows.ndim != 2 or rows.shape[1] != 7:
-        raise GeometryError(f"poses of shape {rows.shape}: wanted are rows (n, 7) of x, y, z [mm], qx, qy, qz, qw")
+    """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, of other channels their angles [rad], at (n, 7) poses
+    base_from_tool: x, y, z [mm], qx, qy, qz, qw (unit). GeometryError names pose and cable, and what are no such poses."""
+    rows = np.ascontiguousarray(rows, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != POSE:
+        # a kernel would read on behind the end of a row
+        raise GeometryError(f"poses of shape {rows.shape}: wanted are rows (n, {POSE}) of x, y, z [mm], qx, qy, qz, qw")
+    off = np.flatnonzero(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) > NEARLY_UNIT)
+    if len(off):
+        i = int(off[0])
+        raise GeometryError(f"pose {i + 1}: its quaternion is not of length 1 but {np.linalg.norm(rows[i, 3:]):.4g}")
     chosen = rig.cable if cables is None else cables
-    out = cable_kernels.span_lengths(rig.cable_rows(chosen), np.ascontiguousarray(rows))
+    out = cable_kernels.span_lengths(rig.cable_rows(chosen), rows)
     bad = np.argwhere(~np.isfinite(out))
     if len(bad):
         i, j = (int(x) for x in bad[0])

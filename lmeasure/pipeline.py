@@ -15,7 +15,8 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.errors import LMeasureError
+from lmeasure.catalogue import LANGUAGES
+from lmeasure.errors import AccuracyError, CertificationError, LMeasureError
 from lmeasure.rig import Rig
 from lmeasure.run import Run, read_linked_rig, read_run, write_run
 
@@ -117,8 +118,9 @@ def zone(
 ) -> "xr.Dataset":
     """The accuracy zone of a rig over a box, with the calibration that it links.
 
-    rotations: all orientations base_from_tool that are tried at each node, in place of tilts by up to tilt_rad about each axis. options:
-    fields of `accuracy.limits.Limits` (`angle_deg=60`, `u95_mm=...`) and of `accuracy.zone.Scan`. See `accuracy.zone.map_zone`.
+    x, y, z: where the tool origin may be, base frame [mm]: (least, greatest, step), or the nodes themselves, an array (n,). rotations: all
+    orientations base_from_tool that are tried at each node, in place of tilts by up to tilt_rad about each axis. options: fields of
+    `accuracy.limits.Limits` (`angle_deg=60`, `u95_mm=...`) and of `accuracy.zone.Scan`. See `accuracy.zone.map_zone`.
     """
     from lmeasure.accuracy.limits import Limits
     from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
@@ -128,6 +130,9 @@ def zone(
     within = {f.name: options.pop(f.name) for f in fields(Limits) if f.name in options}
     scan = _with("zone", scan, options, *(f.name for f in fields(Limits)))
     scan = replace(scan, limits=replace(scan.limits, **within))
+    for name, span in zip("xyz", (x, y, z), strict=True):
+        if isinstance(span, tuple) and len(span) != 3:
+            raise AccuracyError(f"{name} = {span}: needs three numbers, least, greatest and step [mm], or an array of the nodes")
     nodes = [axis(*span) if isinstance(span, tuple) else np.asarray(span, dtype=np.float64) for span in (x, y, z)]
     turned = tilts(tilt_rad, tilt_steps) if rotations is None else rotations
     return map_zone(used, record, (nodes[0], nodes[1], nodes[2]), turned, scan=scan, progress=progress)
@@ -206,12 +211,11 @@ def plan_program(
     from lmeasure.certification.asked_tests import Tests
     from lmeasure.certification.campaign import campaign
     from lmeasure.certification.cube import cube_in_zone, largest_cube
-    from lmeasure.errors import CertificationError
 
     if (zone is None) == (low_mm is None or high_mm is None):
         raise CertificationError("give the box by low_mm and high_mm, or a zone")
     cube = largest_cube(list(low_mm or ()), list(high_mm or ())) if zone is None else cube_in_zone(Path(zone))
-    return campaign(cube, Tests(**tests))
+    return campaign(cube, _with("plan_program", Tests(), tests))
 
 
 def simulate(
@@ -308,6 +312,8 @@ def certify(
     from lmeasure.trajectory import write_trajectory
 
     chosen = _with("certify", settings or certification.Settings(), options)
+    if language not in LANGUAGES:
+        raise CertificationError(f"language = {language!r}: must be {' or '.join(LANGUAGES)}")
     choices = Choices(language, None if key is None else Path(key), dcc)
     with tempfile.TemporaryDirectory() as scratch:
         here = Path(scratch)

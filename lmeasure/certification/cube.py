@@ -63,6 +63,8 @@ class Cube:
 def largest_cube(low: Sequence[float], high: Sequence[float], plane: str = PLANES[0]) -> Cube:
     """The largest cube in the middle of a box, from its low and high corner (3,) [mm]."""
     first, last = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    if first.shape != (3,) or last.shape != (3,):
+        raise CertificationError("a box needs three numbers, along x, y and z, for its low corner and its high one")
     if not (last - first > 0.0).all():
         raise CertificationError("the box has no volume: each axis must go from a smaller to a larger value")
     return Cube(0.5 * (first + last), float((last - first).min()), plane)

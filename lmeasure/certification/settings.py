@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import get_args
 
 from lmeasure.certification.characteristic import Rule
 from lmeasure.conventions import MAX_LENGTH_MM
@@ -31,6 +32,8 @@ class Settings:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if self.rule not in get_args(Rule):
+            raise CertificationError(f"rule = {self.rule!r}: must be {' or '.join(get_args(Rule))}")
         if not all(abs(v) <= MAX_LENGTH_MM for v in self.tool_offset_mm):
             raise CertificationError(f"tool_offset_mm = {list(self.tool_offset_mm)}: must be finite, at most {MAX_LENGTH_MM:g} mm")
         for name, most in (("limit_angle_deg", 90.0), ("limit_u95_mm", MAX_LENGTH_MM)):
