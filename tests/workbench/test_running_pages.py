@@ -20,6 +20,7 @@ from lmeasure.simulation import cell_rig
 from lmeasure.workflows.options import options_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from access import faults
 from browser import LOOK, Page, opened
 from clicks import fill, press, visit
 
@@ -184,6 +185,11 @@ def test_a_step_of_a_self_test_is_answered_once_it_is_asked(tmp_path: Path, monk
         twice = f"for (const detail of [1, 2]) {go}.dispatchEvent(new MouseEvent('click', {{bubbles: true, detail}})); {go}.disabled"
         assert page.evaluate(twice) is True
         page.wait("document.getElementById('asked').textContent.startsWith('2/2')")
+        page.resize(390)
+        page.evaluate(
+            "for (let n = 0; n < 99; n++) document.getElementById('log').append(document.createElement('li'), 'a line that was said')"
+        )
+        assert faults(page) == []  # a log that is longer than its place is reached by the keyboard
         assert page.evaluate(f"[{go}.disabled, document.getElementById('progress').value]") == [False, 0.5]
         said = tmp_path / ".workbench" / "jobs" / "0001" / "said.jsonl"
         until(lambda: said.read_text().count('"typed"') == 1)
