@@ -186,9 +186,8 @@ def test_a_step_of_a_self_test_is_answered_once_it_is_asked(tmp_path: Path, monk
         assert page.evaluate(twice) is True
         page.wait("document.getElementById('asked').textContent.startsWith('2/2')")
         page.resize(390)
-        page.evaluate(
-            "for (let n = 0; n < 99; n++) document.getElementById('log').append(document.createElement('li'), 'a line that was said')"
-        )
+        line = "Object.assign(document.createElement('li'), {textContent: 'said'})"
+        page.evaluate(f"for (let n = 0; n < 99; n++) document.getElementById('log').append({line})")
         assert faults(page) == []  # a log that is longer than its place is reached by the keyboard
         assert page.evaluate(f"[{go}.disabled, document.getElementById('progress').value]") == [False, 0.5]
         said = tmp_path / ".workbench" / "jobs" / "0001" / "said.jsonl"
