@@ -211,8 +211,9 @@ def _record(o: Outcome) -> dict[str, object]:
 def identified_mm(path: Path) -> dict[str, float]:
     """`Corrected.u_mm` of a corrections.json; FileFormatError where it is none."""
     out: dict[str, float] = {}
+    raw = files.read_bytes(path)
     try:
-        for row in json.loads(files.read_bytes(path))["targets"]:
+        for row in json.loads(raw)["targets"]:
             if not row["left"]:
                 out[str(row["name"])] = max(float(row["u_identified_mm"]), out.get(str(row["name"]), 0.0))
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -61,8 +61,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
     read = [(str(path), read_certificate(path / CERTIFICATE if path.is_dir() else path)) for path in settings.certificates]
     found = compare_certificates(read)
     progress(1.0, "compare")
-    if settings.out is not None:
-        files.write_text(settings.out, canonical(as_dict(found)).decode("utf-8"))
     told, better = list(lines(found)), None
     if len(read) == 2:
         by_name = dict(read)
@@ -73,10 +71,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
         raise SettingsError("corrections", "tells of two certificates that have poses in common, the earlier one without correction")
     if settings.corrections is not None and better is not None:
         told += of_improvement(better)
+    # nothing is written before all that is read has been
+    if settings.out is not None:
+        files.write_text(settings.out, canonical(as_dict(found)).decode("utf-8"))
     if settings.page is not None:
         contents = [(name, dict(read)[name]) for name in found.names]
         write_comparison_page(settings.page, found, contents, better, language=settings.language or of_terminal())
-        told.append(f"written: {settings.page}")
+    written = [str(path) for path in (settings.out, settings.page) if path is not None]
+    told += [f"written: {', '.join(written)}"] if written else []
     shifts = [shift.distance_mm for pair in found.pairs for shift in pair.shifts]
     figures = {"certificates": float(len(read)), "compared": float(sum(len(pair.changes) for pair in found.pairs))}
     figures |= {"largest_shift_mm": max(shifts)} if shifts else {}

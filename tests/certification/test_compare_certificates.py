@@ -294,6 +294,12 @@ def test_the_page_of_a_correction(tmp_path: Path) -> None:
         assert ("<td>мм/с</td>" if language == "ru" else "<td>mm/s</td>") in text
         assert all(f"LM-{i}" in text for i in (0, 1))
     (tmp_path / "corrections.json").write_text("{}")
-    done = CliRunner().invoke(app, [*given, "--corrections", str(tmp_path / "corrections.json")])
+    done = CliRunner().invoke(app, [*given, "--out", str(tmp_path / "none.json"), "--corrections", str(tmp_path / "corrections.json")])
     assert done.exit_code == 1
     assert "not what `lmeasure correct` writes" in str(done.exception)
+    none = CliRunner().invoke(app, [*given, "--corrections", str(tmp_path / "nowhere.json")])
+    assert str(none.exception).startswith(f"{tmp_path / 'nowhere.json'}: cannot be read")
+    assert not (tmp_path / "none.json").exists()
+    both = ["--out", str(tmp_path / "figures.json"), "--page", str(tmp_path / "page.html")]
+    done = CliRunner().invoke(app, [*given, *both])
+    assert done.output.splitlines()[-1] == f"written: {both[1]}, {both[3]}"
