@@ -25,7 +25,7 @@ class Settings(Asked):
 
     file: Annotated[
         Path | None,
-        option("rig.toml, robot.toml of a platform, or a table of points and links (docs/structures.md).", metavar="FILE", positional=True),
+        option("rig.toml, robot.toml of a platform, or a table of points and links (docs/files.md).", metavar="FILE", positional=True),
     ] = None
     out: Annotated[Path | None, option("Also write all of it.", metavar="FILE.json")] = None
     listed: Annotated[bool, option("All structures of six links instead of a file.", flag="--list")] = False

@@ -1,16 +1,19 @@
 """`lmeasure structure`: what it writes, and what it refuses in one line."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3, zone
 from lmeasure.arrays import FloatArray
 from lmeasure.cli import main
+from lmeasure.cli.commands import command
 from lmeasure.lcoordinate import singularity
 from lmeasure.lcoordinate.tetrahedra import closed_form
 from lmeasure.robots.robot import Robot, any_shipped, write_robot
@@ -369,3 +372,10 @@ def test_a_robot_that_is_not_held_by_six_lengths_is_no_structure(run, tmp_path: 
         code, _, said = run("robot.toml")
         assert code == 1
         assert f"robot.toml: robot '{name}' is not held by six lengths" in said
+
+
+def test_the_page_that_help_names_has_the_format() -> None:
+    (named,) = [str(o.help) for o in command("structure").params if isinstance(o, typer.core.TyperArgument)]
+    page = re.search(r"\((docs/\S+\.md)\)", named)
+    assert page is not None
+    assert '"lmeasure.structure/1"' in (Path(__file__).parents[2] / page[1]).read_text(encoding="utf-8")
