@@ -213,7 +213,7 @@ def _compliance(cube: Cube, tests: Tests, points: _Points) -> _Part:
     """10: at P1, forces along the axes in both directions, in tenths of the weight of the largest load."""
     title, full = "P1 loaded", GRAVITY_M_S2 * max(tests.loads_kg)
     if full == 0.0:
-        raise CertificationError("the compliance test needs a load: its forces are tenths of the largest load's weight")
+        raise CertificationError("the compliance test needs a load (--loads, loads_kg): its forces are tenths of the largest load's weight")
     directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1.0, -1.0)]
     once = [full * i / LOAD_STEPS * d for d in directions for i in range(LOAD_STEPS + 1)]
     forces = [f for _ in range(tests.count("compliance")) for f in once]

@@ -98,7 +98,10 @@ def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
     from lmeasure.calibration.compare import compare_records, read_earlier, summary
     from lmeasure.certification.canonical import canonical
 
-    if len(settings.certificates) != 2 or not all(map(_is_calibration, settings.certificates)):
+    other = next((path for path in settings.certificates if not _is_calibration(path)), None)
+    if other is not None:
+        raise SettingsError("certificates", f"{other}: holds no calibration.json; of calibrations two are compared, the earlier one first")
+    if len(settings.certificates) != 2:
         raise SettingsError("certificates", "of calibrations two are compared, the earlier one first")
     stray = next((name for name in ("page", "corrections") if getattr(settings, name) is not None), None)
     if stray is not None:

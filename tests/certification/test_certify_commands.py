@@ -135,6 +135,22 @@ def test_a_path_of_which_a_part_was_not_seen_is_not_certified(campaign: Path, tm
     assert evaluate(read_trajectory(holed), program).characteristics
 
 
+def test_what_is_no_calibration_beside_one_is_named(tmp_path: Path) -> None:
+    (tmp_path / "calibrated").mkdir()
+    (tmp_path / "calibrated" / "calibration.json").write_text("{}")
+    code, text = run("compare", tmp_path / "calibrated", "nowhere")
+    assert code == 2
+    assert "nowhere: holds no calibration.json; of calibrations two are compared" in " ".join(text.replace("│", " ").split())
+
+
+def test_the_load_that_a_compliance_test_needs_is_asked_for_by_its_option(tmp_path: Path) -> None:
+    box = ("--x", "0:100", "--y", "0:100", "--z", "0:100")
+    code, text = run("program", *box, "--tests", "compliance", "--out", tmp_path / "p")
+    assert code == 1
+    assert text.startswith("the compliance test needs a load (--loads, loads_kg)")
+    assert not (tmp_path / "p").exists()
+
+
 def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> None:
     program = tmp_path / "program.toml"
     program.write_text((campaign / "program.toml").read_text() + '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 0.01\n')
