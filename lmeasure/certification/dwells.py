@@ -39,7 +39,10 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
     if len(cycles) > 1:
         most = cycles.most_common(1)[0][0]
         odd = next(p for p in poses if len(p.windows_s) != most)
-        raise CertificationError(f"pose {odd.name}: is rested at {len(odd.windows_s)} times in the trajectory, other poses {most} times")
+        raise CertificationError(
+            f"pose {odd.name}: is rested at {len(odd.windows_s)} times in the trajectory, other poses {most} times: where a run "
+            "ended early or a rest was not seen, state windows_s of the cycles that are whole"
+        )
     paths = tuple(_with_runs(p, seen) for p in program.path)
     note = finding("windows.found", rests=len(found), least_s=LEAST_S, still_mm=still_mm)
     data = program.model_dump(by_alias=True, exclude_none=True)

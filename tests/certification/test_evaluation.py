@@ -200,7 +200,7 @@ def test_rests_that_are_not_the_programs(what: str) -> None:
     for pose in program["pose"]:
         del pose["windows_s"]
     said = {
-        "missing": "pose P3: is rested at 2 times",
+        "missing": "pose P3: is rested at 2 times.*state windows_s of the cycles that are whole",
         "far": "no rest within",
         "cycles": "found 3 cycles in the trajectory; the program states 5",
     }
