@@ -161,7 +161,7 @@ def test_errors_in_space_come_from_the_certificate_alone() -> None:
     ]
     picture = errors_in_space(certificate([], attained=attained))
     assert picture is not None
-    assert "300\u00a0\u00d7 200\u00a0\u00d7 100\u00a0mm" in picture.caption
+    assert "measures 300 × 200 × 100\u00a0mm." in picture.caption
     drawn = etree.fromstring(picture.svgs[0].encode())
     # a place that several poses share is named once
     assert [t.text for t in drawn.iter(f"{SVG}text")] == ["P1", "P2", "X", "Y", "Z"]
