@@ -14,6 +14,8 @@ from lmeasure.trajectory.attained import AttainedPose
 PLANES = ((0, 1), (0, 2), (1, 2))
 COVERAGE = 0.95
 MOST_POINTS = 20_000
+ROUNDING_MM = 1e-6
+"""A smaller scatter is what arithmetic leaves of none."""
 READABLE = 0.9
 """Of the mean's distance from what was commanded: how large a scatter that is drawn enlarged may become."""
 
@@ -43,7 +45,7 @@ def targets(pose: AttainedPose, *, readable: bool = False) -> list[Target]:
     mean = deviations.mean(axis=0)
     scatter = deviations - mean
     factor = 1.0
-    if readable and (largest := float(np.linalg.norm(scatter, axis=1).max())) > 0.0:
+    if readable and (largest := float(np.linalg.norm(scatter, axis=1).max())) > ROUNDING_MM:
         factor = max(1.0, round_down(READABLE * float(np.linalg.norm(mean)) / largest))
     deviations = mean + factor * scatter
     seen = [(axes, deviations[:, axes], prediction_ellipse(deviations[:, axes])) for axes in PLANES]

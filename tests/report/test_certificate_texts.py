@@ -99,6 +99,9 @@ def test_a_scatter_too_small_for_paper_is_enlarged_and_said_to_be() -> None:
     # where the scatter can be seen nothing is changed
     poses[:, :3] -= [1.0, 0.5, 0.0]
     assert targets(pose, readable=True)[0].enlarged == 1.0
+    # nor what rounding leaves of no scatter at all
+    poses[:, :3] = np.array([1.0, 0.5, 0.0]) + 1e-12 * poses[:, :3]
+    assert targets(pose, readable=True)[0].enlarged == 1.0
 
 
 def test_the_ellipse_holds_what_it_says() -> None:
