@@ -26,10 +26,20 @@ class Settings:
     limit_angle_deg: float | None = 60.0
     limit_u95_mm: float | None = None
     rule: Rule = "simple"
-    planes: int = 100
+    planes: int = 102
+    """Of 4 k + 2 two stand at a quarter and at three quarters of a line (`quarters`)."""
     still_mm: float = 0.2
     trials: int = 2000
     seed: int = 0
+
+    @property
+    def quarters(self) -> bool:
+        """Whether planes stand at the quarters of lines, between which velocities are taken (8.6.1).
+
+        Earlier certificates state 100: the nearest stood at 25.5 and 74.5 %, and of a robot that was still speeding up there AV was 0.2 %
+        off.
+        """
+        return self.planes % 4 == 2
 
     def __post_init__(self) -> None:
         if self.rule not in get_args(Rule):

@@ -134,6 +134,12 @@ def test_no_plane_stands_at_a_corner() -> None:
     # thirty in four equal sides: eight each, 12.5 mm from the corners
     np.testing.assert_allclose(square.planes(30)[[0, 7, 8, -1]], [12.5, 187.5, 212.5, 787.5])
     assert len(Line(CommandedPath.model_validate(LINE)).planes(30)) == 30
+    # of each line's planes two at its quarters, between which velocities are taken
+    for number, each in ((102, 26), (100, 22), (30, 6)):
+        ways = square.planes(number, quarters=True)
+        assert len(ways) == 4 * each
+        assert {50.0, 150.0, 250.0, 350.0, 450.0, 550.0, 650.0, 750.0} <= set(np.round(ways, 9))
+    np.testing.assert_allclose(square.planes(16, quarters=True), square.planes(16))
     zigzag = {"name": "z", "kind": "points", "points_mm": [(10.0 * i, 3.0 * (i % 2), 0.0) for i in range(30)]}
     assert len(Line(CommandedPath.model_validate(zigzag)).planes(10)) == 29
 

@@ -228,6 +228,25 @@ def test_an_error_along_the_path_moves_times_by_what_the_robot_needs_there() -> 
     assert at["AV"].u95 == 0.0
 
 
+@pytest.mark.parametrize("samples", [600, 120])
+def test_velocities_are_those_of_just_the_middle_half(samples: int) -> None:
+    """A robot that speeds up to the middle of the line and slows down behind it is slowest where the half begins and ends."""
+    rate = 250.0**2 / (2.0 * 270.0)
+    half = np.sqrt(2.0 * 270.0 / rate)
+    seconds = np.linspace(np.sqrt(20.0 / rate), 2.0 * half - np.sqrt(20.0 / rate), samples)
+    way = np.where(seconds < half, 0.5 * rate * seconds**2 - 20.0, 520.0 - 0.5 * rate * (2.0 * half - seconds) ** 2)
+    along = np.array([0.6, 0.8, 0.0])
+    trajectory, windows = runs(way, [way[:, None] * along], float(1.0 / (seconds[1] - seconds[0])))
+    found = {
+        c.name: c.value
+        for c in evaluate(trajectory, program_of(LINE | {"speed_mm_s": 250.0}, windows), EXACT, settings=Settings(trials=1)).characteristics
+    }
+    # the mean of v = sqrt(2 rate (s + 20)) from 125 to 250 mm
+    mean = np.sqrt(2.0 * rate) * (270.0**1.5 - 145.0**1.5) / 1.5 / 125.0
+    assert found["AV"] == pytest.approx(100.0 * (mean - 250.0) / 250.0, abs=0.03)
+    assert found["FV"] == pytest.approx(250.0 - np.sqrt(2.0 * rate * 145.0), rel=0.08)
+
+
 def test_an_error_of_each_sample_moves_all() -> None:
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.01**2 * np.eye(3)
@@ -235,7 +254,7 @@ def test_an_error_of_each_sample_moves_all() -> None:
     # mean over ten cycles, the largest of a hundred planes
     assert 0.01 / np.sqrt(10) < found["AT_p"].u95 < 6 * 0.01 / np.sqrt(10)
     # v = (s_b - s_a) / t over the middle 250 mm: errors of two ends, mean of ten cycles
-    assert found["AV"].u95 == pytest.approx(100.0 * 1.96 * np.sqrt(2.0) * 0.01 / 245.0 / np.sqrt(10), rel=0.1)
+    assert found["AV"].u95 == pytest.approx(100.0 * 1.96 * np.sqrt(2.0) * 0.01 / 250.0 / np.sqrt(10), rel=0.1)
     assert found["FV"].u95 > 0.1
 
 
