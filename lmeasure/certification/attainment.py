@@ -87,7 +87,7 @@ def attained(trajectory: Trajectory, program: Program, settings: Settings, stamp
         if path.windows_s:
             shortest = min(end - start for start, end in path.windows_s)
             planes = max(LEAST_PLANES, min(settings.planes, most_planes(stamps, shortest)))
-            paths[path.name] = crossings(trajectory, path, planes, frame, settings.quarters)
+            paths[path.name] = crossings(trajectory, path, planes, frame, quarters=settings.quarters)
     return Attainment(
         trajectory=trajectory,
         program=program,

@@ -52,7 +52,7 @@ class Line:
         turned = np.degrees(np.arccos(np.clip((units[1:] * units[:-1]).sum(axis=1), -1.0, 1.0)))
         return [int(i) + 1 for i in np.flatnonzero((turned > SHARP_DEG) & (turned < 180.0 - 1e-6))]
 
-    def planes(self, number: int, quarters: bool = False) -> FloatArray:
+    def planes(self, number: int, *, quarters: bool = False) -> FloatArray:
         """(m,) ways [mm] of about as many planes: in the middles of equal pieces from corner to corner, where the path has a direction;
         quarters: so that of each line's, if there are six or more, two stand at a quarter and at three quarters of it."""
         ends = [0.0, *(float(self.arc[i]) for i in self.turns()), self.length]
@@ -143,7 +143,7 @@ class Crossings:
         return np.asarray((np.diff(self.way_mm)[:, None] / np.diff(self.time_s, axis=0)).T)
 
 
-def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: Frame, quarters: bool = False) -> Crossings:
+def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: Frame, *, quarters: bool = False) -> Crossings:
     """The cycles of a path, one per window, in the frame and at the point of the tool that are certified; quarters: see `Line.planes`.
 
     CertificationError names the window that does not run along the path.
@@ -165,7 +165,7 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     moving = min(int(((c.way_mm > 0.01 * line.length) & (c.way_mm < 0.99 * line.length)).sum()) for c in cycles)
     if moving < LEAST_SAMPLES:
         raise CertificationError(f"path {path.name}: a cycle has {moving} samples on the way; at least {LEAST_SAMPLES}")
-    ways = line.planes(min(planes, moving // SAMPLES_PER_PLANE), quarters)
+    ways = line.planes(min(planes, moving // SAMPLES_PER_PLANE), quarters=quarters)
     m = len(ways)
     commanded, tangent = line.at(ways)
     bounds = np.array([-np.inf, *(line.arc[i] for i in line.turns()), np.inf])

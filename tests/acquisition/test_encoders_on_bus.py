@@ -1,5 +1,6 @@
 """Drums and swivel encoders of one rig over a real bus between processes: recorded by the command, live from power-on, and read again."""
 
+import signal
 import subprocess
 import sys
 import time
@@ -42,7 +43,7 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
     assert np.abs(np.diff(counts[:, 7])).max() > turn / 2
     sent, group = counts.copy(), a_group()
     sent[SILENT, 9] = UNSENT
-    command = [sys.executable, "-m", "lmeasure", "record", "--rig", "rig.toml", "--out", "run", "--live", "--seconds", "10"]
+    command = [sys.executable, "-m", "lmeasure", "record", "--rig", "rig.toml", "--out", "run", "--live", "--seconds", "60"]
     command += ["--bus", f"udp_multicast:{group['channel']}", "--bus-option", f"port={group['port']}"]
     with (
         feeding("udp_multicast", sent, RATE_HZ, group, tmp_path) as (_, encoders),
@@ -53,6 +54,10 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
         assert encoders.stdin is not None
         encoders.stdin.write("go\n")
         encoders.stdin.flush()
+        encoders.wait()
+        time.sleep(0.5)
+        # a bus that has been silent for two seconds shows no pose
+        process.send_signal(signal.SIGINT)
         said, live = process.communicate()
     assert process.returncode == 0, live
     assert "the absolute encoders are to tell where the tool started" in said
