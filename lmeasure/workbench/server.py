@@ -57,7 +57,7 @@ def application(folder: Path, token: str, port: int, language: str = "en", *, sh
     app.state.bench = bench
     TEMPLATES.env.filters["words"] = lambda name: name.replace("_", " ")
     TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="whole">\g<0></span>', str(escape(line))))
-    TEMPLATES.env.filters["together"] = lambda text: _UNIT.sub("\u00a0", text.replace(" -", " \u2212"))
+    TEMPLATES.env.filters["together"] = lambda text: _UNIT.sub("\u00a0", text.replace(" -", " \u2212").replace(" ± ", "\u00a0±\u00a0"))
     TEMPLATES.env.filters["printed"] = lambda text, language: "\u00a0±\u00a0".join(
         re.sub("^-", "\u2212", decimal(language, one)) for one in text.split(" ± ")
     )
