@@ -65,10 +65,10 @@ class ForeignTable:
 
     def __init__(self, path: Path, columns: Mapping[str, Column] | None = None, *, part: bool = False) -> None:
         """columns: None where whoever asks has no --columns. part: --columns speaks of other files too, and what this one has not is one
-        of theirs."""
+        of theirs; half a quaternion is none."""
         self.path = Path(path)
         self._columns = dict(columns or {})
-        self._mapped = columns is not None
+        self._mapped, self._part = columns is not None, part
         self.lines: list[int] = []
         """Where its rows stand in a text file."""
         self._asked = set[str]()
@@ -152,7 +152,7 @@ class ForeignTable:
                 out[known] = rotation_from_angles(each.name, of).as_quat()
                 return out
         some = [name for name in QUATERNION_COLUMNS if self.find(name)]
-        if some:
+        if some and not self._part:
             missing = ", ".join(name for name in QUATERNION_COLUMNS if name not in some)
             raise FileFormatError(f"{self.path}: has {', '.join(some)}, but no {missing}: a quaternion is all four")
         return None

@@ -59,12 +59,14 @@ class Inputs:
     u_position_mm: float | None = None
     u_rotation_deg: float | None = None
     """Standard uncertainties of the trajectory, instead of the file's."""
+    sealed: bool = False
+    """Whether they lie in a folder: what was passed over in the trajectory's file when it was sealed is passed over again."""
 
     @property
     def beside(self) -> Stated:
         """What is said of the trajectory's file beside it."""
         turn = None if self.u_rotation_deg is None else math.radians(self.u_rotation_deg)
-        return Stated(columns_of(self.columns), self.u_position_mm, turn)
+        return Stated(columns_of(self.columns), self.u_position_mm, turn, of_others=self.sealed)
 
     def copies(self) -> dict[str, Path]:
         """Every file that is read, by its name in the bundle. CertificationError when one lies where no copy of the folder can keep it."""
@@ -140,7 +142,7 @@ def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
     beside = {name: stated[name] for name in _BESIDE if name in stated}
     if not all(isinstance(value, str if name == "columns" else float) for name, value in beside.items()):
         raise CertificationError("certificate.json: measurement: columns or uncertainties are not what this program writes")
-    return replace(Inputs(**places), constraint=constraint, repeatability_mm=repeatability, **beside)
+    return replace(Inputs(**places), constraint=constraint, repeatability_mm=repeatability, sealed=True, **beside)
 
 
 def settings_from(stated: Any, *, earlier: bool = False) -> Settings:

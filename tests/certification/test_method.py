@@ -27,10 +27,10 @@ from lmeasure.certification.method import METHOD, same_figures
 from lmeasure.certification.signature import fingerprint, read_public_key
 from lmeasure.certification.verify import Verification, verify
 from lmeasure.cli import app
-from lmeasure.errors import CertificationError
+from lmeasure.errors import CertificationError, LMeasureError
 from lmeasure.report.certificate import PRINTERS, Choices, write_certificate
 from lmeasure.run import read_run, write_run
-from lmeasure.trajectory import reconstruct, write_trajectory
+from lmeasure.trajectory import read_trajectory, reconstruct, write_trajectory
 
 BEFORE = Path(__file__).parents[1] / "authorities" / "sealed-before"
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "truth"
@@ -364,3 +364,17 @@ def test_a_zip_whose_files_lie_over_each_other_is_refused_before_it_is_unpacked(
     with pytest.raises(CertificationError, match="lies over another file"), opened_zip(tmp_path / "bomb.zip", scratch):
         pass
     assert sum(p.stat().st_size for p in scratch.rglob("*") if p.is_file()) == 0
+
+
+def test_what_was_passed_over_when_a_folder_was_sealed_is_passed_over_again(sealed: Path, tmp_path: Path) -> None:
+    """A mapping of more than the file's columns, beside a TUM file, or half a quaternion: new certificates name it."""
+    table = "time_s,x_mm,y_mm,z_mm,qx\n0,1,2,3,0\n0.1,1,2,3,0\n"
+    for name, text, mapping in (("t.csv", table, "speed=x_mm"), ("t.csv", table, ""), ("t.tum", "0 1 2 3 0 0 0 1\n", "x=X")):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        asked = Inputs(tmp_path / name, tmp_path / "program.toml", columns=mapping)
+        with pytest.raises(LMeasureError):
+            read_trajectory(tmp_path / name, asked.beside)
+        assert read_trajectory(tmp_path / name, replace(asked, sealed=True).beside).poses[0, :3] == pytest.approx(
+            [1.0, 2.0, 3.0] if name == "t.csv" else [1e3, 2e3, 3e3]
+        )
+    assert inputs_in(sealed, content_of(sealed)["measurement"]).sealed
