@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure.arrays import FloatArray
-from lmeasure.checked import Strict
+from lmeasure.checked import Name, Strict
 from lmeasure.conventions import LARGEST_ANGLE, MAX_LENGTH_MM
 from lmeasure.poses import UNIT_TOLERANCE
 
@@ -56,3 +56,10 @@ class Place(Strict):
         """(7,) pose."""
         quaternion = np.array(self.quaternion_xyzw)
         return np.concatenate([self.position_mm, quaternion / np.linalg.norm(quaternion)])
+
+
+class Frame(Place):
+    """A frame of the controller: its base, or its flange."""
+
+    link: Name | None = None
+    """Link of the URDF that it was read from."""

@@ -36,8 +36,9 @@ def solutions(arm: SerialArm, pose: FloatArray, seed: int = 0) -> FloatArray:
 
 def reach_mm(arm: SerialArm) -> float:
     """The farthest that links and tool can stretch [mm], sliding joints half-way out."""
-    links = np.hypot(arm.links[:, 1], arm.links[:, 2]).sum() + np.linalg.norm(arm.tool[:3])
-    out = np.abs(0.5 * (arm.low + arm.high))[arm.sliding].sum()
+    ends = np.linalg.norm(arm.tool[:3]) + (0.0 if arm.seat is None else np.linalg.norm(arm.seat[:3]))
+    links = np.hypot(arm.links[:, 1], arm.links[:, 2]).sum() + ends
+    out = np.abs(arm.link_values(0.5 * (arm.low + arm.high)))[arm.slides].sum()
     return max(float(links + out), 1.0)
 
 

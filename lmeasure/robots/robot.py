@@ -12,19 +12,18 @@ from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.checked import Name, Strict, checked
 from lmeasure.errors import RobotError
-from lmeasure.robots.fields import Angle, Length, Place, Small, named_once
+from lmeasure.robots.fields import Angle, Frame, Length, Place, Small, named_once
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
-from lmeasure.robots.serial import SerialArm
+from lmeasure.robots.serial import Coupling, SerialArm
 from lmeasure.robots.serial_robot import GRAVITY_M_S2, SerialRobot
 
 SCHEMA = "lmeasure.robot/1"
 _SHIPPED = resources("lmeasure.robots").joinpath("shipped")
 MOST_JOINTS = 32
-GEOMETRY = frozenset(
-    ("name", "type", "theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg", "min_deg", "max_deg", "min_mm", "max_mm", "pitch_mm")
-)
-"""Keys of a joint that say where its axis lies and how far it goes."""
+LIMITS = ("min_deg", "max_deg", "min_mm", "max_mm")
+GEOMETRY = frozenset(("name", "type", "theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg", *LIMITS, "pitch_mm", "follows", "ratio"))
+"""Keys of a joint that say where its axis lies, how far it goes and which joint it follows."""
 
 
 class _Link(Strict):
@@ -44,6 +43,10 @@ class _Link(Strict):
     """Hayati's rotation about the new y, for nearly parallel axes."""
     scale: Annotated[float, Field(ge=-10.0, le=10.0)] = 1.0
     """Of the joint's value; -1 where it counts the other way."""
+    follows: Name | None = None
+    """Name of the joint that moves this one too, as in a parallelogram: it has no value, limits or terms of its own."""
+    ratio: Annotated[float, Field(ge=-1e4, le=1e4)] = 1.0
+    """Value of this joint per value of the joint that it follows, in degrees or mm; theta_deg or d_mm hold its offset."""
 
     @model_validator(mode="after")
     def _scale_is_not_nothing(self) -> Self:
@@ -86,9 +89,9 @@ class Prismatic(_Link):
 
     type: Literal["prismatic"] = "prismatic"
     """A joint that slides."""
-    min_mm: Length
+    min_mm: Length = 0.0
     """Least value."""
-    max_mm: Length
+    max_mm: Length = 0.0
     """Largest value."""
     pitch_mm: Annotated[Length, Field(gt=0)] | None = None
     """Of the screw that drives it: the length of one turn, over which harmonics repeat."""
@@ -104,6 +107,13 @@ class Prismatic(_Link):
     """How far the joint gives way under the payload's weight."""
     backlash_mm: Small = 0.0
     """Play, whole width."""
+
+    @model_validator(mode="after")
+    def _has_limits(self) -> Self:
+        missing = next((key for key in ("min_mm", "max_mm") if key not in self.model_fields_set), None)
+        if missing is not None and self.follows is None:
+            raise ValueError(f"{missing}: is missing")
+        return self
 
     @property
     def terms(self) -> tuple[float, ...]:
@@ -132,8 +142,10 @@ class Robot(Strict):
     """Name of the robot."""
     kind: Literal["serial"] = "serial"
     """Joints one after the other."""
-    base: Place | None = None
-    """Robot's base from the frame whose z is the first axis; the same frame where it is not given."""
+    base: Frame | None = None
+    """Controller's base from the frame whose z is the first axis; the same frame where it is not given."""
+    flange: Frame | None = None
+    """Frame behind the last link from the controller's flange; the same frame where it is not given."""
     tool: Place | None = None
     """Flange from tool."""
     payload: Payload | None = None
@@ -145,10 +157,25 @@ class Robot(Strict):
     def _holds_together(self) -> Self:
         named_once("joint", [j.name for j in self.joint])
         for j in self.joint:
+            if j.follows is not None:
+                self._followed(j)
+                continue
+            if j.ratio != 1.0:
+                raise ValueError(f"joint {j.name}: ratio goes with follows")
             low, high, unit = (j.min_deg, j.max_deg, "deg") if isinstance(j, Revolute) else (j.min_mm, j.max_mm, "mm")
             if not low < high:
                 raise ValueError(f"joint {j.name}: min_{unit} {low:g} is not below max_{unit} {high:g}")
         return self
+
+    def _followed(self, joint: "Joint") -> None:
+        """ValueError unless the joint follows one of the others that has its own value."""
+        leader = next((j for j in self.joint if j.name == joint.follows), None)
+        if leader is None or leader.follows is not None:
+            raise ValueError(f"joint {joint.name}: follows {joint.follows!r}, which is no joint with a value of its own")
+        if joint.ratio == 0.0 or any(joint.terms):
+            raise ValueError(
+                f"joint {joint.name}: follows {leader.name}: ratio must not be 0, and scale and errors are those of {leader.name}"
+            )
 
     @property
     def sliding(self) -> tuple[bool, ...]:
@@ -156,14 +183,32 @@ class Robot(Strict):
         return tuple(isinstance(j, Prismatic) for j in self.joint)
 
     @property
+    def driven(self) -> "tuple[Joint, ...]":
+        """The joints that have a value of their own."""
+        return tuple(j for j in self.joint if j.follows is None)
+
+    @property
+    def _coupling(self) -> Coupling | None:
+        if len(self.driven) == len(self.joint):
+            return None
+        at = {j.name: i for i, j in enumerate(self.joint)}
+        driven = [at[j.name] for j in self.driven]
+        matrix = np.zeros((len(self.joint), len(driven)))
+        for i, j in enumerate(self.joint):
+            leader = self.joint[at[j.follows or j.name]]
+            matrix[i, driven.index(at[leader.name])] = (j.ratio if j.follows else 1.0) * _unit(j) / _unit(leader)
+        return Coupling(matrix, np.array(driven, dtype=np.int64))
+
+    @property
     def arm(self) -> SerialArm:
         """Its geometry as arrays."""
         links = np.array(
             [[math.radians(j.theta_deg), j.d_mm, j.a_mm, math.radians(j.alpha_deg), math.radians(j.beta_deg)] for j in self.joint]
         )
-        limits = np.array([np.radians([j.min_deg, j.max_deg]) if isinstance(j, Revolute) else [j.min_mm, j.max_mm] for j in self.joint])
+        limits = np.array([np.radians([j.min_deg, j.max_deg]) if isinstance(j, Revolute) else [j.min_mm, j.max_mm] for j in self.driven])
         foot, tool = ((Place() if place is None else place).row for place in (self.base, self.tool))
-        return SerialArm(links, foot, tool, limits[:, 0], limits[:, 1], np.array(self.sliding))
+        seat = None if self.flange is None else self.flange.row
+        return SerialArm(links, foot, tool, limits[:, 0], limits[:, 1], np.array(self.sliding), seat, self._coupling)
 
     @property
     def tool_pose(self) -> FloatArray:
@@ -173,11 +218,12 @@ class Robot(Strict):
     @property
     def model(self) -> SerialRobot:
         """The robot that computes."""
-        turn = [1.0 if isinstance(j, Revolute) else 2.0 * math.pi / j.pitch_mm if j.pitch_mm else math.nan for j in self.joint]
+        driven, links = self.driven, tuple(j.name for j in self.joint)
+        turn = [1.0 if isinstance(j, Revolute) else 2.0 * math.pi / j.pitch_mm if j.pitch_mm else math.nan for j in driven]
         load = np.zeros(3) if self.payload is None else np.array([0.0, 0.0, -GRAVITY_M_S2 * self.payload.mass_kg])
         at = np.zeros(3) if self.payload is None else np.array(self.payload.centre_mm)
-        terms = np.array([j.terms for j in self.joint])
-        return SerialRobot(self.name, tuple(j.name for j in self.joint), self.arm, terms, np.array(turn), load, at, self.arm)
+        terms = np.array([j.terms for j in driven])
+        return SerialRobot(self.name, tuple(j.name for j in driven), links, self.arm, terms, np.array(turn), load, at, self.arm)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of robot.toml; terms that are nothing are left out."""
@@ -185,6 +231,8 @@ class Robot(Strict):
         for joint in data["joint"]:
             for key in [k for k, v in joint.items() if k not in GEOMETRY and v == (1.0 if k == "scale" else 0.0)]:
                 del joint[key]
+            for key in LIMITS if joint.get("follows") else ("ratio",):
+                joint.pop(key, None)
         return data
 
     def with_values(self, values: dict[str, float]) -> Self:
@@ -194,6 +242,11 @@ class Robot(Strict):
             joint, key = name.rsplit(".", 1)
             of.setdefault(joint, {})[key] = float(value)
         return self.model_copy(update={"joint": tuple(j.model_copy(update=of.get(j.name, {})) for j in self.joint)})
+
+
+def _unit(joint: "Joint") -> float:
+    """Rad or mm in one degree or mm of a joint's value."""
+    return math.radians(1.0) if isinstance(joint, Revolute) else 1.0
 
 
 AnyRobot: TypeAlias = Robot | PlatformFile | ParallelFile

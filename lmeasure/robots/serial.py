@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
 
 LINK_COLUMNS = OFFSET, D, A, ALPHA, BETA = range(5)
@@ -29,11 +29,20 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
+class Coupling:
+    """How links follow joint values: values of links (m,) are matrix (m, n) times joint values (n,); driven (n,): each joint's link."""
+
+    matrix: FloatArray
+    driven: IntArray
+
+
+@dataclass(frozen=True)
 class SerialArm:
     """An arm of n joints standing in the base frame of the commands.
 
-    links (n, 5): see `LINK_COLUMNS`; foot (7,): base_from_foot, where the first axis is the foot's z; tool (7,): flange_from_tool; low,
-    high (n,): joint limits [rad, mm]; prismatic (n,): joints that slide, none where it is None. Joint values are
+    links (m, 5): see `LINK_COLUMNS`; foot (7,): base_from_foot, where the first axis is the foot's z; tool (7,): flange_from_tool; low,
+    high (n,): joint limits [rad, mm]; prismatic (m,): links that slide, none where it is None; seat (7,): the flange in the frame behind
+    the last link, that frame itself where it is None; coupling: where links follow the joints of others, else m is n. Joint values are
     rad, or mm where they slide.
     """
 
@@ -43,16 +52,28 @@ class SerialArm:
     low: FloatArray
     high: FloatArray
     prismatic: BoolArray | None = None
+    seat: FloatArray | None = None
+    coupling: Coupling | None = None
 
     @property
     def axes_count(self) -> int:
         """Number of its joints."""
-        return len(self.links)
+        return len(self.low)
 
     @property
     def sliding(self) -> BoolArray:
         """(n,) whether a joint is prismatic."""
-        return np.zeros(self.axes_count, np.bool_) if self.prismatic is None else self.prismatic
+        return self.slides if self.coupling is None else np.asarray(self.slides[self.coupling.driven])
+
+    @property
+    def slides(self) -> BoolArray:
+        """(m,) whether a link is prismatic."""
+        return np.zeros(len(self.links), np.bool_) if self.prismatic is None else self.prismatic
+
+    def link_values(self, joints: FloatArray) -> FloatArray:
+        """(..., m) values of the links at joint values (..., n)."""
+        joints = np.asarray(joints, dtype=np.float64)
+        return joints if self.coupling is None else np.asarray(joints @ self.coupling.matrix.T)
 
     def with_errors(self, errors: FloatArray) -> "SerialArm":
         """The same arm with (n, 5) errors added to its links: what was built, beside what its controller believes."""
@@ -69,24 +90,28 @@ class SerialArm:
 
     def flange(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
         """(..., 3) positions [mm] and (..., 3, 3) rotations foot_from_flange."""
-        at, turn = np.zeros((*joints.shape[:-1], 3)), np.broadcast_to(np.eye(3), (*joints.shape[:-1], 3, 3))
-        for i in range(self.axes_count):
-            at, turn = self._past(i, joints[..., i], at, turn, growth)
-        return at, turn
+        values = self.link_values(joints)
+        at, turn = np.zeros((*values.shape[:-1], 3)), np.broadcast_to(np.eye(3), (*values.shape[:-1], 3, 3))
+        for i in range(len(self.links)):
+            at, turn = self._past(i, values[..., i], at, turn, growth)
+        if self.seat is None:
+            return at, turn
+        return at + np.einsum("...ij,j->...i", turn, self.seat[:3]), turn @ se3.matrices(self.seat)
 
     def twists(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """base_from_flange (N, 7) at joint values (N, n), and (N, n, 5, 6) its derivatives by every entry of the links.
+        """base_from_flange (N, 7) at joint values (N, n), and (N, m, 5, 6) its derivatives by every entry of the links.
 
         A derivative is a twist (omega; v) at the base's origin in its axes: each entry is a turn about, or a shift along, an axis that
         the entries before it have placed. That of the joint's own value is the one of theta, or of d where it slides.
         """
+        joints = self.link_values(joints)
         shape = joints.shape[:-1]
         stand = se3.matrices(self.foot)
         x, y, z = (np.broadcast_to(stand[:, k], (*shape, 3)) for k in range(3))
         at = np.broadcast_to(self.foot[:3], (*shape, 3))
-        out = np.zeros((*shape, self.axes_count, 5, 6))
+        out = np.zeros((*shape, len(self.links), 5, 6))
         for i, (offset, d, a, alpha, beta) in enumerate(self.links):
-            slides = bool(self.sliding[i])
+            slides = bool(self.slides[i])
             of = out[..., i, :, :]
             of[..., OFFSET, :3], of[..., OFFSET, 3:], of[..., D, 3:] = z, np.cross(at, z), z
             x, y = _turned(x, y, offset if slides else offset + joints[..., i, None])
@@ -96,19 +121,22 @@ class SerialArm:
             of[..., BETA, :3], of[..., BETA, 3:] = y, np.cross(at, y)
             z, x = _turned(z, x, beta)
         turn = Rotation.from_matrix(np.stack([x, y, z], axis=-1)).as_quat(canonical=True)
-        return np.concatenate([at, turn], axis=-1), out
+        poses = np.concatenate([at, turn], axis=-1)
+        return (poses if self.seat is None else se3.compose(poses, np.broadcast_to(self.seat, poses.shape))), out
 
     def joint_twists(self, twists: FloatArray) -> FloatArray:
         """(N, n, 6) derivatives by the joints' own values, of those by the links' entries."""
-        return np.asarray(np.where(self.sliding[:, None], twists[..., D, :], twists[..., OFFSET, :]))
+        by_links = np.asarray(np.where(self.slides[:, None], twists[..., D, :], twists[..., OFFSET, :]))
+        return by_links if self.coupling is None else np.asarray(np.einsum("...mk,mn->...nk", by_links, self.coupling.matrix))
 
     def axes(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(..., n, 3) points on the joint axes [mm] and their directions, in the base frame."""
+        """(..., m, 3) points on the links' axes [mm] and their directions, in the base frame."""
+        joints = self.link_values(joints)
         shape = joints.shape[:-1]
         at, turn = np.zeros((*shape, 3)), np.broadcast_to(np.eye(3), (*shape, 3, 3))
-        points, directions = np.empty((*shape, self.axes_count, 3)), np.empty((*shape, self.axes_count, 3))
+        points, directions = np.empty((*shape, len(self.links), 3)), np.empty((*shape, len(self.links), 3))
         stand = se3.matrices(self.foot)
-        for i in range(self.axes_count):
+        for i in range(len(self.links)):
             points[..., i, :], directions[..., i, :] = self.foot[:3] + at @ stand.T, turn[..., 2] @ stand.T
             at, turn = self._past(i, joints[..., i], at, turn, 0.0)
         return points, directions
@@ -118,7 +146,7 @@ class SerialArm:
     ) -> tuple[FloatArray, FloatArray]:
         """The frame behind link i, of the frame before it."""
         offset, d, a, alpha, beta = self.links[i]
-        if self.sliding[i]:
+        if self.slides[i]:
             theta, d = np.broadcast_to(offset, value.shape), (d + value)[..., None]
         else:
             theta = value + offset
@@ -143,9 +171,10 @@ class SerialArm:
     def _way(self, rows: FloatArray, way: int) -> FloatArray:
         """(n, 6) joint angles of one way to (n, 7) poses."""
         self._require_elbow()
-        stand, tool = se3.rotation(self.foot), se3.rotation(self.tool)
+        end = self.tool if self.seat is None else se3.compose(self.seat, self.tool)
+        stand, tool = se3.rotation(self.foot), se3.rotation(end)
         turn = (stand.inv() * se3.rotation(rows) * tool.inv()).as_matrix()
-        flange = stand.inv().apply(rows[:, :3] - self.foot[:3]) - turn @ self.tool[:3]
+        flange = stand.inv().apply(rows[:, :3] - self.foot[:3]) - turn @ end[:3]
         wrist = flange - self.links[5, D] * turn[:, :, 2]
         q1, out = self._shoulder(wrist, way // 4)
         q2, q3 = self._elbow(out, wrist[:, 2] - self.links[0, D], way // 2 % 2)
@@ -158,7 +187,7 @@ class SerialArm:
     def is_elbow(self) -> bool:
         """Whether `ways` solves it."""
         links = self.links
-        if len(links) != ELBOW_AXES or self.sliding.any():
+        if len(links) != ELBOW_AXES or self.coupling is not None or self.sliding.any():
             return False
         rest = (links[[1, 2, 4], D], links[[3, 4, 5], A], links[:, BETA], links[:, ALPHA] - ELBOW_ALPHA)
         return not any(values.any() for values in rest)
@@ -206,6 +235,7 @@ class SerialArm:
         """(n, 6) angles [rad] by which forces (n, 3) [N] at points (n, 3) [mm] turn joints of the given stiffness (6,) [N mm/rad]."""
         on, along = self.axes(joints)
         torque = np.einsum("nik,nik->ni", along, np.cross(points[:, None] - on, force[:, None]))
+        torque = torque if self.coupling is None else torque @ self.coupling.matrix
         return np.asarray(torque / stiffness)
 
 

@@ -51,13 +51,15 @@ _SLIDING = (
 class SerialRobot:
     """A serial arm as `RobotModel`.
 
-    arm: its geometry, the foot standing in the robot's base frame; terms (n, 7): see `TERMS`, the scale as its difference from 1;
+    link_names (m,): as many as joints, and more where some follow others; arm: its geometry, the foot standing in the robot's base frame;
+    terms (n, 7): see `TERMS`, the scale as its difference from 1;
     turn (n,): radians of a joint's periodic errors per unit of its value, 1 where it turns, 2 pi over the pitch of a screw, NaN where a
     sliding joint has none; load_n (3,) [N, base frame] pulls at load_mm (3,) [flange frame].
     """
 
     name: str
     joint_names: tuple[str, ...]
+    link_names: tuple[str, ...]
     arm: SerialArm
     terms: FloatArray
     turn: FloatArray
@@ -83,7 +85,7 @@ class SerialRobot:
 
     @property
     def parallel(self) -> BoolArray:
-        """(n,) whether a joint's axis and the next one are nearly parallel; never that of the last joint."""
+        """(m,) whether a link's axis and the next one are nearly parallel; never that of the last one."""
         links = self.drawn.links
         near = np.abs(np.sin(links[:, ALPHA])) < NEARLY_PARALLEL
         near[-1] = False
@@ -96,7 +98,7 @@ class SerialRobot:
         for i, column in self._links:
             key = next(k for k, c in _LINKS if c == column)
             size, width, unit = (_DEG, ANGLE_WIDTH_DEG, "deg") if key.endswith("_deg") else (1.0, LENGTH_WIDTH_MM, "mm")
-            out.append(Parameter(f"{self.joint_names[i]}.{key}", unit, float(self.arm.links[i, column]) / size, size, width))
+            out.append(Parameter(f"{self.link_names[i]}.{key}", unit, float(self.arm.links[i, column]) / size, size, width))
         for i, term in self._terms:
             key, unit, _, size, width = (_SLIDING if self.sliding[i] else _TURNING)[term]
             value = float(self.terms[i, term]) / size + (term == SCALE)
@@ -145,9 +147,9 @@ class SerialRobot:
 
     @property
     def _links(self) -> list[tuple[int, int]]:
-        """Joint and column of each parameter of the links."""
+        """Link and column of each parameter of the links."""
         parallel = self.parallel
-        return [(i, c) for i in range(len(self.joint_names)) for _, c in _LINKS if c != BETA or parallel[i]]
+        return [(i, c) for i in range(len(self.link_names)) for _, c in _LINKS if c != BETA or parallel[i]]
 
     @property
     def _terms(self) -> list[tuple[int, int]]:

@@ -1,12 +1,13 @@
-"""Robots from URDF, and as URDF: the chain of joints from the root to the tip, by lxml, which fetches nothing and expands nothing.
+"""Robots from URDF, and as URDF: the chain of joints that is asked for, by lxml, which fetches nothing and expands nothing.
 
 URDF states metres, radians, and for each joint a frame (fixed XYZ angles) with an axis in it. A chain is taken over as Denavit-Hartenberg
 links by the lines of its axes alone: between skew or crossing axes by their common normal, between parallel ones
-by the normal that leaves no d, with Hayati's beta. What is left behind the last axis is the tool.
+by the normal that leaves no d, with Hayati's beta. Fixed joints before the first axis are the robot's base, those behind the last axis its
+flange. Joints that mimic another are the same variable. Which links are meant, `urdf_tree` decides.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,63 +16,77 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
+from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.errors import RobotError
 from lmeasure.opened import read_regular
-from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Prismatic, Robot, robot_from_dict, serial
+from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Joint, Prismatic, Robot, robot_from_dict, serial
 from lmeasure.robots.serial_robot import NEARLY_PARALLEL
+from lmeasure.robots.urdf_tree import CARRIED, MOVING, Branch, Mimic, Tree
 
 LARGEST = 1 << 24
 MM = 1e3
-MOVING = ("revolute", "continuous", "prismatic")
+ENDLESS_RAD = 100.0
+"""Limits of a turning joint from here on say that it has none."""
+XACRO = "is xacro, a template of URDF: run `xacro FILE -o robot.urdf` (from ROS) and state robot.urdf"
 _HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint of a file: parent_from_joint (7,) [mm], its axis (3,) in the joint's own frame, limits [rad, mm]."""
+    """A joint of the chain: parent_from_joint (7,) [mm], its axis (3,) in the joint's own frame, limits [rad, mm] or None where it states
+    none, and how its value follows that of the joint `leader` [rad, mm], where it does."""
 
     name: str
-    kind: str
-    parent: str
-    child: str
+    slides: bool
     frame: FloatArray
     axis: FloatArray
-    low: float
-    high: float
+    limits: tuple[float, float] | None
+    leader: str = ""
+    ratio: float = 1.0
+    offset: float = 0.0
 
 
-def read_urdf(path: Path, tip: str | None = None) -> Robot:
-    """The chain from the root to the link `tip`, by default that with the most joints that move; RobotError names what cannot be read."""
+def read_urdf(path: Path, tip: str | None = None, base: str | None = None) -> Robot:
+    """Read the chain from the link `base` to the link `tip`; by default from the controller's base to its flange (`urdf_tree`).
+
+    RobotError names what cannot be read of the chain; what is elsewhere in the file is not looked at.
+    """
     root = _parsed(path)
-    joints = [_joint(element, path) for element in root.iterfind("joint")]
-    chain = _chain(joints, tip, path)
-    moving = [j for j in chain if j.kind in MOVING]
-    if not 1 <= len(moving) <= MOST_JOINTS:
-        end = chain[-1].child if chain else "its root"
-        raise RobotError(f"{path}: the chain to {end!r} has {len(moving)} joints that move; 1 to {MOST_JOINTS} can be read")
-    at = _HERE
+    tree = Tree(path, [_branch(element) for element in root.iterfind("joint")])
+    elements = dict(zip(map(id, tree.branches), root.iterfind("joint"), strict=True))
+    end = tree.tip(tip)
+    start, above, chain = tree.chain(end, base)
+
+    def fixed(branches: list[Branch]) -> FloatArray:
+        at = _HERE
+        for branch in branches:
+            at = se3.compose(at, _frame(elements[id(branch)], branch.name, path))
+        return at
+
+    at = se3.inverse(fixed(above))
     axes: list[tuple[FloatArray, FloatArray]] = []
-    for j in chain:
-        at = se3.compose(at, j.frame)
-        if j.kind in MOVING:
-            axes.append((at[:3], se3.rotation(at).apply(j.axis)))
-    foot, links, left = _links(axes, at)
-    tables = []
-    for j, (theta, d, a, alpha, beta) in zip(moving, links, strict=True):
-        slides = j.kind == "prismatic"
-        unit, low, high = ("mm", j.low, j.high) if slides else ("deg", math.degrees(j.low), math.degrees(j.high))
-        table = {
-            "name": _name(j.name),
-            "type": "prismatic" if slides else "revolute",
-            "d_mm": d,
-            "a_mm": a,
-            f"min_{unit}": low,
-            f"max_{unit}": high,
-        }
-        table |= {f"{key}_deg": math.degrees(v) for key, v in (("theta", theta), ("alpha", alpha), ("beta", beta))}
-        tables.append(table)
-    data: dict[str, object] = {"schema": "lmeasure.robot/1", "name": _name(root.get("name") or "robot"), "joint": tables}
-    data |= {key: _place(pose) for key, pose in (("base", foot), ("tool", left)) if not np.allclose(pose, _HERE, rtol=0, atol=1e-12)}
+    moving: list[_Joint] = []
+    for branch in chain:
+        if branch.kind in MOVING:
+            joint = _joint(elements[id(branch)], branch, path)
+            at = se3.compose(at, joint.frame)
+            axes.append((at[:3], se3.rotation(at).apply(joint.axis)))
+            moving.append(joint)
+        elif branch.kind == "fixed":
+            at = se3.compose(at, _frame(elements[id(branch)], branch.name, path))
+        else:
+            known = ", ".join((*MOVING, "fixed"))
+            advice = "; state with --base-link where the arm begins behind it" if branch.kind in CARRIED else ""
+            raise RobotError(f"{path}: joint {branch.name!r}: type {branch.kind!r} is none of {known}{advice}")
+    if not 1 <= len(moving) <= MOST_JOINTS:
+        raise RobotError(f"{path}: the chain to {end!r} has {len(moving)} joints that move; 1 to {MOST_JOINTS} can be read")
+    joints = _coupled(moving, tree, path)
+    foot, links, seat = _links(axes, at)
+    data: dict[str, object] = {"schema": "lmeasure.robot/1", "name": _name(root.get("name") or "robot")}
+    data |= {"joint": [_table(j, link, joints) for j, link in zip(joints, links, strict=True)]}
+    data |= {"base": _place(foot) | {"link": _name(start)}, "flange": _place(seat) | {"link": _name(end)}}
+    if tip is None and (tool := tree.fixed_to(end, "tool")) is not None:
+        data["tool"] = _place(fixed([tool]))
     return serial(robot_from_dict(data, str(path)), str(path))
 
 
@@ -93,21 +108,43 @@ def write_urdf(path: Path, robot: Robot) -> None:
         element = _element(root, j.name, "prismatic" if slides else "revolute", parent, child, se3.compose(at, _about("z", theta)))
         # a joint that counts the other way turns or slides about the axis reversed
         etree.SubElement(element, "axis", xyz="0 0 1" if j.scale > 0.0 else "0 0 -1")
-        low, high = (j.min_mm / MM, j.max_mm / MM) if isinstance(j, Prismatic) else (math.radians(j.min_deg), math.radians(j.max_deg))
-        etree.SubElement(element, "limit", lower=repr(low), upper=repr(high), effort="0", velocity="0")
+        leader = next((k for k in robot.joint if k.name == j.follows), None)
+        if leader is not None:
+            # metres and radians of both instead of mm and degrees
+            ratio = math.copysign(j.ratio, j.ratio * leader.scale) * _si(slides) / _si(isinstance(leader, Prismatic))
+            etree.SubElement(element, "mimic", joint=leader.name, multiplier=repr(ratio), offset="0")
+            ends = sorted(ratio * v for v in _limits(leader))
+        else:
+            ends = _limits(j)
+        etree.SubElement(element, "limit", lower=repr(ends[0]), upper=repr(ends[1]), effort="0", velocity="0")
         shift = se3.pose([a, 0.0, d], Rotation.identity())
         at = se3.compose(shift, se3.compose(_about("x", alpha), _about("y", beta)))
         parent = child
     etree.SubElement(root, "link", name="flange")
-    _element(root, "flange_fixed", "fixed", parent, "flange", at)
+    seat = _HERE if robot.flange is None else robot.flange.row
+    _element(root, "flange_fixed", "fixed", parent, "flange", se3.compose(at, seat))
     if robot.tool is not None:
         etree.SubElement(root, "link", name="tool")
         _element(root, "tool_fixed", "fixed", "flange", "tool", robot.tool.row)
     files.write_bytes(path, etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True))
 
 
+def _si(slides: bool) -> float:
+    """Metres or radians in a mm or degree."""
+    return 1.0 / MM if slides else math.radians(1.0)
+
+
+def _limits(joint: Joint) -> list[float]:
+    """Least and largest value [m, rad]."""
+    return (
+        [joint.min_mm / MM, joint.max_mm / MM]
+        if isinstance(joint, Prismatic)
+        else [math.radians(joint.min_deg), math.radians(joint.max_deg)]
+    )
+
+
 def _parsed(path: Path) -> etree._Element:
-    raw = read_regular(Path(path), LARGEST)
+    raw = read_regular(Path(path), LARGEST).lstrip()
     parser = etree.XMLParser(
         resolve_entities=False,
         no_network=True,
@@ -120,40 +157,114 @@ def _parsed(path: Path) -> etree._Element:
     try:
         root = etree.fromstring(raw, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise RobotError(f"{path}: is not URDF: {error}") from None
+        raise RobotError(f"{path}: {XACRO}" if "xacro" in str(error) else f"{path}: is not URDF: {error}") from None
     if root.getroottree().docinfo.doctype:
         raise RobotError(f"{path}: states a document type, which no URDF needs and a hostile one abuses; remove the DOCTYPE")
     if root.tag != "robot":
         raise RobotError(f"{path}: is not URDF: its first element is {root.tag!r}, not 'robot'")
+    if any("xacro" in str(element.tag) for element in root.iter()):
+        raise RobotError(f"{path}: {XACRO}")
     return root
 
 
-def _joint(element: etree._Element, path: Path) -> _Joint:
-    name, kind = element.get("name") or "", element.get("type") or ""
-    if kind not in (*MOVING, "fixed"):
-        raise RobotError(f"{path}: joint {name!r}: type {kind!r} is none of {', '.join(MOVING)}, fixed")
-    if element.find("mimic") is not None:
-        raise RobotError(f"{path}: joint {name!r}: follows another joint (mimic), which is no joint of its own")
-    ends = []
-    for end in ("parent", "child"):
-        link = element.find(end)
-        if link is None or not link.get("link"):
-            raise RobotError(f"{path}: joint {name!r}: <{end} link=...> is missing")
-        ends.append(str(link.get("link")))
-    origin, axis, limit = element.find("origin"), element.find("axis"), element.find("limit")
-    xyz, rpy = (_vector(None if origin is None else origin.get(key), name, path) for key in ("xyz", "rpy"))
-    along = _vector(axis.get("xyz"), name, path) if axis is not None else np.array([1.0, 0.0, 0.0])
+def _branch(element: etree._Element) -> Branch:
+    """A joint of the file, as far as it says which links it joins."""
+    ends = [link.get("link") or "" if (link := element.find(end)) is not None else "" for end in ("parent", "child")]
+    mimic = element.find("mimic")
+    followed = None if mimic is None else Mimic(mimic.get("joint") or "", mimic.get("multiplier"), mimic.get("offset"))
+    return Branch(element.get("name") or "", element.get("type") or "", ends[0], ends[1], followed)
+
+
+def _frame(element: etree._Element, joint: str, path: Path) -> FloatArray:
+    """parent_from_joint (7,) [mm] of a joint."""
+    origin = element.find("origin")
+    xyz, rpy = (_vector(None if origin is None else origin.get(key), joint, path) for key in ("xyz", "rpy"))
+    return se3.pose(MM * xyz, Rotation.from_euler("xyz", rpy))
+
+
+def _joint(element: etree._Element, branch: Branch, path: Path) -> _Joint:
+    slides = branch.kind == "prismatic"
+    axis, limit = element.find("axis"), element.find("limit")
+    along = _vector(axis.get("xyz"), branch.name, path) if axis is not None else np.array([1.0, 0.0, 0.0])
     length = float(np.linalg.norm(along))
-    if kind in MOVING and not length > 1e-9:
-        raise RobotError(f"{path}: joint {name!r}: its axis has no direction")
-    low, high = -2.0 * math.pi, 2.0 * math.pi
-    if kind in ("revolute", "prismatic"):
-        if limit is None:
-            raise RobotError(f"{path}: joint {name!r}: <limit> is missing, which a {kind} joint needs")
-        low, high = (float(_vector(f"{limit.get(key) or 0} 0 0", name, path)[0]) for key in ("lower", "upper"))
-    size = MM if kind == "prismatic" else 1.0
-    frame = se3.pose(MM * xyz, Rotation.from_euler("xyz", rpy))
-    return _Joint(name, kind, ends[0], ends[1], frame, along / max(length, 1e-9), low * size, high * size)
+    if not length > 1e-9:
+        raise RobotError(f"{path}: joint {branch.name!r}: its axis has no direction")
+    size, most = (MM, MAX_LENGTH_MM) if slides else (1.0, ENDLESS_RAD)
+    limits = None
+    if branch.kind != "continuous" and limit is not None:
+        low, high = (size * _number(limit.get(key), 0.0, branch.name, path) for key in ("lower", "upper"))
+        limits = (low, high) if low < high and max(abs(low), abs(high)) <= most else None
+    return _Joint(branch.name, slides, _frame(element, branch.name, path), along / length, limits)
+
+
+def _coupled(moving: list[_Joint], tree: Tree, path: Path) -> list[_Joint]:
+    """The joints with which of them follow another; where that is not in the chain, the first that follows it stands for it."""
+    own = {j.name: j for j in moving}
+    leads: dict[str, tuple[str, float, float]] = {}  # by joint of the file: the joint of the chain that has its value, and how
+    out: list[_Joint] = []
+    for j in moving:
+        end, way = tree.leader(j.name)
+        ratio, offset = 1.0, 0.0
+        for mimic in way:
+            factor, shift = _number(mimic.multiplier, 1.0, j.name, path), _number(mimic.offset, 0.0, j.name, path)
+            ratio, offset = ratio * factor, offset + ratio * shift
+        if not way:
+            out.append(j)
+            continue
+        if ratio == 0.0:
+            raise RobotError(f"{path}: joint {j.name!r}: follows {end!r} by nothing (multiplier 0): make it a fixed joint")
+        size = MM if j.slides else 1.0
+        ratio, offset = ratio * size / (MM if tree.by_name[end].kind == "prismatic" else 1.0), offset * size
+        if end not in own and end not in leads:
+            leads[end] = j.name, ratio, offset
+            out.append(j)
+            continue
+        name, of, before = leads.get(end, (end, 1.0, 0.0))
+        out.append(replace(j, leader=name, ratio=ratio / of, offset=offset - ratio / of * before))
+    return [j if j.leader else replace(j, limits=_common_limits(j, out, path)) for j in out]
+
+
+def _common_limits(joint: _Joint, joints: list[_Joint], path: Path) -> tuple[float, float]:
+    """Limits of a joint and of those that follow it."""
+    bounds = [joint.limits or ((-math.inf, math.inf) if joint.slides else (-2.0 * math.pi, 2.0 * math.pi))]
+    for j in joints:
+        if j.leader == joint.name and j.limits is not None:
+            first, last = sorted((v - j.offset) / j.ratio for v in j.limits)
+            bounds.append((first, last))
+    low, high = max(b[0] for b in bounds), min(b[1] for b in bounds)
+    if math.isinf(high - low):
+        raise RobotError(f"{path}: joint {joint.name!r}: <limit> is missing, which a prismatic joint needs: lower and upper, in metres")
+    if not low < high:
+        followers = ", ".join(repr(j.name) for j in joints if j.leader == joint.name)
+        raise RobotError(f"{path}: joint {joint.name!r}: its limits and those of {followers}, which follow it, leave it no value")
+    return low, high
+
+
+def _table(joint: _Joint, link: FloatArray, joints: list[_Joint]) -> dict[str, object]:
+    """The joint as robot.toml states it."""
+    theta, d, a, alpha, beta = link
+    unit = "mm" if joint.slides else "deg"
+    out: dict[str, object] = {"name": _name(joint.name), "type": "prismatic" if joint.slides else "revolute"}
+    if joint.leader:
+        leader = next(j for j in joints if j.name == joint.leader)
+        theta, d = (theta, d + joint.offset) if joint.slides else (theta + joint.offset, d)
+        in_file = [1.0 if j.slides else math.degrees(1.0) for j in (joint, leader)]
+        out |= {"follows": _name(leader.name), "ratio": joint.ratio * in_file[0] / in_file[1]}
+    elif joint.limits is not None:
+        out |= {f"{key}_{unit}": v if joint.slides else math.degrees(v) for key, v in zip(("min", "max"), joint.limits, strict=True)}
+    out |= {"d_mm": d, "a_mm": a}
+    return out | {f"{key}_deg": math.degrees(v) for key, v in (("theta", theta), ("alpha", alpha), ("beta", beta))}
+
+
+def _number(text: str | None, usual: float, joint: str, path: Path) -> float:
+    try:
+        value = usual if text is None or not text.strip() else float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        advice = f"; the file {XACRO}" if "${" in str(text) else ""
+        raise RobotError(f"{path}: joint {joint!r}: {str(text)[:60]!r} is not a number{advice}")
+    return value
 
 
 def _vector(text: str | None, joint: str, path: Path) -> FloatArray:
@@ -162,34 +273,9 @@ def _vector(text: str | None, joint: str, path: Path) -> FloatArray:
     except ValueError:
         values = np.empty(0)
     if len(values) != 3 or not np.isfinite(values).all() or np.abs(values).max() > 1e6:
-        raise RobotError(f"{path}: joint {joint!r}: {str(text)[:60]!r} is not three numbers")
+        advice = f"; the file {XACRO}" if "${" in str(text) else ""
+        raise RobotError(f"{path}: joint {joint!r}: {str(text)[:60]!r} is not three numbers{advice}")
     return values
-
-
-def _chain(joints: list[_Joint], tip: str | None, path: Path) -> list[_Joint]:
-    above = {j.child: j for j in joints}
-    if len(above) < len(joints):
-        twice = next(j.child for j in joints if sum(k.child == j.child for k in joints) > 1)
-        raise RobotError(f"{path}: link {twice!r} is the child of two joints: no chain leads there")
-    parents = {j.parent for j in joints}
-    ends = [tip] if tip is not None else [j.child for j in joints if j.child not in parents]
-    chains = []
-    for end in ends:
-        chain: list[_Joint] = []
-        while end in above and len(chain) <= len(joints):
-            chain.insert(0, above[end])
-            end = above[end].parent
-        chains.append(chain)
-    moving = [sum(j.kind in MOVING for j in chain) for chain in chains]
-    if not moving or max(moving) == 0 or len(chains[int(np.argmax(moving))]) > len(joints):
-        raise RobotError(f"{path}: no chain of joints leads from a root to {'a tip' if tip is None else repr(tip)}")
-    best = [chain for chain, count in zip(chains, moving, strict=True) if count == max(moving)]
-    if len({tuple(j.name for j in chain if j.kind in MOVING) for chain in best}) > 1:
-        raise RobotError(
-            f"{path}: chains to {', '.join(repr(c[-1].child) for c in best)} have {max(moving)} joints each; state which tip is meant"
-        )
-    # of tips behind the same joints the farthest: the tool behind the flange
-    return max(best, key=len)
 
 
 def _links(axes: list[tuple[FloatArray, FloatArray]], end: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -197,10 +283,10 @@ def _links(axes: list[tuple[FloatArray, FloatArray]], end: FloatArray) -> tuple[
     point, along = axes[0]
     # the foot keeps the base's own origin and directions as far as the first axis lets it
     start = point - (point @ along) * along if abs(along[2]) < 1.0 - 1e-12 or np.linalg.norm(point[:2]) > 1e-9 else np.zeros(3)
-    foot = frame = se3.pose(
-        start,
-        Rotation.align_vectors([along], [[0.0, 0.0, 1.0]])[0] if along[2] > -1.0 + 1e-12 else Rotation.from_rotvec([math.pi, 0.0, 0.0]),
-    )
+    # the shortest turn of z to the axis; from -z where that is nearer, for half turns are ill determined
+    over = Rotation.from_rotvec([math.pi, 0.0, 0.0]) if along[2] < -0.9 else Rotation.identity()
+    x, y, z = over.apply(along, inverse=True)
+    foot = frame = se3.pose(start, over * Rotation.from_quat([-y, x, 0.0, 1.0 + z]))
     links = np.zeros((len(axes), 5))
     for i, (point, along) in enumerate(axes[1:]):
         back = se3.inverse(frame)
@@ -245,11 +331,18 @@ def _about(axis: str, angle: float) -> FloatArray:
 
 def _element(root: etree._Element, name: str, kind: str, parent: str, child: str, frame: FloatArray) -> etree._Element:
     element = etree.SubElement(root, "joint", name=name, type=kind)
-    rpy = se3.rotation(frame).as_euler("xyz", suppress_warnings=True)
+    rpy = _fixed_angles(se3.matrices(frame))
     etree.SubElement(element, "origin", xyz=" ".join(repr(float(v) / MM) for v in frame[:3]), rpy=" ".join(repr(float(v)) for v in rpy))
     etree.SubElement(element, "parent", link=parent)
     etree.SubElement(element, "child", link=child)
     return element
+
+
+def _fixed_angles(matrix: FloatArray) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] of a rotation (3, 3), to the last digits at a pitch of a quarter turn too: there any yaw will do."""
+    yaw = math.atan2(matrix[1, 0], matrix[0, 0])
+    rest = Rotation.from_rotvec([0.0, 0.0, -yaw]).as_matrix() @ matrix
+    return math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-rest[2, 0], rest[0, 0]), yaw
 
 
 def _place(pose: FloatArray) -> dict[str, list[float]]:

@@ -192,12 +192,17 @@ def test_urdf_of_others_by_hand(tmp_path: Path) -> None:
     ("change", "said"),
     [
         (("<robot name", '<!DOCTYPE r [<!ENTITY a "b">]><robot name'), "document type"),
-        (('type="prismatic"', 'type="planar"'), "joint 'two': type 'planar'"),
+        (('type="prismatic"', 'type="sliding"'), "joint 'two': type 'sliding'"),
         (('<limit lower="0" upper="0.4" effort="1" velocity="1"/>', ""), "joint 'two': <limit> is missing"),
         (('xyz="0 0 -2"', 'xyz="0 0 x"'), "joint 'two': '0 0 x' is not three numbers"),
         (('xyz="0 0 -2"', 'xyz="0 0 0"'), "joint 'two': its axis has no direction"),
         (('<child link="e"/>', ""), "joint 'two': <child link=...> is missing"),
-        (('<child link="e"/>', '<child link="e"/><mimic joint="one"/>'), "mimic"),
+        (('<child link="e"/>', '<child link="e"/><mimic joint="three"/>'), "joint 'two': follows 'three' .mimic., which is no joint of the file"),
+        (('<child link="e"/>', '<child link="e"/><mimic joint="two"/>'), "joint 'two': follows 'two' .mimic., follows itself"),
+        (('<child link="e"/>', '<child link="e"/><mimic joint="one" multiplier="x"/>'), "joint 'two': 'x' is not a number"),
+        (('xyz="0 0 -2"', 'xyz="${a} 0 0"'), "is xacro, a template of URDF"),
+        (("</robot>", '<xacro:arm xmlns:xacro="http://ros.org/wiki/xacro"/></robot>'), "is xacro, a template of URDF"),
+        (("</robot>", "<xacro:arm/></robot>"), "is xacro, a template of URDF"),
         (('<parent link="b"/>', '<parent link="e"/>'), "no chain of joints"),
         (("</robot>", ""), "is not URDF"),
         (("<robot", "<sdf"), "is not URDF"),
@@ -224,7 +229,7 @@ def test_two_arms_ask_for_a_tip(tmp_path: Path) -> None:
     other = '<joint name="three" type="continuous"><parent link="m"/><child link="f"/></joint></robot>'
     path = tmp_path / "two.urdf"
     path.write_text(URDF.replace("</robot>", other), encoding="utf-8")
-    with pytest.raises(RobotError, match="chains to 'e', 'f' have 2 joints each; state which tip is meant"):
+    with pytest.raises(RobotError, match=r"several chains could be meant: to 'e' \(2 joints\), 'f' \(2 joints\); state one with --tip"):
         read_urdf(path)
     assert [j.name for j in read_urdf(path, "f").joint] == ["one", "three"]
 
