@@ -44,6 +44,6 @@ def write_identification(out: Path, robot: AnyRobot, of: Judged, language: str) 
     if of.over is not None:
         files.write_table(out / "workspace.csv", of.over.columns())
     write_robot_page(out / "report.html", of.found, of.record, of.over, language=language)
-    identified.write_record(out / "identified.json", of.record)
+    identified.write_record(out / "identified.json", of.record | identified.nominal_frames(robot))
     urdf, space = ["robot.urdf"] * isinstance(result, Robot), ["workspace.csv"] * (of.over is not None)
     return ["identified.json", "robot.toml", *urdf, "report.html", *space]

@@ -12,6 +12,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
 from lmeasure.robots.correction import NO_POSE, Correction, Limits, corrections, fits, in_keep_out, ways, whole_turns
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewritten
+from lmeasure.robots.frame_evidence import NEAR_RAD, contradicted
 from lmeasure.robots.identified_robot import IdentifiedRobot
 from lmeasure.shown import DataFrame, Shown, framed
 
@@ -81,7 +82,9 @@ def corrected_program(
     are not followed: a way that only they make is not looked at.
     """
     order = sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved)
-    chosen, left = _chosen(order, listing, dialect, robot, near)
+    apart = contradicted(listing, dialect, robot.nominal, single=not len(near))
+    chosen, left = _chosen([i for i in order if i not in apart], listing, dialect, robot, near)
+    left |= apart
     ready = corrections(robot.nominal, robot.seen, np.array(list(chosen.values())), limits) if chosen else []
     found = dict(zip(chosen, ready, strict=True))
     outcomes: dict[int, Outcome] = {}
@@ -156,6 +159,10 @@ def _joints(
     found = ways(robot.nominal, se3.compose(flange, se3.inverse(listing.frames[target.tool])), last)
     if not len(found):
         return None, "out of the nominal robot's reach"
+    if target.near and last is not None and not target.taught:
+        away = np.where(robot.nominal.sliding, 0.0, np.abs(found - last)).max(axis=1)
+        if away.min() > NEAR_RAD:
+            return None, f"none of its {len(found)} ways is within 90° of the joint values that the program states beside it"
     if target.flags:
         # a configuration may tell whole turns: those nearest to the target before are not always meant
         every = [q for way in found for q in whole_turns(robot.nominal, way)]
@@ -164,8 +171,10 @@ def _joints(
     if target.loose and last is not None:
         # nearest to where the robot comes from, unless what is stated says another
         if fitting and not np.array_equal(fitting[0], found[0]):
-            return None, "its configuration may not hold (ConfJ or ConfL \\Off), and the target before says another"
+            return None, "its configuration may not hold (ConfJ or ConfL \\Off), and the target before says another; state --near"
         return found[0], ""
+    if target.loose and len(found) > 1:
+        return None, "its configuration may not hold (ConfJ or ConfL \\Off), and nothing says where the robot comes from; state --near"
     if not fitting:
         return None, f"none of its {len(found)} ways has the configuration that it states"
     if last is None and len(fitting) > 1:

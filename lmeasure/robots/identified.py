@@ -9,11 +9,11 @@ import numpy as np
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.robots.fields import Place
+from lmeasure.robots.fields import Frame, Place
 from lmeasure.robots.identify import Identified, Prediction
 from lmeasure.robots.judged import HeldOut, Worth
 from lmeasure.robots.noted import Noted
-from lmeasure.robots.robot import AnyRobot
+from lmeasure.robots.robot import AnyRobot, Robot
 from lmeasure.robots.told import determined, silent_directions, unknown_frames
 from lmeasure.robots.workspace import Workspace, worst_pose
 
@@ -93,6 +93,12 @@ def corrected(robot: AnyRobot, found: Identified[Any]) -> AnyRobot:
     names = {p.name for p in found.fit.problem.unknowns.own}
     with_values = robot.with_values({name: value for name, value in values.items() if name in names})
     return with_values.model_copy(update={"tool": _place(found.state.targets[0])})
+
+
+def nominal_frames(robot: AnyRobot) -> dict[str, Any]:
+    """Return the controller's base and flange of a serial arm for identified.json; robot.toml has them too."""
+    frames = {key: getattr(robot, key, None) or Frame() for key in ("base", "flange")} if isinstance(robot, Robot) else {}
+    return {f"nominal_{key}": frame.model_dump(exclude_none=True, mode="json") for key, frame in frames.items()}
 
 
 def prediction_columns(names: Sequence[str], predicted: Prediction) -> dict[str, Any]:

@@ -153,14 +153,15 @@ def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]
     if not isinstance(robot, Robot):
         yield from _of_platform(robot)
         return
-    names = [j.name for j in robot.joint]
-    turning = np.array([isinstance(j, Revolute) for j in robot.joint])
+    names = [j.name for j in robot.driven]
+    at = [i for i, j in enumerate(robot.joint) if j.follows is None]  # the joints' own links: others follow them
+    turning = np.array([isinstance(j, Revolute) for j in robot.driven])
     for i, name in enumerate(names):
-        yield noted("sign", "sign", name, joint=name), _other_way(i)
+        yield noted("sign", "sign", name, joint=name), _other_way(at[i])
     for i, k in combinations(range(len(names)), 2):
         if turning[i] == turning[k]:
             yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
-            yield _swapped("links", names[i], names[k]), _links_swapped(i, k)
+            yield _swapped("links", names[i], names[k]), _links_swapped(at[i], at[k])
     if turning.any():
         yield noted("units", "units.joints.rad", "joints"), _turns_times(180.0 / math.pi)
         yield noted("units", "units.joints.deg", "joints"), _turns_times(math.pi / 180.0)
@@ -173,7 +174,7 @@ def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]
             yield _units("robot", unit, "robot"), _robot_times(factor, 1.0)
     for i, name in enumerate(names):
         for turn in (90.0, -90.0, 180.0) if turning[i] else ():
-            yield noted("zero", "zero", name, joint=name, turn_deg=turn), _zero(i, turn)
+            yield noted("zero", "zero", name, joint=name, turn_deg=turn), _zero(at[i], turn)
 
 
 def _of_joint(robot: Robot, i: int, **values: float) -> Robot:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from lmeasure.robots.robot import AnyRobot
 
 MAPPING = "NAME=COLUMN[UNIT],..."
+TIP = option("Link of a .urdf that is the controller's flange; the chain ends there.", metavar="LINK")
+BASE_LINK = option("Link of a .urdf that is the controller's base; the chain begins there.", metavar="LINK")
 
 
 class Settings(Asked):
@@ -41,7 +43,8 @@ class Settings(Asked):
         ),
     ] = ()
     columns: Annotated[str, option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar=MAPPING)] = ""
-    tip: Annotated[str | None, option("Link of a .urdf at which the chain ends.", metavar="LINK")] = None
+    tip: Annotated[str | None, TIP] = None
+    base_link: Annotated[str | None, BASE_LINK] = None
     u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
     u_links_mm: Annotated[
@@ -93,7 +96,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
             "keep_outliers", "with --weights biweight every row has the weight that the others leave it; state one of the two"
         )
     out, columns = settings.out, columns_of(settings.columns)
-    robot = nominal(settings.robot, settings.tip)
+    robot = nominal(settings.robot, settings.tip, settings.base_link)
     if "stiffness" in settings.free and getattr(robot, "payload", None) is None:
         raise SettingsError("free", "stiffness is told by a load: the robot states no [payload], whose weight would turn its joints")
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
@@ -138,19 +141,30 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
     told = tuple(f"{f.code}: {f.text}" for f in findings)
-    return Result(found, (*identified.summary(found, done.held, findings, done.over), written), figures, told)
+    return Result(found, (*identified.summary(found, done.held, findings, done.over), *frames_of(robot), written), figures, told)
 
 
-def nominal(name: str, tip: str | None = None) -> "AnyRobot":
+def frames_of(robot: "AnyRobot") -> list[str]:
+    """Say which links of a .urdf are the controller's base and flange."""
+    links = [getattr(getattr(robot, frame, None), "link", None) for frame in ("base", "flange")]
+    return [f"of the .urdf: base {links[0]!r} (--base-link), flange {links[1]!r} (--tip)"] if all(links) else []
+
+
+def nominal(name: str, tip: str | None = None, base_link: str | None = None) -> "AnyRobot":
     """A robot by the name under which it comes along, or from a robot.toml or .urdf."""
     from lmeasure.robots.robot import any_shipped, read_robot, shipped_names
     from lmeasure.robots.urdf import read_urdf
 
     path = Path(name)
     if path.suffix.lower() == ".urdf":
-        return read_urdf(path, tip)
-    if tip is not None:
-        raise SettingsError("tip", "goes with a .urdf")
+        return read_urdf(path, tip, base_link)
+    if path.suffix.lower() == ".xacro":
+        raise SettingsError(
+            "robot", f"{name!r} is a template of URDF: run `xacro {path.name} -o robot.urdf` (from ROS) and state robot.urdf"
+        )
+    for option_name, link in (("tip", tip), ("base_link", base_link)):
+        if link is not None:
+            raise SettingsError(option_name, "goes with a .urdf")
     if not path.suffix and name not in shipped_names():
         raise SettingsError("robot", f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
     return read_robot(path) if path.suffix else any_shipped(name)

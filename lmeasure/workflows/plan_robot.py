@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result
-from lmeasure.workflows.identify import nominal
+from lmeasure.workflows.identify import frames_of, nominal
 from lmeasure.workflows.plan_settings import Settings, poses_file
 from lmeasure.workflows.settings import pose_of
 
@@ -33,7 +33,7 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     from lmeasure.robots.plan import planned, to_plan
     from lmeasure.robots.read_measurements import read_measurements
 
-    robot = nominal(str(settings.robot), settings.tip)
+    robot = nominal(str(settings.robot), settings.tip, settings.base_link)
     model = robot.model
     freed(model, settings.free)  # names what is none before anything is computed
     base = pose_of(settings.base, "base") if settings.base else None
@@ -77,7 +77,7 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
         )
     if base is None and (settings.zone is not None or settings.rig is not None):
         lines.append("note: no place of the robot is stated (--base): its base is taken for the instrument's frame")
-    lines.append(f"written: {settings.out}, {poses_file(settings.out)}")
+    lines += [*frames_of(robot), f"written: {settings.out}, {poses_file(settings.out)}"]
     figures = {"expected_mm": float(plan.expected_mm[-1]), "random_mm": float(plan.random_mm[-1])}
     return Result(plan, tuple(lines), figures)
 

@@ -22,7 +22,7 @@ LIMITS = "What a cable allows"
 ROBOT = "Poses of a robot"
 STATED = "by default exact, with --extend the largest recorded"
 
-OPTIONS = ("free", "candidates", "keep_out", "zone", "base", "tool", "tip")
+OPTIONS = ("free", "candidates", "keep_out", "zone", "base", "tool", "tip", "base_link")
 """What is asked of a robot alone."""
 
 
@@ -82,7 +82,12 @@ class Settings(Asked):
         Numbers | None, option("Where the robot stands in the instrument's frame.", metavar="X,Y,Z[,QX,QY,QZ,QW]", panel=ROBOT)
     ] = None
     tool: Annotated[Numbers | None, option("Where the target sits on the flange.", metavar="X,Y,Z[,QX,QY,QZ,QW]", panel=ROBOT)] = None
-    tip: Annotated[str | None, option("Link of a .urdf at which the chain ends.", metavar="LINK", panel=ROBOT)] = None
+    tip: Annotated[
+        str | None, option("Link of a .urdf that is the controller's flange; the chain ends there.", metavar="LINK", panel=ROBOT)
+    ] = None
+    base_link: Annotated[
+        str | None, option("Link of a .urdf that is the controller's base; the chain begins there.", metavar="LINK", panel=ROBOT)
+    ] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:

@@ -197,7 +197,10 @@ def test_urdf_of_others_by_hand(tmp_path: Path) -> None:
         (('xyz="0 0 -2"', 'xyz="0 0 x"'), "joint 'two': '0 0 x' is not three numbers"),
         (('xyz="0 0 -2"', 'xyz="0 0 0"'), "joint 'two': its axis has no direction"),
         (('<child link="e"/>', ""), "joint 'two': <child link=...> is missing"),
-        (('<child link="e"/>', '<child link="e"/><mimic joint="three"/>'), "joint 'two': follows 'three' .mimic., which is no joint of the file"),
+        (
+            ('<child link="e"/>', '<child link="e"/><mimic joint="three"/>'),
+            "joint 'two': follows 'three' .mimic., which is no joint of the file",
+        ),
         (('<child link="e"/>', '<child link="e"/><mimic joint="two"/>'), "joint 'two': follows 'two' .mimic., follows itself"),
         (('<child link="e"/>', '<child link="e"/><mimic joint="one" multiplier="x"/>'), "joint 'two': 'x' is not a number"),
         (('xyz="0 0 -2"', 'xyz="${a} 0 0"'), "is xacro, a template of URDF"),

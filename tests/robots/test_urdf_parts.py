@@ -1,4 +1,4 @@
-"""URDFs with the odd parts that public ones have, against kinematics of their own: forks, mimic joints, fixed joints, base and flange links.
+"""URDFs with the odd parts that public ones have, against kinematics of their own: forks, mimic and fixed joints, base and flange links.
 
 Forty arms are drawn from seeds. What is expected of each is computed from what it was drawn from, by matrices, and by no code of lmeasure.
 """
@@ -12,6 +12,8 @@ from kinematics_readers import Matrix, by_table, by_urdf, shift, turn
 
 from lmeasure import se3
 from lmeasure.errors import RobotError
+from lmeasure.robots.identify import Settings, identify
+from lmeasure.robots.read_measurements import read_measurements
 from lmeasure.robots.robot import read_robot, write_robot
 from lmeasure.robots.urdf import read_urdf, write_urdf
 
@@ -122,7 +124,13 @@ def drawn(seed: int) -> Arm:
         limit = f'<limit lower="{low}" upper="{high}" effort="1" velocity="1"/>'
         if kind == "continuous" or (kind == "revolute" and odd(0.3)):
             low, high = -2 * np.pi, 2 * np.pi
-            limit = "" if odd(0.5) else '<limit effort="1" velocity="1"/>' if odd(0.5) else '<limit lower="-1e6" upper="1e6" effort="1" velocity="1"/>'
+            limit = (
+                ""
+                if odd(0.5)
+                else '<limit effort="1" velocity="1"/>'
+                if odd(0.5)
+                else '<limit lower="-1e6" upper="1e6" effort="1" velocity="1"/>'
+            )
         name, child = f"joint_{i + 1}", f"link_{i + 1}"
         parts.append(Part(name, kind, link, child, some(0.6), some(3.0), axis(), limit))
         variables.append(name)
@@ -156,7 +164,9 @@ def drawn(seed: int) -> Arm:
         parts.append(Part("to_hand", "fixed", flange, "palm", some(0.1), some(3.0)))
         flange = "palm" if ending >= 2 else flange
         for side in ("left", "right"):
-            parts.append(Part(f"{side}_finger_joint", "prismatic", "palm", f"{side}_tip", some(0.1), limit='<limit lower="0" upper="0.04"/>'))
+            parts.append(
+                Part(f"{side}_finger_joint", "prismatic", "palm", f"{side}_tip", some(0.1), limit='<limit lower="0" upper="0.04"/>')
+            )
         if odd(0.5):
             parts[-1].mimic = ("left_finger_joint", 1.0, 0.0)
     if odd(0.5):  # wheels, a head, a body on a plane: none of the arm
@@ -201,3 +211,119 @@ def test_forty_arms_of_odd_parts(seed: int, tmp_path: Path) -> None:
             two = [model.forward((values + sign * h * np.eye(len(values))[k])[None])[0] for sign in (1.0, -1.0)]
             moved = np.array(two[0][:3] - two[1][:3]) / (2.0 * h)
             np.testing.assert_allclose(twists[0, k, 3:] + np.cross(twists[0, k, :3], poses[0, :3]), moved, rtol=1e-5, atol=1e-3)
+
+
+def test_a_coupled_arm_is_reached_and_identified(tmp_path: Path) -> None:
+    """Like a palletiser: a parallelogram keeps the arm's third link upright, a second one its hand level."""
+    up, across = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+    limit = '<limit lower="-1.2" upper="1.3"/>'
+    parts = [
+        Part("j1", "revolute", "base_link", "l1", (0, 0, 0.5), axis=up, limit=limit),
+        Part("j2", "revolute", "l1", "l2", (0.3, 0, 0), axis=across, limit=limit),
+    ]
+    parts += [
+        Part("j3", "revolute", "l2", "l3", (0, 0, 1.0), axis=across, limit=limit),
+        Part("p3", "revolute", "l3", "l4", (0.01, 0, 0), axis=across, mimic=("j2", -1.0, 0.0)),
+    ]
+    parts += [Part("j4", "revolute", "l4", "l5", (1.2, 0, 0), axis=(1.0, 0.0, 0.0), limit=limit)]
+    parts += [
+        Part("j5", "revolute", "l5", "l6", (0.1, 0, 0), axis=across, limit=limit),
+        Part("j6", "revolute", "l6", "l7", axis=(1.0, 0.1, 0.0), limit=limit),
+    ]
+    parts += [Part("to_tool0", "fixed", "l7", "tool0", (0.15, 0, 0), (0.0, 1.5, 0.0))]
+    arm = Arm("base_link", "tool0", parts, ["j1", "j2", "j3", "j4", "j5", "j6"], {})
+    robot = read_urdf(arm.write(tmp_path / "arm.urdf"))
+    model = robot.model
+    assert robot.joint[3].follows == "j2"
+    assert robot.joint[3].ratio == -1.0
+    rng = np.random.default_rng(3)
+    joints = rng.uniform(-0.9, 0.9, (40, 6))
+    pose = model.forward(joints[:1])[0]
+    ways = model.inverse(pose)
+    assert np.abs(ways - joints[0]).max(axis=1).min() < 1e-7
+    for way in ways:
+        np.testing.assert_allclose(arm.pose(dict(zip(arm.variables, way, strict=True)))[:3, 3], pose[:3], atol=1e-5)
+    # built with another lower arm and a bar of the parallelogram that is 0.2 degrees off
+    arm.by_name["j3"].xyz, arm.by_name["p3"].mimic = (0.0, 0.0, 1.0008), ("j2", -1.0, float(np.radians(0.2)))
+    at = [arm.pose(dict(zip(arm.variables, q, strict=True))) for q in joints]
+    rows = [
+        f"p{i}," + ",".join(map(repr, [*np.degrees(q), *(m @ [50.0, 20.0, 120.0, 1.0])[:3]]))
+        for i, (q, m) in enumerate(zip(joints.tolist(), at, strict=True))
+    ]
+    header = "name," + ",".join(f"j{i}_deg" for i in range(1, 7)) + ",x_mm,y_mm,z_mm"
+    (tmp_path / "m.csv").write_text(
+        "\n".join([header, *(row.replace("np.float64(", "").replace(")", "") for row in rows)]), encoding="utf-8"
+    )
+    found = identify(model, read_measurements(tmp_path / "m.csv", model), Settings())
+    assert np.linalg.norm(found.nominal_errors_mm(), axis=1).mean() > 0.2
+    assert np.linalg.norm(found.errors_mm(), axis=1).max() < 1e-3
+    assert "p3.theta_deg" in [p.name for p in model.parameters]
+    assert not any(p.name.startswith("p3.s") for p in model.parameters)  # scale and harmonics are those of the motor
+
+
+FORK = [
+    Part("a1", "revolute", "base_link", "l1", (0, 0, 0.4)),
+    Part("a2", "revolute", "l1", "l2", (0.1, 0, 0), axis=(0.0, 1.0, 0.0)),
+    Part("a3", "revolute", "l2", "l3", (0, 0, 0.5), axis=(0.0, 1.0, 0.0)),
+    Part("a4", "revolute", "l3", "l4", (0.4, 0, 0), axis=(1.0, 0.0, 0.0)),
+]
+
+
+def arm_of(*more: Part, path: Path, tip: str | None = None, base: str | None = None) -> tuple[list[str], str | None, str | None]:
+    """Names of the joints, base and flange of the common arm with more parts."""
+    robot = read_urdf(Arm("", "", [*FORK, *more], [], {}).write(path / "arm.urdf"), tip, base)
+    assert robot.base is not None
+    assert robot.flange is not None
+    return [j.name for j in robot.joint], robot.base.link, robot.flange.link
+
+
+def test_which_end_is_meant(tmp_path: Path) -> None:
+    four = ["a1", "a2", "a3", "a4"]
+    slide = "prismatic"
+    # two fingers without a name that says so, alone or one following the other, at the last link or on a plate
+    for link, parts in (("l4", []), ("plate", [Part("f", "fixed", "l4", "plate")])):
+        for mimic in (None, ("g1", 1.0, 0.0)):
+            fingers = [Part(f"g{i}", slide, link, f"g{i}", mimic=mimic if i == 2 else None) for i in (1, 2)]
+            assert arm_of(*parts, *fingers, path=tmp_path) == (four, "base_link", link)
+    # a tool0 on it, a hand behind that, and a camera on another fixed joint
+    hand = [
+        Part("f", "fixed", "l4", "tool0"),
+        Part("h", "fixed", "tool0", "hand"),
+        Part("g1", slide, "hand", "g1"),
+        Part("g2", slide, "hand", "g2"),
+    ]
+    assert arm_of(*hand, Part("c", "fixed", "l4", "camera"), path=tmp_path) == (four, "base_link", "tool0")
+    assert arm_of(*hand, path=tmp_path, tip="hand") == (four, "base_link", "hand")
+    # wheels and a head before it
+    head = [Part("w", "continuous", "base_link", "w"), Part("n1", "revolute", "base_link", "n1"), Part("n2", "revolute", "n1", "n2")]
+    assert arm_of(*head, path=tmp_path)[0] == four
+    # a vehicle under it, and a lift that is part of it unless the base is stated
+    assert arm_of(Part("v", "floating", "odom", "base_link"), path=tmp_path) == (four, "base_link", "l4")
+    lift = Part("lift", slide, "ground", "base_link", axis=(0.0, 0.0, 1.0), limit='<limit lower="0" upper="0.5"/>')
+    assert arm_of(lift, path=tmp_path) == (["lift", *four], "ground", "l4")
+    assert arm_of(lift, path=tmp_path, base="base_link") == (four, "base_link", "l4")
+    assert arm_of(Part("b", "fixed", "l1", "shoulder"), path=tmp_path, base="shoulder") == (["a2", "a3", "a4"], "shoulder", "l4")
+
+
+SECOND_ARM = [Part(f"b{i}", "revolute", f"m{i - 1}" if i > 1 else "base_link", f"m{i}") for i in range(1, 5)]
+TOOLS = [Part("f", "fixed", "l4", "left_tool0"), Part("g", "fixed", "m4", "right_tool0")]
+SOME = '<limit lower="0" upper="1"/>'
+
+
+@pytest.mark.parametrize(
+    ("more", "options", "said"),
+    [
+        (SECOND_ARM, {}, r"to 'l4' \(4 joints\), 'm4' \(4 joints\); state one with --tip"),
+        ([*SECOND_ARM, *TOOLS], {}, r"to 'left_tool0' \(4 joints\), 'right_tool0'"),
+        ([], {"tip": "a3"}, "it is a joint, whose link is 'l3'"),
+        ([], {"tip": "nowhere"}, "links that end a chain: l4"),
+        ([], {"base": "l9"}, "link 'l9' is not fixed to any link of the chain to 'l4'"),
+        ([Part("p", "planar", "l4", "l5"), Part("q", "revolute", "l5", "l6")], {}, "type 'planar' is none of .*state with --base-link"),
+        ([Part("s", "prismatic", "l4", "tool0")], {}, "joint 's': <limit> is missing, which a prismatic joint needs"),
+        ([Part("s", "prismatic", "l4", "tool0", limit=SOME, mimic=("a1", 0.0, 0.0))], {}, "multiplier 0"),
+    ],
+)
+def test_what_is_ambiguous_or_unreadable_says_what_to_state(more: list[Part], options: dict[str, str], said: str, tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=said) as caught:
+        arm_of(*more, path=tmp_path, **options)
+    assert "\n" not in str(caught.value)

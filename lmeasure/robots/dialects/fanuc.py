@@ -16,7 +16,7 @@ from lmeasure.robots.dialects.euler import of_angles
 from lmeasure.robots.dialects.program_text import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, wrong
 
 POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
-_POSITION = re.compile(r"^[ \t]*P\[\s*(\d+)[^\]]*\]\s*(?=\{)", re.M)
+_POSITION = re.compile(r'^[ \t]*P\[\s*(\d+)\s*(?::\s*"?([^"\]]*))?[^\]]*\]\s*(?=\{)', re.M)
 _MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCAS])\s+(.*?);", re.M | re.S)
 _NAMED = re.compile(r"\b(PR?)\[\s*([^\]:]*)[^\]]*\]")
 _BY_DIFFERENCE = re.compile(r"\b(\w*OFFSET|INC|TRACK|COORD|RTCP)\b", re.I)
@@ -84,13 +84,14 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
             leave(m.start(), f"{name}: is moved to with {', '.join(differences)}")
         else:
             found = _target(k, source, name, (m.end(), end), current)
-            frame = "" if isinstance(found, str) else next((f for f in (found.base, found.tool) if _set_at(f, set_here)), "")
             if isinstance(found, str):
                 leave(m.start(), f"{name}: {found}")
-            elif frame and not found.joints:
+                continue
+            frame = next((f for t in found if not t.joints for f in (t.base, t.tool) if _set_at(f, set_here)), "")
+            if frame:
                 leave(m.start(), f"{name}: its frame {frame} is set by the program in {source.name}:{_set_at(frame, set_here)}")
             else:
-                targets.append(replace(found, moved=(k, first[number])))
+                targets += [replace(t, moved=(k, first[number]), label=(m[2] or "").strip()) for t in found]
 
 
 def _set_at(frame: str, set_here: Mapping[str, int]) -> int:
@@ -99,8 +100,8 @@ def _set_at(frame: str, set_here: Mapping[str, int]) -> int:
     return 0 if number == "0" else set_here.get(f"{which}[{number}", set_here.get(f"{which}[", 0))
 
 
-def _target(k: int, source: Source, name: str, span: Span, current: dict[str, set[str]]) -> Target | str:
-    """The position between braces, or why it is none."""
+def _target(k: int, source: Source, name: str, span: Span, current: dict[str, set[str]]) -> list[Target] | str:
+    """The position between braces, twice where it is told by joint values and as a pose, or why it is none."""
     text = source.text
     start = text.find("GP1", *span)
     other = re.compile(r"GP[2-9]").search(text, *span)
@@ -117,7 +118,8 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
         if m[1] in fields:
             return f"{m[1]} stated twice"
         fields[m[1]] = (float(m[2]), m.span(2))
-    joints = "J1" in fields
+    both = all(key in fields for key in (*AXES, *POSE))
+    joints = "J1" in fields and not both
     wanted = AXES if joints else POSE
     missing = [key for key in wanted if key not in fields]
     if missing:
@@ -141,7 +143,11 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
     flags = {} if config is None else {"flip": int(config[1] == "F"), "up": int(config[2] != "D"), "front": int(config[3] == "T")}
     flags |= {} if config is None else {f"turn{i}": int(config[3 + i]) for i in (1, 2, 3)}
     values, spans = zip(*(fields[key] for key in wanted), strict=True)
-    return Target(name, k, source.line(span[0]), joints, values, spans, frames.get("UF", ""), frames.get("UT", ""), flags)
+    told = Target(name, k, source.line(span[0]), joints, values, spans, frames.get("UF", ""), frames.get("UT", ""), flags)
+    if not both:
+        return [told]
+    axes, places = zip(*(fields[key] for key in AXES), strict=True)
+    return [replace(told, near=axes, taught=True), replace(told, joints=True, values=axes, spans=places, flags={})]
 
 
 def _sections(text: str) -> tuple[Span, Span]:

@@ -55,7 +55,8 @@ class Target:
     they are joint values; base, tool: names of the frames that it is told in, of `Listing.frames`; flags: of its configuration, by name;
     moved: source and place of the first motion to it, which need not stand where the target does; near: joint values in the dialect's units
     that the program states beside a pose, the way to which is the nearest to them; loose: the controller may be told to pass over the
-    flags, so that a way is known where the target before says none but theirs."""
+    flags, so that a way is known where the target before says none but theirs; taught: `near` are the joint values
+    of the pose itself; label: what the program calls the point, where that is not its name."""
 
     name: str
     source: int
@@ -69,6 +70,8 @@ class Target:
     moved: tuple[int, int] = (0, 0)
     near: tuple[float, ...] = ()
     loose: bool = False
+    taught: bool = False
+    label: str = ""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW,
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -103,7 +104,14 @@ def _rows(k: int, source: Source, turn: tuple[str, ...], place: tuple[str, ...],
             unread.append(Unread(source.name, line, f"{name}: {why}"))
             continue
         base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
-        targets.append(Target(name, k, line, not posed, values, spans, base, tool, moved=(k, start)))
+        told = Target(name, k, line, not posed, values, spans, base, tool, moved=(k, start))
+        beside = [row[c] for c in header if posed and _JOINT.fullmatch(c)]
+        words = [text[slice(*s)] if separator == "," else text[slice(*s)].replace(",", ".") for s in beside]
+        if beside and all(re.fullmatch(NUMBER, word) for word in words) and not wrong(axes := tuple(map(float, words))):
+            # told by joint values too: both are corrected
+            targets += [replace(told, near=axes, taught=True), replace(told, joints=True, values=axes, spans=tuple(beside))]
+        else:
+            targets.append(told)
 
 
 def _of_quaternion(values: Sequence[float]) -> FloatArray:
