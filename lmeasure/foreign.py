@@ -6,7 +6,7 @@
 import csv
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -29,6 +29,8 @@ KINDS = {
 UNITS = {unit: size for kind in KINDS.values() for unit, size in kind.items()}
 ANGLES = {name.rsplit("_", 1)[0] for each in CONVENTIONS.values() for name in each.columns}
 """What controllers call them."""
+INDEX = ("", "Unnamed: 0")
+"""What a first column without a name is called: not at all, or by pandas, which has read and written it again."""
 UNIT_TOLERANCE = 1e-3
 """Of a quaternion's length: other programs write four digits."""
 _MAPPED = re.compile(r"\s*([^=\s]+)\s*=\s*(.+?)\s*(?:\[\s*(\w+)\s*\])?\s*")
@@ -79,8 +81,12 @@ class ForeignTable:
             self._table = files.read_table(self.path)
         else:
             self._table, self.lines, self._units = _read(self.path)
+        # a column may be stated by its number, from 1
+        own = self._table.columns
+        numbers = {str(i + 1): name for i, name in enumerate(own) if str(i + 1) not in own}
+        self._columns = {name: replace(column, name=numbers.get(column.name, column.name)) for name, column in self._columns.items()}
         if part:
-            self._columns = {name: column for name, column in self._columns.items() if column.name in self._table.columns}
+            self._columns = {name: column for name, column in self._columns.items() if column.name in own}
         for name, column in self._columns.items():
             if column.name not in self._table.columns:
                 raise FileFormatError(f"{path}: column {column.name!r}, which --columns says is {name}, is missing; it has {self.has}")
@@ -91,9 +97,14 @@ class ForeignTable:
         return self._table.columns
 
     @property
+    def mapped(self) -> frozenset[str]:
+        """Our names of the columns that --columns says and the file has."""
+        return frozenset(self._columns)
+
+    @property
     def has(self) -> str:
         """Names of its columns."""
-        return ", ".join(self._table.columns)
+        return ", ".join(name for name in self._table.columns if name)
 
     def __len__(self) -> int:
         return len(self._table)
@@ -157,6 +168,15 @@ class ForeignTable:
             raise FileFormatError(f"{self.path}: has {', '.join(some)}, but no {missing}: a quaternion is all four")
         return None
 
+    def row_names(self, *called: str) -> list[str] | None:
+        """Return what the rows are called: the cells of the first of these columns, else of a first column without a name, as pandas writes
+        its index; None where neither is there."""
+        name = next((name for name in called if self.find(name)), None)
+        if name is not None:
+            return self.text(name)
+        first = self._table.columns[0]
+        return self._table.text(first) if first in INDEX else None
+
     def row(self, index: int) -> str:
         """Which row that is, for a complaint: file and line."""
         return f"{self.path}: line {self.lines[index]}" if self.lines else f"{self.path}: row {index + 1}"
@@ -209,10 +229,10 @@ def _read(path: Path) -> tuple[files.Table, list[int], dict[str, str]]:
     if numbered and all(cell.strip("[]()") in ("", *UNITS) for cell in numbered[0][1]) and any(numbered[0][1]):
         units = {name: cell.strip("[]()") for name, cell in zip(header, numbered.pop(0)[1], strict=False) if cell}
     twice = sorted({name for name in header if header.count(name) > 1})
-    if twice or "" in header:
-        raise FileFormatError(
-            f"{path}: column {twice[0]!r} stands twice" if twice else f"{path}: column number {header.index('') + 1} has no name"
-        )
+    if twice:
+        raise FileFormatError(f"{path}: column {twice[0]!r} stands twice" if twice[0] else f"{path}: several columns have no name")
+    if "" in header[1:]:
+        raise FileFormatError(f"{path}: column number {header.index('', 1) + 1} has no name")
     for line, row in numbered:
         if len(row) < len(header) or any(row[len(header) :]):
             raise FileFormatError(f"{path}:{line}: has {len(row)} cells, the first line {len(header)}")

@@ -23,21 +23,24 @@ STATED = (
 """What may be stated beside a pose, by name and unit."""
 
 
-def read_pose_table(path: Path, angles: str, columns: Mapping[str, Column] | None = None, *, unnamed: bool = False) -> files.Table:
+def read_pose_table(
+    path: Path, angles: str, columns: Mapping[str, Column] | None = None, *, unnamed: bool = False, part: bool = False
+) -> files.Table:
     """A table with our own columns: pose, x_mm, y_mm, z_mm, and quaternions or the angles of the convention where it has orientations.
 
-    columns: which column is which, as `foreign.columns_of` reads it; pose may be called name too. unnamed: poses without either are called
-    by their number, from 1. FileFormatError says what is missing.
+    columns: which column is which, as `foreign.columns_of` reads it; pose may be called name too, or be a first column without a name.
+    unnamed: poses without these are called by their number, from 1. part: columns speaks of other tables too. FileFormatError says what is
+    missing.
     """
     path = Path(path)
     if not columns and (not path.is_file() or path.suffix.lower() == ".parquet" or _is_ours(path)):
         return files.read_table(path)
-    given = ForeignTable(path, columns)
-    called = next((name for name in ("pose", "name") if given.find(name)), None)
-    if called is None and not unnamed:
+    given = ForeignTable(path, columns, part=part)
+    names = given.row_names("pose", "name")
+    if names is None and not unnamed:
         hint = "" if columns is None else "; --columns says which column is which"
         raise FileFormatError(f"{path}: column 'pose' is missing; it has {given.has}{hint}")
-    names = [str(i + 1) for i in range(len(given))] if called is None else given.text(called)
+    names = names or [str(i + 1) for i in range(len(given))]
     out: dict[str, pa.Array] = {"pose": pa.array(names, pa.string())}
     out |= {f"{axis}_mm": pa.array(given.numbers(axis, "mm")) for axis in PLACES}
     turns = given.orientation(convention(angles))

@@ -153,16 +153,22 @@ def joined(first: Poses, then: Poses) -> Poses:
 
 
 def read_poses(
-    path: Path, angles: str, columns: Mapping[str, Column] | None = None, *, positions_alone: bool = False, unnamed: bool = False
+    path: Path,
+    angles: str,
+    columns: Mapping[str, Column] | None = None,
+    *,
+    positions_alone: bool = False,
+    unnamed: bool = False,
+    part: bool = False,
 ) -> Poses:
     """Read `pose, x_mm, y_mm, z_mm` with angle columns of the convention or qx, qy, qz, qw; or anybody's table (`pose_table`), with what
     `columns` says of it.
 
     Optional: u_position_mm, u_rotation_deg, or for each axis u_x_mm, u_y_mm, u_z_mm and u_rx_deg, u_ry_deg, u_rz_deg, with correlations
     such as rho_x_y or rho_z_rx. positions_alone: a file without any column of an orientation is read, and is not `oriented`.
-    unnamed: poses of a text table without the column `pose` are called by their number, from 1.
+    unnamed: poses of a text table without the column `pose` are called by their number, from 1; part: `columns` speaks of other tables too.
     """
-    table = read_pose_table(path, angles, columns, unnamed=unnamed)
+    table = read_pose_table(path, angles, columns, unnamed=unnamed, part=part)
     turns = conventions.convention(angles).columns
     known = (*POSITION_COLUMNS, *conventions.QUATERNION_COLUMNS, *turns, "u_position_mm", "u_rotation_deg", *AXIS_COLUMNS)
     with table.every_fault(known):

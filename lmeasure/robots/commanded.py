@@ -45,7 +45,7 @@ def read_commanded(path: Path, robot: RobotModel, columns: Mapping[str, Column] 
     time_s = table.numbers("time", "s") if table.find("time", "s") else None
     if time_s is not None and (np.diff(time_s) < 0.0).any():
         raise FileFormatError(f"{table.row(1 + int(np.argmax(np.diff(time_s) < 0.0)))}: its time is before that of the row before")
-    return Commanded(path, tuple(names_of(table)), joints_of(table, robot), time_s, tuple(table.lines), table.find("name") is not None)
+    return Commanded(path, tuple(names_of(table)), joints_of(table, robot), time_s, tuple(table.lines), table.row_names("name") is not None)
 
 
 def with_joints(points: Measurements, commanded: Commanded) -> tuple[Measurements, list[Noted]]:

@@ -92,7 +92,7 @@ def joints_of(table: ForeignTable, robot: RobotModel) -> FloatArray:
 
 def names_of(table: ForeignTable) -> list[str]:
     """Names of its rows, their numbers where it has none."""
-    names = table.text("name") if table.find("name") else [""] * len(table)
+    names = table.row_names("name") or [""] * len(table)
     return [name or str(i + 1) for i, name in enumerate(names)]
 
 

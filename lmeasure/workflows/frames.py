@@ -22,6 +22,9 @@ class Settings(Asked):
     measured: Annotated[Path, option("Poses of the target in the instrument's frame, under the same names.", metavar="FILE")]
     out: Annotated[Path, option("Base and tool with their covariance.", metavar="FILE.json")]
     angles: Annotated[str, option("Convention of angle columns.")] = "puma-oat"
+    columns: Annotated[
+        str, option("Which column of the two tables is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar="NAME=COLUMN[UNIT],...")
+    ] = ""
     u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
     seed: Annotated[int, option("Seed of starts.", ge=0)] = 0
@@ -41,14 +44,21 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
 
     from lmeasure import files
     from lmeasure.conventions import CONVENTIONS
+    from lmeasure.foreign import ForeignTable, columns_of
     from lmeasure.poses import read_poses
     from lmeasure.robots.frames import frames
     from lmeasure.robots.told import unknown_frames
 
     if settings.angles not in CONVENTIONS:
         raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
-    robot = read_poses(settings.robot, settings.angles)
-    seen = read_poses(settings.measured, settings.angles, positions_alone=True)
+    columns = columns_of(settings.columns)
+    paths = (settings.robot, settings.measured)
+    there = {name for path in paths for name in ForeignTable(path, columns, part=True).mapped} if columns else set()
+    stray = next((name for name in columns if name not in there), None)
+    if stray is not None:
+        raise SettingsError("columns", f"{stray}={columns[stray].name}: neither {paths[0]} nor {paths[1]} has such a column")
+    robot = read_poses(settings.robot, settings.angles, columns, part=True)
+    seen = read_poses(settings.measured, settings.angles, columns, positions_alone=True, part=True)
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     try:
         found = frames(robot, seen.with_uncertainty(settings.u_position_mm, turn), settings.seed)

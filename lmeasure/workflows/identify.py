@@ -11,6 +11,7 @@ from lmeasure.workflows.settings import LANGUAGE, Asked, Names, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.robots.identify import Identified
+    from lmeasure.robots.measurements import Measurements
     from lmeasure.robots.robot import AnyRobot
 
 MAPPING = "NAME=COLUMN[UNIT],..."
@@ -104,9 +105,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     rows = measured.rows
     # read before anything is computed: what cannot be read is said at once
     asked = None if settings.predict is None else read_measurements(settings.predict, robot.model, columns, joints_alone=True)
-    if asked is not None and not set(asked.targets) <= set(rows.targets):
-        strange = next(t for t in asked.targets if t not in rows.targets)
-        raise SettingsError("predict", f"{settings.predict}: target {strange!r} was not measured; measured: {', '.join(rows.targets)}")
+    unasked: list[str] = []
+    if asked is not None:
+        asked, unasked = _measured_targets(asked, rows, settings.predict)
     progress(0.05, "looking for slips")
     mend = mended(robot, rows, settings.seed)
     progress(0.2, "identifying")
@@ -134,14 +135,29 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     progress(0.9, "writing")
     names = write_identification(out, mend.robot, done, settings.language or of_terminal())
     if asked is not None:
-        of = np.array([rows.targets.index(t) for t in asked.targets])[asked.target_of]
+        of = np.array([rows.targets.index(asked.targets[i]) for i in asked.target_of])
         joints = mend.joints(asked.joints)
         files.write_table(out / "predictions.csv", identified.prediction_columns(asked.names, predict(found, joints, of)))
         names.insert(names.index("report.html") + 1, "predictions.csv")
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
-    told = tuple(f"{f.code}: {f.text}" for f in findings)
-    return Result(found, (*identified.summary(found, done.held, findings, done.over), *frames_of(robot), written), figures, told)
+    told = (*(f"{f.code}: {f.text}" for f in findings), *unasked)
+    lines = (*identified.summary(found, done.held, findings, done.over), *(f"warning {text}" for text in unasked), *frames_of(robot))
+    return Result(found, (*lines, written), figures, told)
+
+
+def _measured_targets(asked: "Measurements", rows: "Measurements", path: Path | None) -> "tuple[Measurements, list[str]]":
+    """Return the rows to predict whose target was measured, and a line for each target that was not; SettingsError where none was."""
+    import numpy as np
+
+    strange = [name for name in asked.targets if name not in rows.targets]
+    keep = np.array([asked.targets[i] not in strange for i in asked.target_of], dtype=np.bool_)
+    measured = ", ".join(rows.targets)
+    if not keep.any():
+        raise SettingsError("predict", f"{path}: target {strange[0]!r} was not measured; measured: {measured}")
+    counts = {name: int((asked.target_of == asked.targets.index(name)).sum()) for name in strange}
+    told = [f"predict: target {name!r} was not measured (measured: {measured}): {n} rows left out" for name, n in counts.items()]
+    return asked.of(np.flatnonzero(keep)), told
 
 
 def frames_of(robot: "AnyRobot") -> list[str]:

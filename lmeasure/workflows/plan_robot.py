@@ -27,6 +27,7 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     import numpy as np
 
     from lmeasure import files, se3
+    from lmeasure.foreign import columns_of
     from lmeasure.poses import pose_columns, poses_from_rows
     from lmeasure.robots.allowed import REGULAR, Allowed
     from lmeasure.robots.identify import freed
@@ -44,7 +45,7 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     allowed = Allowed(model, stands, sits, boxes, _zone(settings), REGULAR)
     progress(0.0, "candidates")
     if settings.candidates is not None:
-        given = read_measurements(settings.candidates, model, joints_alone=True)
+        given = read_measurements(settings.candidates, model, columns_of(settings.columns), joints_alone=True)
         keep = np.flatnonzero(allowed(given.joints))
         joints, names = given.joints[keep], [given.names[i] for i in keep]
         if len(joints) < settings.poses:

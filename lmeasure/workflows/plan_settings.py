@@ -22,7 +22,7 @@ LIMITS = "What a cable allows"
 ROBOT = "Poses of a robot"
 STATED = "by default exact, with --extend the largest recorded"
 
-OPTIONS = ("free", "candidates", "keep_out", "zone", "base", "tool", "tip", "base_link")
+OPTIONS = ("free", "candidates", "columns", "keep_out", "zone", "base", "tool", "tip", "base_link")
 """What is asked of a robot alone."""
 
 
@@ -74,6 +74,9 @@ class Settings(Asked):
     ] = None
     free: Annotated[Names, option("What else `identify` will free beside links and harmonics.", metavar="FAMILY,...", panel=ROBOT)] = ()
     candidates: Annotated[Path | None, option("Joint values to choose from, by default all allowed.", metavar="FILE", panel=ROBOT)] = None
+    columns: Annotated[
+        str, option("Which column of the candidates is which, and its unit.", metavar="NAME=COLUMN[UNIT],...", panel=ROBOT)
+    ] = ""
     keep_out: Annotated[
         Box | None, option("Box [robot's base] that no link and no target may enter.", metavar=BOX, unit="mm", panel=ROBOT)
     ] = None
