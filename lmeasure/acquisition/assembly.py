@@ -32,17 +32,17 @@ class Assembled:
 
 def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) -> Assembler:
     """An assembler for the timing that the rig's `[can]` table states."""
-    known = rig.counters_of(passage)
+    known, drums, table = rig.counters_of(passage), rig.drums_of(passage), rig.can_table
     counters = tuple(
         CounterState(
             f,
             known[f.channel].rate / f.scale,
             wraps_later=known[f.channel].counter_bits is not None or known[f.channel].codes is not None,
             codes=known[f.channel].codes is not None,
+            unit_mm=known[f.channel].per_count * f.scale / known[f.channel].scale if f.channel in drums else None,
         )
         for f in fields
     )
-    table = rig.can_table
     start_line = None if table.start_input is None else StartLine(table.start_input)
     if table.timing == "free":
         return FreeAssembler(fields, counters, EventLog(), start_line)

@@ -1,6 +1,7 @@
 """Who is on the bus: frames that are not of the rig, encoders that are there twice, error frames of a wrong bit rate."""
 
 from collections import Counter
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -73,12 +74,13 @@ class BusWatch:
         ]
         return [*out[:TOLD], *([f"{len(out) - TOLD} more"] if len(out) > TOLD else [])]
 
-    def twice(self) -> list[str]:
-        """Signs of two senders where one should be, a line each."""
+    def twice(self, every: Mapping[str, int] | None = None) -> list[str]:
+        """Signs of two senders where one should be, a line each; every: channels that answer every n-th SYNC only."""
         syncs = self._seen[(self.sync_id, False)]
         if syncs < 10:
             return []
         counts = {f.channel: sum(n for (i, wide), n in self._seen.items() if self._is_of(f, i, wide)) for f in self.fields}
+        counts = {channel: n * (every or {}).get(channel, 1) for channel, n in counts.items()}
         out = [
             f"channel {f.channel}: {counts[f.channel]} frames {f.identifier:03X}h for {syncs} SYNCs: more than one device sends them"
             for f in self.fields

@@ -16,6 +16,8 @@ from lmeasure.acquisition.check_watch import LEAST_PULL_MM, Watch
 from lmeasure.acquisition.check_watch import Ask as Ask
 from lmeasure.acquisition.check_watch import Step as Step
 from lmeasure.acquisition.session import Link
+from lmeasure.acquisition.transmission import ordinal
+from lmeasure.acquisition.wraps import range_notes
 from lmeasure.can_table import default_can
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Cable, Rig, Turned, rig_from_dict
@@ -31,6 +33,8 @@ CROSSTALK = 0.2
 TURN_TOLERANCE = 0.01
 """A turn by hand from mark to mark is good to a few degrees."""
 SLACK_MM = 0.5
+FINE = ("wrap", "clock_wrap", "unanswered")
+"""Events that are no faults."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class Check(Shown):
     cables: tuple[CableCheck, ...]
     faults: tuple[str, ...]
     encoders: tuple[EncoderCheck, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def all_faults(self) -> list[str]:
@@ -111,10 +116,13 @@ def check(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool = Tru
     encoders = tuple(encoder_checked(watch, one, turned, turns=turns, settle_s=settle_s) for one in turned)
     moved = [e.moved for e in encoders if e.moved is not None]
     faults += [f"channel {c} moves with {moved.count(c)} encoders" for c in dict.fromkeys(moved) if moved.count(c) > 1]
-    faults += watch.bus.twice()
+    every = watch.every()
+    faults += watch.bus.twice(every)
     faults += [f"{who} from a sender that the rig does not name" for who in watch.bus.foreign()]
-    faults += [f"{n} {kind}" for kind, n in sorted(watch.faults().items()) if kind != "wrap"]
-    return Check(float(rate), spread, results, tuple(faults), encoders)
+    faults += [f"{n} {kind}" for kind, n in sorted(watch.faults().items()) if kind not in FINE]
+    notes = [f"channel {c}: answers every {ordinal(n)} SYNC" for c, n in every.items()]
+    notes += range_notes(rig, link.fields, passage, 1.0 / float(rate))
+    return Check(float(rate), spread, results, tuple(faults), encoders, tuple(notes))
 
 
 def _cable(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:

@@ -11,6 +11,7 @@ import numpy as np
 from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.bus_watch import BusWatch
 from lmeasure.acquisition.codes import GoneOn, moduli
+from lmeasure.acquisition.samples import SyncAssembler
 from lmeasure.acquisition.session import Link
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import AcquisitionError
@@ -90,7 +91,7 @@ class Watch:
                 break
             self.bus.feed(frames)
             # a look at the counters, not at their times: nothing need wait for a busy host's stamps
-            samples = self._assembler.feed(replace(frames, timestamp_source="log"))
+            samples = self._assembler.feed(replace(frames, timestamp_source="hardware"))
             if len(samples.time_s):
                 times.append(samples.time_s)
                 rows.append(self._gone_on.of(samples.recorded))
@@ -168,6 +169,12 @@ class Watch:
         return tuple(
             Moved(c, float(by[j]), str(units[j]), bool(abs(by[j]) > self.least[j]), c == wanted) for j, c in enumerate(self.channels)
         )
+
+    def every(self) -> dict[str, int]:
+        """Channels that answer every n-th SYNC only, and their n."""
+        if not isinstance(self._assembler, SyncAssembler):
+            return {}
+        return {c: n for c, n in zip(self.channels, self._assembler.transmission.n.tolist(), strict=True) if n > 1}
 
     def faults(self) -> dict[str, int]:
         """Faults of the frames so far."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from lmeasure.acquisition.decoders import NO_RANGE, CounterField
 from lmeasure.acquisition.events import Event, EventLog
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.acquisition.wraps import may_wrap
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels.counter import runs_on
 
 RESET_WITHIN = 2
@@ -26,6 +27,8 @@ class CounterState:
     wraps_later: bool = False
     codes: bool = False
     """Whether it shows its angle within a revolution, from 0 on."""
+    unit_mm: float | None = None
+    """Millimetres of a device unit, None where it is no length."""
     value: int = 0
     total: int = 0
     time_s: float = float("nan")
@@ -33,9 +36,26 @@ class CounterState:
     seen: bool = False
     lost: bool = False
 
-    def advance(self, values: IntArray, times: FloatArray, samples: IntArray, events: EventLog, *, least_s: float = 0.0) -> FloatArray:
+    @property
+    def values(self) -> int:
+        """Number of its values, 0 where it never wraps unseen."""
+        return self.field.modulus if self.field.modulus < NO_RANGE and not self.wraps_later else 0
+
+    def advance(
+        self,
+        values: IntArray,
+        times: FloatArray,
+        samples: IntArray,
+        events: EventLog,
+        *,
+        least_s: float = 0.0,
+        passed_s: FloatArray | None = None,
+        calm: BoolArray | None = None,
+    ) -> FloatArray:
         """(n,) recorded counts, unwrapped, of the (n,) values read at the times [s], for the rows `samples`; NaN once the origin is
-        lost. least_s: taken for the time between readings whose stamps are closer, as `kernels.counter.resume` takes it."""
+        lost. least_s: taken for the time between readings whose stamps are closer, as `kernels.counter.resume` takes it; passed_s (n,):
+        the time since the reading before, where that is better known than by the stamps; calm (n,): where other channels rule out that
+        it wrapped unseen."""
         if len(values) == 0:
             return np.empty(0)
         modulus, half = self.field.modulus, self.field.modulus // 2
@@ -52,7 +72,7 @@ class CounterState:
             self.value, self.total, self.time_s = int(values[-1]), int(totals[-1]), float(times[-1])
             return np.asarray(self.field.scale * totals, np.float64)
         before = np.concatenate([[self.value], values[:-1]])
-        pause = np.maximum(np.diff(times, prepend=self.time_s), least_s)
+        pause = np.maximum(np.diff(times, prepend=self.time_s) if passed_s is None else passed_s, least_s)
         with np.errstate(over="ignore"):
             plain = values - before
         steps = (plain + half) % modulus - half if wraps else plain
@@ -62,7 +82,7 @@ class CounterState:
         out = np.asarray(self.field.scale * totals, np.float64)
         if self.lost:
             out[:] = np.nan
-        elif (ends := self._origin_lost(values, steps, limit, times, samples, events)) is not None:
+        elif (ends := self._origin_lost(values, steps, pause, times, samples, events, calm)) is not None:
             out[ends:] = np.nan
             self.lost = True
         self.value, self.total, self.time_s, self.step = int(values[-1]), int(totals[-1]), float(times[-1]), int(steps[-1])
@@ -90,18 +110,28 @@ class CounterState:
             events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "jump", text))
 
     def _origin_lost(
-        self, values: IntArray, steps: IntArray, limit: FloatArray, times: FloatArray, samples: IntArray, events: EventLog
+        self,
+        values: IntArray,
+        steps: IntArray,
+        pause: FloatArray,
+        times: FloatArray,
+        samples: IntArray,
+        events: EventLog,
+        calm: BoolArray | None,
     ) -> int | None:
         """Row from which the origin is lost: after a pause in which the counter could have wrapped unseen, or a start again at zero; never
         that of absolute codes."""
         if self.codes:
             return None
         found: list[tuple[int, str, str]] = []
-        if self.field.modulus < NO_RANGE and not self.wraps_later:
-            pauses = np.flatnonzero(limit > self.field.modulus / 2)
-            if len(pauses):
-                text = f"{limit[pauses[0]]:.0f} units are possible since its last count, half its range is {self.field.modulus // 2}"
-                found.append((int(pauses[0]), "lost_wrap", text))
+        limit = self.max_rate * pause + 1.0
+        if self.values:
+            unsure = may_wrap(steps, pause, self.values, self.max_rate)
+            unsure &= True if calm is None else ~calm
+            if unsure.any():
+                i = int(np.argmax(unsure))
+                text = f"{pause[i]:.3g} s without a count, in which {limit[i]:.0f} units are possible: its range is {self.values}"
+                found.append((i, "lost_wrap", text))
         length = np.abs(steps)
         previous = np.concatenate([[abs(self.step)], length[:-1]])
         following = np.concatenate([length[1:], [0]])

@@ -65,6 +65,9 @@ class Counting:
         self._seen = 0, 0.0
         self._noticed: list[Notice] = []
         self._latency: float | None = None
+        self._heard: float | None = None
+        self._newest_s = float("nan")
+        """When the last frame came, by this program's clock and by the frames'."""
         self.assembler.feed(no_frames())
 
     def receive(self, seconds: float) -> Frames | None:
@@ -76,6 +79,7 @@ class Counting:
     def samples_of(self, frames: Frames) -> Samples:
         """The samples that frames complete."""
         self.frames += len(frames)
+        self._heard, self._newest_s = time.monotonic(), float(frames.time_s[-1])
         if not self.samples:  # why none comes; afterwards nobody asks
             self.bus.feed(frames)
         self._latency = time.time() - float(frames.time_s[-1])
@@ -102,6 +106,8 @@ class Counting:
             at = notice.time_s if notice.time_s is not None else float(time_s[0]) if len(time_s) else float("nan")
             self.assembler.events.add(Event(self.samples + row, at, "", notice.kind, notice.text))
         self._noticed = later
+        if last and self._heard is not None and (silent := time.monotonic() - self._heard) > STALE_S:
+            self.assembler.events.add(Event(self.samples, self._newest_s, "", "pause", f"no frame in the last {silent:.3g} s"))
 
     def progress(self, seconds: float, disk_free: int | None = None) -> Progress:
         """The state of things, for a display."""

@@ -10,9 +10,12 @@ EVENTS_KEPT = 10_000
 
 REPAIRED = {
     "duplicate": "the same frame twice: used once",
-    "reordered": "a frame on the wrong side of its SYNC, or out of time order: put back",
+    "reordered": "frames on the wrong side of their SYNC, or out of time order: put back",
     "duplicate_sync": "the same SYNC twice: used once",
     "wrap": "the counter passed the end of its range: continued",
+    "stamp": "a few frames stamped otherwise than those before and behind them: they come when they were due",
+    "clock_wrap": "the clock that stamps the frames started again at the end of its range: times continue",
+    "unanswered": "the channel answers every n-th SYNC by its transmission type: the SYNCs between are no samples",
     "clock_step": "the clock that stamps the frames was set: times continue on this program's steady clock",
 }
 MARKED = {
@@ -24,7 +27,8 @@ MARKED = {
     "reset": "the encoder started again at zero: its origin is lost, empty cells from here on",
     "lost_wrap": "the counter may have wrapped unseen in a gap: empty cells from here on",
     "stall": "the channel stands still while the others move: empty cells",
-    "time": "the log's clock went back: times continue one period later, and are not trusted across this point",
+    "time": "the log's clock was set: times continue one period later, and are not trusted across this point",
+    "pause": "the bus or its SYNC was silent: no samples",
     "wider": "the counter has more bits than the rig says: its wraps are carries, and are undone only while it moves slowly enough",
     "emcy": "the encoder reported an emergency",
     "bus_error": "the interface reported an error frame",

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 
+from lmeasure.acquisition.clock import SURE, Clock, earliest
 from lmeasure.acquisition.counters import CounterState
 from lmeasure.acquisition.decoders import CounterField, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
 from lmeasure.acquisition.network import NetworkWatch
-from lmeasure.acquisition.samples import PERIODS, Samples, StartLine, pace
+from lmeasure.acquisition.samples import LONGEST_HOLD_S, PERIODS, Samples, StartLine, pace, paused, tie
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 NO_SYNC = -1
@@ -47,6 +48,7 @@ class FreeAssembler:
     ) -> None:
         self.fields, self.counters, self.events, self._start_line = fields, counters, events, start_line
         self._watch = NetworkWatch(fields, NO_SYNC, events)
+        self._clock = Clock(fields, None)
         self.given = 0
         self.stamps_moved_s = 0.0
         m = len(fields)
@@ -55,12 +57,15 @@ class FreeAssembler:
         self._intervals: list[FloatArray] = [np.empty(0)] * m
         self._period: list[float | None] = [None] * m
         self._scatter = np.zeros(m)
+        self._instant = np.full(m, np.nan)
+        """When the last reading of each channel came at the latest."""
         self._given_to = -math.inf
         self._started: tuple[FloatArray, FloatArray] = (np.full(1, -math.inf), np.zeros(1))
         """When the start input's state was told, and which it was; the first is that before all frames."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        frames = self._clock.feed(frames, last)
         self._watch.feed(frames, self.given)
         if self._start_line is not None:
             rows, states = self._start_line.told(frames)
@@ -74,6 +79,10 @@ class FreeAssembler:
                 self._event(self.given, self._given_to, i, "short_frame", f"fewer than {field.bytes_needed} bytes")
             for _ in range(readings.wider[i]):
                 self._event(self.given, self._given_to, i, "wider", f"the byte behind its {field.bits} bits counts on")
+        if self._clock.repairs:
+            ahead = np.concatenate([self._old[0][0], self._new[0][0]])
+            ahead = np.sort(ahead[ahead > self._given_to])
+            tie(self._clock.repairs, ahead, lambda row: self.given + row, self.events)
         latest = [
             float(max(new[0].max(initial=-math.inf), old[0].max(initial=-math.inf))) for new, old in zip(self._new, self._old, strict=True)
         ]
@@ -81,7 +90,7 @@ class FreeAssembler:
         if not math.isfinite(known):
             return self._samples(np.empty(0), known)
         for i in range(len(self.fields)):
-            self._take(i, known)
+            self._take(i, known, last)
         # a sample waits until every channel's next reading can be there
         horizon = known if last else known - LONGEST_GAP * max((p for p in self._period if p is not None), default=0.0)
         reference = self._old[0][0]
@@ -90,7 +99,7 @@ class FreeAssembler:
     def _event(self, sample: int, time_s: float, i: int, kind: str, text: str = "") -> None:
         self.events.add(Event(sample, time_s, self.fields[i].channel, kind, text))
 
-    def _take(self, i: int, known: float) -> None:
+    def _take(self, i: int, known: float, last: bool) -> None:
         """Readings up to the known time, put in order, doubles dropped, into the channel's counts."""
         times, values = self._new[i]
         if len(times) == 0:
@@ -100,6 +109,11 @@ class FreeAssembler:
         order = np.argsort(times, kind="stable")
         times, values = times[order], values[order]
         due = times <= known
+        period = self._period[i] or 0.0
+        if not last and period and len(times):
+            # behind a silence it takes a while to see whether stamps were late
+            waits = (np.diff(times, prepend=times[0]) > LONGEST_GAP * period) & (times > times[-1] - LONGEST_HOLD_S)
+            due &= ~np.maximum.accumulate(waits)
         self._new[i] = times[~due], values[~due]
         times, values = times[due], values[due]
         counter = self.counters[i]
@@ -123,7 +137,14 @@ class FreeAssembler:
             samples += np.arange(len(times))
         elif len(self._old[0][0]):
             samples += np.searchsorted(self._old[0][0][self._old[0][0] > self._given_to], times)
-        counts = counter.advance(values, times, samples, self.events, least_s=self._period[i] or 0.0)
+        period = self._period[i] or 0.0
+        at = np.concatenate([self._instant[i : i + 1], earliest(times, SURE * period)])
+        passed = np.nan_to_num(np.diff(at))
+        counts = counter.advance(values, times, samples, self.events, least_s=period, passed_s=passed)
+        self._instant[i] = at[-1]
+        if i == 0:
+            for k in np.flatnonzero(paused(passed, period)):
+                self.events.add(Event(int(samples[k]), float(times[k]), "", "pause", f"no count for {passed[k]:.6g} s"))
         self._old[i] = np.concatenate([self._old[i][0], times]), np.concatenate([self._old[i][1], counts])
 
     def _doubles(self, i: int, times: FloatArray, values: IntArray, last_time: float) -> BoolArray:

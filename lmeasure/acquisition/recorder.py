@@ -49,13 +49,20 @@ class Recording:
     closure: Mapping[str, float]
     missing: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def _advice(self) -> str:
+        """What to do about counts that are missing."""
+        if self.faults.get("lost_wrap"):
+            return "a counter may have passed its range in a gap: state a smaller max_cable_speed_mm_s, or shorten the SYNC period"
+        return "look at the encoder, its plug and its cable"
+
     def summary(self) -> str:
         """A few lines for a person."""
         faults = ", ".join(f"{n} {kind}" for kind, n in sorted(self.faults.items())) or "no faults"
         lines = [f"{self.samples} samples from {self.frames} frames over {self.seconds:.3f} s: {faults}"]
         if self.missing:
             told = ", ".join(f"{channel} in {n}" for channel, n in self.missing.items())
-            lines.append(f"counts are missing: {told} of {self.samples} samples; look at the encoder, its plug and its cable")
+            lines.append(f"counts are missing: {told} of {self.samples} samples; {self._advice}")
         if self.closure:
             differ = ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items())
             lines.append(f"at rest at both ends, the last less the first, counts: {differ}")

@@ -1,22 +1,24 @@
 """From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.acquisition.clock import LATE, SURE, Clock, Repair, earliest
 from lmeasure.acquisition.counters import CounterState
 from lmeasure.acquisition.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.network import NetworkWatch
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.acquisition.transmission import ANSWERS, MOST, Transmission, ordinal
+from lmeasure.acquisition.wraps import Evidence
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.can_table import StartInput
 from lmeasure.kernels.frames import tabulate
 
-SPACING = 0.95
-"""Of the SYNC period: what two SYNCs are at least apart, as far as a host's stamps are concerned."""
 LONGEST_HOLD_S = 0.3
 """How long a sample is held back at most to see where a burst of late stamps ends."""
 FIRST_HOLD_S = 1.0
@@ -31,6 +33,23 @@ LAGS = 8
 """Times the intervals over which stamps are compared that there are at least, so that a pause of the bus is in few of them."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
+LONG = 2.5
+"""Periods: a longer interval may be that of a late stamp."""
+PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
+"""A longer silence, in periods and seconds, is a pause of the bus."""
+
+
+def tie(repairs: list[Repair], time_s: FloatArray, sample: Callable[[int], int], events: EventLog) -> None:
+    """Tie repairs of the clock to the first sample at their time or later, among samples at times (n,); sample: number of a row."""
+    for repair in repairs:
+        row = int(np.searchsorted(time_s, repair.time_s - 1e-9))
+        events.add(Event(sample(row), repair.time_s, "", repair.kind, repair.text))
+    repairs.clear()
+
+
+def paused(intervals_s: FloatArray, period_s: float) -> BoolArray:
+    """Return in which of the intervals (n,) the bus, or its SYNC, paused."""
+    return np.asarray(intervals_s > max(PAUSE_PERIODS * period_s, PAUSE_S))
 
 
 @dataclass(frozen=True)
@@ -98,7 +117,7 @@ class SyncAssembler:
     """Samples of encoders that latch at SYNC and then send.
 
     A sample is a SYNC and the frames up to the next one. A sample is given out when the frames after the next SYNC are known too, so that
-    a frame on the wrong side of its SYNC can be put back.
+    a frame on the wrong side of its SYNC can be put back. SYNCs that some channel does not answer by its transmission type are no samples.
     """
 
     def __init__(
@@ -113,6 +132,10 @@ class SyncAssembler:
         self.fields, self.counters, self.events = fields, counters, events
         self._sync_id, self._start_line = sync_id, start_line
         self._watch = NetworkWatch(fields, sync_id, events)
+        self._clock = Clock(fields, sync_id)
+        self.transmission = Transmission(len(fields))
+        self._decided = False
+        self._evidence = Evidence(counters)
         self._sync_time: FloatArray = np.empty(0)
         self._intervals: FloatArray = np.empty(0)
         self._started: FloatArray = np.empty(0)
@@ -121,21 +144,30 @@ class SyncAssembler:
         self._value: IntArray = np.empty(0, np.int64)
         self._period: float | None = None
         self._last_time = -np.inf
+        self._last_seen = np.full(len(fields), -1), np.full(len(fields), np.nan)
+        """Of each channel: number and time of the SYNC that it answered last."""
+        self._sync_number: IntArray = np.empty(0, np.int64)
+        self._last_instant: FloatArray = np.empty(0)
         self._time_shift = 0.0
-        self._late_stamps = False
+        self._late_stamps = self._log = False
         self.stamps_moved_s = 0.0
-        self.given = 0
+        self.syncs = self.given = 0
+        self._latest_s = -np.inf
+        """When the last frame was."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        frames = self._clock.feed(frames, last)
         # by the first sample that it may belong to, though more are held back
-        self._watch.feed(frames, self.given + max(len(self._sync_time) - 2, 0))
+        self._watch.feed(frames, self._number(max(len(self._sync_time) - 2, 0)))
         readings = decode(frames, self.fields, self._sync_id)
         if self._start_line is not None:
             self._started = np.concatenate([self._started, self._start_line.before(frames, readings.sync)])
         window = readings.window - 1 + len(self._sync_time)
         begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
-        self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps
+        if len(frames):
+            self._late_stamps, self._log = frames.timestamp_source == "host", frames.timestamp_source == "log"
+            self._latest_s = float(frames.time_s[-1])
         came = frames.time_s[readings.sync] + self._time_shift
         # of those before some are always kept until the last batch
         intervals = np.abs(np.diff(np.concatenate([self._sync_time[-1:], came])))
@@ -144,6 +176,8 @@ class SyncAssembler:
         self._window = np.concatenate([self._window, window[begun]])
         self._field = np.concatenate([self._field, readings.field[begun]])
         self._value = np.concatenate([self._value, readings.value[begun]])
+        tie(self._clock.repairs, self._sync_time, self._number, self.events)
+        self._count_syncs(frames, readings.sync)
         self._misfits(readings)
         self._forget_what_no_sync_ends()
         return self._give(last)
@@ -157,6 +191,16 @@ class SyncAssembler:
             keep[surplus] = False
             self._window, self._field, self._value = self._window[keep], self._field[keep], self._value[keep]
 
+    def _count_syncs(self, frames: Frames, sync: IntArray) -> None:
+        """SYNCs that are missing by the byte that counts them (CiA 301); it starts again at 1, and at 0 as some write it."""
+        counted = sync[frames.length[sync] == 1]
+        numbers = np.concatenate([self._sync_number, frames.data[counted, 0].astype(np.int64)])
+        self._sync_number = numbers[-1:]
+        for k in np.flatnonzero((np.diff(numbers) > 1) & (numbers[:-1] > 0)):
+            row = len(self._sync_time) - len(sync) + int(np.searchsorted(sync, counted[k - len(numbers) + len(counted) + 1]))
+            missing = int(numbers[k + 1] - numbers[k]) - 1
+            self._event(row, "", "missing_sync", f"SYNC {numbers[k + 1]} follows {numbers[k]}: {missing} missing by their counter")
+
     def _misfits(self, readings: Readings) -> None:
         for field, short, wider in zip(self.fields, readings.short, readings.wider, strict=True):
             for _ in range(short):
@@ -164,39 +208,133 @@ class SyncAssembler:
             for _ in range(wider):
                 self._event(0, field.channel, "wider", f"the byte behind its {field.bits} bits counts on")
 
+    def _kept(self, end: int) -> BoolArray:
+        """(end,) which of the SYNCs at hand are samples: those that every channel is due to answer, else, all that any channel is."""
+        due = self.transmission.due(self.syncs, self.syncs + end)
+        return np.asarray(due.all(axis=0) if self.transmission.meets else due.any(axis=0))
+
+    def _number(self, row: int) -> int:
+        """The sample of a SYNC at hand, or the next one."""
+        return self.given + (row if (self.transmission.n == 1).all() else int(self._kept(row).sum()))
+
     def _event(self, row: int, channel: str, kind: str, text: str = "") -> None:
         time_s = float(self._sync_time[min(row, len(self._sync_time) - 1)]) if len(self._sync_time) else float("nan")
-        self.events.add(Event(self.given + row, time_s, channel, kind, text))
+        self.events.add(Event(self._number(row), time_s, channel, kind, text))
 
     def _give(self, last: bool) -> Samples:
         self._drop_double_syncs()
         self._rise()
         total, m = len(self._sync_time), len(self.fields)
-        settled, known = self._settled(last)
+        instants, settled, known = self._settled(last)
         ready = min(total if last else max(total - 2, 0), known)
+        if ready and not self._decided:
+            ready = ready if self._decide(ready, last) else 0
         if ready == 0:
             return Samples(np.empty(0), np.empty((0, m)), None if self._start_line is None else np.empty(0))
         value, n = tabulate(self._window, self._field, self._value, m, total)
+        kept, due = self._repeated(value, n, ready)
         for w in np.flatnonzero((n[:, : total if last else total - 1] > 1).any(axis=0)):
             self._settle(int(w), n, value, ready)
-        for w, c in np.argwhere(n[:, :ready].T == 0):
+        for w, c in np.argwhere((n[:, :ready].T == 0) & due.T & kept[:, None]):
             self._event(int(w), self.fields[c].channel, "gap")
         time_s = settled[:ready]
         self._last_time = float(time_s[-1])
-        recorded, number = np.full((ready, m), np.nan), self.given + np.arange(ready)
-        for c, counter in enumerate(self.counters):
-            there = n[c, :ready] == 1
-            rows = slice(ready) if there.all() else np.flatnonzero(there)
-            counts = counter.advance(value[c, rows], time_s[rows], number[rows], self.events, least_s=self._period or 0.0)
-            recorded[rows, c] = counter.shown(counts)
+        recorded = self._advanced(value, n == 1, instants, time_s, kept)
+        self._pauses(instants, ready, last)
         moved = self._sync_time[:ready] - time_s
         keep = self._window >= ready
         self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
         self._sync_time = self._sync_time[ready:]
         started, self._started = self._started[:ready], self._started[ready:]
-        self.given += ready
+        self.given += int(kept.sum())
+        self.syncs += ready
         self.stamps_moved_s = max(self.stamps_moved_s, float(moved.max()))
-        return Samples(time_s, recorded, None if self._start_line is None else started)
+        return Samples(time_s[kept], recorded[kept], None if self._start_line is None else started[kept])
+
+    def _advanced(self, value: IntArray, there: BoolArray, instants: FloatArray, time_s: FloatArray, kept: BoolArray) -> FloatArray:
+        """(ready, m) counts of the SYNCs that are given now, of which some are kept.
+
+        The time between two counts is at least that of the SYNCs between them, and at most what late stamps leave of it.
+        """
+        period, m, ready = self._period or 0.0, len(self.fields), len(kept)
+        recorded = np.full((ready, m), np.nan)
+        number = self.given + np.cumsum(kept) - kept
+        silent = np.diff(np.concatenate([self._last_instant, instants[:ready]]), prepend=instants[:1]) > LONG * period
+        others = self._evidence.of(value[:, :ready], there[:, :ready], silent[-ready:])
+        for c, counter in enumerate(self.counters):
+            rows = np.flatnonzero(there[c, :ready])
+            if not len(rows):
+                continue
+            seen = np.concatenate([self._last_seen[0][c : c + 1], self.syncs + rows])
+            at = np.concatenate([self._last_seen[1][c : c + 1], instants[rows]])
+            first, gone = int(seen[0]) < 0, np.diff(seen)
+            passed = np.maximum(np.diff(at), period * gone)
+            passed[: int(first)] = period
+            usual = period * int(self.transmission.n[c])
+            calm = others(c) if others is not None else None
+            counts = counter.advance(value[c, rows], time_s[rows], number[rows], self.events, least_s=usual, passed_s=passed, calm=calm)
+            recorded[rows, c] = counter.shown(counts)
+            self._last_seen[0][c], self._last_seen[1][c] = seen[-1], at[-1]
+        return recorded
+
+    def _decide(self, ready: int, last: bool) -> bool:
+        """Whether it is known by now which SYNCs each channel answers, so that the first samples can be given."""
+        known = self.transmission.known([np.unique(self._window[self._field == c]) for c in range(len(self.fields))])
+        waited = self._sync_time[ready - 1] - self._sync_time[0]
+        patient = waited < FIRST_HOLD_S or self._log or not known.any()
+        self._decided = last or bool(known.all()) or not patient or ready >= ANSWERS * MOST
+        return self._decided
+
+    def _repeated(self, value: IntArray, n: IntArray, ready: int) -> tuple[BoolArray, BoolArray]:
+        """(ready,) which of the SYNCs are samples and (m, ready) which of them each channel is due to answer.
+
+        Where a channel answers every n-th SYNC only, an answer behind the next SYNC is put back. Answers of most channels that are not due,
+        behind a SYNC that the next one does not follow at once, belong to a SYNC that is missing.
+        """
+        answered = n[:, :ready] > 0
+        if answered.all() and (self.transmission.n == 1).all():
+            return np.ones(ready, np.bool_), np.ones((len(n), ready), np.bool_)
+        self._announce(self.transmission.learn([self.syncs + np.flatnonzero(one) for one in answered]))
+        if (self.transmission.n == 1).all():
+            return np.ones(ready, np.bool_), np.ones((len(n), ready), np.bool_)
+        due = self.transmission.due(self.syncs, self.syncs + n.shape[1])
+        for c in np.flatnonzero(self.transmission.n > 1):
+            every = int(self.transmission.n[c])
+            for w in np.flatnonzero(due[c, :-1] & (n[c, :-1] == 0) & (n[c, 1:] == 1) & ~due[c, 1:]):
+                if w + 1 < ready and w + every < n.shape[1] and n[c, w + every]:
+                    n[c, w], value[c, w], n[c, w + 1] = 1, value[c, w + 1], 0
+                    self._window[(self._window == w + 1) & (self._field == c)] = w
+                    self.transmission.moved(int(c), self.syncs + int(w))
+                    self._event(int(w), self.fields[c].channel, "reordered", "after the next SYNC")
+        due = self.transmission.due(self.syncs, self.syncs + n.shape[1])
+        spacing = np.diff(np.append(self._sync_time, np.inf))[:ready]
+        strays = (n[:, :ready] > 0) & ~due[:, :ready]
+        for w in np.flatnonzero((spacing > 1.5 * (self._period or np.inf)) & (2 * strays.sum(axis=0) > len(n))):
+            text = f"{spacing[w]:.6g} s without SYNC, frames of {strays[:, w].sum()} channels without a sample"
+            self._event(int(w) + 1, "", "missing_sync", text)
+            n[strays[:, w], w] = 0
+        kept = self._kept(ready) | (n[:, :ready] > 0).all(axis=0)
+        return np.asarray(kept), due[:, :ready]
+
+    def _announce(self, channels: list[int]) -> None:
+        """That channels answer every n-th SYNC, once."""
+        for c in channels:
+            n = int(self.transmission.n[c])
+            text = f"answers every {ordinal(n)} SYNC"
+            if n > 1 and not self.transmission.meets:
+                text += '; no SYNC is answered by all channels: give them one transmission type, or state timing = "free"'
+            self._event(0, self.fields[c].channel, "unanswered", text)
+
+    def _pauses(self, instants: FloatArray, ready: int, last: bool) -> None:
+        """That the SYNC stopped."""
+        at = np.concatenate([self._last_instant, instants[:ready]])
+        self._last_instant = at[-1:]
+        for w in np.flatnonzero(paused(np.diff(at), self._period or 0.0)):
+            row = int(w) + 1 - (len(at) - ready)
+            self._event(row, "", "pause", f"no SYNC for {at[w + 1] - at[w]:.6g} s")
+        silent = self._latest_s - at[-1:]
+        if last and paused(silent, self._period or 0.0).any():
+            self._event(ready, "", "pause", f"no SYNC in the last {silent[0]:.6g} s, though frames came")
 
     def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
         """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
@@ -254,29 +392,37 @@ class SyncAssembler:
         self._sync_time = self._sync_time[~double]
         self._started = self._started[~double] if self._start_line is not None else self._started
 
-    def _settled(self, last: bool) -> tuple[FloatArray, int]:
-        """The SYNCs' times, and of how many nothing that comes can change them.
+    def _settled(self, last: bool) -> tuple[FloatArray, FloatArray, int]:
+        """The instants at which the SYNCs can have come at the latest, the times of their samples, and of how many these are known.
 
         A host stamps a frame when it gets round to it: never early, and after a pause several at once, between which no drum could move
-        as far as it did. Where stamps follow each other faster than SPACING of the period, the earlier ones are brought back.
+        as far as it did. Where stamps follow each other faster than LATE of the period, the earlier ones were late. Times of a host are
+        brought back; others are as they are stamped, and only what a counter can have moved is judged by the instants.
         """
-        if not self._late_stamps or self._period is None or len(self._sync_time) < 2:
-            return self._sync_time, len(self._sync_time)
-        least = SPACING * self._period
-        intervals = np.diff(self._sync_time)
-        count = np.arange(len(self._sync_time))
-        # of each, the earliest that it or any later stamp allows
-        out = np.minimum.accumulate((self._sync_time - least * count)[::-1])[::-1] + least * count
+        stamps = self._sync_time
+        if self._period is None or len(stamps) < 2:
+            return stamps, stamps, len(stamps)
+        intervals = np.diff(stamps)
+        if not self._late_stamps:
+            known = len(stamps)
+            if not last:
+                # behind a silence it takes a while to see whether stamps were late
+                waits = np.flatnonzero((intervals > LONG * self._period) & (stamps[1:] > stamps[-1] - LONGEST_HOLD_S))
+                known = int(waits[0]) + 1 if len(waits) else known
+            return earliest(stamps, SURE * self._period), stamps, known
+        least = LATE * self._period
+        out = earliest(stamps, least)
+        count = np.arange(len(stamps))
         out = np.maximum(out, self._last_time + 0.1 * least * (count + 1)) if np.isfinite(self._last_time) else out
         if last:
-            return out, len(out)
-        known = int(np.searchsorted(self._sync_time, self._sync_time[-1] - (LONGEST_HOLD_S if self.given else FIRST_HOLD_S)))
-        if self.given or known:
+            return out, out, len(out)
+        known = int(np.searchsorted(stamps, stamps[-1] - (LONGEST_HOLD_S if self.syncs else FIRST_HOLD_S)))
+        if self.syncs or known:
             # frames that come at their own pace are not held up any more
             pace = intervals >= least
             calm = np.flatnonzero(pace[:-2] & pace[1:-1] & pace[2:]) if len(pace) > 2 else np.empty(0, np.intp)
             known = max(known, int(calm[-1]) + 1 if len(calm) else 0)
-        return out, known
+        return out, out, known
 
     def _rise(self) -> None:
         """Where the clock went back, the times continue one period after the last."""

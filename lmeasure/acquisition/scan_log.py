@@ -5,7 +5,7 @@ bytes are taken for a counter when its steps, the range gone round, stay a small
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.logfiles import LogReport, log_batches
-from lmeasure.arrays import IntArray
+from lmeasure.acquisition.transmission import REGULAR, every, ordinal
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.can_table import SYNC_ID
 from lmeasure.errors import FileFormatError
 
@@ -24,8 +25,8 @@ LEAST = 8
 SMALL = 1.0 / 16.0
 """Part of a field's range that a counter steps by at most, but for a few of its steps."""
 FEW = 0.01
-ALIKE = 0.02
-"""By which the rates of a SYNC and of what answers it differ."""
+SPREAD = 0.25
+"""Periods of a SYNC by which the delays of its answers differ at most."""
 WIDTHS = (4, 3, 2)
 DATED_S = 1e8
 """Seconds since 1970 are more, those of a device's own clock less."""
@@ -63,6 +64,8 @@ class Carried:
     lengths: tuple[int, ...]
     counters: tuple[Field, ...]
     others: tuple[str, ...]
+    answers: int | None = None
+    """It answers every n-th SYNC; None of what does not answer."""
 
     @property
     def name(self) -> str:
@@ -73,7 +76,8 @@ class Carried:
         """A line, and one for each thing in its bytes."""
         size = ",".join(map(str, self.lengths))
         head = f"{self.name:>9s}  {self.bus:8s} {self.frames:8d} {self.rate_hz:9.1f}/s  {size:>5s} bytes"
-        return [head, *(f"{'':11s}{text}" for text in (*(c.text for c in self.counters), *self.others))]
+        told = [f"answers every {ordinal(self.answers)} SYNC"] if self.answers not in (None, 1) else []
+        return [head, *(f"{'':11s}{text}" for text in (*(c.text for c in self.counters), *self.others, *told))]
 
 
 @dataclass(frozen=True)
@@ -86,32 +90,29 @@ class Scan:
     lasts_s: float
     carried: tuple[Carried, ...]
     notes: tuple[str, ...]
+    sync: Carried | None = None
+    """The frame that the counters answer, each after a delay of its own; it has no data, or one byte that counts (CiA 301)."""
 
     @property
     def times(self) -> str:
         """What its times are."""
         return "times of day" if self.begins_s > DATED_S else "times from a beginning of its own"
 
-    @property
-    def sync(self) -> Carried | None:
-        """What looks like SYNC: frames without data as often as the counters come."""
-        rates = [c.rate_hz for c in self.carried if c.counters]
-        empty = [c for c in self.carried if c.lengths == (0,) and any(abs(c.rate_hz - r) <= ALIKE * r for r in rates)]
-        return min(empty, key=lambda c: (c.identifier != SYNC_ID, c.identifier), default=None)
-
     def table(self) -> list[str]:
         """The guess as the lines of a `[can]` table, none where nothing looks like a counter."""
         found = [(c, f) for c in self.carried for f in c.counters]
         if not found:
             return []
-        sync = self.sync
-        timing = ['timing = "free"'] if sync is None else ['timing = "sync"', f"sync_id = {sync.identifier:#x}"]
+        timing = ['timing = "free"'] if self.sync is None else ['timing = "sync"', f"sync_id = {self.sync.identifier:#x}"]
         lines = ["[can]", 'decoder = "raw"', *timing]
         for number, (carried, field) in enumerate(found, 1):
             bits = 32 if field.size == 4 else 8 * field.size
             lines += ["", "[[can.channel]]", f'channel = "ch{number}"', f"id = {carried.identifier:#x}"]
             lines += ["extended = true"] * carried.extended
             lines += [f"byte_offset = {field.first}", f"bits = {bits}", f'byte_order = "{field.order}"']
+            if self.sync is not None and carried.answers != 1:
+                answers = "does not answer the SYNC" if carried.answers is None else f"answers every {ordinal(carried.answers)} SYNC"
+                lines[-1] += f"  # {answers}"
         return lines
 
     def lines(self) -> list[str]:
@@ -144,17 +145,20 @@ class Heard:
 
     def __init__(self) -> None:
         self.found: dict[tuple[str, int, bool], Seen] = {}
+        self._frames = 0
 
     def add(self, batch: Frames) -> None:
         """The next frames."""
-        _take(batch, self.found)
+        _take(batch, self.found, self._frames)
+        self._frames += len(batch)
 
     def scan(self, path: Path, dialect: str, notes: tuple[str, ...] = ()) -> Scan:
         """What they were, by now; there must be some."""
         carried = tuple(_carried(key, self.found[key]) for key in sorted(self.found))
+        carried, sync = _synchronised(carried, [self.found[key] for key in sorted(self.found)])
         begins = min(seen.first_s for seen in self.found.values())
         lasts = max(seen.last_s for seen in self.found.values()) - begins
-        return Scan(Path(path), dialect, begins, lasts, carried, notes)
+        return Scan(Path(path), dialect, begins, lasts, carried, notes, sync)
 
 
 @dataclass
@@ -167,6 +171,8 @@ class Seen:
     kept: int = 0
     lengths: frozenset[int] = frozenset()
     data: tuple[Bytes, ...] = ()
+    at: tuple[tuple[IntArray, FloatArray], ...] = ()
+    """Where those stand among all frames, and their times."""
     newest: bytes = b""
 
     @property
@@ -175,7 +181,7 @@ class Seen:
         return (self.count - 1) / (self.last_s - self.first_s) if self.last_s > self.first_s else 0.0
 
 
-def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen]) -> None:
+def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen], before: int) -> None:
     good = (batch.flags & (ERROR | REMOTE)) == 0
     key = batch.identifier.astype(np.int64) * 2 + ((batch.flags & EXTENDED) != 0) + (batch.channel.astype(np.int64) << 32)
     for one in np.unique(key[good]):
@@ -187,6 +193,55 @@ def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen]) -> None:
         seen.lengths |= frozenset(np.unique(batch.length[rows]).tolist())
         if seen.kept < KEPT:
             seen.data, seen.kept = (*seen.data, batch.data[rows]), seen.kept + len(rows)
+            seen.at = (*seen.at, (rows + before, batch.time_s[rows]))
+
+
+def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple[Carried, ...], Carried | None]:
+    """What is carried, each counter with which SYNCs it answers, and the SYNC: that which most counters answer, 80h before others."""
+    best: tuple[tuple[int, bool, int], int, dict[int, int]] | None = None
+    counters = [i for i, c in enumerate(carried) if c.counters]
+    for i, one in enumerate(carried):
+        if i in counters or one.extended or not _may_be_sync(one, seen[i]):
+            continue
+        answers = {j: n for j in counters if carried[j].bus == one.bus and (n := _answers(seen[i], seen[j])) is not None}
+        rank = len(answers), one.identifier == SYNC_ID, -one.identifier
+        if answers and (best is None or rank > best[0]):
+            best = rank, i, answers
+    if best is None or 2 * best[0][0] < len(counters):
+        return carried, None
+    _, at, of = best
+    told = [replace(c, answers=of.get(i)) for i, c in enumerate(carried)]
+    if told[at].lengths == (1,):
+        told[at] = replace(told[at], others=("byte 0: the SYNC's counter",))
+    return tuple(told), told[at]
+
+
+def _may_be_sync(one: Carried, seen: Seen) -> bool:
+    """Whether frames have no data, or one byte that counts up and starts again at 0 or 1."""
+    if one.frames < LEAST or one.lengths not in {(0,), (1,)}:
+        return False
+    if one.lengths == (0,):
+        return True
+    value = np.concatenate([part[:, 0] for part in seen.data]).astype(np.int64)
+    counts = np.diff(value) == 1
+    again = (value[1:] <= 1) & (value[:-1] > 1)
+    return bool(np.mean(counts | again) >= 1.0 - FEW and counts.any())
+
+
+def _answers(sync: Seen, seen: Seen) -> int | None:
+    """n where frames follow every n-th SYNC, one at a time and after the same delay but for a part of the SYNC's period."""
+    place, time_s = (np.concatenate(parts) for parts in zip(*sync.at, strict=True))
+    own, own_s = (np.concatenate(parts) for parts in zip(*seen.at, strict=True))
+    window = np.searchsorted(place, own) - 1
+    inside = (window >= 0) & (window < len(place) - 1)
+    answered, counts = np.unique(window[inside], return_counts=True)
+    if len(answered) < LEAST or np.mean(counts == 1) < REGULAR:
+        return None
+    n = every(answered)
+    delays = own_s[inside] - time_s[window[inside]]
+    low, high = np.percentile(delays, [10, 90])
+    regular = n is not None and np.mean(np.diff(answered) % n == 0) >= REGULAR and np.mean(np.diff(answered) == n) >= REGULAR
+    return n if regular and high - low <= SPREAD * np.median(np.diff(time_s)) else None
 
 
 def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:

@@ -16,6 +16,7 @@ from lmeasure.acquisition.import_log import fields_of_log, with_files_beside
 from lmeasure.acquisition.recorder import Recording, record
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Source, open_source
+from lmeasure.acquisition.wraps import range_notes
 from lmeasure.can_table import CanOpenCan
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Rig
@@ -39,6 +40,7 @@ def record_session(
     show: Callable[[Progress], None] | None = None,
     each: Callable[[Samples], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Recording:
     """Open what the rig's `[can]` table and the bus's name ask for and record a pass; see `recorder.record`.
 
@@ -51,6 +53,8 @@ def record_session(
     here = Path(rig_path).parent
     link = connect(rig, here, bus, passage=passage, options=options_from_text(options), paced=paced)
     try:
+        for note in range_notes(rig, link.fields, passage):
+            say(note)
         devices = [d.identity() for d in link.devices]
         kept, beside = with_files_beside(as_mapped(rig, link.fields), here)
         if calibration is not None and rig.calibration is not None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from lmeasure.acquisition.clock import MODULI_S
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.frames import ERROR, Frames, TimestampSource, frames_from_messages, no_frames
 from lmeasure.acquisition.logfiles import LogReport, log_batches
@@ -240,6 +241,8 @@ class SteadyClock:
             step = float(lead[i:].max()) - best
             if abs(step) < SMALLEST_STEP_S:
                 break
+            # of a clock that started again the step is known exactly
+            step = next((-modulus for modulus in MODULI_S if abs(step + modulus) < SMALLEST_STEP_S), step)
             time_s[i:] -= step
             self._shift -= step
             total += step

@@ -33,12 +33,15 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     from lmeasure import files
     from lmeasure.acquisition.check import check, corrected, not_corrected
     from lmeasure.acquisition.session import connect, options_from_text
+    from lmeasure.acquisition.wraps import range_notes
     from lmeasure.rig import rig_from_dict
 
     document = files.read_toml(settings.rig)
     rig = rig_from_dict(document, str(settings.rig))
     link = connect(rig, settings.rig.parent, settings.bus, passage=settings.passage, options=options_from_text(settings.bus_option))
     try:
+        for note in range_notes(rig, link.fields, settings.passage):
+            progress(0.0, note)
         for device in link.devices:
             progress(0.0, ", ".join(f"{k} {v}" for k, v in device.identity().items()))
         result = check(rig, link, ask, passage=settings.passage, turns=settings.turns)
@@ -50,15 +53,15 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     left = () if settings.write is None else not_corrected(result)
     if settings.write is None:
         hint = (f"--write FILE writes a rig with {len(told)} correction(s): {'; '.join(told)}",) if told else ()
-        return Result(result, hint, _figures(result), tuple(faults), failure=failure)
+        return Result(result, (*result.notes, *hint), _figures(result), tuple(faults), failure=failure)
     content = document.holding(data)
     rig_from_dict(content, str(settings.write))
     try:
         files.rewrite_toml(settings.write, content)
     except LMeasureError as error:  # a person has walked through all of it: what it showed is not lost
-        return Result(result, (*told, *left), _figures(result), tuple(faults), failure=str(error))
+        return Result(result, (*result.notes, *told, *left), _figures(result), tuple(faults), failure=str(error))
     end = "to be checked again" if told or left else "with nothing to correct"
-    lines = (*told, *left, f"written: {settings.write}, {end}")
+    lines = (*result.notes, *told, *left, f"written: {settings.write}, {end}")
     return Result(result, lines, _figures(result), tuple(faults), failure=failure)
 
 

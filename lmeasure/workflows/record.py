@@ -45,6 +45,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
 
     pose = pose_watch(settings.rig, settings.start, settings.passage) if settings.live else ""
     asked_to_end = False
+    noted: list[str] = []
     with _growing(settings) as growing:
         takers = [taker for taker in (None if isinstance(pose, str) else pose, growing) if taker is not None]
 
@@ -61,6 +62,10 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             except CancelledError:  # as Ctrl-C: what was recorded is kept, and whole
                 asked_to_end = True
 
+        def said(note: str) -> None:
+            noted.append(note)
+            progress(0.0, note)
+
         before = _files(settings.out)
         recording = record_session(
             settings.rig,
@@ -74,6 +79,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             show=None if show is None and progress is silent else told,
             each=each,
             stop=lambda: asked_to_end,
+            say=said,
         )
     ended = recording.ended
     if ended == "complete" and settings.rerun is not None:
@@ -82,7 +88,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
 
         passes = [recording.folder / f"pass{i}.csv" for i in range(1, settings.passage + 1)]
         write_counts_recording(settings.rerun, read_rig(settings.rig), passes)
-    notes = (_missing(settings),) if settings.start is None and settings.passage == 1 else ()
+    notes = (*noted, *((_missing(settings),) if settings.start is None and settings.passage == 1 else ()))
     early = "" if ended == "complete" else f"{settings.out}: ended early, what came before is kept: {ended}"
     figures = {"samples": float(recording.samples), "frames": float(recording.frames), "duration_s": recording.seconds}
     figures |= {"faults": float(sum(recording.faults.values()))} | {f"closure_{c}_counts": v for c, v in recording.closure.items()}

@@ -85,10 +85,11 @@ def test_single_frames(name: str) -> None:
 def test_a_sync_at_once_after_another_is_the_same(later: float, same: bool) -> None:
     """By a quarter of the period; the start input goes with the SYNCs that are kept."""
     rig = rig_from_dict(RIG.to_dict() | {"can": RIG.can_table.model_dump() | {"start_input": {"id": 0x300}}})
-    rises = frames_from_messages([can.Message(timestamp=0.0, arbitration_id=0x300, is_extended_id=False, data=[1])], "kernel")
     before, double, after = FRAMES.take(slice(0, at(6) + 1)), FRAMES.take(slice(at(6), at(6) + 1)), FRAMES.take(slice(at(6) + 1, None))
     double = replace(double, time_s=double.time_s + later * PERIOD_S)
     cut = at(8) - at(6) - 1
+    high = can.Message(timestamp=float(after.time_s[cut]), arbitration_id=0x300, is_extended_id=False, data=[1])
+    rises = frames_from_messages([high], "kernel")
     frames = join([before, double, after.take(slice(0, cut)), rises, after.take(slice(cut, None))])
     got = counts_from_frames(rig, [frames], FIELDS)
     kept = np.arange(N) if same else np.r_[np.arange(6), 6, np.arange(6, N)]

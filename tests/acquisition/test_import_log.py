@@ -170,7 +170,7 @@ def test_a_cut_log_says_that_it_ended_early(tmp_path: Path) -> None:
     ("later_s", "told"),
     [
         (3600.0, "nothing came for 3599.94 s behind 1700000000.059000 s: if these are two recordings, cut the log there"),
-        (-0.02, "its clock goes back by 0.0190001 s behind 1700000000.059000 s: if these are two recordings"),
+        (-0.02, "its clock goes back by 0.0197999 s behind 1700000000.059000 s: if these are two recordings"),
         (4.9, ""),
     ],
 )
