@@ -33,6 +33,8 @@ LAGS = 8
 """Times the intervals over which stamps are compared that there are at least, so that a pause of the bus is in few of them."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
+MISSED = 0.75
+"""Periods behind a SYNC from which on frames answer another one, which is missing."""
 LONG = 2.5
 """Periods: a longer interval may be that of a late stamp."""
 PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
@@ -142,6 +144,7 @@ class SyncAssembler:
         self._window: IntArray = np.empty(0, np.int64)
         self._field: NDArray[np.int16] = np.empty(0, np.int16)
         self._value: IntArray = np.empty(0, np.int64)
+        self._at: FloatArray = np.empty(0)
         self._period: float | None = None
         self._last_time = -np.inf
         self._last_seen = np.full(len(fields), -1), np.full(len(fields), np.nan)
@@ -173,6 +176,7 @@ class SyncAssembler:
         intervals = np.abs(np.diff(np.concatenate([self._sync_time[-1:], came])))
         self._intervals = np.concatenate([self._intervals, intervals])[-PERIODS:]
         self._sync_time = np.concatenate([self._sync_time, came])
+        self._at = np.concatenate([self._at, frames.time_s[readings.frame[begun]] + self._time_shift])
         self._window = np.concatenate([self._window, window[begun]])
         self._field = np.concatenate([self._field, readings.field[begun]])
         self._value = np.concatenate([self._value, readings.value[begun]])
@@ -189,7 +193,11 @@ class SyncAssembler:
             self._event(len(self._sync_time), "", "missing_sync", f"{len(surplus)} frames without a SYNC")
             keep = np.ones(len(self._window), np.bool_)
             keep[surplus] = False
-            self._window, self._field, self._value = self._window[keep], self._field[keep], self._value[keep]
+            self._keep(keep)
+
+    def _keep(self, keep: BoolArray) -> None:
+        """Let go of all other readings."""
+        self._window, self._field, self._value, self._at = self._window[keep], self._field[keep], self._value[keep], self._at[keep]
 
     def _count_syncs(self, frames: Frames, sync: IntArray) -> None:
         """SYNCs that are missing by the byte that counts them (CiA 301); it starts again at 1, and at 0 as some write it."""
@@ -231,6 +239,7 @@ class SyncAssembler:
             ready = ready if self._decide(ready, last) else 0
         if ready == 0:
             return Samples(np.empty(0), np.empty((0, m)), None if self._start_line is None else np.empty(0))
+        self._without_sync(instants, ready)
         value, n = tabulate(self._window, self._field, self._value, m, total)
         kept, due = self._repeated(value, n, ready)
         for w in np.flatnonzero((n[:, : total if last else total - 1] > 1).any(axis=0)):
@@ -242,8 +251,8 @@ class SyncAssembler:
         recorded = self._advanced(value, n == 1, instants, time_s, kept)
         self._pauses(instants, ready, last)
         moved = self._sync_time[:ready] - time_s
-        keep = self._window >= ready
-        self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
+        self._keep(self._window >= ready)
+        self._window = self._window - ready
         self._sync_time = self._sync_time[ready:]
         started, self._started = self._started[:ready], self._started[ready:]
         self.given += int(kept.sum())
@@ -288,8 +297,7 @@ class SyncAssembler:
     def _repeated(self, value: IntArray, n: IntArray, ready: int) -> tuple[BoolArray, BoolArray]:
         """(ready,) which of the SYNCs are samples and (m, ready) which of them each channel is due to answer.
 
-        Where a channel answers every n-th SYNC only, an answer behind the next SYNC is put back. Answers of most channels that are not due,
-        behind a SYNC that the next one does not follow at once, belong to a SYNC that is missing.
+        Where a channel answers every n-th SYNC only, an answer behind the next SYNC is put back.
         """
         answered = n[:, :ready] > 0
         if answered.all() and (self.transmission.n == 1).all():
@@ -307,12 +315,6 @@ class SyncAssembler:
                     self.transmission.moved(int(c), self.syncs + int(w))
                     self._event(int(w), self.fields[c].channel, "reordered", "after the next SYNC")
         due = self.transmission.due(self.syncs, self.syncs + n.shape[1])
-        spacing = np.diff(np.append(self._sync_time, np.inf))[:ready]
-        strays = (n[:, :ready] > 0) & ~due[:, :ready]
-        for w in np.flatnonzero((spacing > 1.5 * (self._period or np.inf)) & (2 * strays.sum(axis=0) > len(n))):
-            text = f"{spacing[w]:.6g} s without SYNC, frames of {strays[:, w].sum()} channels without a sample"
-            self._event(int(w) + 1, "", "missing_sync", text)
-            n[strays[:, w], w] = 0
         kept = self._kept(ready) | (n[:, :ready] > 0).all(axis=0)
         return np.asarray(kept), due[:, :ready]
 
@@ -336,16 +338,27 @@ class SyncAssembler:
         if last and paused(silent, self._period or 0.0).any():
             self._event(ready, "", "pause", f"no SYNC in the last {silent[0]:.6g} s, though frames came")
 
+    def _without_sync(self, instants: FloatArray, ready: int) -> None:
+        """Let go of frames that answer a SYNC that is missing: they come later than its period, and well before the next one."""
+        if self._period is None:
+            return
+        spacing = np.diff(np.append(instants, np.inf))
+        if not (long := spacing > 1.5 * self._period)[:ready].any():
+            return
+        stamps = np.append(self._sync_time, np.inf)
+        strays = long[self._window] & (self._at - stamps[self._window] > MISSED * self._period)
+        strays &= (stamps[self._window + 1] - self._at > (1.0 - MISSED) * self._period) & (self._window < ready)
+        for w in np.unique(self._window[strays]):
+            channels = len(np.unique(self._field[strays & (self._window == w)]))
+            text = f"{spacing[w]:.6g} s without SYNC, frames of {channels} channels without a sample"
+            self._event(int(w) + 1, "", "missing_sync", text)
+        if strays.any():
+            self._keep(~strays)
+
     def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
-        """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
+        """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions."""
         several = np.flatnonzero(n[:, w] > 1)
         alone = w + 1 >= n.shape[1]
-        spacing = np.inf if alone else self._sync_time[w + 1] - self._sync_time[w]
-        if self._period is not None and not alone and spacing > 1.5 * self._period and 2 * len(several) > len(self.fields):
-            if w < ready:
-                self._event(w + 1, "", "missing_sync", f"{spacing:.6g} s without SYNC, frames of {len(several)} channels without a sample")
-                n[several, w] = 1
-            return
         for c in several:
             mine = np.flatnonzero((self._window == w) & (self._field == c))
             values = self._value[mine]

@@ -318,10 +318,10 @@ def test_a_sync_that_is_missing_takes_its_sample_with_it() -> None:
         (event,) = got.events.kept
         assert (event.sample, event.kind, event.channel) == (20, "missing_sync", "")
         assert event.text == "0.002 s without SYNC, frames of 6 channels without a sample"
-    for channels, told_of in ((3, {"conflict": 3}), (4, {"missing_sync": 1})):
+    for channels in (1, 3, 4):
         # of so many channels the frames of the sample without its SYNC have come
         frames = FRAMES.take(np.delete(np.arange(len(FRAMES)), [gone, *range(gone + 1 + channels, gone + PER_SAMPLE)]))
-        assert counts_from_frames(RIG, [frames], FIELDS).events.tally == told_of
+        assert counts_from_frames(RIG, [frames], FIELDS).events.tally == {"missing_sync": 1}
     # at the SYNC's own pace a channel that sends twice contradicts itself
     twice = FRAMES.take(np.sort(np.r_[np.arange(len(FRAMES)), np.arange(gone + 1, gone + PER_SAMPLE)]))
     assert counts_from_frames(RIG, [twice], FIELDS).events.tally == {"duplicate": 6}
