@@ -266,12 +266,24 @@ class _Line:
         if not rises or t[f] - inside.max() > back or not -0.4 * back <= t[k] - top < self._forward_s:
             return 0
         turn = np.argsort(t[f:k], kind="stable")
+        if not self._regular(f, i, np.concatenate([t[max(f - KEPT, 0) : f], t[f:k][turn], t[k : k + KEPT]])):
+            return 0
         self._t[f:k] = t[f:k][turn]
         self._key[f:k] = self._key[f:k][turn]
         here = slice(f - self._known, k - self._known)
         self.order[here] = self.order[here][turn]
         self.repairs.append(Repair(float(self._t[f]), "reordered", f"{k - i} frames were written behind {i - f} later ones"))
         return k
+
+    def _regular(self, f: int, i: int, times: FloatArray) -> bool:
+        """Whether frames f to i stand at their identifiers' own pace among those at the times in order: none comes too soon."""
+        begin = max(f - KEPT, 0)
+        key = self._key[begin : begin + len(times)][np.argsort(self._t[begin : begin + len(times)], kind="stable")]
+        for name in np.unique(self._key[f : min(i, f + AWAY)]):
+            intervals = np.diff(times[key == name])
+            if len(intervals) and intervals.min() < 0.5 * np.median(intervals):
+                return False
+        return True
 
     def _due(self, i: int, end: int, before: int) -> float | None:
         """What to add to the stamps from frame i on so that frames come when they are due, by the frames up to `before`."""
