@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
@@ -67,10 +68,10 @@ def recorded(
 ) -> Recording:
     """Return a recording without any fault."""
     law = motion(rng, speed_mm_s)
-    instants = PERIOD_S * np.arange(SAMPLES)
+    instants: FloatArray = PERIOD_S * np.arange(SAMPLES, dtype=np.float64)
     true_s, identifier, data = [], [], []
     latched = law(instants)
-    own = np.stack([law(instants + d)[:, c] for c, d in enumerate(DELAYS_S)], axis=1)
+    own = np.stack([law(np.asarray(instants + d))[:, c] for c, d in enumerate(DELAYS_S)], axis=1)
     for k, at in enumerate(instants):
         if timing == "sync":
             true_s.append(at)
@@ -83,7 +84,7 @@ def recorded(
                 identifier.append(0x181 + c)
                 data.append((value % 2**bits).to_bytes(bits // 8, "little"))
     times = np.array(true_s)
-    counts = latched[:: int(np.lcm.reduce(every))] if timing == "sync" else law(instants + DELAYS_S[0])
+    counts = latched[:: int(np.lcm.reduce(every))] if timing == "sync" else law(np.asarray(instants + DELAYS_S[0]))
     return Recording(timing, bits, times, BEGIN_S + times, identifier, data, counts)
 
 
@@ -200,7 +201,7 @@ def nothing(rng: np.random.Generator, r: Recording) -> Recording:
     return r
 
 
-ROWS: list[tuple[str, str, dict[str, object], Law, str]] = [
+ROWS: list[tuple[str, str, dict[str, Any], Law, str]] = [
     *((f"clock starts again after {m:.6g} s", w, {"timing": t}, again(m, 2.5), "clock_wrap") for m, w, t in (
         (2**32 / 1e6, "GVRET", "free"), (2**32 / 1e6, "GVRET", "sync"), (60.0, "candump", "sync"), (60.0, "python-can", "free"),
         (65.536, "candump", "free"), (3600.0, "python-can", "sync"), (86400.0, "candump", "sync"))),
@@ -333,7 +334,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for k, (name, writer, settings, law, kind) in enumerate(ROWS):
             rng = np.random.default_rng(k)
-            one = law(rng, recorded(rng, **settings))  # type: ignore[arg-type]
+            one = law(rng, recorded(rng, **settings))
             got = judged(WRITERS[writer](Path(folder) / f"log{k}", one), one)
             events = ", ".join(f"{n} {e}" for e, n in sorted(got.events.items()))
             good = got.wrong == 0 and (kind in got.events or not kind) and got.time_ms <= 1e3 * max(one.late_s, 5e-6) + 1.0

@@ -35,6 +35,8 @@ FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
 MISSED = 0.75
 """Periods behind a SYNC from which on frames answer another one, which is missing."""
+HELD_UP_S = 0.05
+"""For how long a sender is merely held up between a SYNC and its answer."""
 LONG = 2.5
 """Periods: a longer interval may be that of a late stamp."""
 PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
@@ -339,7 +341,11 @@ class SyncAssembler:
             self._event(ready, "", "pause", f"no SYNC in the last {silent[0]:.6g} s, though frames came")
 
     def _without_sync(self, instants: FloatArray, ready: int) -> None:
-        """Let go of frames that answer a SYNC that is missing: they come later than its period, and well before the next one."""
+        """Let go of frames that answer a SYNC that is missing.
+
+        They come later than its period and well before the next one; and the channel has answered the SYNC before them already, or was not
+        due to, or the frame is so late that no sender was merely held up.
+        """
         if self._period is None:
             return
         spacing = np.diff(np.append(instants, np.inf))
@@ -348,6 +354,13 @@ class SyncAssembler:
         stamps = np.append(self._sync_time, np.inf)
         strays = long[self._window] & (self._at - stamps[self._window] > MISSED * self._period)
         strays &= (stamps[self._window + 1] - self._at > (1.0 - MISSED) * self._period) & (self._window < ready)
+        if not strays.any():
+            return
+        _, first = np.unique(self._window * len(self.fields) + self._field, return_index=True)
+        again = np.ones(len(strays), np.bool_)
+        again[first] = False
+        due = self.transmission.due(self.syncs, self.syncs + len(self._sync_time))[self._field, self._window]
+        strays &= again | ~due | (self._at - stamps[self._window] > max(LONG * self._period, HELD_UP_S))
         for w in np.unique(self._window[strays]):
             channels = len(np.unique(self._field[strays & (self._window == w)]))
             text = f"{spacing[w]:.6g} s without SYNC, frames of {channels} channels without a sample"
