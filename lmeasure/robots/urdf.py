@@ -26,7 +26,7 @@ from lmeasure.robots.urdf_tree import CARRIED, MOVING, Branch, Mimic, Tree
 LARGEST = 1 << 24
 MM = 1e3
 ENDLESS_RAD = 100.0
-"""Limits of a turning joint from here on say that it has none."""
+"""Limits [rad, m] from here on say that a joint has none."""
 XACRO = "is xacro, a template of URDF: run `xacro FILE -o robot.urdf` (from ROS) and state robot.urdf"
 _HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -153,11 +153,16 @@ def _parsed(path: Path) -> etree._Element:
         huge_tree=False,
         remove_comments=True,
         remove_pis=True,
+        recover=True,
     )
     try:
         root = etree.fromstring(raw, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise RobotError(f"{path}: {XACRO}" if "xacro" in str(error) else f"{path}: is not URDF: {error}") from None
+        raise RobotError(f"{path}: is not URDF: {error}") from None
+    # a prefix that nobody declares, as simulators leave behind, is no fault of the chain
+    faults = [e for e in parser.error_log if not e.type_name.startswith("NS_")]
+    if faults or root is None:
+        raise RobotError(f"{path}: is not URDF: {f'{faults[0].message}, line {faults[0].line}' if faults else 'it has no elements'}")
     if root.getroottree().docinfo.doctype:
         raise RobotError(f"{path}: states a document type, which no URDF needs and a hostile one abuses; remove the DOCTYPE")
     if root.tag != "robot":
@@ -172,7 +177,16 @@ def _branch(element: etree._Element) -> Branch:
     ends = [link.get("link") or "" if (link := element.find(end)) is not None else "" for end in ("parent", "child")]
     mimic = element.find("mimic")
     followed = None if mimic is None else Mimic(mimic.get("joint") or "", mimic.get("multiplier"), mimic.get("offset"))
-    return Branch(element.get("name") or "", element.get("type") or "", ends[0], ends[1], followed)
+    limit = element.find("limit")
+    endless = limit is not None and any(_magnitude(limit.get(key)) >= ENDLESS_RAD for key in ("lower", "upper"))
+    return Branch(element.get("name") or "", element.get("type") or "", ends[0], ends[1], followed, endless)
+
+
+def _magnitude(text: str | None) -> float:
+    try:
+        return abs(float(text or 0.0))
+    except ValueError:
+        return 0.0
 
 
 def _frame(element: etree._Element, joint: str, path: Path) -> FloatArray:

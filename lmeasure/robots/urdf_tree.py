@@ -14,13 +14,14 @@ from lmeasure.errors import RobotError
 
 MOVING = ("revolute", "continuous", "prismatic")
 CARRIED = ("floating", "planar")
-"""Joints of a vehicle or a free body; the arm begins behind them."""
+"""Joints of a vehicle or a free body; the arm begins behind them, and behind a first slide without an end."""
 _FLANGES = tuple(
     re.compile(rf"(.*[^a-z0-9])?({word})", re.I)
     for word in ("tool0", "flange", "ee_link|end_effector(_link)?|eef(_link)?|ee", "tcp(_link)?|tool_link|tool_frame")
 )
 """What links at the end of an arm are called, the surest name first."""
-_FINGER = re.compile(r"finger|gripper|knuckle|thumb|jaw|claw", re.I)
+_FINGER = re.compile(r"finger|knuckle|thumb|jaw|claw", re.I)
+_GRIPPER = re.compile(r"gripper", re.I)
 _SAME = ("1", "-1", "1.0", "-1.0")
 _FORK_DEPTH = 3
 """Axes from which on equal branches are fingers; before it they are arms."""
@@ -46,6 +47,8 @@ class Branch:
     parent: str
     child: str
     mimic: Mimic | None
+    endless: bool = False
+    """Whether its limits are so wide that they say there are none."""
 
 
 class Tree:
@@ -82,15 +85,16 @@ class Tree:
         """Return the link that is the base, the fixed joints from where the chain begins to that link, and the joints of the chain to the
         tip. By default the base is a link `base` that is fixed before the first axis, else where the chain begins."""
         whole = self._up(tip)
-        carried = [i for i, b in enumerate(whole) if b.kind in CARRIED and not any(a.kind in MOVING for a in whole[:i])]
-        if carried:  # of a vehicle the arm is what stands on it
-            whole = whole[carried[-1] + 1 :]
+        begin = next((i for i, b in enumerate(whole) if not (b.kind == "fixed" or b.kind in CARRIED or b.endless)), len(whole))
+        vehicle = [i for i, b in enumerate(whole[:begin]) if b.kind in (*CARRIED, "prismatic")]
+        if vehicle:  # the arm is what stands on it
+            whole = whole[vehicle[-1] + 1 :]
         if base is None:
-            begin = whole[0].parent if whole else tip
+            start = whole[0].parent if whole else tip
             first = next((i for i, b in enumerate(whole) if b.kind != "fixed"), len(whole))
-            on_way = [begin, *(b.child for b in whole[:first])]
+            on_way = [start, *(b.child for b in whole[:first])]
             base = next((link for link in self._rigid(on_way) if self._is_base(link, on_way)), None)
-            return (begin, [], whole) if base is None else (base, self._fixed_way(begin, base), whole)
+            return (start, [], whole) if base is None else (base, self._fixed_way(start, base), whole)
         links = [whole[0].parent, *(b.child for b in whole)] if whole else [tip]
         for k in range(len(links) - 1, -1, -1):
             way = self._fixed_way(links[k], base)
@@ -158,7 +162,17 @@ class Tree:
         return branch.kind in MOVING and branch.mimic is None
 
     def _finger(self, branch: Branch) -> bool:
-        return branch.kind in MOVING and bool(_FINGER.search(branch.name) or _FINGER.search(branch.child))
+        """Whether a joint moves a finger, by its name or that of its link, or a gripper that has no fingers behind."""
+        if branch.kind not in MOVING:
+            return False
+        if _FINGER.search(branch.name) or _FINGER.search(branch.child):
+            return True
+        if not _GRIPPER.search(branch.name):
+            return False
+        links = [branch.child]
+        for link in links:  # grows, and ends: a ring is not gone through twice
+            links += [b.child for b in self._below.get(link, []) if b.child not in links]
+        return not any(b.kind in MOVING and _FINGER.search(b.name + b.child) for link in links for b in self._below.get(link, []))
 
     def _named(self) -> str | None:
         """The link whose name says that it is the flange."""

@@ -38,7 +38,11 @@ class Settings(Asked):
         option("Measured errors over the region, where there is no model of the robot (docs/correction.md).", metavar="FILE"),
     ] = None
     columns: Annotated[
-        str, option("Which column of the map is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar="NAME=COLUMN[UNIT],...")
+        str,
+        option(
+            "Which column of a table of targets, or of the map, is which, and its unit (mm, m, cm, um, in, deg, rad).",
+            metavar="NAME=COLUMN[UNIT],...",
+        ),
     ] = ""
     dialect: Annotated[str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.")] = ""
     frames: Annotated[
@@ -178,12 +182,14 @@ def _limits(settings: Settings) -> "Limits":
 
 def _listing(settings: Settings) -> "tuple[Listing, Dialect]":
     """The program with the frames that are stated, without the targets that are skipped; RobotError where nothing is left."""
+    from lmeasure.foreign import columns_of
     from lmeasure.robots.dialects.known import dialect_of, opened
     from lmeasure.robots.dialects.program_text import Unread
 
     names = [path.name for path in settings.programs]
     sources = opened(settings.programs)
-    dialect = dialect_of(settings.programs, sources, settings.dialect)
+    columns = columns_of(settings.columns) if settings.map is None else None
+    dialect = dialect_of(settings.programs, sources, settings.dialect, columns)
     stated = {} if settings.frames is None else read_frames(settings.frames)
     listing = dialect.read(sources).stated(stated)
     strange = [name for name in settings.skip if name not in {t.name for t in listing.targets}]

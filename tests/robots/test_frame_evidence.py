@@ -11,6 +11,7 @@ from kinematics_readers import Matrix, by_table
 from scipy.spatial.transform import Rotation
 
 from lmeasure.errors import RobotError
+from lmeasure.foreign import Column, columns_of
 from lmeasure.robots.corrected_program import Corrected, corrected_program
 from lmeasure.robots.correction import Limits
 from lmeasure.robots.dialects.known import dialect_of
@@ -89,7 +90,7 @@ def program(dialect: str, points: Mapping[str, tuple[tuple[float, ...], Matrix]]
     return "\n".join([",".join(["name", *joints, *names]), *lines, ""])
 
 
-def corrected(robot: Robot, name: str, text: str, near: tuple[float, ...] = ()) -> Corrected:
+def corrected(robot: Robot, name: str, text: str, near: tuple[float, ...] = (), columns: dict[str, Column] | None = None) -> Corrected:
     """Corrected for the robot with a shoulder that is 0.05 degrees off."""
     model = robot.model
     names = [p.name for p in model.parameters]
@@ -100,7 +101,7 @@ def corrected(robot: Robot, name: str, text: str, near: tuple[float, ...] = ()) 
     )
     known = known.stated(None, None)
     sources = (Source(name, text),)
-    dialect = dialect_of([Path(name)], sources)
+    dialect = dialect_of([Path(name)], sources, columns=columns)
     return corrected_program(dialect.read(sources).stated({}), dialect, known, limits=Limits(), near=near)
 
 
@@ -177,3 +178,31 @@ def test_one_row_that_contradicts_itself_is_left(tmp_path: Path) -> None:
     other = {name: ((q[0], -q[1], *q[2:]), at) for name, (q, at) in points.items()}
     with pytest.raises(RobotError, match="no other base or flange explains it"):
         corrected(ROBOT, "p.csv", program("csv", other))
+
+
+def test_a_table_in_other_units_is_written_back_in_them(tmp_path: Path) -> None:
+    """Metres, a rotation vector in radians and joint values in radians under headers of their own, names in a column without a name."""
+    points = {name: (q, pose(ROBOT, q, tmp_path)) for name, q in POINTS.items()}
+    lines = [",X,Y,Z,U,V,W," + ",".join(f"A{i}" for i in range(1, 7))]
+    for name, (q, at) in points.items():
+        numbers = [*(at[:3, 3] / 1e3), *Rotation.from_matrix(at[:3, :3]).as_rotvec(), *np.radians(q)]
+        lines.append(",".join([name, *(f"{v:.7f}" for v in numbers)]))
+    columns = columns_of("x=X[m],y=Y[m],z=Z[m],rx=U[rad],ry=V[rad],rz=W[rad]," + ",".join(f"joint_{i}=A{i}[rad]" for i in range(1, 7)))
+    done = corrected(ROBOT, "p.csv", "\n".join([*lines, ""]), columns=columns)
+    rows = [line.split(",") for line in done.texts[0].splitlines()[1:]]
+    assert [row[0] for row in rows] == list(POINTS)
+    for row, q in zip(rows, POINTS.values(), strict=True):
+        joints = np.degrees([float(v) for v in row[7:]])
+        assert joints == pytest.approx((q[0], q[1] - 0.05, *q[2:]), abs=2e-5)
+        told = pose(ROBOT, tuple(joints), tmp_path)
+        np.testing.assert_allclose([1e3 * float(v) for v in row[1:4]], told[:3, 3], atol=2e-3)
+        np.testing.assert_allclose(Rotation.from_rotvec([float(v) for v in row[4:7]]).as_matrix(), told[:3, :3], atol=1e-6)
+    for text, said in (
+        ("x=Q[m]", "has no such column; it has x, y, z"),
+        ("rx=U", "angles with their unit"),
+        ("speed=X", "a table of targets has"),
+    ):
+        with pytest.raises(RobotError, match=said):
+            corrected(ROBOT, "p.csv", "\n".join(lines), columns=columns_of(text))
+    with pytest.raises(RobotError, match="goes with tables"):
+        corrected(ROBOT, "p.mod", "", columns=columns)

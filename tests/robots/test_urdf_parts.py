@@ -172,7 +172,8 @@ def drawn(seed: int) -> Arm:
     if odd(0.5):  # wheels, a head, a body on a plane: none of the arm
         parts.append(Part("wheel", "continuous", f"{prefix}base_link", "wheel_link", limit='<limit lower="-1e16" upper="1e16"/>'))
         parts.append(Part("ball", "planar", f"{prefix}base_link", "ball_link"))
-    extra = '<gazebo reference="x"><material>Gazebo/Grey</material></gazebo><transmission name="t"><joint name="joint_1"/></transmission>'
+    extra = '<sensor:camera name="c"/><gazebo reference="x"><material>Gazebo/Grey</material></gazebo>'
+    extra += '<transmission name="t"><joint name="joint_1"/></transmission>'
     return Arm(base, flange, parts, variables, limits, extra)
 
 
@@ -299,6 +300,13 @@ def test_which_end_is_meant(tmp_path: Path) -> None:
     assert arm_of(*head, path=tmp_path)[0] == four
     # a vehicle under it, and a lift that is part of it unless the base is stated
     assert arm_of(Part("v", "floating", "odom", "base_link"), path=tmp_path) == (four, "base_link", "l4")
+    endless = '<limit lower="-999999" upper="999999"/>'
+    drive = [Part("turn", "revolute", "odom", "v1", limit=endless), Part("drive", slide, "v1", "base_link", limit=endless)]
+    assert arm_of(*drive, path=tmp_path) == (four, "base_link", "l4")
+    # an axis whose link is called after the gripper that it carries, and prefixes that a simulator has left undeclared
+    grip = [Part("a5", "revolute", "l4", "gripper_link"), Part("gripper", slide, "gripper_link", "prop", axis=(1.0, 0.0, 0.0))]
+    grip += [Part(f"{side}_finger", slide, "gripper_link", side) for side in ("left", "right")]
+    assert arm_of(*grip, path=tmp_path) == ([*four, "a5"], "base_link", "gripper_link")
     lift = Part("lift", slide, "ground", "base_link", axis=(0.0, 0.0, 1.0), limit='<limit lower="0" upper="0.5"/>')
     assert arm_of(lift, path=tmp_path) == (["lift", *four], "ground", "l4")
     assert arm_of(lift, path=tmp_path, base="base_link") == (four, "base_link", "l4")

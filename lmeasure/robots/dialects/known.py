@@ -1,10 +1,11 @@
 """Which dialect a program is in: by the ends of its files' names, or as the user says."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lmeasure import files
 from lmeasure.errors import RobotError
+from lmeasure.foreign import Column
 from lmeasure.robots.dialects import fanuc, krl, rapid, tables, ur_script
 from lmeasure.robots.dialects.program_text import Dialect, Source
 
@@ -32,17 +33,20 @@ def opened(paths: Sequence[Path]) -> tuple[Source, ...]:
     return sources
 
 
-def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "") -> Dialect:
-    """The dialect of that name, or that the files' names end with; RobotError where they do not say one."""
+def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "", columns: Mapping[str, Column] | None = None) -> Dialect:
+    """The dialect of that name, or that the files' names end with; columns: what `--columns` says of a table. RobotError where they do not
+    say one."""
     if not name:
         found = {ENDS.get(path.suffix.lower(), "") for path in paths}
         if len(found) != 1 or "" in found:
             raise RobotError(f"{', '.join(map(str, paths))}: the names do not say one dialect; state --dialect {' or '.join(NAMES)}")
         name = found.pop()
         first = tables.header_line(sources[0].text).lower()
-        if name == "csv" and not any(c in first for c in ("_mm", "_deg")):
+        if name == "csv" and not columns and not any(c in first for c in ("_mm", "_deg")):
             name = "robodk"
     if name not in NAMES:
         raise RobotError(f"dialect {name!r} is none of {', '.join(NAMES)}")
+    if columns and name != "csv":
+        raise RobotError(f"--columns goes with tables (.csv) and --map; {paths[0]} is read as {name}")
     fixed = {"krl": krl.DIALECT, "rapid": rapid.DIALECT, "fanuc": fanuc.DIALECT, "ur-script": ur_script.DIALECT, "robodk": tables.ROBODK}
-    return fixed[name] if name in fixed else tables.plain(tables.header_line(sources[0].text))
+    return fixed[name] if name in fixed else tables.plain(tables.header_line(sources[0].text), columns)

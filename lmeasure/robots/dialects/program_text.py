@@ -56,7 +56,8 @@ class Target:
     moved: source and place of the first motion to it, which need not stand where the target does; near: joint values in the dialect's units
     that the program states beside a pose, the way to which is the nearest to them; loose: the controller may be told to pass over the
     flags, so that a way is known where the target before says none but theirs; taught: `near` are the joint values
-    of the pose itself; label: what the program calls the point, where that is not its name."""
+    of the pose itself; label: what the program calls the point, where that is not its name; sizes: of the
+    dialect's units in those that the numbers are written in, where these are others."""
 
     name: str
     source: int
@@ -72,6 +73,7 @@ class Target:
     loose: bool = False
     taught: bool = False
     label: str = ""
+    sizes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,9 @@ def rewritten(listing: Listing, dialect: Dialect, values: Mapping[int, Sequence[
                 continue
             for c, (span, number) in enumerate(zip(target.spans, numbers, strict=True)):
                 least = dialect.decimals[2 if target.joints else (0 if c < 3 else 1)]
-                changes.append((span, as_written(source.text[slice(*span)], float(number), least)))
+                size = target.sizes[c] if target.sizes else 1.0
+                least += max(round(math.log10(size)), 0)
+                changes.append((span, as_written(source.text[slice(*span)], float(number) / size, least)))
         parts, at = [], 0
         for (start, stop), text in sorted(changes):
             parts += [source.text[at:start], text]
