@@ -7,7 +7,7 @@ are those of its controller. Joint values typed as a rough hint lie anywhere nea
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -106,8 +106,20 @@ def contradicted(listing: Listing, dialect: Dialect, robot: RobotModel, *, singl
         if frame is not None and (len(known) > 1 or sure or (single and _large(known[off[0]]))):
             raise RobotError(_refusal(listing, pairs[off[0]], known[off[0]], len(off), len(known), frame=frame))
         if len(sure_off) > 0.5 * len(sure) and sure:
-            raise RobotError(_refusal(listing, pairs[sure_off[0]], known[sure_off[0]], len(sure_off), len(sure), frame=None))
+            said = _refusal(listing, pairs[sure_off[0]], known[sure_off[0]], len(sure_off), len(sure), frame=None)
+            raise RobotError(said + _level(list(pairs.values()), listing, dialect, robot))
     return {i: f"its pose and its joint values are not one place: {known[i].apart} apart" for i in sure_off}
+
+
+def _level(pairs: Sequence[Pair], listing: Listing, dialect: Dialect, robot: RobotModel) -> str:
+    """Say so where the program counts the third axis from the horizontal, as FANUC controllers do, and the robot does not."""
+    for sign in (1.0, -1.0) if len(robot.joint_names) == 6 and not robot.sliding.any() else ():
+        turned = [replace(p, joints=p.joints + sign * p.joints[1] * np.eye(6)[2]) for p in pairs]
+        compared = [_compared(p, listing, dialect, robot) for p in turned]
+        if all(c is not None and c.agree for c in compared):
+            names = robot.joint_names
+            return f"; {names[2]} is counted from the horizontal: add a link that follows {names[1]} by {sign:g} (docs/robots.md)"
+    return ""
 
 
 def _large(compared: _Compared) -> bool:

@@ -18,7 +18,7 @@ from lmeasure.robots.dialects.known import dialect_of
 from lmeasure.robots.dialects.program_text import Source
 from lmeasure.robots.fields import Frame
 from lmeasure.robots.identified_robot import IdentifiedRobot
-from lmeasure.robots.robot import Robot, shipped, write_robot
+from lmeasure.robots.robot import Revolute, Robot, shipped, write_robot
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 TURNED = Frame(position_mm=(0.0, 0.0, 0.0), quaternion_xyzw=(0.0, 0.0, 1.0, 0.0))
@@ -178,6 +178,19 @@ def test_one_row_that_contradicts_itself_is_left(tmp_path: Path) -> None:
     other = {name: ((q[0], -q[1], *q[2:]), at) for name, (q, at) in points.items()}
     with pytest.raises(RobotError, match="no other base or flange explains it"):
         corrected(ROBOT, "p.csv", program("csv", other))
+
+
+def test_a_third_axis_counted_from_the_horizontal_is_named_and_can_be_stated(tmp_path: Path) -> None:
+    points = {name: ((*q[:2], q[2] - q[1], *q[3:]), pose(ROBOT, q, tmp_path)) for name, q in POINTS.items()}
+    text, near = program("fanuc", points), points["pick"][0]
+    with pytest.raises(RobotError, match=r"; joint_3 is counted from the horizontal: add a link that follows joint_2 by 1 "):
+        corrected(ROBOT, "p.ls", text, near)
+    level = Revolute(name="level", follows="joint_2", ratio=1.0)
+    coupled = ROBOT.model_copy(update={"joint": (*ROBOT.joint[:2], level, *ROBOT.joint[2:])})
+    done = corrected(coupled, "p.ls", text, near)
+    assert {o.left for o in done.outcomes} == {""}
+    for outcome, (q, _) in zip([o for o in done.outcomes if o.target.joints], points.values(), strict=True):
+        assert outcome.values == pytest.approx((q[0], q[1] - 0.05, q[2] + 0.05, *q[3:]), abs=5e-3)
 
 
 def test_a_table_in_other_units_is_written_back_in_them(tmp_path: Path) -> None:

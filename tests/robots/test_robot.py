@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -249,10 +250,19 @@ def test_two_arms_ask_for_a_tip(tmp_path: Path) -> None:
         ({"joint": [{"name": "a", "type": "revolute", "d_mm": 1e9}]}, "joint a.*length"),
         ({"joint": [{"name": "a", "type": "revolute", "scale": 0.0}]}, "leaves nothing"),
         ({"tool": {"quaternion_xyzw": [0.0, 0.0, 0.0, 2.0]}}, "its length is 2, not 1"),
+        ({"joint": [{"name": "a", "follows": "b"}]}, "joint a: follows 'b', which is no joint with a value of its own"),
+        (
+            {"joint": [{"name": "a"}, {"name": "b", "follows": "a"}, {"name": "c", "follows": "b"}]},
+            "joint c: follows 'b', which is no joint",
+        ),
+        ({"joint": [{"name": "a"}, {"name": "b", "follows": "a", "ratio": 0.0}]}, "joint b: follows a: ratio must not be 0"),
+        ({"joint": [{"name": "a"}, {"name": "b", "follows": "a", "sin1_deg": 0.1}]}, "scale and errors are those of a"),
+        ({"joint": [{"name": "a", "ratio": 2.0}]}, "joint a: ratio goes with follows"),
     ],
 )
 def test_robots_that_contradict_themselves_are_refused_in_one_line(change: dict[str, object], said: str) -> None:
-    data = {"schema": "lmeasure.robot/1", "name": "r", "joint": [{"name": "a", "type": "revolute"}]} | change
+    data: dict[str, Any] = {"schema": "lmeasure.robot/1", "name": "r", "joint": [{"name": "a", "type": "revolute"}]} | change
+    data["joint"] = [{"type": "revolute"} | joint for joint in data["joint"]]
     with pytest.raises(RobotError, match=said):
         robot_from_dict(data, "robot.toml")
 
