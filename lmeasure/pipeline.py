@@ -275,10 +275,11 @@ def evaluate(
     """
     from lmeasure import certification
     from lmeasure.program import read_program
-    from lmeasure.trajectory import read_trajectory
+    from lmeasure.trajectory import Stated, read_trajectory
 
     chosen = _with("evaluate", settings or certification.Settings(), options)
-    poses, told = _read(trajectory, read_trajectory), _read(program, read_program)
+    told = _read(program, read_program)
+    poses = _read(trajectory, lambda path: read_trajectory(path, Stated(angles=chosen.angles, likely=told.angles)))
     counted = None if run is None else _run(run, rig)
     return certification.evaluate(poses, told, covariances, run=counted, settings=chosen, progress=progress)
 

@@ -53,7 +53,7 @@ def read_pose_table(
         if name == "temperature_c" or name.startswith("rho_"):
             out[name] = pa.array(np.asarray(given.numbers(name)))
     given.nothing_else()
-    return files.Table(path, pa.table(out), given.lines[0] - 2 if given.lines else 0)
+    return files.Table(path, pa.table(out), lines=given.lines)
 
 
 def _is_ours(path: Path) -> bool:

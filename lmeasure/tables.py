@@ -53,10 +53,12 @@ def _reason(error: Exception) -> str:
 class Table:
     """Named columns of numbers or text read from a .csv or .parquet file, with errors that name file, row and column."""
 
-    def __init__(self, path: Path, data: pa.Table, first: int = 0) -> None:
+    def __init__(self, path: Path, data: pa.Table, first: int = 0, lines: Sequence[int] = ()) -> None:
         self.path = Path(path)
         self.first = first
         """Number of its first row in the file, when it is a piece of it."""
+        self._lines = lines
+        """Lines of its rows in the file, where they do not follow each other from the second on."""
         self._data = data
 
     @property
@@ -72,6 +74,8 @@ class Table:
         return Table(self.path, self._data.slice(rows), self.first + rows)
 
     def _at(self, index: int, column: str) -> str:
+        if self._lines:
+            return f"{self.path}:{self._lines[index]}: {column}"
         # a CSV's first data row stands on line 2
         row = self.first + index
         return f"{self.path}:{row + 2}: {column}" if self.path.suffix.lower() == ".csv" else f"{self.path}: row {row}: {column}"
@@ -130,6 +134,14 @@ class Table:
         read = [self._read(name, gaps) for name in names]
         self._refuse([fault for _, faults in read for fault in faults])
         return np.column_stack([values for values, _ in read]) if names else np.empty((len(self), 0))
+
+    def kind(self, name: str) -> pa.DataType:
+        """Return the type of a column's cells."""
+        return self._column(name).type
+
+    def cells(self, name: str) -> list[Any]:
+        """Return (n,) cells as Python has them."""
+        return list(self._column(name).to_pylist())
 
     def text(self, name: str) -> list[str]:
         """(n,) cells as text; numbers that are whole are written without a decimal point."""

@@ -71,6 +71,8 @@ def read_commands(path: Path) -> tuple[Command, ...]:
     FileFormatError names the file and what is missing.
     """
     table = files.read_table(path)
+    if len(table) == 0:
+        raise FileFormatError(f"{path}: holds no command")
     rows = table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS))
     number, move = table.numbers("command"), table.text("move")
     target, role = table.text("target"), table.text("role")

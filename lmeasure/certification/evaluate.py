@@ -153,7 +153,7 @@ def evaluate(
         settings=settings,
         findings=(
             *((finding("uncertainty.unstated", what=trajectory.absent),) if unstated else ()),
-            *((stamps.note,) if stamps.note else ()),
+            *stamps.notes,
             *found_windows,
             *(said for test in tests for said in test.findings),
             *excluded.findings,

@@ -1,6 +1,8 @@
 """A frame of the program that is fitted to the attained poses, and what it takes of their errors."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,7 +12,9 @@ from lmeasure.arrays import FloatArray
 from lmeasure.certification.figure import Subject
 from lmeasure.certification.uncertainty import Moving, Part
 from lmeasure.errors import CertificationError
-from lmeasure.trajectory.attained import AttainedPose
+from lmeasure.program import read_program
+from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.attained import AttainedPose, Frame, attain
 
 
 def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:
@@ -25,6 +29,31 @@ def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:
     middle, place = commanded.mean(axis=0), attained.mean(axis=0)
     turn, _ = Rotation.align_vectors(attained - place, commanded - middle)
     return se3.pose(place - turn.apply(middle), turn)
+
+
+def in_program_frame(trajectory: Trajectory, path: Path, still_mm: float = 0.2) -> Trajectory:
+    """Return a trajectory in the frame of a program, fitted to its poses in their windows.
+
+    CertificationError where the program states no windows, or poses fix no frame.
+    """
+    program = read_program(path)
+    if not any(pose.windows_s for pose in program.pose):
+        raise CertificationError(f"{path}: states no windows of poses: `lmeasure program --ran TRAJECTORY --align` fills them in")
+    same = Frame(np.zeros(3))
+    poses = [
+        attain(p.name, np.array([*p.position_mm, *p.quaternion_xyzw]), p.windows_s, trajectory, frame=same, still_mm=still_mm)
+        for p in program.pose
+        if p.windows_s
+    ]
+    frame = fit_frame(poses)
+    turn = se3.rotation(frame).inv()
+    moved = np.full_like(trajectory.poses, np.nan)
+    moved[:, :3] = turn.apply(trajectory.poses[:, :3] - frame[:3])
+    known = ~np.isnan(trajectory.poses[:, 3])
+    if known.any():
+        moved[known, 3:] = (turn * se3.rotation(trajectory.poses[known])).as_quat(canonical=True)
+    both = np.kron(np.eye(2), turn.as_matrix())
+    return replace(trajectory, poses=moved, random=both @ trajectory.random @ both.T, systematic=both @ trajectory.systematic @ both.T)
 
 
 def follows(parts: Mapping[Subject, Part]) -> Moving:

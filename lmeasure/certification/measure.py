@@ -233,9 +233,9 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     details = Details() if inputs.details is None else read_details(inputs.details)
     logo = None if inputs.details is None else read_logo(inputs.details, details)
     if inputs.run is None:
-        trajectory = read_trajectory(inputs.trajectory, inputs.beside)
+        trajectory = read_trajectory(inputs.trajectory, replace(inputs.beside, angles=settings.angles, likely=program.angles))
         evaluation = evaluate(trajectory, program, settings=settings, progress=progress)
-        return Measured(evaluation, trajectory, program, details, logo=logo)
+        return Measured(evaluation, trajectory, program, details, logo=logo, notes=trajectory.notes)
     run = read_run(inputs.run, inputs.rig)
     aligned = align(run)
     trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)

@@ -221,6 +221,10 @@ class Motion:
         n = part.stop - part.start
         if n < 2:
             raise CertificationError(f"{what}: the window [{start:g}, {end:g}] s holds one sample, and no motion")
+        if self.stamps.stretch is not None and self.stamps.stretch[part.start] != self.stamps.stretch[part.stop - 1]:
+            steps = np.diff(self.trajectory.time_s[part])
+            a, b = self.trajectory.time_s[part][[int(np.argmax(steps)), int(np.argmax(steps)) + 1]]
+            raise CertificationError(f"{what}: there are no samples from {a:.6g} to {b:.6g} s, and what the robot did then is not known")
         places = (*((Stretch.begun(),) if begins else ()), Stretch.rested(n))
         poses = self.frame.of(self.trajectory.poses[part])
         return Stretch(np.arange(part.start, part.stop), self.trajectory.time_s[part], poses, places)

@@ -177,8 +177,8 @@ def _known(found: Along, language: str) -> Iterable[str]:
     if found.motion is not None:
         said = words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
         yield f"{said} {words['smoothed.band']}" if _banded(trajectory) else said
-        if found.motion.stamps.note:
-            yield found.motion.stamps.note.text(language)
+        for note in found.motion.stamps.notes:
+            yield note.text(language)
 
 
 def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figure:

@@ -30,7 +30,19 @@ SURE, LIKELY, WHOLE = 0.6, 0.2, 0.25
 whole ones."""
 PAUSE_S = 1.0
 """Behind a longer one the device may have started anew: its phase is not that of before."""
+AROUND = 50
+"""Samples on either side of an interval by which it is a gap."""
+GAP = 2.5
+"""Usual intervals: a longer one, after which the stamps stay behind, is a gap of the record."""
+CATCHES_UP = 0.5
+"""Of a period by sample: so fast a host that was held up comes back at least."""
+FINE = 0.1
+"""Of a period: stamps that scatter by less show a hole of a part of one."""
+OFF = 6.0
+"""Scatters of the stamps by which a gap is longer than the usual interval, and such a hole differs from whole periods."""
 BLOCKS, LEAST_OF_BLOCK = 32, 25
+CONTRADICTED = 8.0
+"""Standard uncertainties of the level of a block of stamps by which it lies off an even clock that they do not keep."""
 WHITE = 1.3
 """Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 2 % of 30 such below 1.3."""
 PASSES = 5
@@ -57,11 +69,53 @@ class Numbers:
     known: BoolArray
 
 
-def numbers(stamps_s: FloatArray, places: FloatArray, u_mm: float) -> Numbers:
-    """Numbers of samples from stamps (n,), places (n, c) [mm] that are NaN where there is none, and the standard uncertainty of a place."""
+def gaps(stamps_s: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Return (n - 1,) which intervals of stamps (n,) are gaps, and which begin a new phase: gaps, and holes of parts of a period.
+
+    A late sample is followed by others in quick succession, until the stamps have caught up; behind a gap they stay behind.
+    """
+    intervals = np.diff(stamps_s)
+    if len(intervals) == 0:
+        return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
+    usual = float(np.median(intervals))
+    scatter = 1.4826 * float(np.median(np.abs(intervals - usual))) / np.sqrt(2.0)
+    excess = intervals - usual
+    long = (intervals > GAP * usual) & (excess > OFF * scatter)
+    part = np.zeros_like(long)
+    if scatter < FINE * usual:
+        part = (excess > OFF * scatter + 1e-3 * usual) & (np.abs(excess - usual * np.rint(excess / usual)) > OFF * scatter + 1e-3 * usual)
+    # the median of intervals that jitter is not their mean: over lags without a long one it is nearer
+    for lag in (LAG, LAG // 5):
+        holes = _summed(long)
+        whole = holes[lag:] == holes[:-lag]
+        if whole.sum() >= LAG:
+            usual = float(np.median((stamps_s[lag:] - stamps_s[:-lag])[whole])) / lag
+            break
+    behind = stamps_s - usual * np.arange(len(stamps_s))
+    stays = np.zeros_like(long)
+    for i in np.flatnonzero(long | part).tolist():
+        reach = AROUND + int(min(excess[i] / (CATCHES_UP * usual), len(intervals)))
+        before, after = behind[max(i + 1 - AROUND, 0) : i + 1], behind[i + 1 : i + 1 + reach]
+        # near the end of the record there may be no time to catch up
+        left = max(0.0, float(excess[i]) - CATCHES_UP * usual * (len(after) - 1))
+        rise = min(float(after.min() - before.min()), float(np.median(after[len(after) // 2 :]) - np.median(before)))
+        stays[i] = rise > max(left, 0.5 * float(excess[i])) or len(after) == 1
+    return long & stays, (long | part) & stays
+
+
+def stretches(begins: BoolArray) -> IntArray:
+    """Return (n,) numbers of stretches of samples, from intervals (n - 1,) behind which a new one begins."""
+    return _summed(begins)
+
+
+def numbers(stamps_s: FloatArray, places: FloatArray, u_mm: float, begins: BoolArray | None = None) -> Numbers:
+    """Numbers of samples from stamps (n,), places (n, c) [mm] that are NaN where there is none, and the standard uncertainty of a place;
+    begins (n - 1,): intervals behind which the device may have started anew, beside pauses."""
     intervals = np.diff(stamps_s)
     steps = np.ones(len(intervals), np.int64)
     pause = intervals > PAUSE_S
+    if begins is not None:
+        pause |= begins
     way = np.nan_to_num(np.linalg.norm(np.diff(places, axis=0), axis=1))
     usual = median_filter(way, BESIDE)
     clear = (usual > CLEAR * u_mm) & (usual > 0.0)
@@ -153,7 +207,7 @@ def _count_holes(stamps_s: FloatArray, steps: IntArray, period: float, known: Bo
 
 
 def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
-    """The even clock through stamps (n,) of numbered samples; None where they are too few.
+    """The even clock through stamps (n,) of numbered samples; None where they are too few, or do not keep it.
 
     A line through what stands for blocks of stamps - the least, the middle or the mean, whichever scatters least: the least knows nothing
     of what kept a host busy, the mean most of errors to both sides. The line's uncertainty comes from the blocks' own scatter, or where
@@ -192,7 +246,25 @@ def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
         mine = found.stretch == s
         seen = mine & found.known if (mine & found.known).any() else mine
         time_s[mine] += (stamps_s - time_s)[seen].mean()
-    return Clock(time_s, period, float(u_rate)) if (np.diff(time_s) > 0).all() else None
+    late = stamps_s - time_s
+    strict, loose = ((late[found.known], stretch, 0.0), (late, found.stretch, GAP * period))
+    if not (np.diff(time_s) > 0).all() or any(_contradicted(*of, way) for of in (strict, loose) for way in ways):
+        return None
+    return Clock(time_s, period, float(u_rate))
+
+
+def _contradicted(late_s: FloatArray, stretch: IntArray, beside_s: float, place: Callable[[FloatArray], Any]) -> bool:
+    """Whether blocks of samples lie off an even clock, late_s (n,) by their stamps, by far more than their halves differ and beside_s: a
+    hole that was not counted, another rate, a clock that drifts."""
+    blocks = _blocks(stretch)
+    levels = np.array([place(late_s[b]) for b in blocks])
+    halves = [slice(b.start, (b.start + b.stop) // 2) for b in blocks], [slice((b.start + b.stop) // 2, b.stop) for b in blocks]
+    apart = np.array([place(late_s[a]) - place(late_s[b]) for a, b in zip(*halves, strict=True)])
+    # the mean of the halves is known twice as well as their difference
+    allowed = CONTRADICTED * 1.4826 * float(np.median(np.abs(apart))) / 2.0 + beside_s
+    off = levels - float(np.median(levels))
+    # a host that was busy raises all but the least of a block
+    return bool((off < -allowed).any() or (place is np.min and (off > allowed).any()))
 
 
 def _blocks(stretch: IntArray) -> list[slice]:

@@ -1,6 +1,7 @@
 """How the tool moves: velocity, acceleration and jerk from a trajectory, by local cubics of a stated bandwidth."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from lmeasure import files
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import motion as kernels
@@ -19,6 +20,8 @@ from lmeasure.trajectory.stamps import Stamps, stamps_of
 HALF_WIDTH_S = 0.02
 FULL = 0.5 * (kernels.LEAST + 1)
 """Periods of a half width that holds enough samples on both sides."""
+WIDEST_S = 1.0
+"""That the usual interval needs, unless it is asked for: beyond it times are likely in another unit."""
 COVERAGE = 0.95
 NEAR = 6.0
 """Standard uncertainties below the largest speed that another may lie and still be the one that erred most."""
@@ -84,13 +87,15 @@ class Motion:
         return out
 
 
-def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S, stamps: Stamps | None = None) -> Motion:
-    """Motion of a trajectory by cubics over +- half_width_s, or wider where even times found for stamps that jitter need it; stamps: as
-    judged already, else by the motion itself.
+def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps: Stamps | None = None) -> Motion:
+    """Motion of a trajectory by cubics over +- half_width_s, or wider where even times found for stamps that jitter need it; by default
+    `HALF_WIDTH_S`, or what the usual interval needs. None goes over a gap. stamps: as judged already, else by the motion itself.
 
     Where the orientation is not measured, nothing is said of rotations; where no uncertainty is stated, none is said. TrajectoryError when
     no window is full.
     """
+    asked = half_width_s is not None
+    half_width_s = HALF_WIDTH_S if half_width_s is None else half_width_s
     if not half_width_s > 0:
         raise TrajectoryError(f"half width of the window: {half_width_s:g} s is not positive")
     placed = np.asarray(~np.isnan(trajectory.poses[:, :3]).any(axis=1))
@@ -100,14 +105,15 @@ def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S, stamps
         given[placed, 3:] = (0.0, 0.0, 0.0, 1.0)
     stamps = stamps or stamps_of(trajectory)
     time_s = stamps.time_s
-    if stamps.kind == "even":
+    if (stamps.kind == "even" or not asked) and placed.sum() > 1:
         # a window that ends at a sample holds it or not by the last digit of the period
-        half_width_s = max(half_width_s, FULL * float(np.median(np.diff(time_s))))
+        needed = FULL * float(np.median(np.diff(time_s[placed])))
+        half_width_s = max(half_width_s, needed) if asked or needed <= WIDEST_S else half_width_s
     if half_width_s > (lasts := float(time_s[-1] - time_s[0])) > 0.0:
         raise TrajectoryError(
             f"motion: a window of +-{half_width_s:g} s reaches farther to either side than the trajectory lasts, {lasts:.6g} s"
         )
-    poses, derivatives, factors = kernels.local_cubics(time_s, given, half_width_s)
+    poses, derivatives, factors = _local_cubics(time_s, given, half_width_s, stamps.stretch)
     if np.isnan(poses[:, 0]).all():
         apart = float(np.median(np.diff(time_s[placed]))) if placed.sum() > 1 else np.nan
         told = "" if np.isnan(apart) else f", which are {apart:.3g} s apart: a wider window, or times in another unit"
@@ -149,6 +155,19 @@ def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S, stamps
     )
 
 
+def _local_cubics(
+    time_s: FloatArray, poses: FloatArray, half_width_s: float, stretch: IntArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`kernels.local_cubics`, none of them over a gap between stretches (n,)."""
+    edges = [] if stretch is None else (np.flatnonzero(np.diff(stretch)) + 1).tolist()
+    parts = [
+        kernels.local_cubics(np.ascontiguousarray(time_s[a:b]), np.ascontiguousarray(poses[a:b]), half_width_s)
+        for a, b in pairwise([0, *edges, len(time_s)])
+    ]
+    found, derivatives, factors = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return found, derivatives, factors
+
+
 def _along(velocity: FloatArray, u: FloatArray) -> FloatArray:
     """(n,) standard uncertainty of a length along velocities (n, 3), from those of its components (n, 3)."""
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
@@ -158,5 +177,6 @@ def _along(velocity: FloatArray, u: FloatArray) -> FloatArray:
 
 def write_motion(path: Path, motion: Motion) -> None:
     """Write .parquet or .csv, whole or not at all."""
-    note = {"note": str(motion.stamps.note)} if motion.stamps.note else {}
+    notes = motion.stamps.notes
+    note = {"note": "; ".join(map(str, notes))} if notes else {}
     files.write_table(path, motion.columns(), {"half_width_s": repr(motion.half_width_s)} | note)

@@ -1,20 +1,22 @@
 """Time stamps that jitter: when samples were taken in truth, and how uncertain that is.
 
-Nothing is looked for where stamps come evenly, or so nearly that a sample's place does not feel it. Else two explanations are held against
-the motion: a tool moves smoothly in time, so that places against the right instants leave nothing but their own noise about local cubics,
-while wrong instants leave the speed times the error of the time. Either the samples were taken evenly and the host stamped them as it got
+Gaps, after which the stamps stay behind, part a record into stretches, and no fit goes over one. Nothing else is looked for where stamps
+come evenly, or so nearly that a sample's place does not feel it. Else two explanations are compared with the motion: a tool moves
+smoothly in time, so that places against the right instants leave nothing but their own noise about local cubics, while wrong instants
+leave the speed times the error of the time. Either the samples were taken evenly and the host stamped them as it got
 round to it (`evenly`): then the even times are taken, and the stamps say how long a period is. Or they were taken when the host asked:
-then its stamps stay, and the noise that the motion shows about them is theirs.
+then its stamps stay, and the noise that the motion shows about them is theirs. So they do where even times would be off the stamps by more
+than those scatter.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.findings import Finding, finding
-from lmeasure.trajectory.evenly import clock, numbers
+from lmeasure.trajectory.evenly import clock, gaps, numbers, stretches
 
 LEAST = 32
 """Samples from which anything can be said."""
@@ -53,7 +55,8 @@ class Stamps:
 
     stamp_s (n,): as recorded; time_s (n,): the same unless `kind` is "even". u_time_s: standard uncertainty of each, independent from
     sample to sample; u_rate: relative one of all intervals together. kind: "sound", "even" (taken evenly, stamped late) or "uneven" (taken
-    when asked, stamps in error by u_time_s). note: what is to be said, None of sound ones.
+    when asked, stamps in error by u_time_s). note: what is to be said of jitter, None of sound ones. stretch (n,): number of the stretch
+    between gaps that a sample is in, None where nobody looked; gap: what is to be said of these.
     """
 
     stamp_s: FloatArray
@@ -62,6 +65,13 @@ class Stamps:
     u_rate: float = 0.0
     kind: Literal["sound", "even", "uneven"] = "sound"
     note: Finding | None = None
+    stretch: IntArray | None = None
+    gap: Finding | None = None
+
+    @property
+    def notes(self) -> tuple[Finding, ...]:
+        """Return what is to be said of the stamps."""
+        return tuple(said for said in (self.note, self.gap) if said is not None)
 
 
 def sound(stamp_s: FloatArray) -> Stamps:
@@ -87,14 +97,33 @@ def jitter(stamp_s: FloatArray) -> tuple[float, float]:
 def judged(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> Stamps:
     """Stamps (n,) of places (n, c) [mm], NaN where there is none, that are each known to u_mm (n,) per axis; where nothing is stated (zero
     or NaN) what the places scatter by across the motion."""
-    if len(stamp_s) < LEAST or not (np.diff(stamp_s) > 0).all():
+    known = np.flatnonzero(~np.isnan(places).any(axis=1))
+    if len(known) < 2 or not (np.diff(stamp_s) > 0).all():
         return sound(stamp_s)
+    gap, begins = (np.zeros(len(stamp_s) - 1, np.bool_) for _ in range(2))
+    for out, there in zip((gap, begins), gaps(stamp_s[known]), strict=True):
+        out[known[1:][there] - 1] = True
+    found = _jittered(stamp_s, places, u_mm, begins) if len(stamp_s) >= LEAST else sound(stamp_s)
+    return replace(found, stretch=stretches(gap), gap=_said(stamp_s[known], gap[known[1:] - 1]))
+
+
+def _said(stamp_s: FloatArray, gap: BoolArray) -> Finding | None:
+    """Return how many gaps there are, and the longest."""
+    if not gap.any():
+        return None
+    lasts = np.where(gap, np.diff(stamp_s), 0.0)
+    i = int(np.argmax(lasts))
+    return finding("time.gaps", gaps=int(gap.sum()), longest_s=float(lasts[i]), at_s=float(stamp_s[i]))
+
+
+def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins: BoolArray) -> Stamps:
+    """`judged`, gaps and holes (n - 1,) known."""
     usual, scatter = jitter(stamp_s)
     if scatter <= EVEN * usual:
         return sound(stamp_s)
     stated = u_mm[u_mm > 0.0]
     noise = float(np.median(stated)) if len(stated) else 0.0
-    first = _windows(places, noise, scatter / usual)
+    first = _windows(places, noise, scatter / usual, begins)
     if len(first) < LEAST_WINDOWS:
         return sound(stamp_s)
     as_stamped, speed, across = _residuals(stamp_s, places, first)
@@ -106,7 +135,7 @@ def judged(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> Stamps:
     chance = SIGNIFICANT * np.sqrt(2.0 * WINDOW / ((WINDOW - TERMS) * samples))
     if u_stamp <= max(felt, felt / FELT * np.sqrt(chance), EVEN * usual):
         return sound(stamp_s)
-    numbered = numbers(stamp_s, places, noise)
+    numbered = numbers(stamp_s, places, noise, begins)
     as_even, speed, _ = _residuals(usual * numbered.number.astype(np.float64), places, first)
     even = clock(stamp_s, numbered) if np.median(as_even) < np.median(as_stamped) else None
     intervals = 1e3 * np.diff(stamp_s)
@@ -116,15 +145,21 @@ def judged(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> Stamps:
         return Stamps(stamp_s, stamp_s, u_stamp, 0.0, "uneven", note)
     u_even = _time_noise(as_even, speed * (usual / even.period_s), noise)
     u_even = u_even if u_even > felt else 0.0
+    # where a gap begins a new phase it is known by the stamps of its stretch
+    several = len(np.unique(numbered.stretch))
+    if several > 1:
+        u_even = float(np.hypot(u_even, np.std(stamp_s - even.time_s) * np.sqrt(several / len(stamp_s))))
     note = finding("stamps.even", **apart, period_ms=1e3 * even.period_s, rate=even.u_rate, error_ms=1e3 * u_even)
     return Stamps(stamp_s, even.time_s, u_even, even.u_rate, "even", note)
 
 
-def _windows(places: FloatArray, noise: float, scatter: float) -> IntArray:
-    """First samples (k,) of windows without a gap in which the tool moves so fast that a scatter of the stamps [periods] would show."""
+def _windows(places: FloatArray, noise: float, scatter: float, begins: BoolArray) -> IntArray:
+    """First samples (k,) of windows without a gap in which the tool moves so fast that a scatter of the stamps [periods] would show; begins
+    (n - 1,): intervals that they do not go over."""
     chord = np.linalg.norm(places[WINDOW - 1 :] - places[: 1 - WINDOW], axis=1) / (WINDOW - 1)
     holes = np.concatenate([[0], np.cumsum(np.isnan(places).any(axis=1))])
-    chord = np.where(holes[WINDOW:] == holes[:-WINDOW], chord, 0.0)
+    cuts = np.concatenate([[0], np.cumsum(begins)])
+    chord = np.where((holes[WINDOW:] == holes[:-WINDOW]) & (cuts[WINDOW - 1 :] == cuts[: 1 - WINDOW]), chord, 0.0)
     first = np.flatnonzero(chord > max(MOVING * noise / scatter, OF_FASTEST * float(chord.max())))
     return first[np.linspace(0, len(first) - 1, min(len(first), WINDOWS)).astype(np.int64)]
 

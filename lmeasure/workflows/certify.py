@@ -34,7 +34,10 @@ class Settings(Asked):
     full: Annotated[bool, option("Tell every figure, not only those that matter most.")] = False
     align: Annotated[bool, option("Fit the program's frame to the attained poses.", panel=CHOICES)] = False
     tool_offset_mm: Annotated[Point, option("Point of the tool to certify.", metavar="X,Y,Z", panel=CHOICES)] = (0.0, 0.0, 0.0)
-    angles: Annotated[str | None, option("Convention of component-wise angles; default the program's.", panel=CHOICES)] = None
+    angles: Annotated[
+        str | None,
+        option("Convention of component-wise angles, and of the file's where it has such; default the program's.", panel=CHOICES),
+    ] = None
     capability: Annotated[float, option("Largest U95 as a part of a figure.", ge=0.0, le=1.0, panel=CHOICES)] = 0.25
     limit_deg: Annotated[float, option("Pressure angle beyond which no verdict is given.", ge=0.0, le=90.0, panel=CHOICES)] = 60.0
     limit_u95_mm: Annotated[float | None, option("The same for the 95 % radius of a pose.", ge=0.0, panel=CHOICES)] = None

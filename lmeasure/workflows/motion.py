@@ -4,8 +4,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import SettingsError, TrajectoryError
-from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import COLUMNS, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, option
+from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
+from lmeasure.workflows.settings import (
+    ALIGN,
+    ANGLES,
+    COLUMNS,
+    TRAJECTORY,
+    U_POSITION,
+    U_ROTATION,
+    Asked,
+    Paths,
+    notes_of_file,
+    option,
+    stated_beside,
+)
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.motion import Motion
@@ -23,31 +35,33 @@ class Settings(Asked):
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
-    half_width_s: Annotated[float, option("Half width of the window of the local cubics.", within=(0.0, 60.0))] = 0.02
+    angles: Annotated[str | None, ANGLES] = None
+    align: Annotated[Path | None, ALIGN] = None
+    half_width_s: Annotated[
+        float | None, option("Half width of the window of the local cubics. [0.02, or what the sampling needs]", within=(0.0, 60.0))
+    ] = None
 
     def paths(self) -> Paths:
         """A motion from a trajectory."""
-        return Paths((self.out,), (self.trajectory,))
+        return Paths((self.out,), (self.trajectory, *present(self.align)))
 
 
 @workflow("motion")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     """Smooth the trajectory and write its motion."""
-    import math
-
     import numpy as np
 
+    from lmeasure.certification.fitted_frame import in_program_frame
     from lmeasure.conventions import QUATERNION_COLUMNS
-    from lmeasure.foreign import columns_of
-    from lmeasure.trajectory import Stated, read_trajectory
+    from lmeasure.trajectory import read_trajectory
     from lmeasure.trajectory.motion import motion_of, write_motion
 
     progress(0.0, "motion")
-    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
-    stated = Stated(columns_of(settings.columns), settings.u_position_mm, turn)
-    trajectory = read_trajectory(settings.trajectory, stated)
+    trajectory = read_trajectory(settings.trajectory, stated_beside(settings))
+    if settings.align is not None:
+        trajectory = in_program_frame(trajectory, settings.align)
     lasts = float(np.ptp(trajectory.time_s))
-    if settings.half_width_s > lasts > 0.0:
+    if settings.half_width_s is not None and settings.half_width_s > lasts > 0.0:
         raise SettingsError("half_width_s", f"{settings.half_width_s:g} s to either side of a trajectory that lasts {lasts:.6g} s")
     try:
         found = motion_of(trajectory, settings.half_width_s)
@@ -66,7 +80,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         told += f" +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s, of independent errors)"
         figures["u95_mm_s"] = u95
     turned = not np.isnan(found.poses[:, 3:]).all()
-    notes = [str(found.stamps.note)] if found.stamps.note else []
+    lines, warnings = notes_of_file((*trajectory.notes, *found.stamps.notes))
+    notes = list[str]()
     if lost := int(np.isnan(trajectory.poses[:, 0]).sum()):
         notes.append(f"{lost} of {len(trajectory.time_s)} samples have no pose: motion is told where the window holds enough others")
     if largest > FASTEST_MM_S:
@@ -74,5 +89,5 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     if not turned:
         named = f"{', '.join(QUATERNION_COLUMNS[:-1])} and {QUATERNION_COLUMNS[-1]}, or the angles of a controller"
         notes.append(f"the orientation is not measured, or not under known names ({named}): nothing is said of rotations")
-    lines = tuple(f"note: {note}" for note in notes)
-    return Result(found, (told, *lines), figures, lines)
+    more = tuple(f"note: {note}" for note in notes)
+    return Result(found, (told, *lines, *more), figures, (*warnings, *more))

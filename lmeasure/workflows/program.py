@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import Asked, Names, Numbers, Pair, Paths, Quaternion, option
+from lmeasure.workflows.settings import COLUMNS, Asked, Names, Numbers, Pair, Paths, Quaternion, known_convention, notes_of_file, option
 
 if TYPE_CHECKING:
     from lmeasure.certification.cube import Cube
@@ -49,6 +49,8 @@ class Settings(Asked):
         Path | None,
         option("Only fill in when the robot ran the program.toml and commands.csv that --out holds.", metavar="TRAJECTORY"),
     ] = None
+    columns: Annotated[str, COLUMNS] = ""
+    align: Annotated[bool, option("With --ran: the trajectory is in a frame of its own; find the program's from its rests.")] = False
     loaded: Annotated[
         Path | None,
         option("With --ran: start_s, end_s of each force of the compliance test, in order.", metavar="FILE.csv"),
@@ -80,8 +82,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
 
     if settings.ran is not None:
         return _filled_in(settings, settings.ran)
-    if settings.loaded is not None:
-        raise SettingsError("loaded", "goes with --ran")
+    for name in ("loaded", "columns", "align"):
+        if getattr(settings, name):
+            raise SettingsError(name, "goes with --ran")
     if settings.correct is not None:
         return _corrected(settings, settings.correct)
     if settings.rig is not None:
@@ -153,20 +156,28 @@ def _cube(settings: Settings) -> "Cube":
 
 
 def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
+    from dataclasses import replace
+
     from lmeasure.certification.command_windows import windows_from_rests
+    from lmeasure.foreign import columns_of
     from lmeasure.program import read_program, write_program
-    from lmeasure.trajectory import read_trajectory
+    from lmeasure.trajectory import Stated, read_trajectory
+    from lmeasure.trajectory.stamps import stamps_of
 
     if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
         raise SettingsError("ran", "fills in the program that --out holds; it makes no other")
     written = settings.out / "program.toml"
     told = settings.out / "commands.csv"
-    program = windows_from_rests(read_program(written), told, read_trajectory(ran), loaded=settings.loaded)
+    stated = Stated(columns_of(settings.columns), angles=known_convention(settings.angles))
+    before = read_program(written)
+    trajectory = read_trajectory(ran, replace(stated, likely=before.angles))
+    program, notes = windows_from_rests(before, told, trajectory, loaded=settings.loaded, align=settings.align)
     write_program(written, program)
     windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path]
     windows += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
     count = sum(map(len, windows))
-    return Result(program, (f"{count} windows filled in: {written}",), {"windows": float(count)}, files=(written,))
+    lines, warnings = notes_of_file((*trajectory.notes, *stamps_of(trajectory).notes, *notes))
+    return Result(program, (f"{count} windows filled in: {written}", *lines), {"windows": float(count)}, warnings, files=(written,))
 
 
 def _cycles(text: str | None) -> dict[str, int]:

@@ -1,13 +1,26 @@
 """The page of a trajectory: of a run, of a trajectory file, or of what another instrument measured."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, START, U_POSITION, U_ROTATION, Asked, Paths, Start, option
+from lmeasure.workflows.settings import (
+    ALIGN,
+    ANGLES,
+    COLUMNS,
+    LANGUAGE,
+    START,
+    U_POSITION,
+    U_ROTATION,
+    Asked,
+    Paths,
+    Start,
+    notes_of_file,
+    option,
+    stated_beside,
+)
 
 if TYPE_CHECKING:
     from lmeasure.accuracy.along import Along
@@ -32,13 +45,15 @@ class Settings(Asked):
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
+    angles: Annotated[str | None, ANGLES] = None
+    align: Annotated[Path | None, ALIGN] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:
         """A page from a run or a trajectory."""
         start = None if self.start is None else Path(self.start)
         read = in_run_folder(self.measured) if self.measured.is_dir() else (self.measured,)
-        return Paths(inside(self.out, "trajectory.html"), (*read, *present(self.rig, start)))
+        return Paths(inside(self.out, "trajectory.html"), (*read, *present(self.rig, start, self.align)))
 
 
 @workflow("report")
@@ -46,18 +61,18 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     """Read or reconstruct the trajectory and write its page."""
     from lmeasure import files
     from lmeasure.accuracy.along import along
-    from lmeasure.foreign import columns_of
+    from lmeasure.certification.fitted_frame import in_program_frame
     from lmeasure.pipeline import explained
     from lmeasure.report.trajectory import summary, write_trajectory_page
     from lmeasure.run import read_linked_rig, read_run
     from lmeasure.start import stated_start
-    from lmeasure.trajectory import Stated, read_trajectory, reconstruct
+    from lmeasure.trajectory import read_trajectory, reconstruct
+    from lmeasure.trajectory.stamps import stamps_of
 
     progress(0.0, "read")
     if settings.measured.is_dir():
-        foreign = {"columns": settings.columns, "u_position_mm": settings.u_position_mm, "u_rotation_deg": settings.u_rotation_deg}
-        for name, given in foreign.items():
-            if given not in ("", None):
+        for name in ("columns", "u_position_mm", "u_rotation_deg", "angles", "align"):
+            if getattr(settings, name) not in ("", None):
                 raise SettingsError(name, "goes with a trajectory file, not with a run folder")
         recorded = read_run(settings.measured, settings.rig, None if settings.start is None else stated_start(settings.start))
         progress(0.2, "reconstruct")
@@ -68,8 +83,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
         for name in ("start", "constraint"):
             if getattr(settings, name) is not None:
                 raise SettingsError(name, "goes with a run folder")
-        u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
-        trajectory = read_trajectory(settings.measured, Stated(columns_of(settings.columns), settings.u_position_mm, u_rotation))
+        trajectory = read_trajectory(settings.measured, stated_beside(settings))
+        if settings.align is not None:
+            trajectory = in_program_frame(trajectory, settings.align)
         rig = None if settings.rig is None else read_linked_rig(settings.rig)[0]
         sources = [settings.measured]
     progress(0.6, "report")
@@ -85,4 +101,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
         figures["worst_u95_position_mm"] = float(found.u95_mm[found.worst])
     if found.motion is not None:
         figures["largest_speed_mm_s"] = found.motion.largest_speed()[0]
-    return Result(found, (*told, f"written: {page}"), figures)
+    notes = () if settings.measured.is_dir() else (*trajectory.notes, *stamps_of(trajectory).notes)
+    lines, warnings = notes_of_file(notes)
+    return Result(found, (*told, *lines, f"written: {page}"), figures, warnings)

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +27,8 @@ from lmeasure.errors import SettingsError
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
+    from lmeasure.findings import Finding
+    from lmeasure.trajectory import Stated
 
 START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
 BOX = "X0:X1,Y0:Y1,Z0:Z1"
@@ -241,10 +243,38 @@ Start = Annotated[str, AfterValidator(_six_or_seven), Pose()]
 """A pose as text, or a file that has it."""
 LANGUAGE = option("Language of what is to be read: en or ru; default that of the terminal (LANG).")
 RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")
-TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, .mcap."
+TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, Motive, Nexus, .mcap."
 COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")
+ANGLES = option(
+    "Convention of the file's angles, where their units do not tell it.", metavar="CONVENTION", words="lmeasure.conventions:CONVENTIONS"
+)
+ALIGN = option("Bring the poses into the frame of this program, fitted to its poses in their windows.", metavar="program.toml")
 U_POSITION = option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)
 U_ROTATION = option("Standard uncertainty of a measured orientation about each axis.", ge=0)
+
+
+def stated_beside(settings: Any) -> "Stated":
+    """Return what a command's options state of a trajectory's file: columns, uncertainties, convention of angles."""
+    from lmeasure.foreign import columns_of
+    from lmeasure.trajectory import Stated
+
+    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    return Stated(columns_of(settings.columns), settings.u_position_mm, turn, angles=known_convention(settings.angles))
+
+
+def notes_of_file(notes: "Iterable[Finding]") -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the lines that say how a file was read and what is wrong with it, and the latter alone."""
+    lines = {f"note: {note}": note.code not in ("orientation.read", "time.of_day") for note in notes}
+    return tuple(lines), tuple(line for line, wrong in lines.items() if wrong)
+
+
+def known_convention(name: str | None) -> str | None:
+    """Return the name of a convention of angles; SettingsError lists the known ones."""
+    from lmeasure.conventions import CONVENTIONS
+
+    if name is not None and name not in CONVENTIONS:
+        raise SettingsError("angles", f"{name!r} is not one of {', '.join(CONVENTIONS)}")
+    return name
 
 
 def pose_of(values: tuple[float, ...], name: str) -> "FloatArray":

@@ -14,7 +14,7 @@ from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.command_windows import windows_from_rests
 from lmeasure.certification.cube import Cube
 from lmeasure.cli import app
-from lmeasure.errors import CertificationError
+from lmeasure.errors import CertificationError, FileFormatError
 from lmeasure.program import Program, read_program, write_program
 from lmeasure.robots.cell_robot import cell_robot
 from lmeasure.status import Status
@@ -54,7 +54,7 @@ def performed(plan: Campaign) -> tuple[Program, Trajectory]:
 def test_windows_are_within_the_rests_and_runs_they_belong_to(plan: Campaign, ran: tuple[Program, Trajectory], tmp_path: Path) -> None:
     write_commands(tmp_path / "commands.csv", plan)
     program, trajectory = ran
-    found = windows_from_rests(plan.program, tmp_path / "commands.csv", trajectory)
+    found, _ = windows_from_rests(plan.program, tmp_path / "commands.csv", trajectory)
     for a, b in zip(program.pose, found.pose, strict=True):
         assert len(a.windows_s) == len(b.windows_s)
         assert len(a.settling_s) == len(b.settling_s)
@@ -92,7 +92,7 @@ def test_a_trajectory_without_a_sample_is_one_line(plan: Campaign, ran: tuple[Pr
         windows_from_rests(plan.program, tmp_path / "commands.csv", nothing)
     head = (tmp_path / "commands.csv").read_text().splitlines()[0]
     (tmp_path / "none.csv").write_text(head + "\n")
-    with pytest.raises(CertificationError, match="there is no command to look for"):
+    with pytest.raises(FileFormatError, match="holds no command"):
         windows_from_rests(plan.program, tmp_path / "none.csv", ran[1])
 
 

@@ -13,6 +13,7 @@ import pytest
 from made_trajectories import made_campaign
 from mcap.writer import Writer
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.cli import app, main
@@ -122,14 +123,18 @@ def test_a_table_under_other_names_units_and_marks(ours: tuple[Trajectory, objec
     ("name", "text", "told"),
     [
         ("a.tum", "0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0\n", "line 2: is not time x y z qx qy qz qw"),
-        ("a.tum", "0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", "line 2: its time is not after"),
+        ("a.tum", "1 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", "line 2: its time is not after"),
         ("a.tum", "0 1 2 3 0 0 0 2\n", "line 1: its quaternion is not of length 1"),
         ("a.csv", "time_s,x_mm,y_mm\n0,1,2\n", "column 'z_mm' is missing"),
         ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3e9\n", "line 2: lies more than"),
         ("a.csv", "time_s,x_mm,y_mm,z_mm,u_position_mm\n0,1,2,3,-1\n", "line 2: a standard uncertainty of the position is negative"),
         ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,,,\n", "no row has a whole pose"),
         ("a.csv", "time_s,x_mm,y_mm,z_mm\n", "has no rows"),
-        ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3\n", "line 2: has 3 numbers, the header 4"),
+        (
+            "a.csv",
+            "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3\n",
+            "line 2 holds numbers, and no line above it names its 3 columns",
+        ),
         ("a.mcap", "no such thing", "cannot be read as MCAP"),
         ("a.csv", "time_s,x_mm,y_mm,z_mm,qx,qw\n0,1,2,3,0,1\n", "has qx, qw, but no qy, qz: a quaternion is all four"),
     ],
@@ -305,3 +310,29 @@ def test_two_angles_of_three_are_not_passed_over_in_silence(said: Said, tmp_path
     code, document = said("motion", tmp_path / "seen.csv", "--half-width-s", "0.1", "--out", tmp_path / "m.csv")
     assert (code, len(document["warnings"])) == (0, 1)
     assert "not under known names (qx, qy, qz and qw, or the angles of a controller)" in document["warnings"][0]
+
+
+def test_the_convention_of_angles_is_that_of_units_and_program(said: Said, tmp_path: Path) -> None:
+    """A rotation vector under a controller's names: what units and program tell is read and named, what they contradict is asked for."""
+    time_s, vector = np.arange(400) * 0.002, [0.4, 0.3, 0.2]
+    rows = np.column_stack([time_s, np.tile([0.4, -0.1, 0.3, *vector], (400, 1))])
+    rows[:, 1:4] += np.random.default_rng(0).normal(0.0, 5e-6, (400, 3))
+    (tmp_path / "ur.csv").write_text("t,T0,T1,T2,T3,T4,T5\n" + "\n".join(",".join(f"{v:.7f}" for v in row) for row in rows) + "\n")
+    pose = {"name": "P1", "position_mm": [400.0, -100.0, 300.0], "windows_s": [[0.1, 0.3], [0.5, 0.7]]}
+    pose["quaternion_xyzw"] = Rotation.from_rotvec(vector).as_quat().tolist()
+    columns = "time=t[s],x=T0[m],y=T1[m],z=T2[m],rx=T3[rad],ry=T4[rad],rz=T5[rad]"
+    for likely in (None, "ur-rotation-vector", "kuka-abc"):
+        read = read_trajectory(tmp_path / "ur.csv", Stated(columns_of(columns), likely=likely))
+        assert Rotation.from_quat(read.poses[:, 3:]).as_rotvec() == pytest.approx(np.tile(vector, (400, 1)), abs=1e-9)
+    write_toml(tmp_path / "program.toml", {"schema": "lmeasure.program/1", "angles": "staubli-xyz", "pose": [pose]})
+    words = ["certify", tmp_path / "ur.csv", "--columns", columns, *U, "--trials", "100", "--program", tmp_path / "program.toml"]
+    code, document = said(*words, "--out", tmp_path / "o")
+    assert code == 1
+    assert "T3, T4, T5 may be angles of staubli-xyz, ur-rotation-vector: --angles says which" in str(document["error"])
+    assert not (tmp_path / "o").exists()
+    code, document = said(*words, "--angles", "ur-rotation-vector", "--out", tmp_path / "o")
+    assert code == 0, document
+    made = json.loads((tmp_path / "o" / "certificate.json").read_text())
+    assert {c["name"]: c["value"] for c in made["characteristics"]}["AP_rot"] == pytest.approx(0.0, abs=1e-4)
+    assert "orientation read from T3 in rad, T4 in rad, T5 in rad: ur-rotation-vector" in made["notes"]
+    assert run(["verify", str(tmp_path / "o")]) == 0

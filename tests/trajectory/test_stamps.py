@@ -168,6 +168,73 @@ def test_without_stated_noise_it_is_that_across_the_motion() -> None:
         assert judged(stamps, places, np.zeros(len(t))).kind == kind
 
 
+RECORD: FloatArray = np.asarray(np.arange(1200) * 0.01, dtype=np.float64)
+"""Even times of 12 s at 100 Hz."""
+
+
+def swung(t: FloatArray) -> FloatArray:
+    """(n, 3) places on a smooth curve that is never at rest for long."""
+    return np.column_stack([200.0 * np.sin(0.7 * t), 50.0 * np.cos(1.1 * t), 20.0 * np.sin(0.4 * t)])
+
+
+def later(t: FloatArray, at: int, by_s: float) -> FloatArray:
+    return np.asarray(t + by_s * (np.arange(len(t)) >= at))
+
+
+HOLES = {
+    f"a hole of {periods:g} periods": later(RECORD, 500, 0.01 * (periods - 1.0)) for periods in (1.5, 2.0, 3.3, 11.0, 50.0, 200.5, 1000.0)
+} | {
+    "three holes": later(later(later(RECORD, 300, 0.1), 600, 0.033), 900, 12.0),
+    "a hole near the end": later(RECORD, 1190, 0.5),
+    "gaps of 12 s": np.concatenate([np.arange(300) * 0.01 + 15.0 * k for k in range(4)]),
+    "single samples missing": np.delete(RECORD, [200, 201, 700, 1100]),
+    "no hole": RECORD,
+    "another rate": np.concatenate([RECORD[:600], RECORD[600] + 0.0125 * np.arange(600)]),
+    "half the rate": np.concatenate([RECORD[:600], RECORD[600] + 0.02 * np.arange(600)]),
+    "a clock that drifts": RECORD + 3e-5 * RECORD**2,
+}
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 2e-4, 1e-3])
+@pytest.mark.parametrize("name", HOLES)
+def test_no_hole_is_spread_over_the_record(name: str, jitter_s: float) -> None:
+    """Times are right within what is stated, speeds too, and gaps are named."""
+    rng, t = np.random.default_rng(7), HOLES[name]
+    stamps = t + rng.uniform(-jitter_s, jitter_s, len(t))
+    places = swung(t) + rng.normal(0.0, NOISE_MM, (len(t), 3))
+    found = judged(stamps, places, np.full(len(t), NOISE_MM))
+    if jitter_s == 0.0:
+        assert found.kind == "sound"
+    assert np.abs(found.time_s - stamps).max() < 4.0 * jitter_s + 1e-9
+    off = found.time_s - t
+    u = max(found.u_time_s, jitter_s / np.sqrt(3.0) if found.kind == "sound" else 0.0)
+    assert np.abs(off - np.median(off)).max() <= 4.0 * u + 4.0 * found.u_rate * np.ptp(t) + 1e-9
+    apart = np.flatnonzero(np.diff(t) > 0.0255)
+    if name != "half the rate":
+        assert (found.gap is None) == (len(apart) == 0)
+    if found.gap is not None:
+        assert found.gap.values["gaps"] == len(apart)
+        assert found.gap.values["longest_s"] == pytest.approx(np.diff(t).max(), abs=2.0 * jitter_s + 1e-9)
+        assert found.stretch is not None
+        np.testing.assert_array_equal(np.flatnonzero(np.diff(found.stretch)), apart)
+
+
+def test_no_fit_crosses_a_gap(tmp_path: Path) -> None:
+    """Beside a gap in which the tool turned round, speeds are those of its own side, at any width of the window."""
+    t = np.concatenate([np.arange(0.0, 2.0, 0.008), np.arange(2.2, 4.0, 0.008)])
+    x = np.where(t < 2.1, 100.0 * t, 500.0 - 100.0 * t)
+    rows = "".join(f"{a!r},{b!r},0,0\n" for a, b in zip(t.tolist(), x.tolist(), strict=True))
+    (tmp_path / "t.csv").write_text("time_s,x_mm,y_mm,z_mm\n" + rows)
+    for width in (None, 0.3):
+        motion = motion_of(read_trajectory(tmp_path / "t.csv"), width)
+        there = ~np.isnan(motion.velocity[:, 3])
+        assert there.mean() > 0.95
+        np.testing.assert_allclose(motion.velocity[there, 3], np.where(t < 2.1, 100.0, -100.0)[there], atol=1e-6)
+    done = CliRunner().invoke(app, ["motion", str(tmp_path / "t.csv"), "--out", str(tmp_path / "m.csv")])
+    assert done.exit_code == 0, done.output
+    assert "1 gaps in the samples, the longest 0.2" in done.output
+
+
 def run_with(stamps: FloatArray, t: FloatArray) -> Run:
     """Whole counts of a cell, taken at true times and stamped."""
     rig, places = cell(), on_line(t) / 6.0 - [80.0, 0.0, 100.0]

@@ -14,7 +14,6 @@ from lmeasure.certification.certificate import LANGUAGES
 from lmeasure.errors import SettingsError
 from lmeasure.estimation.exchange import CRITERIA
 from lmeasure.report.certificate import Choices
-from lmeasure.trajectory.motion import HALF_WIDTH_S
 from lmeasure.workflows import COMMANDS, load
 from lmeasure.workflows.options import options_of, rows_of_numbers, with_commas
 from lmeasure.workflows.settings import Separated, Spans, Words, said_of, unit_of
@@ -132,7 +131,7 @@ def test_defaults_are_those_of_the_stages() -> None:
     assert (chosen.speeds, chosen.loads, chosen.dwell) == (cube.speeds_percent, cube.loads_kg, cube.dwell_s)
     assert (3600.0 * chosen.drift_hours, chosen.limit_band) == (cube.drift_s, cube.limit_band_mm)
     assert set(chosen.tests) < set(cube.tests)  # those of an hour
-    assert asked("motion").half_width_s == HALF_WIDTH_S
+    assert asked("motion").half_width_s is None
     assert asked("place").generations == GENERATIONS
 
 
