@@ -207,9 +207,8 @@ def _refusal(listing: Listing, pair: Pair, compared: _Compared, count: int, of: 
     if frame is None:
         return f"{begin}; no other base or flange explains it: joint zeros, directions or the robot are others, or the points are"
     name, wrong = frame
-    x, y, z = wrong[:3]
-    turn = Rotation.from_quat(wrong[3:]).as_rotvec(degrees=True)
-    by = f"{x:.1f}, {y:.1f}, {z:.1f} mm and a turn of {', '.join(f'{v:.1f}' for v in turn)}°"
+    shift, turn = (np.round(v, 1) + 0.0 for v in (wrong[:3], Rotation.from_quat(wrong[3:]).as_rotvec(degrees=True)))
+    by = f"{', '.join(f'{v:.1f}' for v in shift)} mm and a turn of {', '.join(f'{v:.1f}' for v in turn)}°"
     if name == "base":
         state = f"the frame {target.base} of the program (--frames), or the robot's base: `identify --base-link LINK`, [base] of robot.toml"
     else:
