@@ -12,6 +12,7 @@ from lmeasure.errors import LMeasureError
 
 if TYPE_CHECKING:
     from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
+    from lmeasure.acquisition.logfiles import read_frames
     from lmeasure.calibration import Calibration, Campaign, read_campaign
     from lmeasure.calibration import Settings as CalibrationSettings
     from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
@@ -81,6 +82,7 @@ __all__ = [
     "read_campaign",
     "read_counts",
     "read_drums",
+    "read_frames",
     "read_lengths",
     "read_log",
     "read_poses",
@@ -117,6 +119,7 @@ _HOMES = {
         "scan_zone",
         "write_zone",
     ),
+    "acquisition.logfiles": ("read_frames",),
     "calibration": (
         "Calibration",
         "Campaign",

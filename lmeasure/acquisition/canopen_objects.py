@@ -1,14 +1,17 @@
 """What an encoder's objects say of its frames: read from the device, from its electronic data sheet (EDS), or from the rig, for a log."""
 
+import itertools
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection
+from configparser import Error as ParserError
+from configparser import RawConfigParser
 from pathlib import Path
-from typing import Any
 
 from lmeasure.acquisition.decoders import ALL_BITS, CounterField, Place, field_at
 from lmeasure.can_table import CanOpenCan, NodeChannel
 from lmeasure.errors import AcquisitionError, FileFormatError
-from lmeasure.opened import open_regular
+from lmeasure.opened import read_regular
 from lmeasure.rig import Rig
 
 POSITIONS = {0x6004: "position value", 0x6008: "64-bit position value"}
@@ -16,6 +19,9 @@ LAST_SYNC_TYPE = 240
 """Transmission types from 1 (0: acyclic) up to here are sent after a SYNC."""
 PDO_INVALID, EXTENDED_COB = 1 << 31, 1 << 29
 TRANSMIT_PDOS = 8
+LARGEST_SHEET = 1 << 24
+OBJECT = re.compile(r"[0-9a-f]{4}", re.IGNORECASE)
+HEXADECIMAL, DECIMAL = re.compile(r"0X[0-9A-F]+"), re.compile(r"[0-9]+")
 OWN_TIMER_PDO, SYNC_PDO = 0x180, 0x280
 """CiA 406: TPDO1 is sent by the device's own timer, TPDO2 after SYNC; the node's number is added."""
 
@@ -38,29 +44,66 @@ class Objects(ABC):
 
 
 class DataSheet(Objects):
-    """The defaults of an EDS file, `$NODEID` being the node's number. FileFormatError when it cannot be read."""
+    """The numbers that an EDS or DCF file (CiA 306) states: its parameter values, else its defaults; `$NODEID` is the node's number.
+
+    Only the objects that are asked for are looked at: other entries may be odd or blank. A transmit PDO with a blank identifier or type has
+    those of CiA 301 and CiA 406. FileFormatError when the file cannot be read, or a number that is needed is none.
+    """
 
     def __init__(self, path: Path, node: int) -> None:
-        from canopen.objectdictionary import import_od
-
-        self.name = f"{path}: node {node}"
-        open_regular(path).close()
+        self.name, self._path, self._node = f"{path}: node {node}", path, node
+        parser = RawConfigParser(delimiters=("=",), inline_comment_prefixes=(";",), strict=False, allow_no_value=True)
         try:
-            self._dictionary: Any = import_od(str(path), node)
-        except OSError as error:
-            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except Exception as error:  # its parser raises whatever a broken file leads it into
+            lines = read_regular(path, LARGEST_SHEET).decode("utf-8-sig", "replace").splitlines()
+            parser.read_string("\n".join(line.strip() for line in lines))  # an indented line would continue the one before
+        except ParserError as error:
             raise FileFormatError(f"{path}: is no EDS file: {' '.join(str(error).split())[:200]}") from error
+        self._sections: dict[str, dict[str, str | None]] = {name.lower(): dict(parser[name]) for name in parser.sections()}
+        if not any(OBJECT.fullmatch(name) for name in self._sections):
+            raise FileFormatError(f"{path}: is no EDS file: it has no section that is named by an object, such as [1000]")
 
     def read(self, index: int, subindex: int = 0) -> int | None:
-        """The object's default; None where the sheet has none."""
-        entry = self._dictionary.get(index)
-        if entry is not None and hasattr(entry, "subindices"):
-            entry = entry.subindices.get(subindex)
-        elif subindex:
-            entry = None
-        value = getattr(entry, "default", None)
-        return value if isinstance(value, int) else None
+        """Return the object's value; None when the file has none."""
+        whole = self._sections.get(f"{index:04x}", {})
+        own: dict[str, str | None] | None = self._sections.get(f"{index:04x}sub{subindex:x}")
+        if own is None and subindex == 0 and "subnumber" not in whole and "compactsubobj" not in whole:
+            own = whole
+        if own is None and whole.get("compactsubobj"):
+            values = self._sections.get(f"{index:04x}value", {})
+            own = {"defaultvalue": whole["compactsubobj"]} if subindex == 0 else whole | {"parametervalue": values.get(str(subindex))}
+        if own is None:
+            return None
+        for key in ("parametervalue", "defaultvalue"):
+            if (text := own.get(key) or "").strip():
+                return self._number(text, f"{index:04X}h:{subindex}")
+        return self._blank(index, subindex)
+
+    def _blank(self, index: int, subindex: int) -> int | None:
+        """What the standards say where an object is there and states nothing."""
+        if 0x1800 <= index < 0x1804 and subindex == 1:
+            return OWN_TIMER_PDO + 0x100 * (index - 0x1800) + self._node
+        if index in (0x1800, 0x1801) and subindex == 2:
+            return 254 if index == 0x1800 else 1
+        if 0x1A00 <= index < 0x1A00 + TRANSMIT_PDOS and subindex == 0:
+            return next(n for n in itertools.count() if not self._sections.get(f"{index:04x}sub{n + 1:x}", {}).get("defaultvalue"))
+        return None
+
+    def _number(self, text: str, what: str) -> int | None:
+        """A sum of numbers of CiA 306 (0x: hexadecimal, a leading 0: octal) and $NODEID; None for a text that is no number."""
+        total = 0
+        for part in text.replace(" ", "").upper().split("+"):
+            if part == "$NODEID":
+                total += self._node
+            elif HEXADECIMAL.fullmatch(part):
+                total += int(part, 16)
+            elif DECIMAL.fullmatch(part):
+                digits = part.lstrip("0") or "0"
+                if len(digits) < len(part) and len(digits) > 1 and not set(digits) & {"8", "9"}:
+                    raise FileFormatError(f"{self._path}: {what} = {text}: may be octal or decimal; write it as 0x...")
+                total += int(digits)
+            else:
+                return None
+        return total
 
 
 def position_place(node: Objects, timing: str, cyclic_ms: int | None) -> Place:

@@ -155,9 +155,10 @@ def _import_log(
         assembled = counts_from_frames(rig, batches, fields, passage, source=str(log))
     except AcquisitionError:
         if report.frames == 0:
-            why = "; ".join(report.notes())
-            raise FileFormatError(f"{log}: holds no CAN frame{': ' + why if why else ''}") from None
+            raise FileFormatError(report.empty(log)) from None
         raise
+    if report.unread:
+        assembled.events.tally["unread"] = report.unread
     for one, column in zip(fields, assembled.counts.recorded.T, strict=True):
         if np.isnan(column).all():
             there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
@@ -262,6 +263,7 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
             "samples": len(log.counts.time_s),
             "seconds": float(log.counts.time_s[-1]),
             "received": log.report.frames,
+            "read": log.report.as_dict(),
             "faults": dict(sorted(log.events.tally.items())),
             "sha256": {log.path.name: log.sha256},
         }

@@ -1,54 +1,122 @@
-"""What the readers of every log format share: the report, the columns that the compiled scans fill, reading that may break off."""
+"""Parts that the readers of all log formats share: the account of a log, columns that compiled scans fill, reading that may break off."""
 
 import zlib
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from lmeasure.acquisition.frames import CLASSIC_BYTES, FD_BYTES, Frames
-from lmeasure.kernels.frames import LATEST_S, NAMED_CHANNELS, Columns
+from lmeasure.kernels.frames import LATEST_S, NAMED_CHANNELS, Bytes, Columns
 
 if TYPE_CHECKING:
     import can
 
 BLOCK_BYTES = 1 << 21
 LARGEST_IDENTIFIER = 0x1FFFFFFF
+LARGEST_STANDARD = 0x7FF
+SHOWN_BYTES = 60
+LINE_FEED, CARRIAGE_RETURN = 10, 13
+BLANK, COMMENT, HEADER = "blank", "comment", "header"
+"""Kinds of known lines that several formats have."""
+COMMENT_SIGNS = ("#", ";", "//")
+BROKEN_FRAME, UNKNOWN_LINE, NO_END = "frame that cannot be read", "unknown line", "line without an end"
+"""Kinds of unread lines."""
 
 
 @dataclass
 class LogReport:
-    """What reading a log met, filled as its batches are taken.
+    """Account of every line or object of a log; it grows while batches are taken.
 
-    dialect: what kind of log it is, in words; frames read; unread lines that are no frames anyone can read, and the first of them;
-    ended_early: why the reading stopped before the log's proper end, or None.
+    frames + known + unread = total. dialect: kind of log, in words; unit: what total counts ("lines", "objects" of BLF, "records" of MF4);
+    known_kinds and unread_kinds: how many of each kind, by name; first_unread: where the first unread one is, its text and the reason;
+    ended_early: why reading stopped before the proper end, or None; remarks: other facts, such as losses that the recorder states itself.
     """
 
     dialect: str = ""
+    unit: str = "lines"
+    total: int = 0
     frames: int = 0
-    unread: int = 0
+    known_kinds: Counter[str] = field(default_factory=Counter)
+    unread_kinds: Counter[str] = field(default_factory=Counter)
     first_unread: str = ""
     ended_early: str | None = None
+    remarks: list[str] = field(default_factory=list)
 
-    def cannot_read(self, line: bytes, why: str) -> None:
-        """Count a line."""
+    @property
+    def known(self) -> int:
+        """Lines or objects that are no frames, of known kinds: comments, headers, statistics, events."""
+        return self.known_kinds.total()
+
+    @property
+    def unread(self) -> int:
+        """Lines or objects that are neither a frame nor of a known kind."""
+        return self.unread_kinds.total()
+
+    def cannot_read(self, line: bytes, why: str, place: str, kind: str = BROKEN_FRAME) -> None:
+        """Count a line or object as unread; place says where it is."""
         if not self.unread:
-            shown = line[:60].decode("ascii", "replace").strip()
-            self.first_unread = f"{shown!r} ({why})"
-        self.unread += 1
+            shown = line[:SHOWN_BYTES].decode("utf-8", "replace").strip()
+            self.first_unread = f"{place}: {shown!r} ({why})" if shown else f"{place} ({why})"
+        self.unread_kinds[kind] += 1
+
+    def close(self) -> None:
+        """Count what no reader accounted for as unread: the sum must match."""
+        if missing := self.total - self.frames - self.known - self.unread:
+            self.unread_kinds["not accounted for"] += missing
 
     def notes(self) -> list[str]:
-        """What a person should know, one line each."""
+        """Return what a person should know, one line each."""
         early = [f"ended early: {self.ended_early}; everything before it was read"] if self.ended_early else []
-        return early + self._unread()
+        return early + self._unread() + self.remarks
 
     def why(self) -> str:
-        """The same for a run.toml, which says apart that the recording ended early."""
-        return "; ".join([*([self.ended_early] if self.ended_early else []), *self._unread()])
+        """Return the same for a run.toml, which states separately that the recording ended early."""
+        return "; ".join([*([self.ended_early] if self.ended_early else []), *self._unread(), *self.remarks])
+
+    def empty(self, log: Path) -> str:
+        """Return the message about a log without a frame, and why it has none."""
+        there = ", ".join(f"{n} {kind}" for kind, n in self.known_kinds.most_common())
+        why = [*self.notes(), *([f"its {self.total} {self.unit}: {there}"] if there else [])]
+        return f"{log}: holds no CAN frame{': ' if why else ''}{'; '.join(why)}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the account for JSON and run.toml."""
+        account = {"unit": self.unit, "total": self.total, "frames": self.frames, "known": self.known, "unread": self.unread}
+        kinds = {"known_kinds": dict(self.known_kinds), "unread_kinds": dict(self.unread_kinds)}
+        return account | {k: v for k, v in kinds.items() if v} | ({"first_unread": self.first_unread} if self.first_unread else {})
 
     def _unread(self) -> list[str]:
-        return [f"{self.unread} lines could not be read; the first is {self.first_unread}"] if self.unread else []
+        if not self.unread or (self.ended_early and set(self.unread_kinds) == {NO_END}):
+            return []
+        kinds = ", ".join(f"{n} {kind}" for kind, n in self.unread_kinds.most_common())
+        first = f"; the first is {self.first_unread}" if self.first_unread else ""
+        return [f"{self.unread} of {self.total} {self.unit} could not be read ({kinds}){first}"]
+
+
+class UnreadableError(ValueError):
+    """A line or object that is no frame anyone can read, and of no known kind."""
+
+    def __init__(self, why: str, kind: str = BROKEN_FRAME) -> None:
+        super().__init__(why)
+        self.kind = kind
+
+
+def kind_of_failure(error: Exception) -> str:
+    """Return the kind as which an unread line is counted."""
+    return error.kind if isinstance(error, UnreadableError) else BROKEN_FRAME
+
+
+def lines_in(text: Bytes) -> int:
+    """Return the number of line ends: line feed, carriage return, or both together."""
+    feeds = text == LINE_FEED
+    total = int(np.count_nonzero(feeds))
+    if text.tobytes().find(b"\r") < 0:  # a copy and a search are faster than a second comparison
+        return total
+    returns = text == CARRIAGE_RETURN
+    return total + int(np.count_nonzero(returns) - np.count_nonzero(returns[:-1] & feeds[1:]))
 
 
 def new_columns(count: int, width: int) -> Columns:

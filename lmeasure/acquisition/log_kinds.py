@@ -8,7 +8,7 @@ from typing import BinaryIO
 from lmeasure.acquisition.frames import Frames
 from lmeasure.acquisition.log_blf import blf_batches
 from lmeasure.acquisition.log_common import LogReport
-from lmeasure.acquisition.log_gvret import gvret_batches
+from lmeasure.acquisition.log_csv import gvret_batches, python_can_batches
 from lmeasure.acquisition.log_screen import COLOUR, SCREEN_LINE, screen_batches
 from lmeasure.acquisition.log_text import ASC_BASE, ASC_DATE, CANDUMP_LINE, asc_batches, candump_batches
 from lmeasure.acquisition.log_trc import trc_batches
@@ -19,6 +19,8 @@ Batches = Callable[[Path, BinaryIO, LogReport], Iterator[Frames]]
 HEAD_BYTES = 1 << 16
 """Of a text log, looked at to tell its dialect."""
 HEAD_LINES = 200
+SHOWN = 60
+NEW_LINE = "\n"
 
 OWN: dict[str, Batches] = {
     "blf": blf_batches,
@@ -27,9 +29,10 @@ OWN: dict[str, Batches] = {
     "screen": screen_batches,
     "trc": trc_batches,
     "gvret": gvret_batches,
+    "python-can": python_can_batches,
 }
 LIBRARY = "library"
-"""Read by python-can: its own CSV, and MF4."""
+"""Read by python-can: MF4."""
 DIALECTS = {
     "blf": "Vector's BLF",
     "asc": "Vector's ASC",
@@ -37,10 +40,11 @@ DIALECTS = {
     "screen": "what candump shows on a screen",
     "trc": "PEAK's TRC",
     "gvret": "CSV of GVRET or SavvyCAN",
-    LIBRARY: "CSV of python-can, or MF4",
+    "python-can": "CSV of python-can",
+    LIBRARY: "MF4",
 }
 """For people."""
-BY_SUFFIX = {".blf": "blf", ".asc": "asc", ".log": "candump", ".txt": "", ".trc": "trc", ".csv": LIBRARY, ".mf4": LIBRARY}
+BY_SUFFIX = {".blf": "blf", ".asc": "asc", ".log": "candump", ".txt": "", ".trc": "trc", ".csv": "", ".mf4": LIBRARY}
 FIXED = (".blf", ".asc", ".mf4")
 """Suffixes that leave no doubt."""
 
@@ -48,16 +52,23 @@ TELLING: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("candump", CANDUMP_LINE),
     ("screen", SCREEN_LINE),
     ("trc", re.compile(r";\$FILEVERSION.*|;-+\+-.*|\d+\)\s.*", re.IGNORECASE)),
-    ("gvret", re.compile(r"time stamp,id,extended,.*", re.IGNORECASE)),
-    (LIBRARY, re.compile(r"timestamp,arbitration_id,.*")),
+    ("gvret", re.compile(r"\W?time stamp\W+id\W+extended\W.*", re.IGNORECASE)),
+    ("python-can", re.compile(r"\W?timestamp\W+arbitration_id\W.*", re.IGNORECASE)),
+    ("IXXAT", re.compile(r".*\bixxat\b.*", re.IGNORECASE)),
+    ("CANopen Magic", re.compile(r".*canopen magic.*", re.IGNORECASE)),
+    ("Kvaser", re.compile(r".*kvaser.*|.*\bchn\b.*\bflg\b.*|.*\btime.*\bch\w*\W.*\bflags?\b.*\bdlc\b.*", re.IGNORECASE)),
     ("asc", re.compile(rf"{ASC_DATE.pattern}|{ASC_BASE.pattern}.*", re.IGNORECASE)),
     ("***BUSMASTER", re.compile(r"\*\*\*BUSMASTER.*", re.IGNORECASE)),
     ("CRTD", re.compile(r"\d+\.\d+ (CXX|\d?[RT](11|29)) .*")),
 )
 SAVVYCAN = "open it in SavvyCAN and save it as GVRET log (.csv)"
+ROS = "where it has CAN frames, play it into ros2_socketcan or socketcan_bridge on vcan0 and record there by candump -L vcan0"
 TOOLS = {
     "***BUSMASTER": f"a BUSMASTER log: {SAVVYCAN}",
     "CRTD": f"a CRTD log: {SAVVYCAN}",
+    "IXXAT": f"a trace of IXXAT's canAnalyser or MiniMon: export it there as .asc, or {SAVVYCAN}",
+    "CANopen Magic": f"a trace of CANopen Magic: {SAVVYCAN}",
+    "Kvaser": "a table of Kvaser's: its converter (kmeconvert, or Save as in CanKing) writes .asc or .blf of the same recording",
     ".crtd": f"a CRTD log: {SAVVYCAN}",
     ".can": f"a Microchip log: {SAVVYCAN}",
     ".pcap": f"a capture of Wireshark: {SAVVYCAN}",
@@ -70,6 +81,9 @@ TOOLS = {
     ".kme50": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
     ".kme40": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
     ".kmf": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
+    ".db3": f"a ROS 2 bag, which holds messages of ROS and no CAN log: {ROS}",
+    ".bag": f"a ROS bag, which holds messages of ROS and no CAN log: {ROS}",
+    ".mcap": f"a ROS bag, which holds messages of ROS and no CAN log: {ROS}",
     ".xlsx": "a table: save the log itself from the program that recorded it",
 }
 READ = ", ".join(BY_SUFFIX)
@@ -82,17 +96,19 @@ def kind_of(path: Path, suffix: str, head: bytes) -> str:
         other = "" if what else f"; for others, {SAVVYCAN}"
         raise FileFormatError(f"{path}: is no log this program reads: {what}{READ} are read, all but .mf4 also as .gz{other}")
     usual = BY_SUFFIX[suffix]
-    told = None if suffix in FIXED else _told(head)
+    told = None if suffix in FIXED else _first_typical(head)
     if told in TOOLS:
         raise FileFormatError(f"{path}: is no log this program reads: {TOOLS[told]}")
     if told is None and not usual:
+        text = head.decode("utf-8-sig", "replace").strip()
         raise FileFormatError(
-            f"{path}: is no log this program knows: neither candump, TRC, ASC nor CSV of SavvyCAN or python-can; for others, {SAVVYCAN}"
+            f"{path}: is no log this program knows: neither candump, TRC, ASC nor CSV of SavvyCAN (Time Stamp,ID,Extended,...) or "
+            f"python-can (timestamp,arbitration_id,...); it begins with {text[:SHOWN].partition(NEW_LINE)[0]!r}; for others, {SAVVYCAN}"
         )
     return told or usual
 
 
-def _told(head: bytes) -> str | None:
+def _first_typical(head: bytes) -> str | None:
     """What the first line that is typical of a format says."""
     for raw in head.splitlines()[:HEAD_LINES]:
         line = COLOUR.sub("", raw.decode("utf-8-sig", "replace")).strip()

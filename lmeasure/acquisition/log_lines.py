@@ -1,7 +1,7 @@
-"""Text logs that are read line by line: TRC, what candump shows on a screen, the CSV files of SavvyCAN and GVRET.
+"""Text logs that are read line by line: TRC, the screen output of candump, CSV files.
 
-Each dialect turns one line into one frame, or into nothing where the line is no frame, and raises ValueError where it should be one and
-nobody can read it. Such lines are counted; the lines around them are read.
+Each dialect turns one line into one frame, or names the kind of a line that is none (comment, header, status), and raises ValueError for
+any other line. All are counted; the lines around an unread one are read.
 """
 
 import re
@@ -12,17 +12,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from lmeasure.acquisition.frames import CLASSIC_BYTES, ERROR, FD, FD_BYTES, REMOTE, Frames
-from lmeasure.acquisition.log_common import LARGEST_IDENTIFIER, LogReport
+from lmeasure.acquisition.log_common import BLANK, LARGEST_IDENTIFIER, LogReport, kind_of_failure, lines_in
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.frames import LATEST_S, Bytes
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a CAN FD frame by its length code, ISO 11898-1."""
 MOST_BUSES = 1000
-LARGEST_STANDARD = 0x7FF
 WHOLE = re.compile(r"\d+", re.ASCII)
 HEXADECIMAL = re.compile(r"[0-9A-Fa-f]+")
-DECIMAL = re.compile(r"\d+(\.\d*)?", re.ASCII)
+DECIMAL = re.compile(r"[+-]?\d+([.,]\d*)?", re.ASCII)
 
 
 class Line(NamedTuple):
@@ -37,10 +36,10 @@ class Line(NamedTuple):
 
 
 class Dialect(Protocol):
-    """A format whose lines stand for themselves, but for what its header says."""
+    """A format each of whose lines can be read by itself, given the header."""
 
-    def read(self, line: str) -> Line | None:
-        """The line's frame, None where it is none; ValueError where nobody can read it."""
+    def read(self, line: str) -> Line | str:
+        """Return the line's frame, or the kind of a line that is none; ValueError where nobody can read it."""
 
 
 def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Dialect, report: LogReport) -> Iterator[Frames]:
@@ -48,20 +47,25 @@ def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Dialect, report: 
     buses: dict[str, int] = {}
     for block in blocks:
         found: list[Line] = []
-        for raw in block.tobytes().splitlines():
+        first = report.total - lines_in(block) + 1
+        for number, raw in enumerate(block.tobytes().splitlines(), first):
             if not raw or raw.isspace():
+                report.known_kinds[BLANK] += 1
                 continue
             try:
                 line = dialect.read(raw.decode("utf-8", "replace").strip())
-                if line is not None:
-                    if len(buses) == MOST_BUSES and line.bus not in buses:
-                        raise ValueError(f"a bus beyond the first {MOST_BUSES}")  # noqa: TRY301
-                    found.append(_checked(line))
-                    buses.setdefault(line.bus, len(buses))
+                if isinstance(line, str):
+                    report.known_kinds[line] += 1
+                    continue
+                if len(buses) == MOST_BUSES and line.bus not in buses:
+                    raise ValueError(f"a bus beyond the first {MOST_BUSES}")  # noqa: TRY301
+                found.append(_checked(line))
+                buses.setdefault(line.bus, len(buses))
             except FileFormatError:
                 raise  # of the header: nothing behind it can be read
             except (ValueError, IndexError, OverflowError, OSError) as error:
-                report.cannot_read(raw, str(error))
+                why = "cells are missing" if isinstance(error, IndexError) else str(error)
+                report.cannot_read(raw, why, f"line {number}", kind_of_failure(error))
         yield _frames(found, buses, path)
 
 
@@ -103,10 +107,10 @@ def whole_number(text: str) -> int:
 
 
 def decimal_number(text: str) -> float:
-    """Digits and perhaps a point; ValueError otherwise: no recorder writes signs, exponents or underscores."""
+    """Read digits, perhaps with a sign, a point or a decimal comma; ValueError otherwise: no recorder writes exponents or underscores."""
     if not DECIMAL.fullmatch(text):
         raise ValueError(f"{text[:20]!r} is no number")
-    return float(text)
+    return float(text.replace(",", "."))
 
 
 def hexadecimal(text: str) -> int:
@@ -114,6 +118,12 @@ def hexadecimal(text: str) -> int:
     if not HEXADECIMAL.fullmatch(text):
         raise ValueError(f"{text[:20]!r} is no hexadecimal number")
     return int(text, 16)
+
+
+def announced(cells: list[str], length: int) -> list[str]:
+    """Return the cells of the announced bytes; text behind them is ignored, further bytes are not: ValueError in `_checked`."""
+    behind = [cell for cell in cells[length:] if len(cell) == 2 and HEXADECIMAL.fullmatch(cell)]
+    return cells[:length] + behind
 
 
 def data_bytes(cells: Iterable[str], least: int = 2) -> bytes:

@@ -1,4 +1,4 @@
-"""What candump shows on a screen and people redirect into a file: ` (1234.567890)  can0  181   [4]  01 02 03 04`.
+"""Screen output of candump, redirected into a file: ` (1234.567890)  can0  181   [4]  01 02 03 04`.
 
 Options that are understood: time stamps of every kind (-t a, A, d, z), directions (-x), ASCII (-a), bytes from the last to the first (-S),
 colours. Without -t there are no times, and nothing can be read.
@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames
-from lmeasure.acquisition.log_common import LARGEST_IDENTIFIER, LogReport
+from lmeasure.acquisition.log_common import COMMENT, COMMENT_SIGNS, LARGEST_IDENTIFIER, UNKNOWN_LINE, LogReport, UnreadableError
 from lmeasure.acquisition.log_lines import Line, data_bytes, decimal_number, line_batches
 from lmeasure.acquisition.log_text import blocks_of_lines
 from lmeasure.kernels.frames import Bytes
@@ -72,16 +72,18 @@ def _plain(line: str) -> str:
 
 
 def _seconds(text: str) -> float:
-    if "-" in text:
-        return datetime.strptime(text.strip(), DATE_FORMAT).timestamp()
+    if text.count("-") == 2:
+        return datetime.strptime(text.strip().replace(",", "."), DATE_FORMAT).timestamp()
     return decimal_number(text.strip())
 
 
 class _Screen:
-    def read(self, line: str) -> Line | None:
+    def read(self, line: str) -> Line | str:
+        if line.startswith(COMMENT_SIGNS):
+            return COMMENT
         found = SCREEN_LINE.fullmatch(_plain(line))
         if found is None:
-            raise ValueError("not as candump shows it")
+            raise UnreadableError("not as candump shows it", UNKNOWN_LINE)
         if found["time"] is None:
             raise ValueError("it has no time: candump -L or candump -ta writes it")
         identifier, rest = int(found["identifier"], 16), found["rest"].strip()
@@ -92,7 +94,8 @@ class _Screen:
         length = int(found["length"])
         time_s = _seconds(found["time"])
         if flags & EXTENDED and identifier & ERROR_FLAG:
-            return Line(time_s, identifier & LARGEST_IDENTIFIER, ERROR | EXTENDED, 0, b"", found["bus"])
+            data = data_bytes(rest.split()[:length])
+            return Line(time_s, identifier & LARGEST_IDENTIFIER, ERROR | EXTENDED, len(data), data, found["bus"])
         if rest == "remote request":
             return Line(time_s, identifier, flags | REMOTE, length, b"", found["bus"])
         return Line(time_s, identifier, flags, length, _data(rest, length), found["bus"])

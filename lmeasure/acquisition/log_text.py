@@ -1,4 +1,4 @@
-"""ASC and candump logs: plain lines by a compiled scan, the others line by line through python-can's readers."""
+"""ASC and candump logs: plain lines by a compiled scan, the others line by line."""
 
 import io
 import re
@@ -9,11 +9,32 @@ from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 import numpy as np
 
-from lmeasure.acquisition.frames import CLASSIC_BYTES, FD_BYTES, Frames, frames_from_messages, join, no_frames
-from lmeasure.acquisition.log_common import BLOCK_BYTES, Channels, LogReport, checked, frames_of, new_columns, read_into
+from lmeasure.acquisition.frames import CLASSIC_BYTES, ERROR, FD_BYTES, Frames, frames_from_messages, join
+from lmeasure.acquisition.log_common import (
+    BLANK,
+    BLOCK_BYTES,
+    CARRIAGE_RETURN,
+    COMMENT,
+    COMMENT_SIGNS,
+    HEADER,
+    LARGEST_STANDARD,
+    NO_END,
+    SHOWN_BYTES,
+    UNKNOWN_LINE,
+    Channels,
+    LogReport,
+    UnreadableError,
+    checked,
+    frames_of,
+    kind_of_failure,
+    lines_in,
+    new_columns,
+    read_into,
+)
+from lmeasure.arrays import IntArray
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.frames import ODD, WIDE, Bytes, Columns
-from lmeasure.kernels.log_asc import scan_asc
+from lmeasure.kernels.log_asc import EVENTS, scan_asc
 from lmeasure.kernels.log_candump import NAME_BYTES, NAMES, scan_candump
 from lmeasure.kernels.log_text import line_stop
 
@@ -23,16 +44,45 @@ if TYPE_CHECKING:
 LONGEST_LINE = 1 << 16
 USUAL_LINE = 30
 
-CANDUMP_LINE = re.compile(r"\([0-9]+\.?[0-9]*\)\s+\S+\s+[0-9a-f]{1,8}#(#[0-9])?(r[0-9]*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE)
+CANDUMP_LINE = re.compile(r"\(-?[0-9]+[.,]?[0-9]*\)\s+\S+\s+[0-9a-f]{1,8}#(#[0-9])?(r[0-9]*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE)
 
 ASC_DATE = re.compile(r"date\s+\w+\s+(.+)", re.IGNORECASE)
 ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
-ASC_HEADER = re.compile(r"date\s|base\s|//|(no)?\s*internal\s+events", re.IGNORECASE)
+ASC_INTERNAL = re.compile(r"(no)?\s*internal\s+events", re.IGNORECASE)
 ASC_BEGIN = re.compile(r"begin\s+triggerblock(?:\s+\w+\s+(.+))?", re.IGNORECASE)
 ASC_END = re.compile(r"end\s+triggerblock", re.IGNORECASE)
-ASC_TIME = re.compile(r"(\d+\.\d+)\s", re.ASCII)
+ASC_TIME = re.compile(r"([+-]?\d+)[.,](\d+)\s+(.*)", re.ASCII | re.DOTALL)
+ASC_NAMED = re.compile(r"(\d+)\s+(\D\S*)(\s+(?:rx|tx)\s+[dr]\s.*\bid\s*=\s*(\d+)(x?))", re.IGNORECASE)
+"""A frame whose identifier is a message's name: its number is behind the data."""
+ASC_STATED = re.compile(r"\sID\s*=\s*(\d+)")
 NO_NUMBER = re.compile(r"\s[+-]|\d_", re.ASCII)
 """Python reads signs and underscores in numbers; no recorder writes them."""
+EVENT_KINDS = (
+    "system variable",
+    "test step",
+    "transport protocol",
+    "bus status",
+    *("frame of another bus",) * 5,
+    "GPS",
+    *("comment or marker",) * 2,
+    "application",
+)
+"""Kinds of the events whose first word the scan knows, as in EVENTS."""
+ASC_EVENTS: tuple[tuple[str, re.Pattern[str]], ...] = (
+    *((kind, re.compile(re.escape(word), re.IGNORECASE)) for kind, word in zip(EVENT_KINDS, EVENTS, strict=True) if word.endswith(":")),
+    (
+        "start, stop or trigger",
+        re.compile(r"(start|end|stop) of measurement|log (direct )?(start|stop)|(log )?trigger", re.IGNORECASE),
+    ),
+    ("statistics", re.compile(r"\d+\s+statistic:", re.IGNORECASE)),
+    ("bus status", re.compile(r"can(fd)?\s+\d+\s+(status|txerr|rxerr)", re.IGNORECASE)),
+    ("overload frame", re.compile(r"\d+\s+overloadframe", re.IGNORECASE)),
+    ("request to send", re.compile(r"(\d+\s+\S+|canfd\s+\d+)\s+txrq\b", re.IGNORECASE)),
+    ("environment variable", re.compile(r"\S+\s*:=")),
+    ("comment or marker", re.compile(r"gm(group|marker)|comment", re.IGNORECASE)),
+    ("frame of another bus", re.compile(r"(l\d+|li|fr|m\d+|most\w*|eth|afdx|a429|wlan|k-?line|j1587|j1708|j1939tp)\s", re.IGNORECASE)),
+)
+"""Events that are no frames, by what is behind their time."""
 # English and German names, as CANoe writes them
 MONTHS = {name: i for i, name in enumerate(["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"], 1)}
 MONTHS |= {"Mär": 3, "Mai": 5, "Okt": 10, "Dez": 12}
@@ -41,13 +91,13 @@ DATE_FORMATS = ("%m %d %I:%M:%S.%f %p %Y", "%m %d %I:%M:%S %p %Y", "%m %d %H:%M:
 
 def candump_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
     """Frames of a `candump -L` log. An identifier with the error flag is an error frame, of whatever class."""
-    yield from _batches(path, blocks_of_lines(path, file, report), _Candump(path, report))
+    yield from _batches(path, blocks_of_lines(path, file, report), _Candump(path), report)
 
 
 def asc_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
     """Frames of an ASC log. Where its header says `timestamps relative`, each time counts from the event before and is summed."""
-    dialect = _Asc(path, report)
-    yield from _batches(path, dialect.begun(blocks_of_lines(path, file, report)), dialect)
+    dialect = _Asc(path)
+    yield from _batches(path, blocks_of_lines(path, file, report), dialect, report)
     if dialect.block_open:
         report.ended_early = report.ended_early or "the line End TriggerBlock is missing"
 
@@ -55,55 +105,81 @@ def asc_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
 class _Dialect(Protocol):
     """A text format: how whole lines are scanned, and how one line that the scan does not know is read."""
 
-    def scan(self, text: Bytes, columns: Columns) -> tuple[int, int, int]:
-        """Fill columns: frames, bytes used, status."""
+    kinds: tuple[str, ...]
+    """Kinds of the known lines that the scan counts."""
+
+    def scan(self, text: Bytes, columns: Columns, known: IntArray) -> tuple[int, int, int]:
+        """Fill columns, and count known lines: frames, bytes used, status."""
 
     def names(self) -> tuple[str, ...]:
         """Names of the channels met so far."""
 
-    def odd(self, line: bytes) -> Frames:
-        """Frames of one line; none where it holds none, or where nobody can read it, which is counted."""
+    def odd(self, line: bytes) -> Frames | str:
+        """Frames of one line, or the kind of a line that is none; ValueError where nobody can read it."""
 
 
-def _batches(path: Path, blocks: Iterable[Bytes], dialect: _Dialect) -> Iterator[Frames]:
+def _batches(path: Path, blocks: Iterable[Bytes], dialect: _Dialect, report: LogReport) -> Iterator[Frames]:
     width = CLASSIC_BYTES
     for block in blocks:
         parts: list[Frames] = []
+        known = np.zeros(len(dialect.kinds), np.int64)
         pos = 0
         while pos < len(block):
             columns = new_columns((len(block) - pos) // USUAL_LINE + 1, width)  # where they are full, the next go on
-            count, used, status = dialect.scan(block[pos:], columns)
+            count, used, status = dialect.scan(block[pos:], columns, known)
             if count:
                 parts.append(frames_of(columns, count, dialect.names(), path))
             pos += used
             if status == WIDE:
                 width = FD_BYTES
             elif status == ODD:
-                stop = line_stop(block, pos)
-                parts.append(dialect.odd(block[pos:stop].tobytes()))
-                pos = stop + 1
+                stop, following = line_stop(block, pos)
+                line = block[pos:stop].tobytes()
+                try:
+                    found = dialect.odd(line)
+                    if isinstance(found, str):
+                        report.known_kinds[found] += 1
+                    else:
+                        parts.append(found)
+                except ValueError as error:
+                    place = "" if report.unread else f"line {report.total - lines_in(block[pos:]) + 1}"
+                    report.cannot_read(line, str(error), place, kind_of_failure(error))
+                pos = following
+        for kind, count in zip(dialect.kinds, known.tolist(), strict=True):
+            if count:
+                report.known_kinds[kind] += count
         yield parts[0] if len(parts) == 1 else join(parts)
 
 
 def blocks_of_lines(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Bytes]:
-    """Blocks of whole lines, each overwritten by the next. A last line without its end is not read: a number cut short would pass for
-    another."""
+    """Blocks of whole lines, each overwritten by the next; the report counts them. A last line without its end is not read: a number cut
+    short would pass for another."""
     held = bytearray(LONGEST_LINE + BLOCK_BYTES)
     room, text = memoryview(held), np.frombuffer(held, np.uint8)
     kept = 0
     while got := read_into(room[kept : kept + BLOCK_BYTES], file, report):
         end = kept + got
-        cut = max(held.rfind(b"\n", 0, end), held.rfind(b"\r", 0, end)) + 1
+        # a carriage return at the very end may have its line feed in the next block
+        cut = max(held.rfind(b"\n", 0, end), held.rfind(b"\r", 0, end - 1)) + 1
         kept = end - cut
         if kept > LONGEST_LINE:
             raise FileFormatError(f"{path}: is no text log: a line is longer than {LONGEST_LINE} bytes")
         if cut:
+            report.total += lines_in(text[:cut])
             yield text[:cut]
         room[:kept] = room[cut:end]
-    tail = bytes(room[:kept])
-    if tail.strip(b" \t\0\x1a"):
-        shown = tail[:60].decode("ascii", "replace")
-        report.ended_early = report.ended_early or f"the last line has no end and was not read: {shown!r}"
+    if kept and held[kept - 1] == CARRIAGE_RETURN:
+        report.total += lines_in(text[:kept])
+        yield text[:kept]
+    elif kept:
+        tail = bytes(room[:kept])
+        report.total += 1
+        if not tail.strip(b" \t\0\x1a"):
+            report.known_kinds[BLANK] += 1
+        else:
+            shown = tail[:SHOWN_BYTES].decode("ascii", "replace")
+            report.ended_early = report.ended_early or f"the last line has no end and was not read: {shown!r}"
+            report.cannot_read(tail, "it has no end", f"line {report.total}", NO_END)
 
 
 def _text(line: bytes) -> str:
@@ -114,111 +190,122 @@ def _text(line: bytes) -> str:
 
 
 def _by_library(reader: Callable[[io.StringIO], Iterable["can.Message"]], text: str, path: Path) -> Frames:
-    """Frames that python-can reads from a text; ValueError where it cannot, or where the frames contradict themselves."""
+    """Frames that python-can reads from a text; ValueError where it reads none, or where they contradict themselves."""
     try:
         messages = [checked(m) for m in reader(io.StringIO(text))]
     except (IndexError, OverflowError, TypeError) as error:
         raise ValueError(str(error)) from error
+    if not messages:
+        raise UnreadableError("neither a frame nor a known event", UNKNOWN_LINE)
+    if any(m.arbitration_id > LARGEST_STANDARD and not m.is_extended_id for m in messages):
+        raise ValueError(f"{messages[0].arbitration_id:X} is no identifier of 11 bits")
     return frames_from_messages(messages, "log", str(path))
 
 
 class _Candump:
-    def __init__(self, path: Path, report: LogReport) -> None:
-        self.path, self.report = path, report
+    kinds: tuple[str, ...] = (BLANK,)
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self._names, self._lengths = np.zeros((NAMES, NAME_BYTES), np.uint8), np.zeros(NAMES, np.int64)
         self._used = 0
 
-    def scan(self, text: Bytes, columns: Columns) -> tuple[int, int, int]:
-        count, end, status, self._used = scan_candump(text, columns, self._names, self._lengths, self._used)
+    def scan(self, text: Bytes, columns: Columns, known: IntArray) -> tuple[int, int, int]:
+        count, end, status, self._used = scan_candump(text, columns, self._names, self._lengths, self._used, known)
         return count, end, status
 
     def names(self) -> tuple[str, ...]:
         return tuple(self._names[i, : self._lengths[i]].tobytes().decode("ascii") for i in range(self._used))
 
-    def odd(self, line: bytes) -> Frames:
+    def odd(self, line: bytes) -> Frames | str:
         from can.io import CanutilsLogReader
 
         text = _text(line)
-        try:
-            if not CANDUMP_LINE.fullmatch(text):
-                raise ValueError("not as candump writes it")  # noqa: TRY301
-            return _by_library(CanutilsLogReader, text, self.path)
-        except ValueError as error:
-            self.report.cannot_read(line, str(error))
-            return no_frames(str(self.path), "log")
+        if text.startswith(COMMENT_SIGNS):
+            return COMMENT
+        if not CANDUMP_LINE.fullmatch(text):
+            raise UnreadableError("not as candump writes it", UNKNOWN_LINE)
+        return _by_library(CanutilsLogReader, text.replace(",", ".", 1), self.path)
 
 
 class _Asc:
-    def __init__(self, path: Path, report: LogReport) -> None:
-        self.path, self.report = path, report
+    kinds: tuple[str, ...] = (BLANK, COMMENT, *EVENT_KINDS)
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.base = "hex"
         self.start_s = 0.0
-        self.since_ns = -1
+        self.relative, self.since_ns = False, 0
         self.block_open = False
         self._channels = Channels()
 
-    def begun(self, blocks: Iterator[Bytes]) -> Iterator[Bytes]:
-        """The blocks, the header lines of the first one understood."""
-        for number, block in enumerate(blocks):
-            if number == 0:
-                for line in block[:LONGEST_LINE].tobytes().splitlines():
-                    text = _text(line)
-                    if text and not ASC_HEADER.match(text):
-                        break
-                    self._header_line(text)
-            yield block
-
-    def _header_line(self, text: str) -> None:
-        if date := ASC_DATE.match(text):
-            self._start(date[1])
-        elif base := ASC_BASE.match(text):
-            self.base = base[1].lower()
-            self.since_ns = 0 if (base[2] or "").lower() == "relative" else -1
-
-    def _start(self, text: str) -> None:
-        started = _moment(text)
-        if started is None:
-            self.report.cannot_read(text.encode(), "its date is not understood")
-        else:
-            self.start_s = started
-
-    def scan(self, text: Bytes, columns: Columns) -> tuple[int, int, int]:
+    def scan(self, text: Bytes, columns: Columns, known: IntArray) -> tuple[int, int, int]:
         base = 16 if self.base == "hex" else 10
-        found = scan_asc(text, self.start_s, base, self.since_ns, columns, self._channels.places, self._channels.used)
-        count, end, status, self._channels.used, self.since_ns = found
+        channels = self._channels
+        found = scan_asc(text, self.start_s, base, self.relative, self.since_ns, columns, channels.places, channels.used, known)
+        count, end, status, channels.used, self.since_ns = found
         return count, end, status
 
     def names(self) -> tuple[str, ...]:
         return self._channels.names()
 
-    def odd(self, line: bytes) -> Frames:
-        from can.io import ASCReader
-
-        nothing = no_frames(str(self.path), "log")
+    def odd(self, line: bytes) -> Frames | str:
         text = _text(line)
-        if begin := ASC_BEGIN.match(text):
-            self.block_open = True
-            self.since_ns = min(self.since_ns, 0)
-            if begin[1]:
-                self._start(begin[1])
-            return nothing
-        if ASC_END.match(text):
-            self.block_open = False
-            return nothing
         time = ASC_TIME.match(text)
         if time is None:
-            return nothing
-        try:
-            if NO_NUMBER.search(text):
-                raise ValueError("a number with a sign or an underscore")  # noqa: TRY301
-            frames = _by_library(ASCReader, f"base {self.base}\ninternal events logged\n{text}\n", self.path)
-        except ValueError as error:
-            self.report.cannot_read(line, str(error))
-            return nothing
-        if self.since_ns >= 0:
-            self.since_ns += round(float(time[1]) * 1e9)
-            frames.time_s[:] = self.since_ns / 1e9
-        frames.time_s[:] += self.start_s
+            return BLANK if not text else self._untimed(text)
+        whole, part, rest = time.groups()
+        offset_s = float(f"{whole}.{part}")
+        if self.relative:
+            self.since_ns += round(offset_s * 1e9)
+            offset_s = self.since_ns / 1e9
+        for kind, pattern in ASC_EVENTS:
+            if pattern.match(rest):
+                return kind
+        frames = self._frames(rest)
+        frames.time_s[:] = offset_s + self.start_s
+        return frames
+
+    def _untimed(self, text: str) -> str:
+        """Kind of a line without a time; header and trigger blocks are understood."""
+        if date := ASC_DATE.match(text):
+            self._start(date[1])
+        elif base := ASC_BASE.match(text):
+            self.base = base[1].lower()
+            self.relative, self.since_ns = (base[2] or "").lower() == "relative", 0
+        elif begin := ASC_BEGIN.match(text):
+            self.block_open, self.since_ns = True, 0
+            if begin[1]:
+                self._start(begin[1])
+            return "trigger block"
+        elif ASC_END.match(text):
+            self.block_open = False
+            return "trigger block"
+        elif text.startswith(COMMENT_SIGNS):
+            return COMMENT
+        elif not ASC_INTERNAL.match(text):
+            raise UnreadableError("neither a frame nor a known event", UNKNOWN_LINE)
+        return HEADER
+
+    def _start(self, text: str) -> None:
+        started = _moment(text)
+        if started is None:
+            raise UnreadableError("its date is not understood; times count from 0", UNKNOWN_LINE)
+        self.start_s = started
+
+    def _frames(self, rest: str) -> Frames:
+        """Frames of what is behind the time."""
+        from can.io import ASCReader
+
+        if named := ASC_NAMED.match(rest):
+            channel, _, behind, number, extended = named.groups()
+            rest = f"{channel} {int(number):{'X' if self.base == 'hex' else 'd'}}{extended}{behind}"
+        if NO_NUMBER.search(f" {rest}"):
+            raise ValueError("a number with a sign or an underscore")
+        frames = _by_library(ASCReader, f"base {self.base}\ninternal events logged\n0.0 {rest}\n", self.path)
+        stated = ASC_STATED.search(rest)
+        if stated and not frames.flags[0] & ERROR and frames.identifier[0] != int(stated[1]):
+            raise ValueError(f"its identifier is not the one that it states as ID = {stated[1]}")
         return frames
 
 

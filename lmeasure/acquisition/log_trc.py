@@ -1,7 +1,8 @@
 """TRC logs of PEAK's programs, versions 1.0 to 2.1 (PEAK CAN TRC File Format, PEAK-System 2020).
 
-The times are those of python-can's reader: the offset behind the start that the header states, taken as UTC. Of CAN FD frames the column L
-holds the length code (9 means 12 bytes); some programs write the length there, which the bytes that stand behind it tell apart.
+The times are those of python-can's reader: the offset behind the start that the header states, taken as UTC; numbers may have a decimal
+comma. The column L of CAN FD frames holds the length code (9 means 12 bytes). Some programs write the length there: the number of bytes
+behind it decides.
 """
 
 import re
@@ -11,11 +12,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from lmeasure.acquisition.frames import BITRATE_SWITCH, CLASSIC_BYTES, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames
-from lmeasure.acquisition.log_common import LogReport
+from lmeasure.acquisition.log_common import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, LogReport, UnreadableError
 from lmeasure.acquisition.log_lines import (
     FD_LENGTHS,
-    LARGEST_STANDARD,
     Line,
+    announced,
     data_bytes,
     decimal_number,
     hexadecimal,
@@ -25,7 +26,7 @@ from lmeasure.acquisition.log_lines import (
 from lmeasure.acquisition.log_text import blocks_of_lines
 from lmeasure.errors import FileFormatError
 
-HEADER = re.compile(r";\$(FILEVERSION|STARTTIME|COLUMNS)\s*=\s*(.*)", re.IGNORECASE)
+HEADER_LINE = re.compile(r";\$(FILEVERSION|STARTTIME|COLUMNS)\s*=\s*(.*)", re.IGNORECASE)
 DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
 STANDARD_DIGITS = 4
 """An identifier of more digits is one of 29 bits, whatever its value."""
@@ -45,7 +46,10 @@ KINDS = {
     "BI": FD | BITRATE_SWITCH | ERROR_STATE,
     "RR": REMOTE,
 }
-"""Message types from 2.0 on that are frames; the others tell states and errors of the adapter."""
+"""Message types from 2.0 on that are frames."""
+STATUS = "status or error of the adapter"
+STATES = ("Warng", "Warn", "Error", "ST", "EC", "ER", "EV", "MK")
+"""Directions of the versions before, and types from 2.0 on, of lines that are no frames."""
 NEEDED = ("O", "T", "I", "d")
 
 
@@ -61,18 +65,20 @@ class _Trc:
         self.start_s = 0.0
         self.columns: dict[str, int] = PLACES["1.0"]
 
-    def read(self, line: str) -> Line | None:
+    def read(self, line: str) -> Line | str:
         if line.startswith(";"):
-            if header := HEADER.match(line):
+            if header := HEADER_LINE.match(line):
                 self._header(header[1].upper(), header[2].strip().rstrip(";"))
-            return None
+                return HEADER
+            return COMMENT
         return self._frame_2(line) if self.version >= "2" else self._frame_1(line)
 
     def _header(self, key: str, value: str) -> None:
         if key == "FILEVERSION":
-            if value not in PLACES and value not in ("2.0", "2.1"):
+            version = value.replace(",", ".")
+            if version not in PLACES and version not in ("2.0", "2.1"):
                 raise FileFormatError(f"{self.path}: is TRC of version {value[:20]!r}; 1.0 to 1.3, 2.0 and 2.1 are read")
-            self.version, self.columns = value, PLACES.get(value, {})
+            self.version, self.columns = version, PLACES.get(version, {})
         elif key == "STARTTIME":
             self.start_s = (DAY_ZERO + timedelta(days=decimal_number(value))).timestamp()
         elif self.version >= "2":
@@ -81,36 +87,40 @@ class _Trc:
             if missing:
                 raise FileFormatError(f"{self.path}: its columns are {value[:60]}; column {missing[0]} is missing")
 
-    def _frame_1(self, line: str) -> Line | None:
+    def _frame_1(self, line: str) -> Line | str:
         cells, at = line.split(), self.columns
         direction = cells[at["d"]] if "d" in at else "Rx"
         identifier = cells[at["I"]]
-        if direction not in ("Rx", "Tx") or identifier == NO_IDENTIFIER:
-            return None
+        if direction in STATES or identifier == NO_IDENTIFIER:
+            return STATUS
+        if direction not in ("Rx", "Tx"):
+            raise UnreadableError(f"{direction[:20]!r} is neither Rx nor Tx", UNKNOWN_LINE)
         length, rest = whole_number(cells[at["L"]]), cells[at["L"] + 1 :]
         if rest[:1] == ["ERROR"]:
-            return None
+            return STATUS
         remote = rest[:1] == ["RTR"]
         flags = (REMOTE if remote else 0) | (SENT if direction == "Tx" else 0)
-        return self._line(
-            cells[at["O"]], identifier, flags, length, b"" if remote else data_bytes(rest), cells[at["B"]] if "B" in at else "1"
-        )
+        data = b"" if remote else data_bytes(announced(rest, length))
+        return self._line(cells[at["O"]], identifier, flags, length, data, cells[at["B"]] if "B" in at else "1")
 
-    def _frame_2(self, line: str) -> Line | None:
+    def _frame_2(self, line: str) -> Line | str:
         at = self.columns
         if not at:
             raise FileFormatError(f"{self.path}: has no line ;$COLUMNS= before its frames")
         cells = line.split(maxsplit=len(at) - 1)
+        if cells[at["T"]] in STATES:
+            return STATUS
         flags = KINDS.get(cells[at["T"]])
         if flags is None:
-            return None
+            raise UnreadableError(f"{cells[at['T']][:20]!r} is no type of a line", UNKNOWN_LINE)
         stated = whole_number(cells[at["l"] if "l" in at else at["L"]])
-        data = data_bytes(cells[at["D"]].split()) if "D" in at and len(cells) > at["D"] and not flags & REMOTE else b""
-        if flags & FD and "l" not in at and len(data) != stated and stated < len(FD_LENGTHS):
+        shown = cells[at["D"]].split() if "D" in at and len(cells) > at["D"] and not flags & REMOTE else []
+        if flags & FD and "l" not in at and len(shown) != stated and stated < len(FD_LENGTHS):
             stated = FD_LENGTHS[stated]
         if not flags & FD and stated > CLASSIC_BYTES:  # codes 9 to 15 of a classic frame mean 8 bytes
             stated = CLASSIC_BYTES
         flags |= SENT if cells[at["d"]] == "Tx" else 0
+        data = data_bytes(announced(shown, stated))
         return self._line(cells[at["O"]], cells[at["I"]], flags, stated, data, cells[at["B"]] if "B" in at else "1")
 
     def _line(self, offset: str, identifier: str, flags: int, length: int, data: bytes, bus: str) -> Line:

@@ -1,15 +1,14 @@
-"""Log files of CAN frames, read in batches of bounded size: BLF, ASC and candump by compiled scans, TRC, candump's screen and GVRET line by
-line, the CSV of python-can and MF4 by its readers.
+"""Log files of CAN frames, read in batches of bounded size: BLF, ASC and candump by compiled scans, TRC, candump's screen and CSV line by
+line, MF4 by python-can's reader.
 
-A log that breaks off gives everything up to the break, and the report says where. Lines that cannot be read are counted, never guessed.
+A log that breaks off gives everything up to the break, and the report says where. Every line or object is a frame, of a known other
+kind, or counted as unread; nothing is guessed.
 Times are those of python-can's readers with absolute times: what the log says plus the start it states (0 where it states none).
 """
 
-import contextlib
 import gc
 import gzip
 import importlib.util
-import io
 import itertools
 import os
 import sys
@@ -27,12 +26,11 @@ from lmeasure.errors import FileFormatError
 from lmeasure.extras import how_to_install
 from lmeasure.opened import open_regular
 
-__all__ = ["LogReport", "identifiers_in", "log_batches", "read_log"]
+__all__ = ["LogReport", "identifiers_in", "log_batches", "read_frames"]
 
 Progress = Callable[[int, int], None]
 
 MESSAGES_AT_ONCE = 20_000
-CSV_HEAD = "timestamp,arbitration_id"
 
 
 def log_batches(path: Path, report: LogReport, progress: Progress | None = None) -> Iterator[Frames]:
@@ -54,20 +52,42 @@ def log_batches(path: Path, report: LogReport, progress: Progress | None = None)
         kind = kind_of(path, suffix, read_some(file, HEAD_BYTES, LogReport()))
         report.dialect = f"{DIALECTS[kind]}{', packed' if packed else ''}"
         file.seek(0)
-        batches = _library_batches(path, file, suffix, report) if kind == LIBRARY else OWN[kind](path, file, report)
+        batches = _mf4_batches(path, file, report) if kind == LIBRARY else OWN[kind](path, file, report)
         for batch in batches:
             report.frames += len(batch)
             if progress:
                 progress(size if raw.closed else raw.tell(), size)  # python-can's readers close it behind the last frame
             if len(batch):
                 yield batch
+        report.close()
         if progress:
             progress(size, size)
 
 
-def read_log(path: Path) -> tuple[Frames, LogReport]:
-    """The whole log at once, and what reading it met."""
-    report = LogReport()
+def read_frames(log: Path | str) -> tuple[Frames, LogReport]:
+    """Read all CAN frames of a log file, and account for the rest of it.
+
+    Parameters
+    ----------
+    log
+        Log file: .blf, .asc, .log, .txt, .trc, .csv (all also .gz), .mf4.
+
+    Returns
+    -------
+    frames
+        Arrays of n frames in the order of the file: time_s (n,) [s] as the log states it, identifier (n,), flags (n,) as in
+        `lmeasure.acquisition.frames`, length (n,) [bytes], data (n, 8) or (n, 64), channel (n,), an index into buses. Error frames are
+        among them, with the class and data that the log states.
+    report
+        frames + known + unread = total, the number of lines (unit "lines") or BLF objects ("objects"); known_kinds and unread_kinds by
+        name; first_unread with its line or object; ended_early: why reading stopped before the end, or None.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is no such log, or cannot be opened; the message names a converter where one is known.
+    """
+    path, report = Path(log), LogReport()
     parts = list(log_batches(path, report))
     return (join(parts) if parts else no_frames(str(path), "log")), report
 
@@ -80,33 +100,29 @@ def identifiers_in(path: Path) -> set[int]:
     return set()
 
 
-def _library_batches(path: Path, file: BinaryIO, suffix: str, report: LogReport) -> Iterator[Frames]:
-    """Frames by python-can's reader of MF4 or of its own CSV. Whatever goes wrong inside it ends the reading."""
-    from can.io import CSVReader, MF4Reader
+def _mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
+    """Frames by python-can's reader of MF4. Whatever goes wrong inside it ends the reading."""
+    from can.io import MF4Reader
 
+    report.unit = "records"
     broken = ""
-    text: Any = file if suffix == ".mf4" else io.TextIOWrapper(file, encoding="utf-8")
     messages: Iterator[Any] = iter(())
     while not broken:
         batch: list[Any] = []
         try:
-            # these readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
+            # this reader, and asammdf beneath it, raise whatever their code runs into on a broken file
             if not report.frames:
-                messages = iter(MF4Reader(text) if suffix == ".mf4" else CSVReader(text))
+                messages = iter(MF4Reader(cast(Any, file)))
             for message in itertools.islice(messages, MESSAGES_AT_ONCE):
                 batch.append(checked(message))
         except Exception as error:
-            broken = _why(error) if suffix == ".mf4" else f"what stands behind line {report.frames + len(batch) + 1} is no frame"
+            broken = _why(error)
         if not batch:
             break
+        report.total += len(batch)
         yield frames_from_messages(batch, "log", str(path))
-    if text is not file:
-        with contextlib.suppress(ValueError):  # a reader that came to the end has closed it
-            text.detach()
-    if broken and suffix == ".mf4" and importlib.util.find_spec("asammdf") is None:
+    if broken and importlib.util.find_spec("asammdf") is None:
         raise FileFormatError(f"{path}: MF4 needs the package asammdf: {how_to_install('mf4')}")
-    if broken and report.frames == 0 and suffix == ".csv":
-        raise FileFormatError(f"{path}: is no log of CAN frames: python-can's .csv begins with {CSV_HEAD}, SavvyCAN's with Time Stamp,ID")
     if broken and report.frames == 0:
         raise FileFormatError(f"{path}: cannot be read: {broken}")
     if broken:

@@ -135,8 +135,7 @@ def scan_log(path: Path, progress: Callable[[int, int], None] | None = None) -> 
     for batch in log_batches(path, report, progress):
         heard.add(batch)
     if not heard.found:
-        why = "; ".join(report.notes())
-        raise FileFormatError(f"{path}: holds no CAN frame{': ' + why if why else ''}")
+        raise FileFormatError(report.empty(path))
     return heard.scan(path, report.dialect, tuple(report.notes()))
 
 

@@ -1,7 +1,8 @@
 """Scan of a BLF log's objects into arrays of frames, and extraction of integers from payloads.
 
 The layout of the objects is that of python-can's reader (`can.io.blf`), which follows Vector's binlog.h; what that reader yields, the scan
-yields bit for bit. An object that contradicts itself stops the scan: nothing behind it can be trusted.
+yields bit for bit. It also reads CAN_ERROR, CAN_FD_ERROR_64 and objects with headers of version 3 (layout: Wireshark's blf.h, Vector BLF of
+Tobias Lorenz). An object that contradicts itself stops the scan: nothing behind it can be trusted.
 
 Every scan fills the same columns: time [s], identifier, flags (bits of `lmeasure.acquisition.frames`), length in bytes, data (n, 8) or
 (n, 64), channel as an index into the names found so far.
@@ -30,10 +31,12 @@ BROKEN = 1
 WIDE = 2
 """A payload longer than the data columns: scan again with 64."""
 ODD = 3
-"""A line that the scan does not know."""
+"""A line or an object that the scan does not know."""
 
-CAN_MESSAGE, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64 = 1, 73, 86, 100, 101
-SMALLEST_FRAME_OBJECT = 48
+CAN_MESSAGE, CAN_ERROR, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64, CAN_FD_ERROR_64 = 1, 2, 73, 86, 100, 101, 104
+OTHER_OBJECTS = 132
+"""Kinds of objects below are those that binlog.h names; 10 is the container, which no container holds."""
+SMALLEST_FRAME_OBJECT = 36
 LARGEST_OBJECT = 1 << 24
 SIGNATURE = int.from_bytes(b"LOBJ", "little")
 NAMED_CHANNELS = 1 << 16
@@ -93,11 +96,14 @@ def _copy(b: Bytes, start: int, count: int, data: Bytes, row: int) -> None:
 
 
 @kernel
-def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], places_used: int) -> tuple[int, int, int, int]:
+def scan_blf(
+    b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], places_used: int, known: IntArray
+) -> tuple[int, int, int, int]:
     """Frames of the objects in b, the unpacked content of log containers.
 
     b (k,) uint8; start_s is added to each time; out the columns; places (65536,) int32, index of each channel number or -1, and
-    places_used how many it holds, both carried on. Returns (frames, bytes used, status, places_used).
+    places_used how many it holds, both carried on; known (132,) counts objects of other kinds by their number. Returns (frames, bytes used,
+    status, places_used); ODD at the start of an object of an unknown kind or header.
     """
     time, identifier, flags, length, data, channel = out
     width = data.shape[1]
@@ -119,13 +125,20 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
         following = at + size
         if following > end:
             return n, pos, DONE, places_used
-        is_frame = kind in (CAN_MESSAGE, CAN_MESSAGE2, CAN_ERROR_EXT, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64)
-        if not is_frame or version < 1 or version > 2:
+        is_frame = kind in (CAN_MESSAGE, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64, CAN_ERROR_EXT, CAN_ERROR, CAN_FD_ERROR_64)
+        if not is_frame and 0 < kind < OTHER_OBJECTS and kind != 10:
+            known[kind] += 1
             pos = following
             continue
-        i = at + (32 if version == 1 else 40)
+        if not is_frame or version < 1 or version > 3:
+            return n, at, ODD, places_used
+        i = at + (40 if version == 2 else 32)
         if kind == CAN_FD_MESSAGE:
             needed = 84
+        elif kind == CAN_FD_ERROR_64:
+            needed = 44
+        elif kind == CAN_ERROR:
+            needed = 4
         elif kind == CAN_FD_MESSAGE_64:
             needed = 40
         elif kind == CAN_ERROR_EXT:
@@ -165,6 +178,20 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
             wanted = i64(FD_LENGTH[wanted]) if wanted < 16 else 64
             valid = min(i64(byte(b, i + 14)), 64)
             start, count = i + 20, valid
+        elif kind == CAN_FD_ERROR_64:
+            number = i64(byte(b, i))
+            raw = _u32(b, i + 16)
+            mark |= ERROR
+            valid = min(i64(byte(b, i + 2)), 64)
+            start = i + 44
+            count = max(0, min(valid, following - start))
+            wanted = valid
+        elif kind == CAN_ERROR:
+            number = _u16(b, i)
+            raw = i64(0)
+            mark |= ERROR
+            valid = wanted = count = i64(0)
+            start = i
         elif kind == CAN_ERROR_EXT:
             number = _u16(b, i)
             wanted = i64(byte(b, i + 10))

@@ -1,12 +1,14 @@
 """Scan of ASC log lines into the columns of `lmeasure.kernels.frames`.
 
-A line that is plainly a frame is read, one that is plainly none is passed over; at anything else the scan stops with ODD and leaves the
-line to the caller. It also stops where the columns are full. What it reads is bit for bit what python-can's reader makes of it.
+A line that is plainly a frame is read, a blank one, a comment and an event of a known name are counted; at anything else the scan stops
+with ODD and leaves the line to the caller. It also stops where the columns are full. It reads bit for bit what python-can's reader does,
+wherever that reads a line.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.arrays import IntArray
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.frames import (
     BITRATE_SWITCH,
@@ -36,12 +38,19 @@ from lmeasure.kernels.log_text import (
     is_odd,
     is_parted,
     is_word,
+    next_line,
     skip_blanks,
     skip_line,
 )
 
 LARGEST_CHANNEL = 65535
+LARGEST_STANDARD = 0x7FF
 TICKS = 10 ** np.arange(9, -1, -1)  # nanoseconds of the last digit
+EVENTS = ("SV:", "TFS:", "J1939TP", "CAN", "ETH", "Li", "L1", "L2", "Fr", "GPS-Event:", "GMMarker", "Comment:", "AL:")
+"""Words behind the time of an event that is no frame; the scan counts them as known[2 + place]."""
+LONGEST_EVENT = max(map(len, EVENTS))
+EVENT_WORDS = np.array([list(word.encode().ljust(LONGEST_EVENT, b" ")) for word in EVENTS], np.uint8)
+EVENT_LENGTHS = np.array([len(word) for word in EVENTS])
 
 
 @inline
@@ -62,9 +71,25 @@ def _identifier(b: Bytes, i: int, base: int) -> tuple[int, int, int]:
     if byte(b, i) == 120 or byte(b, i) == 88:
         mark = EXTENDED
         i += 1
-    if not is_blank(byte(b, i)) or value > 0x1FFFFFFF:
+    if not is_blank(byte(b, i)) or value > (0x1FFFFFFF if mark else LARGEST_STANDARD):
         value = i64(-1)
     return i, value, mark
+
+
+@inline
+def _stated(b: Bytes, i: int) -> tuple[int, int, int]:
+    """Identifier that the rest of the line states as `ID = 385` or `ID = 419365136x`: (place behind it, identifier or -1, mark)."""
+    while not is_line_end(byte(b, i)):
+        if byte(b, i) == 73 and byte(b, i + 1) == 68 and is_blank(byte(b, i - 1)):
+            k = skip_blanks(b, i + 2)
+            if byte(b, k) == 61:
+                k, value = integer(b, skip_blanks(b, k + 1), 10)
+                mark = EXTENDED if byte(b, k) == 120 or byte(b, k) == 88 else 0
+                k += 1 if mark else 0
+                sound = is_parted(byte(b, k)) and value <= (0x1FFFFFFF if mark else LARGEST_STANDARD)
+                return k, value if sound else i64(-1), mark
+        i += 1
+    return i, i64(-1), 0
 
 
 @inline
@@ -93,27 +118,40 @@ def _classic(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[int, i
     if is_word(b, i, ERROR_FRAME) and is_parted(byte(b, i + 10)):
         clear(data, row)
         return i, i64(0), ERROR | EXTENDED, 0
+    # a message's name begins with a letter, and the line states its identifier behind the data
+    named = not is_digit(byte(b, i))
     i, value, mark = _identifier(b, i, base)
     if value < 0:
-        return -1, value, mark, 0
+        if not named:
+            return -1, value, mark, 0
+        while 32 < byte(b, i) < 127:
+            i += 1
+        if not is_blank(byte(b, i)):
+            return -1, value, mark, 0
     i = skip_blanks(b, i)
     sent = _direction(b, i)
     if sent < 0:
         return -1, value, mark, 0
-    mark |= sent
     i = skip_blanks(b, i + 2)
-    if byte(b, i) == 100 and is_blank(byte(b, i + 1)):
-        i, length = integer(b, skip_blanks(b, i + 1), base)
-        if length < 0 or length > 8 or not is_parted(byte(b, i)):
+    kind = byte(b, i)
+    if (kind != 100 and kind != 114) or not is_blank(byte(b, i + 1)):
+        return -1, value, mark, 0
+    i, length = integer(b, skip_blanks(b, i + 1), base if kind == 100 else 10)
+    if length < 0 or length > 8 or not is_parted(byte(b, i)):
+        return -1, value, mark, 0
+    if kind == 100:
+        i = _data_bytes(b, i, base, length, data, row)
+        if i < 0:
             return -1, value, mark, 0
-        return _data_bytes(b, i, base, length, data, row), value, mark, length
-    if byte(b, i) == 114 and is_blank(byte(b, i + 1)):
-        i, length = integer(b, skip_blanks(b, i + 1), 10)
-        if length < 0 or length > 8 or not is_parted(byte(b, i)):
-            return -1, value, mark, 0
+    else:
         clear(data, row)
-        return i, value, mark | REMOTE, length
-    return -1, value, mark, 0
+        sent |= REMOTE
+    i, stated, extended = _stated(b, i)
+    if stated >= 0 and (named or value < 0):
+        value, mark = stated, extended
+    if value < 0 or (stated >= 0 and (stated != value or extended != mark)):
+        return -1, value, mark, 0
+    return i, value, mark | sent, length
 
 
 @inline
@@ -161,15 +199,32 @@ def _fd(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[int, int, i
     return _data_bytes(b, i, base, length, data, row), value, mark, length
 
 
+@inline
+def _event(b: Bytes, i: int) -> int:
+    """Place in EVENTS of the word at i, -1 where it is none of them."""
+    for k in range(len(EVENT_LENGTHS)):
+        if is_word(b, i, EVENT_WORDS[k, : EVENT_LENGTHS[k]]) and is_blank(byte(b, i + EVENT_LENGTHS[k])):
+            return k
+    return -1
+
+
 @kernel
 def scan_asc(
-    b: Bytes, start_s: float, base: int, since: int, out: Columns, places: NDArray[np.int32], places_used: int
+    b: Bytes,
+    start_s: float,
+    base: int,
+    relative: bool,
+    since: int,
+    out: Columns,
+    places: NDArray[np.int32],
+    places_used: int,
+    known: IntArray,
 ) -> tuple[int, int, int, int, int]:
     """Frames of the ASC lines in b, which ends with a line end.
 
-    b (k,) uint8; base 10 or 16; start_s is added to each time; since is -1 for times from the start of the measurement, or the
-    nanoseconds reached where each time counts from the event before; out, places and places_used as for `scan_blf`. Returns (frames,
-    bytes used, status, places_used, since); where the columns are full it stops.
+    b (k,) uint8; base 10 or 16; start_s is added to each time; relative: each time counts from the event before, and since is the
+    nanoseconds reached; out, places and places_used as for `scan_blf`; known (2 + k,) counts blank lines, comments and events of EVENTS.
+    Returns (frames, bytes used, status, places_used, since); where the columns are full it stops.
     """
     time, identifier, flags, length, data, channel = out
     end = len(b)
@@ -178,49 +233,50 @@ def scan_asc(
     while pos < end and n < len(time):
         line = pos
         i = skip_blanks(b, pos)
-        c = byte(b, i)
-        if not is_digit(c):
-            # Begin and End TriggerBlock are the caller's
-            if is_odd(c) or c == 66 or c == 98 or c == 69 or c == 101:
+        before = byte(b, i) == 45
+        i += 1 if before else 0
+        if not is_digit(byte(b, i)):
+            if before:
                 return n, line, ODD, places_used, since
-            pos = skip_line(b, i) + 1
+            if is_line_end(byte(b, i)):
+                known[0] += 1
+            elif byte(b, i) == 47 and byte(b, i + 1) == 47:
+                known[1] += 1
+            else:
+                return n, line, ODD, places_used, since
+            pos = next_line(b, skip_line(b, i))
             continue
         i, ticks, digits = decimal(b, i)
         if ticks < 0 or digits == 0 or not is_blank(byte(b, i)):
-            if is_odd(byte(b, i)) or digits > 0:
-                return n, line, ODD, places_used, since
-            pos = skip_line(b, i) + 1
-            continue
+            return n, line, ODD, places_used, since
+        ticks = -ticks if before else ticks
         event = since
         seconds = float(ticks) / POWERS[digits]
-        if since >= 0:
-            if digits > 9 or ticks > (1 << 61) // TICKS[digits] or since > 1 << 61:
+        if relative:
+            if digits > 9 or abs(ticks) > (1 << 61) // TICKS[digits] or abs(since) > 1 << 61:
                 return n, line, ODD, places_used, since
             event = since + ticks * TICKS[digits]
             seconds = float(event) / 1e9
-        if seconds > LATEST_S:
+        if abs(seconds) > LATEST_S:
             return n, line, ODD, places_used, since
         i = skip_blanks(b, i)
-        c = byte(b, i)
         number = i64(-1)
         is_fd = False
-        if is_digit(c):
+        if is_digit(byte(b, i)):
             i, number = integer(b, i, 10)
-            if number < 0 or number > LARGEST_CHANNEL or not is_blank(byte(b, i)):
-                return n, line, ODD, places_used, since
         elif is_word(b, i, CAN_FD) and is_blank(byte(b, i + 5)):
             i, number = integer(b, skip_blanks(b, i + 5), 10)
-            if number < 0 or number > LARGEST_CHANNEL or not is_blank(byte(b, i)):
-                return n, line, ODD, places_used, since
             is_fd = True
         else:
-            while 32 < byte(b, i) < 127:
-                i += 1
-            if is_odd(byte(b, i)):
+            k = _event(b, i)
+            if k < 0:
                 return n, line, ODD, places_used, since
+            known[2 + k] += 1
             since = event
-            pos = skip_line(b, i) + 1
+            pos = next_line(b, skip_line(b, i))
             continue
+        if number < 0 or number > LARGEST_CHANNEL or not is_blank(byte(b, i)):
+            return n, line, ODD, places_used, since
         i = skip_blanks(b, i)
         if is_fd:
             i, value, mark, count = _fd(b, i, base, data, n)
@@ -240,5 +296,5 @@ def scan_asc(
         channel[n] = places[number]
         n += 1
         since = event
-        pos = skip_line(b, i) + 1
+        pos = next_line(b, skip_line(b, i))
     return n, pos, DONE, places_used, since

@@ -1,7 +1,8 @@
 """Scan of candump log lines into the columns of `lmeasure.kernels.frames`.
 
-A line that is plainly a frame is read, one that is plainly none is passed over; at anything else the scan stops with ODD and leaves the
-line to the caller. It also stops where the columns are full. What it reads is bit for bit what python-can's reader makes of it.
+A line that is plainly a frame is read, a blank one is counted; at anything else the scan stops with ODD and leaves the line to the caller.
+It also stops where the columns are full. It reads bit for bit what python-can's reader does, apart from error frames, whose class
+and data it keeps.
 """
 
 from lmeasure.arrays import IntArray
@@ -23,9 +24,21 @@ from lmeasure.kernels.frames import (
     byte,
     i64,
 )
-from lmeasure.kernels.log_text import NIBBLE, POWERS, clear, decimal, integer, is_blank, is_digit, is_line_end, is_parted, skip_blanks
+from lmeasure.kernels.log_text import (
+    NIBBLE,
+    POWERS,
+    clear,
+    decimal,
+    integer,
+    is_blank,
+    is_digit,
+    is_line_end,
+    is_parted,
+    next_line,
+    skip_blanks,
+)
 
-ERROR_FLAG, BUS_ERROR = 0x20000000, 0x80
+ERROR_FLAG = 0x20000000
 NAME_BYTES = 32
 NAMES = 64
 
@@ -76,11 +89,11 @@ def _data_bytes(b: Bytes, i: int, data: Bytes, row: int) -> tuple[int, int]:
 
 
 @kernel
-def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: int) -> tuple[int, int, int, int]:
+def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: int, known: IntArray) -> tuple[int, int, int, int]:
     """Frames of the `candump -L` lines in b, which ends with a line end: `(1234.567890) can0 181#0102030405060708`, and R or T behind it.
 
     b (k,) uint8; out as for `scan_blf`; names (64, 32) uint8 and lengths (64,) int64 hold the channel names found, used how many, all
-    carried on. Returns (frames, bytes used, status, used).
+    carried on; known (1,) counts blank lines. Returns (frames, bytes used, status, used).
     """
     time, identifier, flags, length, data, channel = out
     end = len(b)
@@ -90,16 +103,20 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: 
         line = pos
         i = skip_blanks(b, pos)
         if is_line_end(byte(b, i)):
-            pos = i + 1
+            known[0] += 1
+            pos = next_line(b, i)
             continue
         if byte(b, i) != 40:
             return n, line, ODD, used
-        i, ticks, digits = decimal(b, i + 1)
+        before = byte(b, i + 1) == 45
+        i, ticks, digits = decimal(b, i + (2 if before else 1))
         if ticks < 0 or byte(b, i) != 41 or not is_blank(byte(b, i + 1)):
             return n, line, ODD, used
         seconds = float(ticks) / POWERS[digits]
         if seconds > LATEST_S:
             return n, line, ODD, used
+        if before:
+            seconds = -seconds
         i, place, used = _name(b, skip_blanks(b, i + 1), names, lengths, used)
         if place < 0:
             return n, line, ODD, used
@@ -148,14 +165,11 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: 
                 return n, line, ODD, used
         if raw & ERROR_FLAG:
             mark |= ERROR
-            if raw & BUS_ERROR:
-                raw, mark, count = i64(0), ERROR | EXTENDED, i64(0)
-                clear(data, n)
         time[n] = seconds
         identifier[n] = raw & 0x1FFFFFFF
         flags[n] = mark
         length[n] = count
         channel[n] = place
         n += 1
-        pos = i + 1
+        pos = next_line(b, i)
     return n, pos, DONE, used

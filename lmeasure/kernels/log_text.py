@@ -57,6 +57,12 @@ def skip_line(b: Bytes, i: int) -> int:
 
 
 @inline
+def next_line(b: Bytes, i: int) -> int:
+    """Return the start of the line behind the line end at i; a carriage return and its line feed are one end."""
+    return i + 2 if byte(b, i) == 13 and i + 1 < len(b) and byte(b, i + 1) == 10 else i + 1
+
+
+@inline
 def read_digits(b: Bytes, i: int) -> tuple[int, int]:
     """Decimal digits from i on: (end, value); the value means nothing where there are more than 18."""
     value = i64(0)
@@ -68,10 +74,10 @@ def read_digits(b: Bytes, i: int) -> tuple[int, int]:
 
 @inline
 def decimal(b: Bytes, i: int) -> tuple[int, int, int]:
-    """Digits, a point and digits from i on: (end, significand, digits behind the point); the significand is -1 where it is not exact or
-    not such a number. A point without digits behind it gives 0 of them."""
+    """Digits, a point or a decimal comma, and digits from i on: (end, significand, digits behind the point); the significand is -1 where it
+    is not exact or not such a number. A point without digits behind it gives 0 of them."""
     point, whole = read_digits(b, i)
-    if point == i or byte(b, point) != 46:
+    if point == i or (byte(b, point) != 46 and byte(b, point) != 44):
         return point, i64(-1), 0
     end, part = read_digits(b, point + 1)
     behind = end - point - 1
@@ -99,9 +105,10 @@ def integer(b: Bytes, i: int, base: int) -> tuple[int, int]:
 
 
 @kernel
-def line_stop(b: Bytes, i: int) -> int:
-    """Where the line in which place i stands ends."""
-    return skip_line(b, i)
+def line_stop(b: Bytes, i: int) -> tuple[int, int]:
+    """Return where the line of place i ends, and where the next begins."""
+    end = skip_line(b, i)
+    return end, next_line(b, end)
 
 
 @inline

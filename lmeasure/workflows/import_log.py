@@ -88,9 +88,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
     missing += f"state [start] in {settings.out / 'run.toml'} before poses are wanted"
     notes = (missing,) if pose is None else ()
     logs = imported.logs
+    unread = tuple(f"{log.path}: {note}" for log in logs for note in log.report.notes())
     figures: dict[str, float] = {"frames": sum(log.report.frames for log in logs), "samples": sum(len(log.counts.time_s) for log in logs)}
     figures |= {"duration_s": float(max(log.counts.time_s[-1] for log in logs)), "faults": sum(log.events.tally.total() for log in logs)}
-    return Result(imported, (*imported.summary().splitlines(), *notes), figures, notes)
+    figures |= {"lines": sum(log.report.total for log in logs), "known": sum(log.report.known for log in logs)}
+    figures |= {"unread": sum(log.report.unread for log in logs)}
+    return Result(imported, (*imported.summary().splitlines(), *notes), figures, (*unread, *notes))
 
 
 def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple[Scan, ...]]":

@@ -14,7 +14,7 @@ from lmeasure import files
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.frames import ERROR, Frames, messages_from_frames
 from lmeasure.acquisition.import_log import import_logs
-from lmeasure.acquisition.logfiles import read_log
+from lmeasure.acquisition.logfiles import read_frames
 from lmeasure.errors import LMeasureError
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 
@@ -169,7 +169,7 @@ def agrees_with_the_library(path: Path) -> bool:
     because it stops at the first one that it cannot read.
     """
     try:
-        frames, report = read_log(path)
+        frames, report = read_frames(path)
     except LMeasureError:
         return True
     found = rows(messages_from_frames(frames))

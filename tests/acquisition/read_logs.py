@@ -5,13 +5,16 @@ from pathlib import Path
 from log_corpus import Row, rows
 
 from lmeasure.acquisition.frames import messages_from_frames
-from lmeasure.acquisition.logfiles import LogReport, read_log
+from lmeasure.acquisition.logfiles import LogReport, read_frames
 
 ERROR_COLUMN = 4
+BUS_ERROR = 0x80
 
 
 def read_rows(path: Path) -> tuple[list[Row], LogReport]:
-    frames, report = read_log(path)
+    frames, report = read_frames(path)
     found = rows(messages_from_frames(frames))
-    # python-can drops the channel of candump's error frames; the scan keeps it
-    return [(*r[:-1], "0") if r[ERROR_COLUMN] and path.suffix == ".log" else r for r in found], report
+    # python-can drops channel, class and data of candump's bus errors; the scan keeps them
+    error = (0, True, False, True, False, False, False, True, 0, b"", "0")
+    candump = path.suffix == ".log"
+    return [(r[0], *error) if candump and r[ERROR_COLUMN] and r[1] & BUS_ERROR else r for r in found], report

@@ -15,7 +15,7 @@ from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.frames import FD
 from lmeasure.acquisition.import_log import import_logs
-from lmeasure.acquisition.logfiles import read_log
+from lmeasure.acquisition.logfiles import read_frames
 from lmeasure.acquisition.recorder import record
 from lmeasure.acquisition.session import connect, record_session
 from lmeasure.rig import rig_from_dict, write_rig
@@ -72,7 +72,7 @@ def test_fd_logs_are_replayed_and_imported(suffix: str, tmp_path: Path) -> None:
             data = FRAMES.data[i, : FRAMES.length[i]].tobytes()
             common: dict[str, Any] = {"is_extended_id": False, "is_fd": fd, "bitrate_switch": fd, "data": data, "channel": 0}
             logger(can.Message(timestamp=1.7e9 + float(FRAMES.time_s[i]), arbitration_id=int(FRAMES.identifier[i]), **common))
-    frames, report = read_log(log)
+    frames, report = read_frames(log)
     assert ((frames.flags & FD) != 0).sum() == 300
     assert report.notes() == []
     imported = import_logs([log], RIG, HOME)

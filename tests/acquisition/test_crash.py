@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lmeasure import files
-from lmeasure.acquisition.logfiles import read_log
+from lmeasure.acquisition.logfiles import read_frames
 from lmeasure.rig import write_rig
 from lmeasure.run import read_run
 from lmeasure.simulation import read_scenario, simulate
@@ -93,7 +93,7 @@ def assert_readable_prefix(folder: Path, recorded: NDArray[np.float64], at_least
     assert n >= at_least
     np.testing.assert_array_equal(counts.recorded, recorded[:n])
     # the raw frames are there too, at least as far
-    frames, _ = read_log(folder / "pass1.log")
+    frames, _ = read_frames(folder / "pass1.log")
     assert np.count_nonzero(frames.identifier == 0x80) >= n
 
 

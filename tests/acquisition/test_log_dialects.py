@@ -13,7 +13,7 @@ from log_fuzz import mutated
 
 from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR_STATE, messages_from_frames
 from lmeasure.acquisition.log_lines import FD_LENGTHS
-from lmeasure.acquisition.logfiles import LogReport, read_log
+from lmeasure.acquisition.logfiles import LogReport, read_frames
 from lmeasure.errors import FileFormatError
 
 DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
@@ -21,7 +21,7 @@ EXTENDED, REMOTE, ERROR, FD, SWITCH, STATE, RECEIVED, LENGTH, DATA, BUS = range(
 
 
 def read_rows(path: Path) -> tuple[list[Row], LogReport]:
-    frames, report = read_log(path)
+    frames, report = read_frames(path)
     return rows(messages_from_frames(frames)), report
 
 
@@ -83,7 +83,7 @@ def test_trc_whose_writer_put_the_length_where_the_code_belongs(tmp_path: Path) 
     path = tmp_path / "log.trc"
     text = trc(fd_log(0, 1), "2.1", "N,O,T,B,I,d,R,l,D").replace("R,l,D", "R,L,D")
     path.write_text(text)
-    assert read_log(path)[0].length.tolist() == list(FD_LENGTHS)
+    assert read_frames(path)[0].length.tolist() == list(FD_LENGTHS)
     path.write_text(text.replace("  -  64  00", "  -  64  00 00"))
     found, report = read_rows(path)
     assert len(found) == len(FD_LENGTHS) - 1
@@ -140,7 +140,7 @@ def test_trc_that_cannot_be_read(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "log.trc"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=r"log\.trc") as caught:
-        read_log(path)
+        read_frames(path)
     assert words in str(caught.value)
 
 
@@ -217,7 +217,7 @@ def test_screen_colours_and_error_frames(tmp_path: Path) -> None:
         " (1436509052.3)  can0  20000088   [8]  00 00 08 00 00 00 00 00   ERRORFRAME\n"
     )
     found, report = read_rows(path)
-    assert [(f[ERROR], f[DATA]) for f in found] == [(False, b"\1\2"), (True, b"")]
+    assert [(f[ERROR], f[DATA]) for f in found] == [(False, b"\1\2"), (True, b"\0\0\10\0\0\0\0\0")]
     assert report.notes() == []
 
 
@@ -285,7 +285,7 @@ def test_gvret_lines_that_nobody_can_read(tmp_path: Path) -> None:
     assert report.unread == len(bad)
     path.write_text("Time Stamp,ID,Extended,Dir,LEN,D1\n" + good)
     with pytest.raises(FileFormatError, match="column 'bus' is missing in the first line"):
-        read_log(path)
+        read_frames(path)
 
 
 # one suffix, many dialects ----------------------------------------------------------------------------------------------------------
@@ -298,8 +298,8 @@ def test_text_is_told_by_what_stands_in_it(tmp_path: Path, suffix: str, name: st
     whole = write(tmp_path / f"known{suffix}", log)
     path = tmp_path / name
     path.write_bytes(gzip.compress(whole.read_bytes()) if name.endswith(".gz") else whole.read_bytes())
-    known, _ = read_log(whole)
-    found, report = read_log(path)
+    known, _ = read_frames(whole)
+    found, report = read_frames(path)
     assert report.notes() == []
     assert len(found) > 80
     for column in ("time_s", "identifier", "flags", "length", "data"):
@@ -310,7 +310,7 @@ def test_flags_of_fd_frames_are_those_of_the_document(tmp_path: Path) -> None:
     path = tmp_path / "log.trc"
     lines = "".join(f"{i} 1.0 {kind} 1 0300 Rx - 1 05\n" for i, kind in enumerate(["FD", "FB", "FE", "BI"]))
     path.write_text(";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n" + lines)
-    flags = read_log(path)[0].flags & (BITRATE_SWITCH | ERROR_STATE)
+    flags = read_frames(path)[0].flags & (BITRATE_SWITCH | ERROR_STATE)
     assert flags.tolist() == [0, BITRATE_SWITCH, ERROR_STATE, BITRATE_SWITCH | ERROR_STATE]
 
 

@@ -15,7 +15,7 @@ import pytest
 from lmeasure import files
 from lmeasure.acquisition.frames import messages_from_frames
 from lmeasure.acquisition.import_log import import_logs
-from lmeasure.acquisition.logfiles import read_log
+from lmeasure.acquisition.logfiles import read_frames
 from lmeasure.acquisition.session import record_session
 from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
 from lmeasure.rig import rig_from_dict, write_rig
@@ -76,7 +76,7 @@ def test_the_manifest_says_what_was_recorded_and_how_it_closed(recorded: Path) -
 
 @pytest.mark.parametrize("suffix", [".log", ".blf", ".asc", ".csv", ".trc", ".mf4"])
 def test_a_log_replays_to_the_same_counts(suffix: str, recorded: Path, tmp_path: Path) -> None:
-    frames, _ = read_log(recorded / "run" / "pass1.log")
+    frames, _ = read_frames(recorded / "run" / "pass1.log")
     log = tmp_path / f"drive{suffix}"
     with can.Logger(log) as logger:
         for message in messages_from_frames(frames):

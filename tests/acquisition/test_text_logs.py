@@ -39,7 +39,11 @@ End TriggerBlock
 def test_asc_of_canoe(tmp_path: Path, base: str) -> None:
     path = tmp_path / "log.asc"
     text = ASC.format(base=base, timestamps="absolute")
-    path.write_text(text.replace("18FF0110x", "419365136x").replace("7ff", "2047").replace("0F", "15") if base == "dec" else text)
+    path.write_text(
+        text.replace(" 181 ", " 385 ").replace("18FF0110x", "419365136x").replace("7ff", "2047").replace("0F", "15")
+        if base == "dec"
+        else text
+    )
     expected, whole = library_rows(path)
     found, report = read_rows(path)
     assert whole
