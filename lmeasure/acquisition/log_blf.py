@@ -39,7 +39,7 @@ KINDS = {
     "loss stated by the recorder": (91, 125, 126),
 }
 """Names of objects that are no frames."""
-NOT_WHOLE = "object that is not whole"
+NOT_WHOLE = "cut off"
 OTHER = "event or frame of another bus"
 NAMES = {number: name for name, numbers in KINDS.items() for number in numbers}
 
@@ -85,7 +85,7 @@ class _Scan:
             else:
                 break
         if status == BROKEN:
-            self._end(f"after frame {self.frames} an object contradicts itself", "object that contradicts itself")
+            self._end(f"after frame {self.frames} an object contradicts itself", "contradicting itself")
         if not whole:
             self.tail = b.tobytes()
         elif b.tobytes().strip(b"\0") and not self.broken:
@@ -113,7 +113,7 @@ class _Scan:
     def _unknown(self, head: bytes) -> int:
         """Count an object that is no known kind or has no known header; return its size."""
         _, version, size, kind = struct.unpack("<4xHHLL", head)
-        name = f"object of kind {kind}" if not 0 < kind < OTHER_OBJECTS or kind == CONTAINER else f"object with header version {version}"
+        name = f"of kind {kind}" if not 0 < kind < OTHER_OBJECTS or kind == CONTAINER else f"with header version {version}"
         self.report.cannot_read(b"", name, self._place(), name)
         return int(size)
 
@@ -126,7 +126,7 @@ def _compare(report: LogReport, stated: int) -> None:
     if stated > found:
         report.ended_early = report.ended_early or f"the header states {stated} objects, and {found} are there"
         report.total = stated
-        missing = "object that the header states and that is not there"
+        missing = "stated in the header, but absent"
         report.cannot_read(b"", missing, f"object {found + 1}", missing)
         report.unread_kinds[missing] += stated - found - 1
     else:

@@ -22,7 +22,7 @@ LINE_FEED, CARRIAGE_RETURN = 10, 13
 BLANK, COMMENT, HEADER = "blank", "comment", "header"
 """Kinds of known lines that several formats have."""
 COMMENT_SIGNS = ("#", ";", "//")
-BROKEN_FRAME, UNKNOWN_LINE, NO_END = "frame that cannot be read", "unknown line", "line without an end"
+BROKEN_FRAME, UNKNOWN_LINE, NO_END = "broken", "unknown", "without an end"
 """Kinds of unread lines."""
 
 

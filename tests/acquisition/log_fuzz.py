@@ -1,8 +1,11 @@
-"""Mutated logs, DBC files and rig files: each is read, or refused in one line; and what is read of a log is what python-can reads."""
+"""Mutated logs, DBC files and rig files: each is read, or refused in one line; every line and object of a log is accounted for; and the
+frames of a log are those that python-can reads."""
 
 import contextlib
 import io
 import re
+import struct
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -102,13 +105,157 @@ def counter_log(samples: int, seed: int) -> list[can.Message]:
 def seeds(folder: Path) -> dict[str, bytes]:
     """Whole files to mutate, by kind."""
     log = counter_log(12, 1)
-    made = {suffix: write(folder / f"whole{suffix}", log).read_bytes() for suffix in (".asc", ".log", ".blf")}
+    made = {suffix: write(folder / f"whole{suffix}", log).read_bytes() for suffix in (".asc", ".log", ".blf", ".csv")}
+    classic = [m for m in log if not (m.is_error_frame or m.is_fd)]
+    made[".trc"] = write(folder / "whole.trc", classic).read_bytes()
+    made["2.trc"] = trc_2(log).encode()
+    made["gvret.csv"] = gvret([m for m in log if not (m.is_error_frame or m.is_remote_frame)]).encode()
+    made[".txt"] = screen([m for m in log if not m.is_error_frame]).encode()
+    made["canoe.asc"] = CANOE.encode()
     made["stored.blf"] = write(folder / "stored.blf", log, compression_level=0).read_bytes()
     made["small.blf"] = write(folder / "small.blf", log, max_container_size=300).read_bytes()
     made[".dbc"] = DBC.encode()
     write_rig(folder / "rig.toml", six_cables())
     made[".toml"] = (folder / "rig.toml").read_bytes()
     return made
+
+
+def trc_2(log: list[can.Message]) -> str:
+    """The log as TRC 2.1 of PEAK's programs, error frames among it."""
+    lines = [";$FILEVERSION=2.1", ";$STARTTIME=45240.9", ";$COLUMNS=N,O,T,B,I,d,R,l,D", "; a comment"]
+    for number, m in enumerate(log, 1):
+        kind = "ER" if m.is_error_frame else "RR" if m.is_remote_frame else "FB" if m.is_fd else "DT"
+        identifier = "-" if m.is_error_frame else f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:04X}"
+        data = "" if m.is_remote_frame else m.data.hex(" ").upper()
+        offset = (m.timestamp - 1_700_000_000) * 1000
+        lines.append(f"{number:7d} {offset:13.3f} {kind} 1 {identifier:>8} {'Rx' if m.is_rx else 'Tx'} - {m.dlc:2d} {data}")
+    return "\r\n".join(lines) + "\r\n"
+
+
+def gvret(log: list[can.Message]) -> str:
+    """The log as SavvyCAN writes it."""
+    lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN," + ",".join(f"D{i}" for i in range(1, 9))]
+    for m in log:
+        head = f"{round(m.timestamp * 1e6)},{m.arbitration_id:08X},{str(m.is_extended_id).lower()},{'Rx' if m.is_rx else 'Tx'},0"
+        lines.append(f"{head},{len(m.data)},{','.join(f'{b:02X}' for b in m.data)},")
+    return "\n".join(lines) + "\n"
+
+
+def screen(log: list[can.Message]) -> str:
+    """The log as `candump -ta` shows it."""
+    lines = []
+    for m in log:
+        identifier = f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:03X}"
+        length = f"[{len(m.data):02d}]" if m.is_fd else f"[{m.dlc}]"
+        lines.append(
+            f" ({m.timestamp:.6f})  can0  {identifier}  {length}  {'remote request' if m.is_remote_frame else m.data.hex(' ').upper()}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+CANOE = (
+    """date Mon Nov 13 10:13:20.000 pm 2023
+base hex  timestamps relative
+internal events logged
+// version 11.0.0
+Begin TriggerBlock Mon Nov 13 10:13:20.000 pm 2023
+   0.000000 Start of measurement
+"""
+    + "".join(
+        f"""  0.001000 1  80              Rx   d 0  Length = 0 BitCount = 0 ID = 128
+  0.000100 1  Encoder_1       Rx   d 4 {i:02X} 00 00 00  Length = 140000 BitCount = 73 ID = 385
+ -0.000050 1  18FF0110x       Tx   d 8 10 11 12 13 14 15 16 {i:02X}  Length = 0 BitCount = 0 ID = 419365136x
+  0.000100 CANFD   1 Rx        184  Counter_Message                 1 0 9 12 01 02 03 04 05 06 07 08 09 10 11 {i:02X}   0 0 3000 0 0 0 0 0
+  0.000100 1  Statistic: D 12 R 0 XD 0 XR 0 E 0 O 0 B 1.20%
+  0.000100 SV: 2 0 1 ::sys::x = {i}
+"""
+        for i in range(12)
+    )
+    + "End TriggerBlock\n"
+)
+JUNK = ("something else", "# a comment", "// a comment", "; a comment", "", "\t ", "1 2 3", "(", "-", "\x00\x00", "Ünknown", "0.1 1 2 3")
+
+
+def mutated_lines(seed: bytes, rng: np.random.Generator) -> bytes:
+    """Some changes of whole lines and words, as other recorders, editors and locales make them."""
+    lines = seed.splitlines(keepends=True)
+    for _ in range(int(rng.choice([1, 1, 2, 4]))):
+        at = int(rng.integers(len(lines)))
+        body = lines[at].rstrip(b"\r\n")
+        end = lines[at][len(body) :]
+        words = body.split(b" ")
+        word = int(rng.integers(len(words)))
+        match int(rng.integers(12)):
+            case 0:
+                lines[at] = b""
+            case 1:
+                lines[at] = lines[at] * 2
+            case 2:
+                lines[at] = JUNK[int(rng.integers(len(JUNK)))].encode() + end
+            case 3:
+                lines[at] = body[: int(rng.integers(len(body) + 1))] + end
+            case 4:
+                lines[at] = body.replace(b".", b",", 1) + end
+            case 5:
+                lines[at] = bytes(rng.choice([b"-", b"+", b" ", b"#", b"\xc2\xa0", b"x"])) + body + end
+            case 6:
+                words[word] = bytes(rng.choice([b"", b"?", b"Rx", b"-1", b"FFFFFFFFF", b"d", b"12,5"]))
+                lines[at] = b" ".join(words) + end
+            case 7:
+                lines[at] = body + bytes(rng.choice([b" junk", b" 00", b"\t", b"x", b" // note"])) + end
+            case 8:
+                lines[at] = body.replace(b" ", b"\t") + end
+            case 9:
+                lines[at] = body.swapcase() + end
+            case 10:
+                lines[at] = body + bytes(rng.choice([b"\n", b"\r", b"\r\n", b"\n\r"]))
+            case _:
+                lines[at : at + 2] = lines[at : at + 2][::-1]
+    return b"".join(lines)
+
+
+def unaccounted(path: Path) -> str:
+    """How the report of a log contradicts the file itself; empty where every line or object is accounted for, or the log is refused."""
+    try:
+        frames, report = read_frames(path)
+    except LMeasureError:
+        return ""
+    if report.frames != len(frames) or report.frames + report.known + report.unread != report.total:
+        return f"{report.frames} + {report.known} + {report.unread} are not {report.total}"
+    if report.unread and not report.notes():
+        return "unread, but not said"
+    there = _objects(path.read_bytes()) if path.suffix == ".blf" else len(path.read_bytes().splitlines())
+    if there is not None and there != report.total and not report.ended_early and not report.remarks:
+        return f"{there} {report.unit}, {report.total} in the report"
+    return ""
+
+
+def _objects(raw: bytes) -> int | None:
+    """Objects of a BLF file but containers, by a walk of our own; None where it contradicts itself."""
+    stream, count, at = b"", 0, struct.unpack_from("<L", raw, 4)[0]
+    while at + 32 <= len(raw):
+        size, kind = struct.unpack_from("<LL", raw, at + 8)
+        if raw[at : at + 4] != b"LOBJ" or size < 16:
+            return None
+        body = raw[at + 32 : at + size]
+        if kind != 10:
+            count += 1
+        elif struct.unpack_from("<H", raw, at + 16)[0] == 2:
+            try:
+                stream += zlib.decompress(body)
+            except zlib.error:
+                return None
+        else:
+            stream += body
+        at += size + size % 4
+    at = 0
+    while at + 16 <= len(stream):
+        at = stream.find(b"LOBJ", at, at + 8)
+        if at < 0:
+            return None
+        count += 1
+        at += max(struct.unpack_from("<L", stream, at + 8)[0], 16)
+    return count
 
 
 def mutated(seed: bytes, rng: np.random.Generator) -> bytes:
@@ -151,6 +298,8 @@ def use(path: Path, kind: str, rig: Rig) -> str:
             counter_fields(six_cables(dbc_table(path)))
         elif kind == ".toml":
             read_rig(path)
+        elif kind == "canoe.asc":  # has one counter only
+            read_frames(path)
         else:
             import_logs([path], rig, START_POSE)
     except LMeasureError as error:
@@ -172,7 +321,9 @@ def agrees_with_the_library(path: Path) -> bool:
         frames, report = read_frames(path)
     except LMeasureError:
         return True
-    found = rows(messages_from_frames(frames))
+    if path.suffix not in (".blf", ".asc", ".log"):
+        return True
+    found = [r for r in rows(messages_from_frames(frames)) if path.suffix == ".asc" or r[0] >= 0.0]
     if path.suffix != ".blf":
         return _accounted(_plain(found, path), path)
     if report.ended_early and any(words in report.ended_early for words in ("contradicts itself", "unpacked", "packed by")):
@@ -184,14 +335,17 @@ def agrees_with_the_library(path: Path) -> bool:
 
 
 def _accounted(found: list[tuple[object, ...]], path: Path) -> bool:
-    """Whether the rows are those of the lines, in order; the lines that no recorder writes may be missing."""
+    """Whether the rows of the lines that python-can reads are there, in order; those that no recorder writes may be missing."""
     at = 0
     for row, needed in _line_rows(path):
-        if at < len(found) and found[at] == _plain([row], path)[0]:
-            at += 1
+        wanted = _plain([row], path)[0]
+        # others are among them: named frames, negative times
+        place = next((i for i in range(at, len(found) if needed else min(at + 1, len(found))) if found[i] == wanted), -1)
+        if place >= 0:
+            at = place + 1
         elif needed:
             return False
-    return at == len(found)
+    return True
 
 
 def _line_rows(path: Path) -> Iterator[tuple[Row, bool]]:
@@ -228,7 +382,8 @@ def _line_rows(path: Path) -> Iterator[tuple[Row, bool]]:
 def _written(text: str, suffix: str) -> bool:
     """Whether the numbers of a line are written as recorders do: Python also reads signs, exponents and underscores."""
     if suffix == ".asc":
-        return not re.search(r"\s[+-]|\d_", text, re.ASCII)
+        stated = re.search(r"\sID\s*=\s*(\d+)", text)
+        return not re.search(r"\s[+-]|\d_|txrq", text, re.ASCII | re.IGNORECASE) and stated is None
     parts = text.split()
     if len(parts) not in (3, 4) or "#" not in parts[2]:
         return False
@@ -246,6 +401,8 @@ def _written(text: str, suffix: str) -> bool:
 
 
 def _sound(m: can.Message) -> bool:
+    if m.arbitration_id > 0x7FF and not m.is_extended_id:
+        return False
     if not abs(m.timestamp) <= 1e11 or not 0 <= m.arbitration_id < 2**29 or len(m.data) > 64 or not 0 <= m.dlc < 256:
         return False
     return m.is_remote_frame or m.is_error_frame or len(m.data) == m.dlc or (len(m.data) == 8 < m.dlc and not m.is_fd)
@@ -275,9 +432,13 @@ def run(folder: Path, count: int, seed: int, done: Callable[[str, str], None], g
     for i in range(count):
         kind = kinds[i % len(kinds)]
         path = folder / f"mutated{Path('x' + kind).suffix if not kind.startswith('.') else kind}"
-        path.write_bytes(mutated(made[kind], rng))
+        whole_lines = kind.endswith((".asc", ".log", ".trc", ".csv", ".txt")) and rng.integers(2)
+        path.write_bytes((mutated_lines if whole_lines else mutated)(made[kind], rng))
         try:
             outcome = use(path, kind, rig)
+            if kind not in (".dbc", ".toml"):
+                wrong = unaccounted(path)
+                assert not wrong, f"silent: {wrong}"
             assert kind in (".dbc", ".toml") or agrees_with_the_library(path), "other frames than python-can reads"
         except Exception as error:
             kept = folder / f"failed-{seed}-{i}{path.suffix}"
@@ -285,5 +446,5 @@ def run(folder: Path, count: int, seed: int, done: Callable[[str, str], None], g
             kept.write_bytes(path.read_bytes())
             if not go_on:
                 raise AssertionError(f"{kept}: {type(error).__name__}: {error}") from error
-            outcome = "neither"
+            outcome = "silent" if str(error).startswith("silent") else "neither"
         done(kind, outcome)

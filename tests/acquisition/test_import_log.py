@@ -163,7 +163,7 @@ def test_a_cut_log_says_that_it_ended_early(tmp_path: Path) -> None:
     assert "ended early" in imported.summary()
     entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
     assert entry["ended"] == "early"
-    assert entry["why"] == imported.logs[0].report.ended_early
+    assert entry["why"].startswith(imported.logs[0].report.ended_early or "no reason")
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,7 @@ def test_a_log_of_the_library_that_is_cut_says_where(tmp_path: Path) -> None:
     cut.write_text("\n".join([*whole[:200], whole[200][:20]]))
     write_import(tmp_path / "run", import_logs([cut], six_cables(), START_POSE))
     said = [str(note) for recorded in read_run(tmp_path / "run").recorded for note in recorded.notes()]
-    assert said[0] == "pass 1: the recording ended early: after frame 199: what stands behind line 200 is no frame"
+    assert said[0].startswith("pass 1: the recording ended early: the last line has no end and was not read: '1700000000.")
 
 
 def test_faults_are_counted_and_kept(tmp_path: Path) -> None:
@@ -412,7 +412,9 @@ def test_what_the_log_lacks_is_said(tmp_path: Path) -> None:
         import_logs([empty], rig, START_POSE)
     odd = tmp_path / "odd.log"
     odd.write_text("nothing\nof the\nkind\n")
-    with pytest.raises(FileFormatError, match=r"odd\.log: holds no CAN frame: 3 lines could not be read; the first is 'nothing'"):
+    with pytest.raises(
+        FileFormatError, match=r"odd\.log: holds no CAN frame: 3 of 3 lines could not be read .*; the first is line 1: 'nothing'"
+    ):
         import_logs([odd], rig, START_POSE)
     log = [m for m in counter_log(30, 12) if m.arbitration_id != 0x80]
     with pytest.raises(AcquisitionError, match=r"drive\.log: \d+ frames, but no SYNC 0x80"):

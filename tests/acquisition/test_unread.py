@@ -215,8 +215,8 @@ def test_error_frames_of_blf_are_frames(tmp_path: Path) -> None:
     ("content", "frames", "known", "unread", "words"),
     [
         (blf(FRAME + blf_object(4, bytes(32)) + FRAME, 3), 2, 1, 0, ""),
-        (blf(FRAME + blf_object(1, message(), 7) + FRAME, 3), 2, 0, 1, "1 of 3 objects could not be read (1 object with header version 7)"),
-        (blf(FRAME, 2, blf_object(200, bytes(8))), 1, 0, 1, "object of kind 200); the first is object 2"),
+        (blf(FRAME + blf_object(1, message(), 7) + FRAME, 3), 2, 0, 1, "1 of 3 objects could not be read (1 with header version 7)"),
+        (blf(FRAME, 2, blf_object(200, bytes(8))), 1, 0, 1, "of kind 200); the first is object 2"),
         (blf(FRAME * 3, 5), 3, 0, 2, "ended early: the header states 5 objects, and 3 are there"),
         (blf(FRAME + blf_object(125, bytes(32)), 2), 1, 1, 0, "the recorder itself states 1 times that it lost data"),
         (blf(FRAME * 3, 4, FRAME[:-8]), 3, 0, 1, "ended early: the last log container is not whole"),
@@ -262,7 +262,7 @@ def test_lines_of_trc_that_are_no_frames_are_named(tmp_path: Path) -> None:
     lines = " 1 1.0 DT 1 0300 Rx - 1 05\n 2 1.5 ST 1 - Rx - 4 00 00 00 08\n 3 2 XX 1 0300 Rx - 1 05\n 4 3 DT 1 0300 Rx - 1 05 06\n"
     _, report = read(tmp_path / "log.trc", f"{TRC_2}; text\n{lines}")
     assert (report.frames, report.known, report.unread) == (1, 5, 2)
-    assert report.unread_kinds == {"unknown line": 1, "frame that cannot be read": 1}
+    assert report.unread_kinds == {"unknown": 1, "broken": 1}
 
 
 def test_error_frames_of_candump_keep_class_and_data(tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_an_import_says_what_it_did_not_read(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, [str(word) for word in words])
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
-    note = f"1 of {len(lines)} lines could not be read (1 unknown line); the first is line 101: 'something else' (not as candump writes it)"
+    note = f"1 of {len(lines)} lines could not be read (1 unknown); the first is line 101: 'something else' (not as candump writes it)"
     assert (told["figures"]["unread"], told["figures"]["lines"]) == (1, len(lines))
     assert any(note in warning for warning in told["warnings"])
     assert any(note in line for line in told["summary"])
@@ -336,7 +336,7 @@ def test_an_import_says_what_it_did_not_read(tmp_path: Path) -> None:
     [
         ("a.asc", "date Mon Jan 1 10:00:00 2024\nbase hex  timestamps absolute\n// nothing\n", r"its 3 lines: 2 header, 1 comment"),
         ("b.log", "nothing here\n", r"1 of 1 lines could not be read .*line 1: 'nothing here'"),
-        ("c.blf", blf(blf_object(1, message(), 9) * 4, 4), r"4 of 4 objects could not be read \(4 object with header version 9\)"),
+        ("c.blf", blf(blf_object(1, message(), 9) * 4, 4), r"4 of 4 objects could not be read \(4 with header version 9\)"),
     ],
 )
 def test_a_log_without_a_frame_says_why(tmp_path: Path, name: str, content: str | bytes, why: str) -> None:
