@@ -14,6 +14,7 @@ import tempfile
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import can
 import cantools
@@ -28,7 +29,7 @@ SAMPLES = 10
 def traffic() -> list[can.Message]:
     """Ten SYNCs, each with six counters whose bytes cantools encodes."""
     blocks = [f'BO_ {385 + j} Count{j}: 4 Encoder\n SG_ ch{j} : 0|32@1- (1,0) [0|0] "" Encoder\n' for j in range(6)]
-    database = cantools.database.load_string('VERSION ""\n\nBU_: Encoder\n\n' + "\n".join(blocks), database_format="dbc")
+    database: Any = cantools.database.load_string('VERSION ""\n\nBU_: Encoder\n\n' + "\n".join(blocks), database_format="dbc")
     log = []
     for i in range(SAMPLES):
         t = i * 0.01
