@@ -29,7 +29,7 @@ class Judged:
 def judge(found: Identified[Any], inputs: Sequence[Path], findings: Sequence[Noted], seed: int = 0) -> Judged:
     """Hold rows out, and make the record of it all."""
     held = judged.held_out(found, seed=seed)
-    found = found if held is None else replace(found, misfit=held.misfit)
+    found = replace(found, misfit=1.0 if held is None else held.misfit, beyond=judged.beyond(found))
     curve, worth, over = judged.learning_curve(found, seed), judged.worth_freeing(found), workspace(found, seed=seed)
     record = identified.record(found, inputs, held, curve, worth=worth, findings=findings, over=over)
     return Judged(found, held, over, record)

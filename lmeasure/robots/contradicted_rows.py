@@ -10,7 +10,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.measurements import Measurements
 from lmeasure.robots.noted import Noted, noted
-from lmeasure.robots.problem import Fit, distances, solved, weighted, with_noise
+from lmeasure.robots.problem import Fit, Linear, Problem, distances, solved, weighted, with_noise
 from lmeasure.robots.unknowns import R
 
 OUTLYING = 1e-6
@@ -23,12 +23,59 @@ HALF = 0.5
 
 
 def of_all(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatArray, IntArray]:
-    """`distances` of all rows, (N,) of which were used for the fit, and how many components each has (N,)."""
-    problem = replace(fit.problem, rows=rows)
-    return distances(fit, problem, problem.linearised(fit.theta), used.astype(np.float64)), np.asarray(rows.known.sum(axis=1))
+    """`distances` of all rows, (N,) of which were used for the fit, and how many components each has (N,); of a row of a stay with several,
+    from what the used ones of the others say too."""
+    problem = replace(fit.problem, rows=rows, weight=None)
+    at, square = problem.linearised(fit.theta), np.zeros(len(rows))
+    for of in problem.stays:
+        if of.shape[1] == 1:
+            square[of[:, 0]] = distances(fit, problem, at, of, used[of[:, 0]].astype(np.float64))
+        else:
+            for one in of:
+                square[one] = _within(fit, problem, at, one, used[one])
+    return square, np.asarray(rows.known.sum(axis=1))
 
 
-def without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> tuple[Fit[R], BoolArray]:
+def _within(fit: Fit[R], problem: Problem[R], at: Linear, of: IntArray, used: BoolArray) -> FloatArray:
+    """(m,) squared distances of the rows (m,) of one stay from what all others say of them, those of the stay that are used (m,) among
+    them."""
+    n = at.residuals.shape[1]
+    r, J, V = at.residuals[of].reshape(-1), at.jacobian[of].reshape(len(of) * n, -1), problem.of_stays(of[None])[0]
+    known, owner = problem.rows.known[of].reshape(-1), np.repeat(np.arange(len(of)), n)
+    on = known & used[owner]
+    out = np.zeros(len(of))
+    inverse = np.linalg.inv(V[np.ix_(on, on)])
+    left = inverse - inverse @ J[on] @ fit.covariance @ J[on].T @ inverse
+    seen = inverse @ r[on]
+    for i in range(len(of)):
+        own = known & (owner == i)
+        if used[i]:
+            part = owner[on] == i
+            out[i] = float(seen[part] @ np.linalg.pinv(left[np.ix_(part, part)], hermitian=True) @ seen[part])
+            continue
+        gain = V[np.ix_(own, on)] @ inverse
+        by = J[own] - gain @ J[on]
+        spread = V[np.ix_(own, own)] - gain @ V[np.ix_(on, own)] + by @ fit.covariance @ by.T
+        off = r[own] - gain @ r[on]
+        out[i] = float(off @ np.linalg.solve(spread, off))
+    return out
+
+
+def _contradicted_stays(fit: Fit[R], rows: Measurements, used: BoolArray, fits: BoolArray, *, scale: float) -> BoolArray:
+    """(N,) rows whose stay the others contradict, where several of its rows that fit each other are used, or would be."""
+    problem = replace(fit.problem, rows=rows, weight=None)
+    at, out = problem.linearised(fit.theta), np.zeros(len(rows), np.bool_)
+    for of in problem.stays[1:] if problem.stays[0].shape[1] == 1 else problem.stays:
+        for one in of:
+            part = one[fits[one]]
+            if len(part) < 2:
+                continue
+            square = distances(fit, problem, at, part[None], np.array([float(used[part].all())]))[0]
+            out[part] = square > chi2.isf(OUTLYING / len(rows), int(rows.known[part].sum())) * scale
+    return out
+
+
+def without_outliers(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[Fit[R], BoolArray]:
     """The fit with rows set aside that the others contradict, and which are used: begun with those nearest, then let in as they fit.
 
     Distances are judged by their median, which half of the rows may spoil.
@@ -36,10 +83,10 @@ def without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: Boo
     for _ in range(OUTLIER_ROUNDS):
         square, components = of_all(fit, rows, used)
         normal = chi2.ppf(0.5, np.arange(1, 7))[np.maximum(components, 1) - 1]
-        counted = kept & (components > 0)
-        scale = max(1.0, float(np.median((square / normal)[counted]))) if fit.equations > 1.5 * len(fit.theta) else 1.0
+        scale = max(1.0, float(np.median((square / normal)[components > 0]))) if fit.equations > 1.5 * len(fit.theta) else 1.0
         limit = chi2.isf(OUTLYING / len(rows), np.maximum(components, 1)) * scale
-        now = kept & ((square <= limit) | (components == 0))
+        now = (square <= limit) | (components == 0)
+        now &= ~_contradicted_stays(fit, rows, used, now, scale=scale)
         if (now == used).all():
             break
         used = now
@@ -47,26 +94,24 @@ def without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: Boo
     return fit, used
 
 
-def weighed(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> tuple[Fit[R], BoolArray]:
+def weighed(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[Fit[R], BoolArray]:
     """The fit with all rows weighed, begun with those used, and which keep a weight. RobotError where there is not enough to weigh, or the
     weights leave too little."""
-    of = np.flatnonzero(kept)
     if fit.spare < LEAST_SPARE:
         raise RobotError(
             f"{fit.equations} measured values are used up by what they determine: nothing tells how much each row is to count; measure "
             "more poses, or let all count alike"
         )
-    fit = weighted(solved(replace(fit.problem, rows=rows.of(of), weight=used[of].astype(np.float64)), fit.theta))
+    fit = weighted(solved(replace(fit.problem, rows=rows, weight=used.astype(np.float64)), fit.theta))
     weight = fit.problem.weight
     assert weight is not None
-    if fit.spare < LEAST_SPARE or weight.sum() < HALF * len(of):
+    if fit.spare < LEAST_SPARE or weight.sum() < HALF * len(rows):
         raise RobotError(
-            f"weights leave {weight.sum():.1f} of {len(of)} rows, too few: they contradict each other, and which of them are right cannot "
-            "be told"
+            f"weights leave {weight.sum():.1f} of {len(rows)} rows, too few: they contradict each other, and which of them are right "
+            "cannot be told"
         )
-    used = np.zeros(len(rows), np.bool_)
-    used[of[weight > 0.0]] = True
-    return solved(replace(fit.problem, rows=rows.of(np.flatnonzero(used)), weight=weight[weight > 0.0]), fit.theta), used
+    used = weight > 0.0
+    return solved(replace(fit.problem, rows=rows.of(np.flatnonzero(used)), weight=weight[used]), fit.theta), used
 
 
 def outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> list[Noted]:

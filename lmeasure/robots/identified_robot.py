@@ -11,6 +11,7 @@ from lmeasure import files, se3
 from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
+from lmeasure.robots.beyond import Beyond
 from lmeasure.robots.model import RobotModel
 from lmeasure.robots.placed import Placed
 from lmeasure.robots.robot import AnyRobot, read_robot
@@ -22,8 +23,9 @@ TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
 class IdentifiedRobot:
     """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
     (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be told; freedom of that; misfit:
-    factor by which held-out rows lay farther off than stated; turned: whether the target's orientation was measured; seen: the found robot
-    as the program's frames see it, itself where nothing else is stated of these (`stated`)."""
+    factor by which held-out rows lay farther off than stated; beyond: how places far from the measured poses are widened; turned: whether
+    the target's orientation was measured; seen: the found robot as the program's frames see it, itself where nothing else is stated of
+    these (`stated`)."""
 
     nominal: RobotModel
     found: RobotModel
@@ -34,6 +36,7 @@ class IdentifiedRobot:
     noise_mm: float
     freedom: float
     misfit: float
+    beyond: Beyond
     turned: bool
     seen: RobotModel
 
@@ -51,7 +54,7 @@ class IdentifiedRobot:
     def u_mm(self, joints: FloatArray) -> FloatArray:
         """(N,) [mm] standard uncertainty of the target's place by identification alone, all coordinates together."""
         rows = self._rows(joints)
-        spread = self.misfit**2 * (rows @ self.covariance @ np.swapaxes(rows, 1, 2))
+        spread = self.misfit**2 * self.beyond.widened(rows @ self.covariance @ np.swapaxes(rows, 1, 2))
         return np.asarray(np.sqrt(np.einsum("nii->n", spread)))
 
     def u95_mm(self, joints: FloatArray) -> FloatArray:
@@ -59,7 +62,7 @@ class IdentifiedRobot:
         the robot itself, without the instrument. NaN where the robot's own part could not be told."""
         rows = self._rows(joints)
         own = self.noise_mm**2 * np.eye(3)
-        spread = self.misfit**2 * (rows @ self.covariance @ np.swapaxes(rows, 1, 2) + own)
+        spread = self.misfit**2 * (self.beyond.widened(rows @ self.covariance @ np.swapaxes(rows, 1, 2)) + own)
         if np.isnan(self.noise_mm):
             return np.full(len(joints), np.nan)
         return np.asarray(float(t.ppf(0.975, self.freedom) / norm.ppf(0.975)) * radii_95(spread))
@@ -104,13 +107,14 @@ def read_identified(folder: Path) -> IdentifiedRobot:
         base, tool = (np.array([*data[key]["position_mm"], *data[key]["quaternion_xyzw"]], dtype=np.float64) for key in ("base", "tool"))
         freedom = float(data["freedom"])
         scale, misfit = float("nan") if noise is None else float(noise), float(held.get("misfit", 1.0))
+        beyond = Beyond(float(data["beyond"]["factor"]), float(data["beyond"]["from_mm2"]))
         turned = any(bool(t["oriented"]) for t in list(data.get("targets", {}).values())[:1])
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(f"{path}: not what `lmeasure identify` writes: {error!r}") from None
     if covariance.shape != (len(names), len(names)) or not np.isfinite(covariance).all():
         raise FileFormatError(f"{path}: the covariance is not of its {len(names)} parameters")
     found = robot.model
-    known = names, covariance, scale, max(freedom, 1.0), misfit
+    known = names, covariance, scale, max(freedom, 1.0), misfit, beyond
     return IdentifiedRobot(_nominal(robot, nominal, path), found, base, tool, *known, turned, found)
 
 

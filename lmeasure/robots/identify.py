@@ -12,13 +12,15 @@ from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
 from lmeasure.findings import finding
+from lmeasure.robots.beyond import NOWHERE, Beyond
 from lmeasure.robots.contradicted_rows import HALF, LEAST_SPARE, outlying, weighed, without_outliers
-from lmeasure.robots.frame_start import find_frames
+from lmeasure.robots.frame_start import Frames, find_frames
 from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, named_alike, repeated
 from lmeasure.robots.noted import Noted, noted
 from lmeasure.robots.parallel.leg_start import legs_at
 from lmeasure.robots.parallel.model import Parallel
-from lmeasure.robots.problem import LEAST_MM, Fit, Noise, Problem, with_noise
+from lmeasure.robots.problem import LEAST_MM, LEAST_RAD, Fit, Noise, Problem, with_noise
+from lmeasure.robots.stays import Stays, agreeing, read_at_stays, stays_of
 from lmeasure.robots.unknowns import R, State, Unknowns
 from lmeasure.shown import DataFrame, Shown, framed
 
@@ -28,6 +30,8 @@ MISFIT = 1e-3
 """Probability of the residuals under what is stated, below which that is said to be too little."""
 LEAST_POSES = 8
 """Measured with their orientation, from which on a mechanism's legs are fitted one by one to begin with."""
+UNMOVED_DEG, UNMOVED_MM = 0.1, 0.1
+"""Range of a joint's values up to which it never moved."""
 ENOUGH = 30
 """Rows from which on it is told in which directions errors lie."""
 LINKS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -62,18 +66,21 @@ class Settings:
 
 @dataclass(frozen=True, repr=False)
 class Identified(Shown, Generic[R]):
-    """What was found. rows: as used, with `kept` of them not set aside; findings: in the order in which they were made."""
+    """What was found. rows: as measured, with `kept` of them not set aside; findings: in the order in which they were made."""
 
     nominal: R
     fit: Fit[R]
     rows: Measurements
-    kept: BoolArray
+    mean_of: IntArray
+    """(N,) which row of the fit's, the mean of readings of a stay, each row is part of; -1 where it was set aside."""
     findings: tuple[Noted, ...]
     nominal_state: State[R]
     """The frames that fit best with the nominal robot."""
     settings: Settings
     misfit: float = 1.0
     """How many times what is stated of predictions rows that were held out are off, where that is more (`judged.HeldOut.misfit`)."""
+    beyond: Beyond = NOWHERE
+    """How predictions far from the measured joint values are widened (`judged.beyond`)."""
     state: State[R] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -92,11 +99,21 @@ class Identified(Shown, Generic[R]):
         return framed({"name": unknowns.names, "value": unknowns.values(self.fit.x), "u": u})
 
     @property
+    def kept(self) -> BoolArray:
+        """(N,) whether a row was used."""
+        return np.asarray(self.mean_of >= 0)
+
+    @property
+    def stays(self) -> int:
+        """How many stays of the robot the used rows were measured at."""
+        return len(np.unique(self.fit.problem.rows.stay))
+
+    @property
     def weight(self) -> FloatArray:
         """(N,) with which every row counts, from 0 to 1."""
         out = self.kept.astype(np.float64)
         if self.fit.problem.weight is not None:
-            out[self.kept] = self.fit.problem.weight
+            out[self.kept] = self.fit.problem.weight[self.mean_of[self.kept]]
         return out
 
     @property
@@ -112,12 +129,30 @@ class Identified(Shown, Generic[R]):
     @property
     def shape(self) -> FloatArray:
         """(3, 3) how errors of places lie in the instrument's frame, of trace 3: robots err more about some axes than about others."""
-        used = self.kept & self.rows.placed
-        errors = self.errors_mm()[used]
+        fit = self.fit
+        used = fit.problem.rows.placed
+        errors = fit.at.residuals[used, POSITION]
         if len(errors) < ENOUGH:
             return np.eye(3)
-        spread = (errors * self.weight[used, None]).T @ errors
+        spread = (errors if fit.problem.weight is None else errors * fit.problem.weight[used, None]).T @ errors
         return np.asarray(3.0 * spread / np.trace(spread))
+
+    def of_robot(self, rows: Measurements) -> FloatArray:
+        """(N, 3, 3) [mm²] covariance of what the robot itself adds to the places of the rows' targets: its shift, and its turn about the
+        mean of the targets where stays have several."""
+        out = np.tile(self.noise.position_mm**2 * self.shape, (len(rows), 1, 1))
+        if self.fit.problem.several:
+            middle = self.state.targets[self.fit.problem.rows.target_of, :3].mean(axis=0)
+            turn = se3.matrices(se3.compose(np.broadcast_to(self.state.base, (len(rows), 7)), self.state.robot.forward(rows.joints)))
+            arm = np.cross(np.eye(3)[None], (turn @ (self.state.targets[rows.target_of, :3] - middle)[:, :, None])[:, None, :, 0])
+            out = out + self.noise.rotation_rad**2 * (arm @ np.swapaxes(arm, 1, 2))
+        return np.asarray(out)
+
+    @property
+    def robot_mm(self) -> float:
+        """What the robot adds to each coordinate of its first target, as a standard deviation."""
+        row = self.fit.problem.rows.of(np.array([0]))
+        return float(np.sqrt(np.trace(self.of_robot(replace(row, target_of=np.zeros(1, dtype=np.int64)))[0]) / 3.0))
 
     def errors_mm(self) -> FloatArray:
         """(N, 3) measured less predicted places of all rows [mm, instrument's frame], NaN where none was measured."""
@@ -172,21 +207,28 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     rows, findings = _reached(robot, rows)
     if isinstance(robot, Parallel):
         robot = robot.remembering(rows.joints)
+    rows = _of_stays(rows, stays_of(rows.joints, robot.sliding))
     kept = np.ones(len(rows), np.bool_)
-    findings += _copies(rows, kept) + _named_alike(rows, np.flatnonzero(kept)) + _beyond_limits(robot, rows)
+    findings += _copies(rows, kept) + _named_alike(rows, np.flatnonzero(kept)) + _beyond_limits(robot, rows) + _unmoved(robot, rows)
     frames = find_frames(robot.forward(rows.joints, rows.side), rows, settings.seed)
     unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows, widths=widths(robot, settings))
-    begin = Noise(0.0, 0.0) if not settings.own_noise else Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
-    used = kept & ~far(frames.used, rows)
-    problem = Problem(unknowns, rows.of(np.flatnonzero(used)), begin, settings.own_noise)
+    read = read_at_stays(rows, agreeing(rows, kept) if settings.outliers or settings.weights == "biweight" else kept)
+    findings += _scattered(read)
+    rows = replace(rows, covariance=rows.covariance * np.repeat(np.maximum(read.times, 1.0), 3)[:, None])
+    used = np.ones(len(read.rows), np.bool_)
+    used[read.of[far(frames.used, rows) & (read.of >= 0)]] = False
+    problem = Problem(
+        unknowns, read.rows.of(np.flatnonzero(used)), _begin(read, frames, settings), settings.own_noise, scatter=read.scatter
+    )
     fit = with_noise(problem, _begun(robot, unknowns, problem.rows))
     if settings.outliers:
-        fit, used = without_outliers(fit, rows, kept, used)
+        fit, used = without_outliers(fit, read.rows, used)
     if settings.weights == "biweight":
-        fit, used = weighed(fit, rows, kept, used)
-    findings += outlying(fit, rows, kept, used)
+        fit, used = weighed(fit, read.rows, used)
+    mean_of = np.where(read.of >= 0, np.where(used, np.cumsum(used) - 1, -1)[read.of], -1)
+    findings += outlying(fit, rows, kept, mean_of >= 0)
     nominal = State(robot, frames.base, frames.targets, frames.stations)
-    found = Identified(robot, fit, rows, used, (), nominal, settings)
+    found = Identified(robot, fit, rows, mean_of, (), nominal, settings)
     findings += _doubted(found)
     if not fit.converged:
         findings.append(noted("not_converged", "not_converged"))
@@ -196,6 +238,25 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     if not found.tells_noise:
         findings.append(noted("underdetermined", "underdetermined", value=float(fit.equations), values=fit.equations))
     return replace(found, findings=tuple(findings))
+
+
+def _of_stays(rows: Measurements, stay: IntArray) -> Measurements:
+    """The rows with the numbers of their stays, and all rows of a stay on the side of a joint's play that its first row came from."""
+    return replace(rows, stay=stay, side=rows.side[np.searchsorted(stay, stay)])
+
+
+def _begin(read: Stays, frames: Frames, settings: Settings) -> Noise:
+    """The noise from which its size is looked for: the nominal robot's misfit, and the scatter of readings or a part of that."""
+    if not settings.own_noise:
+        return Noise(0.0, 0.0)
+    rms = max(frames.rms_mm, LEAST_MM)
+    turn, place = np.sqrt(read.scatter.variance)
+    several = len(np.unique(read.rows.stay)) < len(read.rows)
+    place, turn = (
+        max(float(u) or 0.1 * size * several, least) for u, size, least in ((place, rms, LEAST_MM), (turn, rms / 1e3, LEAST_RAD))
+    )
+    stated = read.rows.stated
+    return Noise(rms, rms / 1e3, 0.0 if stated[0] else place, 0.0 if stated[1] else turn)
 
 
 def _begun(robot: R, unknowns: Unknowns[R], rows: Measurements) -> FloatArray:
@@ -250,13 +311,21 @@ def predict(
     rows = replace(
         rows, targets=found.rows.targets, target_of=rows.target_of if target is None else target, position=np.zeros((len(rows), 3))
     )
+    if u_position_mm is None:
+        stated = np.einsum("nii->ni", found.rows.covariance) + (found.rows.systematic**2).sum(axis=2)
+        instrument = float(np.median(stated[:, POSITION])) + found.noise.reading_mm**2
+    else:
+        instrument = u_position_mm**2
+    return predicted(found, rows, instrument * np.eye(3))
+
+
+def predicted(found: Identified[R], rows: Measurements, instrument: FloatArray) -> Prediction:
+    """`predict` of the rows' joint values and targets, with the instrument's covariance (3, 3) or (M, 3, 3) [mm^2]."""
     unknowns, fit = found.fit.problem.unknowns, found.fit
     _, jacobian = unknowns.linearised(fit.x, rows)
     jacobian = (jacobian * unknowns.size)[:, POSITION]
-    stated = np.einsum("nii->ni", found.rows.covariance) + (found.rows.systematic**2).sum(axis=2)
-    instrument = float(np.median(stated[:, POSITION])) if u_position_mm is None else u_position_mm**2
-    own = found.noise.position_mm**2 * found.shape + instrument * np.eye(3)
-    covariance = found.misfit**2 * (jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) + own)
+    known = found.beyond.widened(jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2))
+    covariance = found.misfit**2 * (known + found.of_robot(rows) + instrument)
     # the noise is known from as many degrees of freedom as the residuals leave
     wider = float(t.ppf(0.975, fit.freedom) / t.ppf(0.975, np.inf)) if not found.rows.stated[0] else 1.0
     return Prediction(found.state.predicted(rows), covariance, wider * radii_95(covariance))
@@ -299,6 +368,25 @@ def _named_alike(rows: Measurements, of: IntArray) -> list[Noted]:
         said = {"row": rows.subject(row), "earlier": rows.subject(earlier), "count": len(again), "off_mm": float(off[worst])}
         out.append(noted("same-name", "same_name.repeated", rows.names[row], float(off[worst]), **said))
     return out
+
+
+def _unmoved(robot: R, rows: Measurements) -> list[Noted]:
+    """Joints that never moved: of what they do at other values the measurements tell nothing."""
+    spread = np.ptp(rows.joints, axis=0)
+    out = []
+    for j in np.flatnonzero(spread <= np.where(robot.sliding, UNMOVED_MM, np.radians(UNMOVED_DEG))).tolist():
+        value, unit = (rows.joints[0, j], "mm") if robot.sliding[j] else (np.degrees(rows.joints[0, j]), "deg")
+        out.append(
+            noted("joint-unmoved", f"unmoved.{unit}", robot.joint_names[j], float(value), joint=robot.joint_names[j], at=float(value))
+        )
+    return out
+
+
+def _scattered(read: Stays) -> list[Noted]:
+    """Whether readings of one stay scatter by more than is stated of them."""
+    turn, place = np.sqrt(read.times)
+    times = float(max(turn, place))
+    return [noted("readings", "readings", value=times, times=times)] if times > 1.0 else []
 
 
 def _beyond_limits(robot: R, rows: Measurements) -> list[Noted]:

@@ -4,14 +4,17 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, t
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.estimation.deletion import fall_test
 from lmeasure.estimation.robust import scatter
+from lmeasure.robots.beyond import Beyond
 from lmeasure.robots.frame_start import Frames
-from lmeasure.robots.identify import FAMILIES, Identified, Prediction, family, predict
-from lmeasure.robots.problem import Fit, Problem, solved, weighted, with_noise
+from lmeasure.robots.identify import FAMILIES, Identified, Prediction, family, predicted
+from lmeasure.robots.measurements import POSITION, Measurements
+from lmeasure.robots.problem import Fit, solved, weighted, with_noise
+from lmeasure.robots.stays import STILL
 from lmeasure.robots.unknowns import R, Unknowns
 
 FOLDS = 5
@@ -21,11 +24,21 @@ JUDGES = 200
 """Rows left out by which one identification of the learning curve is judged, at most."""
 MOST_ROWS = 500
 """Of all draws of one size together."""
+PARTS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
+"""Of the rows, of which each predicts the rest."""
+MEASURED = 0.95
+"""Quantile of the measured poses' leverages, from which on a pose is far from them."""
+FALSE = 1e-3
+"""Probability with which predictions of a robot of which the model lacks nothing are widened."""
+LEAST_LEFT = 5.0
+"""Degrees of freedom that a cut must leave."""
+TOLD = 0.8
+"""Of what all rows determine: what a part of them must determine to predict the others."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Errors (k,) [mm] and u95 (k,) at rows (k,) that were held out in turn.
+    """Errors (k,) [mm] and u95 (k,) at rows (k,) of the fit that were held out in turn.
 
     misfit: rms of the errors in units of what was stated of them, rows counted by their weights, 1 at least: a model that lacks something
     fits its own rows better than others, the more the farther these lie apart. u95_mm is widened by it, as are predictions
@@ -58,46 +71,126 @@ class Worth:
 
 
 def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut | None:
-    """Each fold of the rows with positions predicted by an identification from the others; None where they are too few."""
-    rows = np.flatnonzero(found.kept & found.rows.placed)
-    order = np.random.default_rng(seed).permutation(rows)
-    parts = np.array_split(order, folds)
-    other = np.flatnonzero(found.kept & ~found.rows.placed)
-    least = found.fit.counted * (1.0 - 1.0 / folds)
-    if len(rows) < 2 * folds or least < _unknown(found.fit) + 6:
+    """Each fold of the poses with positions predicted by an identification from the others; None where they are too few.
+
+    All rows of the same joint values are in one fold: what the robot adds there, and what its model lacks, they have in common.
+    """
+    rows = found.fit.problem.rows
+    of = _poses(found)
+    parts = np.array_split(np.random.default_rng(seed).permutation(len(of)), folds)
+    if len(of) < 2 * folds or found.fit.counted * (1.0 - 1.0 / folds) < found.fit.told + 6:
         return None
-    errors, radii, squares = np.empty(len(order)), np.empty(len(order)), np.empty(len(order))
-    found = replace(found, misfit=1.0)
-    place = {int(row): i for i, row in enumerate(order)}
+    found = replace(found, misfit=1.0, beyond=Beyond())
+    order, errors, radii, squares = [], [], [], []
     for part in parts:
-        again = _refitted(found, np.sort(np.concatenate([np.setdiff1d(order, part), other])))
-        error, predicted = _errors(again, part)
-        at = [place[int(row)] for row in part]
-        errors[at], radii[at] = error, predicted.u95_mm
-        squares[at] = error**2 / np.einsum("nii->n", predicted.covariance)
-    weight = found.weight[order]
+        own = np.concatenate([of[i] for i in part])
+        rest = np.setdiff1d(np.arange(len(rows)), own)
+        again = _refitted(found, rest)
+        error, told = _errors(again, rows.of(own))
+        order.append(own)
+        errors.append(error)
+        radii.append(told.u95_mm)
+        squares.append(error**2 / np.einsum("nii->n", told.covariance))
+    at, square = np.concatenate(order), np.concatenate(squares)
+    weight = found.fit.problem.weight
     # what weights take from the errors of a robot of which nothing is wrong is no fit
-    if found.fit.problem.weight is not None:
-        squares = squares / np.array([scatter(int(m)) for m in found.rows.known[order].sum(axis=1)])
-    misfit = max(1.0, float(np.sqrt(np.average(squares, weights=weight))))
-    return HeldOut(order, errors, misfit * radii, misfit)
+    if weight is not None:
+        square = square / np.array([scatter(int(m)) for m in rows.known[at].sum(axis=1)])
+    misfit = max(1.0, float(np.sqrt(np.average(square, weights=None if weight is None else weight[at]))))
+    return HeldOut(at, np.concatenate(errors), misfit * np.concatenate(radii), misfit)
 
 
 def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float, float, float]]:
-    """(rows, median, least and largest mean error [mm] at the rows left out) for random sets of growing numbers."""
-    rows = np.flatnonzero(found.kept & found.rows.placed)
+    """(poses, median, least and largest mean error [mm] at the poses left out) for random sets of growing numbers."""
+    rows = found.fit.problem.rows
+    of = _poses(found)
     rng = np.random.default_rng(seed)
     out = []
     for size in SIZES:
-        if 3 * size < _unknown(found.fit) + 6 or size > 0.7 * len(rows):
+        if 3 * size < found.fit.told + 6 or size > 0.7 * len(of):
             continue
         means = []
         for _ in range(min(DRAWS, max(1, MOST_ROWS // size))):
-            order = rng.permutation(rows)
-            again = _refitted(found, np.sort(order[:size]))
-            means.append(float(_errors(again, order[size : size + JUDGES])[0].mean()))
+            order = rng.permutation(len(of))
+            again = _refitted(found, np.sort(np.concatenate([of[i] for i in order[:size]])))
+            means.append(float(_errors(again, rows.of(np.concatenate([of[i] for i in order[size : size + JUDGES]])))[0].mean()))
         out.append((size, float(np.median(means)), min(means), max(means)))
     return out
+
+
+def beyond(found: Identified[R]) -> Beyond:
+    """How predictions far from the measured joint values are to be widened: by what blocks of the measurements show of each other.
+
+    The rows are cut in two along each joint, each coordinate and the distance from the robot's base, at a third, the middle and two thirds,
+    and each part predicts the other. Where the parts' parameters differ by more than their covariances allow (a Chow test over all cuts),
+    the largest factor counts, widened as one that is known from as many draws as joints have moved.
+    """
+    fit, problem = found.fit, found.fit.problem
+    rows = problem.rows
+    residuals, jacobian = problem.whitened(fit.at)
+    owner, prior = np.nonzero(rows.known)[0], np.diag(1.0 / problem.width**2)
+    total = float(residuals @ residuals + fit.theta @ prior @ fit.theta)
+    own = np.einsum("nii->n", problem.blocks[:, POSITION, POSITION])
+    shift = fit.at.jacobian[:, POSITION]
+    chances, factors = [], []
+    cuts = _cuts(found)
+    for inside in cuts:
+        halves = [_half(jacobian[on], residuals[on], prior, fit.theta) for on in (inside[owner], ~inside[owner])]
+        (step, covariance, told, chi_squared, whole), (_, _, told_other, chi_other, whole_other) = halves
+        bought, left = told + told_other - fit.told, len(residuals) - told - told_other
+        if bought < 1.0 or left < LEAST_LEFT or told < TOLD * fit.told:
+            continue
+        rest = chi_squared + chi_other
+        tested = fall_test(total - whole - whole_other, bought, rest, left)
+        if tested is None:
+            continue
+        chances.append(tested[1])
+        leverage = np.einsum("nip,nip->n", shift @ covariance, shift)
+        other = ~inside & rows.placed
+        square = ((fit.at.residuals[other, POSITION] - shift[other] @ step) ** 2).sum(axis=1)
+        excess = np.maximum(leverage[other] - np.quantile(leverage[inside], MEASURED), 0.0).sum()
+        more = float((square - own[other] - leverage[other]).sum())
+        factors.append(max(more, 0.0) / float(excess) if excess > 0.0 else 0.0)
+    if not chances or min(chances) > math.log(FALSE / len(cuts)):
+        return Beyond()
+    moved = int((np.ptp(rows.joints, axis=0) > 0.0).sum())
+    factor = float(np.sqrt(max(factors)) * t.ppf(0.975, moved) / t.ppf(0.975, np.inf))
+    leverage = np.einsum("nip,nip->n", shift @ fit.covariance, shift)
+    return Beyond(factor, float(np.quantile(leverage[rows.placed], MEASURED)))
+
+
+def _cuts(found: Identified[R]) -> list[BoolArray]:
+    """(N,) which rows of the fit lie on one side of each cut."""
+    rows = found.fit.problem.rows
+    if not rows.placed.all():
+        return []
+    from_base = np.linalg.norm(rows.position - found.state.base[:3], axis=1)
+    along = np.column_stack([rows.joints, rows.position, from_base])
+    along = along[:, np.ptp(along, axis=0) > 0.0]
+    return [side * value < np.quantile(side * value, part) for value in along.T for part in PARTS for side in (1.0, -1.0)]
+
+
+def _half(
+    jacobian: FloatArray, residuals: FloatArray, prior: FloatArray, theta: FloatArray
+) -> tuple[FloatArray, FloatArray, float, float, float]:
+    """From whitened rows alone, near theta: the step to their optimum, its covariance, how many unknowns they determine, chi-squared, and
+    that with the priors."""
+    information = jacobian.T @ jacobian
+    covariance = np.linalg.inv(information + prior)
+    step = covariance @ (jacobian.T @ residuals - prior @ theta)
+    left, at = residuals - jacobian @ step, theta + step
+    return step, np.asarray(covariance), float(np.trace(covariance @ information)), float(left @ left), float(left @ left + at @ prior @ at)
+
+
+def _poses(found: Identified[R]) -> list[IntArray]:
+    """The rows of the fit with positions by the joint values that they have in common, in their order."""
+    rows = found.fit.problem.rows
+    placed = np.flatnonzero(rows.placed)
+    values = np.where(found.nominal.sliding, rows.joints, np.degrees(rows.joints))[placed]
+    _, first, of = np.unique(np.round(values / STILL), axis=0, return_index=True, return_inverse=True)
+    of = np.argsort(np.argsort(first))[of.reshape(-1)]
+    order = np.argsort(of, kind="stable")
+    return np.split(placed[order], np.flatnonzero(np.diff(of[order])) + 1)
 
 
 def worth_freeing(found: Identified[R]) -> list[Worth]:
@@ -112,7 +205,7 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
             theta[i] = fit.theta[inside[p.name]]
     frames = len(fit.theta) - len(inside)
     theta[len(every) :] = fit.theta[len(inside) :] if frames else theta[len(every) :]
-    problem = Problem(wide, fit.problem.rows, fit.problem.noise, weight=fit.problem.weight, trust=fit.problem.trust)
+    problem = replace(fit.problem, unknowns=wide)
     residuals, jacobian = problem.whitened(problem.linearised(theta))
     prior = 1.0 / (wide.width / wide.size) ** 2
     now = np.array([p.name in inside for p in every] + [True] * frames)
@@ -133,7 +226,9 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
             continue
         n, rest = len(residuals), _left(jacobian[:, full], target, prior[full])
         # a noise that the residuals tell they tell from so many of them
-        tested = fall_test(drop, count, rest, fit.spare - (0 if freed else count)) if fit.problem.own_noise else None
+        spare = fit.counted - fit.told - (0 if freed else count)
+        left = min(spare, fit.spare - (0 if freed else count))
+        tested = fall_test(drop, count, rest * left / spare, left) if fit.problem.own_noise and spare > 0.0 else None
         chance = float(chi2.sf(drop, count)) if tested is None else math.exp(tested[1])
         out.append(Worth(name, freed, count, drop, chance, 2.0 * count - drop, count * math.log(n) - drop))
     return out
@@ -152,26 +247,24 @@ def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> in
     return int((np.linalg.eigvalsh(white.T @ white) > 1.0).sum())
 
 
-def _unknown(fit: Fit[R]) -> float:
-    return fit.counted - fit.freedom
-
-
 def _refitted(found: Identified[R], rows: IntArray) -> Identified[R]:
-    problem = replace(found.fit.problem, rows=found.rows.of(rows))
+    """From these rows of the fit alone."""
+    problem = found.fit.problem
+    again = replace(problem, rows=problem.rows.of(rows))
     if problem.weight is None:
-        fit = with_noise(problem, found.fit.theta)
+        fit = with_noise(again, found.fit.theta)
     else:
-        fit = weighted(solved(replace(problem, weight=found.weight[rows]), found.fit.theta))
-    kept = np.zeros(len(found.rows), np.bool_)
-    kept[rows] = True
-    return replace(found, fit=fit, kept=kept)
+        fit = weighted(solved(replace(again, weight=problem.weight[rows]), found.fit.theta))
+    return replace(found, fit=fit)
 
 
-def _errors(found: Identified[R], rows: IntArray) -> tuple[FloatArray, Prediction]:
-    """(k,) distances of measured from predicted places, and the prediction."""
-    of = found.rows.of(rows)
-    predicted = predict(found, of.joints, of.target_of, of.side)
-    return np.linalg.norm(of.position - predicted.pose[:, :3], axis=1), predicted
+def _errors(found: Identified[R], rows: Measurements) -> tuple[FloatArray, Prediction]:
+    """(k,) distances of measured from predicted places of rows of the fit, and the prediction with the errors that these have."""
+    reading = found.noise.reading_mm**2 / rows.readings
+    instrument = rows.covariance[:, POSITION, POSITION] + reading[:, None, None] * np.eye(3)
+    instrument = instrument + rows.systematic[:, POSITION] @ np.swapaxes(rows.systematic[:, POSITION], 1, 2)
+    told = predicted(found, rows, instrument)
+    return np.linalg.norm(rows.position - told.pose[:, :3], axis=1), told
 
 
 def _frames(fit: Fit[R]) -> Frames:

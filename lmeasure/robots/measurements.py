@@ -22,7 +22,8 @@ class Measurements:
     station a length was measured from, -1 where none; position (N, 3) [mm], quaternion (N, 4): instrument_from_target; length_mm (N,).
     covariance (N, 6, 6): of the instrument's random errors, (rotation [rad]; position [mm]) about its own axes, a length's variance at
     the place of x; stated: whether positions (and lengths), and rotations, have it, or it is not known and zero. systematic
-    (N, 6, k): errors per standard deviation of k variables that all rows have in common.
+    (N, 6, k): errors per standard deviation of k variables that all rows have in common. stay (N,): number of the stay of the robot at
+    which a row was measured; readings (N,): of how many readings it is the mean.
     """
 
     names: tuple[str, ...]
@@ -38,6 +39,8 @@ class Measurements:
     covariance: FloatArray
     stated: tuple[bool, bool]
     systematic: FloatArray
+    stay: IntArray
+    readings: IntArray
     lines: tuple[int, ...] = ()
     """Of the file that they are from, one for each row; none where they are from none."""
 
@@ -84,7 +87,8 @@ class Measurements:
 
     def of(self, rows: IntArray) -> "Measurements":
         """These rows alone; targets and stations keep their numbers."""
-        many = ("joints", "side", "target_of", "station_of", "position", "quaternion", "length_mm", "covariance", "systematic")
+        many: tuple[str, ...] = ("joints", "side", "target_of", "station_of", "stay", "readings")
+        many += ("position", "quaternion", "length_mm", "covariance", "systematic")
         parts = {key: getattr(self, key)[rows] for key in many}
         return replace(self, names=tuple(self.names[i] for i in rows), lines=tuple(self.lines[i] for i in rows if self.lines), **parts)
 
@@ -140,6 +144,8 @@ def measured(
         covariance,
         (u_position_mm is not None, u_rotation_rad is not None),
         np.zeros((n, COMPONENTS, 0)),
+        np.arange(n),
+        np.ones(n, dtype=np.int64),
     )
 
 

@@ -119,6 +119,22 @@ class Unknowns(Generic[R]):
             out += [*(np.degrees(se3.rotation(pose).as_rotvec()) if whole else ()), *pose[:3]]
         return np.array([*out, *state.stations.reshape(-1), *x[self.asked :]])
 
+    def levers(self, rows: Measurements) -> FloatArray:
+        """(N, 6, 6) how the components of rows move with what the robot adds at their stay: a turn, about the mean place of the stay's
+        rows, and a shift (rotation [rad]; position [mm], instrument's axes)."""
+        place = self.start.predicted(rows)[:, :3]
+        _, of, counts = np.unique(rows.stay, return_inverse=True, return_counts=True)
+        middle = np.zeros((len(counts), 3))
+        np.add.at(middle, of, place)
+        arm = place - (middle / counts[:, None])[of]
+        out = np.tile(np.eye(COMPONENTS), (len(rows), 1, 1))
+        out[:, POSITION, ROTATION] = -np.cross(np.eye(3)[None], arm[:, None])
+        if rows.ranged.any():
+            way = (place - self.start.stations[rows.station_of])[rows.ranged]
+            along = (way / np.linalg.norm(way, axis=1)[:, None])[:, None]
+            out[rows.ranged, LENGTH] = (along @ out[rows.ranged, POSITION])[:, 0]
+        return np.asarray(np.where(rows.known[:, :, None], out, 0.0))
+
     def residuals(self, x: FloatArray, rows: Measurements | None = None) -> FloatArray:
         """(N, 6) measured less predicted components (rotation [rad]; position or length [mm]), 0 where nothing was measured."""
         return self.linearised(x, rows)[0]

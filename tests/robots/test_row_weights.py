@@ -16,7 +16,7 @@ from lmeasure.estimation.robust import biweights, normal_deviates, scatter, trus
 from lmeasure.robots import judged
 from lmeasure.robots.identify import Identified, Settings, identify, predict
 from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.problem import distances, solved
+from lmeasure.robots.problem import solved, stay_distances
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 from lmeasure.robots.told import determined
@@ -70,7 +70,7 @@ def test_distances_of_weighted_rows_are_those_from_fits_without_them(
     fourfold: tuple[SerialRobot, Identified[SerialRobot], FloatArray],
 ) -> None:
     fit = fourfold[1].fit
-    problem, squares = fit.problem, distances(fit, fit.problem, fit.at, fit.problem.counts)
+    problem, squares = fit.problem, stay_distances(fit)[0]
     assert problem.weight is not None
     for i in (int(np.argmin(problem.weight)), 7, 30):
         others = np.delete(np.arange(len(problem.rows)), i)
