@@ -118,20 +118,27 @@ def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Not
     before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
     lines = []
     if len(after):
-        lines.append(f"{found.kept.sum()} rows; errors {before.mean():.4f} mm before, {after.mean():.4f} after, in the mean")
+        stays = f" at {found.stays} stays" if found.stays < found.kept.sum() else ""
+        lines.append(f"{found.kept.sum()} rows{stays}; errors {before.mean():.4f} mm before, {after.mean():.4f} after, in the mean")
     if found.settings.weights == "biweight":
         lines.append(f"weighed by Tukey's biweight: they count as {found.weight.sum():.1f} rows")
     lines.append(f"freed: {', '.join(found.settings.free)}")
     told = determined(found.fit)[: len(found.fit.problem.unknowns.own)]
     lines.append(f"{told.sum()} of {len(told)} parameters determined by the measurements, the others held by their nominal values")
-    size = f"{found.noise.position_mm:.4f} mm (one standard deviation of each coordinate)"
-    lines.append(f"robot{'' if found.rows.stated[0] else ' and instrument'}: {size if found.tells_noise else 'cannot be told'}")
+    size = f"{found.robot_mm:.4f} mm (one standard deviation of each coordinate)"
+    apart = found.rows.stated[0] or found.noise.reading_mm > 0.0
+    lines.append(f"robot{'' if apart else ' and instrument'}: {size if found.tells_noise else 'cannot be told'}")
+    if found.noise.reading_mm > 0.0:
+        lines.append(f"one reading: {found.noise.reading_mm:.4f} mm (one standard deviation of each coordinate)")
     if held is None:
         lines.append("rows held out: none, there are too few")
     else:
         error = held.error_mm
         said = f"{error.mean():.4f} mm in the mean, {error.max():.4f} at worst, {100 * held.within:.1f} % within their u95"
         lines.append(f"rows held out: {said}")
+    if found.beyond.factor:
+        times = f"u95 grows {found.beyond.factor:.1f} times faster"
+        lines.append(f"far from the measured joint values {times}: parts of the rows predict others worse than their covariance says")
     if over is not None:
         median, most, largest = over.quantiles_mm
         said = f"{median:.4f} mm in the median, {most:.4f} for 95 %, {largest:.4f} at worst"

@@ -372,14 +372,29 @@ def _named_alike(rows: Measurements, of: IntArray) -> list[Noted]:
 
 def _unmoved(robot: R, rows: Measurements) -> list[Noted]:
     """Joints that never moved: of what they do at other values the measurements tell nothing."""
-    spread = np.ptp(rows.joints, axis=0)
     out = []
-    for j in np.flatnonzero(spread <= np.where(robot.sliding, UNMOVED_MM, np.radians(UNMOVED_DEG))).tolist():
+    for j in np.flatnonzero(_still(robot, rows.joints)).tolist():
         value, unit = (rows.joints[0, j], "mm") if robot.sliding[j] else (np.degrees(rows.joints[0, j]), "deg")
         out.append(
             noted("joint-unmoved", f"unmoved.{unit}", robot.joint_names[j], float(value), joint=robot.joint_names[j], at=float(value))
         )
     return out
+
+
+def unmoved_in(found: Identified[R], joints: FloatArray, u95_mm: FloatArray, file: str) -> list[Noted]:
+    """Joints that never moved in the measurements and have other values in rows (M, n), with the largest of their u95 (M,)."""
+    out = []
+    for j in np.flatnonzero(_still(found.nominal, found.rows.joints)).tolist():
+        away = np.abs(joints[:, j] - found.rows.joints[0, j]) > (UNMOVED_MM if found.nominal.sliding[j] else np.radians(UNMOVED_DEG))
+        if away.any():
+            said = {"file": file, "joint": found.nominal.joint_names[j], "count": int(away.sum()), "u95_mm": float(u95_mm[away].max())}
+            out.append(noted("joint-unmoved", "unmoved.asked", said["joint"], said["u95_mm"], **said))
+    return out
+
+
+def _still(robot: R, joints: FloatArray) -> BoolArray:
+    """(n,) which joints have the same value in all rows (N, n)."""
+    return np.asarray(np.ptp(joints, axis=0) <= np.where(robot.sliding, UNMOVED_MM, np.radians(UNMOVED_DEG)))
 
 
 def _scattered(read: Stays) -> list[Noted]:

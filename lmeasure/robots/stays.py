@@ -88,7 +88,9 @@ def read_at_stays(rows: Measurements, used: BoolArray) -> Stays:
     quaternion = means.quaternion.copy()
     for i in np.flatnonzero((counts > 1) & means.oriented):
         quaternion[i] = Rotation.from_quat(rows.quaternion[of == i]).mean().as_quat()
-    means = replace(means, joints=mean(rows.joints), position=mean(rows.position), quaternion=quaternion, length_mm=mean(rows.length_mm))
+    # joint values that are the same stay so to the last digit
+    joints = means.joints + mean(np.where(of[:, None] >= 0, rows.joints - means.joints[of], 0.0))
+    means = replace(means, joints=joints, position=mean(rows.position), quaternion=quaternion, length_mm=mean(rows.length_mm))
     means = replace(means, covariance=mean(rows.covariance), systematic=mean(rows.systematic), readings=counts)
     again = used & (counts[of] > 1)
     own = of[again]

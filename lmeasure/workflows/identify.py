@@ -82,7 +82,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     from lmeasure.robots import identified
     from lmeasure.robots.choosing import identify_with_choice
     from lmeasure.robots.given import given
-    from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict
+    from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict, unmoved_in
     from lmeasure.robots.identify import Settings as Chosen
     from lmeasure.robots.mistaken import mended
     from lmeasure.robots.read_measurements import read_measurements
@@ -137,7 +137,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     if asked is not None:
         of = np.array([rows.targets.index(asked.targets[i]) for i in asked.target_of])
         joints = mend.joints(asked.joints)
-        files.write_table(out / "predictions.csv", identified.prediction_columns(asked.names, predict(found, joints, of)))
+        predicted = predict(found, joints, of)
+        findings = (*findings, *unmoved_in(found, joints, predicted.u95_mm, str(settings.predict)))
+        files.write_table(out / "predictions.csv", identified.prediction_columns(asked.names, predicted))
         names.insert(names.index("report.html") + 1, "predictions.csv")
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
