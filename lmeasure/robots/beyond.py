@@ -12,6 +12,9 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 
+MOST = 4.0
+"""Times its prior: how far a parameter may be off that absorbs errors which the model lacks."""
+
 
 @dataclass(frozen=True)
 class Beyond:
@@ -20,12 +23,19 @@ class Beyond:
     factor: float = 0.0
     from_mm2: float = 0.0
 
-    def widened(self, covariance: FloatArray) -> FloatArray:
-        """Covariances (N, 3, 3) [mm²] of places by the parameters, widened beyond the measured poses."""
+    def places(self, jacobian: FloatArray, covariance: FloatArray, width: FloatArray) -> FloatArray:
+        """Return covariances (N, 3, 3) [mm²] of places with derivatives (N, 3, p) by unknowns of a covariance (p, p), widened beyond the
+        measured poses.
+
+        No combination of unknowns becomes less certain than `MOST` times its prior, of standard uncertainties width (p,).
+        """
+        known = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
         if not self.factor:
-            return covariance
-        size = np.maximum(np.einsum("nii->n", covariance), 1e-300)
-        return np.asarray(covariance * (1.0 + self.factor**2 * np.maximum(1.0 - self.from_mm2 / size, 0.0))[:, None, None])
+            return np.asarray(known)
+        size, axes = np.linalg.eigh(covariance / np.outer(width, width))
+        more = (axes * np.clip(MOST**2 - size, 0.0, self.factor**2 * np.maximum(size, 0.0))) @ axes.T * np.outer(width, width)
+        far = np.maximum(1.0 - self.from_mm2 / np.maximum(np.einsum("nii->n", known), 1e-300), 0.0)
+        return np.asarray(known + far[:, None, None] * (jacobian @ more @ np.swapaxes(jacobian, 1, 2)))
 
 
 NOWHERE = Beyond()

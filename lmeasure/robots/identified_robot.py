@@ -16,16 +16,18 @@ from lmeasure.robots.model import RobotModel
 from lmeasure.robots.placed import Placed
 from lmeasure.robots.robot import AnyRobot, read_robot
 
+WIDE = 1e5
+"""Prior of frames, in degrees or millimetres."""
 TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
 
 
 @dataclass(frozen=True)
 class IdentifiedRobot:
     """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
-    (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be told; freedom of that; misfit:
-    factor by which held-out rows lay farther off than stated; beyond: how places far from the measured poses are widened; turned: whether
-    the target's orientation was measured; seen: the found robot as the program's frames see it, itself where nothing else is stated of
-    these (`stated`)."""
+    (p, p) in the units of the names; width (p,): standard uncertainties of their priors; noise_mm of the robot in each coordinate, NaN
+    where it could not be told; freedom of that; misfit: factor by which held-out rows lay farther off than stated; beyond: how places far
+    from the measured poses are widened; turned: whether the target's orientation was measured; seen: the found robot as the program's
+    frames see it, itself where nothing else is stated of these (`stated`)."""
 
     nominal: RobotModel
     found: RobotModel
@@ -33,6 +35,7 @@ class IdentifiedRobot:
     tool: FloatArray
     names: tuple[str, ...]
     covariance: FloatArray
+    width: FloatArray
     noise_mm: float
     freedom: float
     misfit: float
@@ -54,7 +57,7 @@ class IdentifiedRobot:
     def u_mm(self, joints: FloatArray) -> FloatArray:
         """(N,) [mm] standard uncertainty of the target's place by identification alone, all coordinates together."""
         rows = self._rows(joints)
-        spread = self.misfit**2 * self.beyond.widened(rows @ self.covariance @ np.swapaxes(rows, 1, 2))
+        spread = self.misfit**2 * self.beyond.places(rows, self.covariance, self.width)
         return np.asarray(np.sqrt(np.einsum("nii->n", spread)))
 
     def u95_mm(self, joints: FloatArray) -> FloatArray:
@@ -62,7 +65,7 @@ class IdentifiedRobot:
         the robot itself, without the instrument. NaN where the robot's own part could not be told."""
         rows = self._rows(joints)
         own = self.noise_mm**2 * np.eye(3)
-        spread = self.misfit**2 * (self.beyond.widened(rows @ self.covariance @ np.swapaxes(rows, 1, 2)) + own)
+        spread = self.misfit**2 * (self.beyond.places(rows, self.covariance, self.width) + own)
         if np.isnan(self.noise_mm):
             return np.full(len(joints), np.nan)
         return np.asarray(float(t.ppf(0.975, self.freedom) / norm.ppf(0.975)) * radii_95(spread))
@@ -103,6 +106,7 @@ def read_identified(folder: Path) -> IdentifiedRobot:
         nominal = {p["name"]: float(p["nominal"]) for p in parameters if p["nominal"] is not None}
         noise, held = data["noise"]["position_mm"], data["held_out"] or {}
         covariance = np.array(data["covariance"], dtype=np.float64)
+        width = np.array([WIDE if p["prior_u"] is None else float(p["prior_u"]) for p in parameters])
         names = tuple(str(p["name"]) for p in parameters)
         base, tool = (np.array([*data[key]["position_mm"], *data[key]["quaternion_xyzw"]], dtype=np.float64) for key in ("base", "tool"))
         freedom = float(data["freedom"])
@@ -114,7 +118,7 @@ def read_identified(folder: Path) -> IdentifiedRobot:
     if covariance.shape != (len(names), len(names)) or not np.isfinite(covariance).all():
         raise FileFormatError(f"{path}: the covariance is not of its {len(names)} parameters")
     found = robot.model
-    known = names, covariance, scale, max(freedom, 1.0), misfit, beyond
+    known = names, covariance, width, scale, max(freedom, 1.0), misfit, beyond
     return IdentifiedRobot(_nominal(robot, nominal, path), found, base, tool, *known, turned, found)
 
 

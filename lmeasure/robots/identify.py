@@ -324,10 +324,13 @@ def predicted(found: Identified[R], rows: Measurements, instrument: FloatArray) 
     unknowns, fit = found.fit.problem.unknowns, found.fit
     _, jacobian = unknowns.linearised(fit.x, rows)
     jacobian = (jacobian * unknowns.size)[:, POSITION]
-    known = found.beyond.widened(jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2))
-    covariance = found.misfit**2 * (known + found.of_robot(rows) + instrument)
-    # the noise is known from as many degrees of freedom as the residuals leave
-    wider = float(t.ppf(0.975, fit.freedom) / t.ppf(0.975, np.inf)) if not found.rows.stated[0] else 1.0
+    known = found.beyond.places(jacobian, fit.covariance, fit.problem.width)
+    robot = found.of_robot(rows)
+    covariance = found.misfit**2 * (known + robot + instrument)
+    # the noise is known from as many degrees of freedom as the residuals leave, but for what is stated of the instrument
+    own = np.einsum("nii->n", robot)
+    estimated = own / np.maximum(own + np.trace(instrument, axis1=-2, axis2=-1), 1e-300) if found.rows.stated[0] else 1.0
+    wider = 1.0 + estimated * float(t.ppf(0.975, fit.freedom) / t.ppf(0.975, np.inf) - 1.0)
     return Prediction(found.state.predicted(rows), covariance, wider * radii_95(covariance))
 
 
@@ -387,8 +390,9 @@ def unmoved_in(found: Identified[R], joints: FloatArray, u95_mm: FloatArray, fil
     for j in np.flatnonzero(_still(found.nominal, found.rows.joints)).tolist():
         away = np.abs(joints[:, j] - found.rows.joints[0, j]) > (UNMOVED_MM if found.nominal.sliding[j] else np.radians(UNMOVED_DEG))
         if away.any():
-            said = {"file": file, "joint": found.nominal.joint_names[j], "count": int(away.sum()), "u95_mm": float(u95_mm[away].max())}
-            out.append(noted("joint-unmoved", "unmoved.asked", said["joint"], said["u95_mm"], **said))
+            name, most = found.nominal.joint_names[j], float(u95_mm[away].max())
+            said = {"file": file, "joint": name, "count": int(away.sum()), "u95_mm": most}
+            out.append(noted("joint-unmoved", "unmoved.asked", name, most, **said))
     return out
 
 

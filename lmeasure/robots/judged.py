@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, t
+from scipy.stats import chi2, f, t
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.estimation.deletion import fall_test
@@ -28,7 +28,7 @@ PARTS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
 """Of the rows, of which each predicts the rest."""
 MEASURED = 0.95
 """Quantile of the measured poses' leverages, from which on a pose is far from them."""
-FALSE = 1e-3
+FALSE = 1e-4
 """Probability with which predictions of a robot of which the model lacks nothing are widened."""
 LEAST_LEFT = 5.0
 """Degrees of freedom that a cut must leave."""
@@ -209,6 +209,7 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
     residuals, jacobian = problem.whitened(problem.linearised(theta))
     prior = 1.0 / (wide.width / wide.size) ** 2
     now = np.array([p.name in inside for p in every] + [True] * frames)
+    stay = np.unique(problem.rows.stay[np.nonzero(problem.rows.known)[0]], return_inverse=True)[1]
     out = []
     for name in FAMILIES:
         of = np.zeros(len(wide), np.bool_)
@@ -230,6 +231,9 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
         left = min(spare, fit.spare - (0 if freed else count))
         tested = fall_test(drop, count, rest * left / spare, left) if fit.problem.own_noise and spare > 0.0 else None
         chance = float(chi2.sf(drop, count)) if tested is None else math.exp(tested[1])
+        if problem.several and not freed:
+            rest_of = residuals - jacobian[:, now] @ _step(jacobian[:, now], residuals, prior[now])
+            chance = max(chance, _by_stays(jacobian[:, of] / np.sqrt(prior[of]), jacobian[:, now], rest_of, stay, count=count))
         out.append(Worth(name, freed, count, drop, chance, 2.0 * count - drop, count * math.log(n) - drop))
     return out
 
@@ -239,6 +243,27 @@ def _left(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> float:
     normal = jacobian.T @ jacobian + np.diag(prior)
     pull = jacobian.T @ target
     return float(target @ target - pull @ np.linalg.solve(normal, pull))
+
+
+def _step(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(jacobian.T @ jacobian + np.diag(prior), jacobian.T @ target))
+
+
+def _by_stays(more: FloatArray, jacobian: FloatArray, residuals: FloatArray, stay: IntArray, *, count: int) -> float:
+    """Return the chance of what further columns (e, k) explain of residuals (e,), judged by how it differs between stays (e,).
+
+    Hotelling's test of the stays' scores in the columns' strongest directions holds however the rows of one stay correlate: joints that
+    repeat differently make turns of a stay likelier about some axes.
+    """
+    scores = more - jacobian @ np.linalg.lstsq(jacobian, more, rcond=1e-12)[0]
+    strongest = np.linalg.svd(scores, full_matrices=False)[2][:count].T
+    of = np.zeros((int(stay.max()) + 1, count))
+    np.add.at(of, stay, (scores @ strongest) * residuals[:, None])
+    stays, total = len(of), of.sum(axis=0)
+    if stays <= count:
+        return 1.0
+    square = float(total @ np.linalg.pinv(of.T @ of, hermitian=True) @ total)
+    return float(f.sf((stays - count) / count * square / max(stays - square, 1e-300), count, stays - count))
 
 
 def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> int:

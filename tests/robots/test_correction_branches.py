@@ -81,7 +81,7 @@ def test_joint_limits_hold_after_the_correction() -> None:
 
 def identified(nominal: RobotModel, found: RobotModel) -> IdentifiedRobot:
     one = np.eye(1) * 1e-6
-    return IdentifiedRobot(nominal, found, HERE, HERE, ("base.x_mm",), one, 0.02, 50.0, 1.0, NOWHERE, False, found)
+    return IdentifiedRobot(nominal, found, HERE, HERE, ("base.x_mm",), one, np.ones(1), 0.02, 50.0, 1.0, NOWHERE, False, found)
 
 
 def program(targets: list[tuple[FloatArray, tuple[int, ...]]]) -> str:

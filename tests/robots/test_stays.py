@@ -183,10 +183,8 @@ def test_a_joint_that_never_moved_is_named(tmp_path: Path, monkeypatch: pytest.M
             joints[:, 3] = 0.5
         places = se3.apply(arm.forward(joints + 1e-4 * rng.normal(size=joints.shape)), np.broadcast_to(SEATS[0], (count, 3)))
         head = ",".join(["name", *NAMES, "x_mm", "y_mm", "z_mm"])
-        lines = [
-            ",".join([f"P{i}", *map(repr, [*np.degrees(q).tolist(), *p.tolist()])])
-            for i, (q, p) in enumerate(zip(joints, places, strict=True))
-        ]
+        values = np.column_stack([np.degrees(joints), places]).tolist()
+        lines = [",".join([f"P{i}", *map(repr, row)]) for i, row in enumerate(values)]
         tables[name] = tmp_path / f"{name}.csv"
         tables[name].write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
     out = tmp_path / "out"
@@ -195,10 +193,8 @@ def test_a_joint_that_never_moved_is_named(tmp_path: Path, monkeypatch: pytest.M
     said = capsys.readouterr().out
     assert "warning joint-unmoved: joint_4 stayed at 28.6479 deg in all measurements" in said
     told = read_table(out / "predictions.csv")
-    assert (
-        f"asked.csv: 8 rows move joint_4, which stayed still in all measurements: their U95 is up to {told.numbers('u95_mm').max():.3g} mm"
-        in said
-    )
+    most = f"{told.numbers('u95_mm').max():.3g}"
+    assert f"asked.csv: 8 rows move joint_4, which stayed still in all measurements: their U95 is up to {most} mm" in said
     # what `correct` reads states the same, but for the instrument, of which nothing is known here
     joints = np.radians(read_table(tables["asked"]).matrix(NAMES))
     assert read_identified(out).u95_mm(joints) == pytest.approx(told.numbers("u95_mm"), rel=0.1)
