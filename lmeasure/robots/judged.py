@@ -257,6 +257,7 @@ def _by_stays(more: FloatArray, jacobian: FloatArray, residuals: FloatArray, sta
     """
     scores = more - jacobian @ np.linalg.lstsq(jacobian, more, rcond=1e-12)[0]
     strongest = np.linalg.svd(scores, full_matrices=False)[2][:count].T
+    count = strongest.shape[1]
     of = np.zeros((int(stay.max()) + 1, count))
     np.add.at(of, stay, (scores @ strongest) * residuals[:, None])
     stays, total = len(of), of.sum(axis=0)
