@@ -16,22 +16,28 @@ MOST = 4.0
 """Times its prior: how far a parameter may be off that absorbs errors which the model lacks."""
 
 
+NO_WIDTH: FloatArray = np.ones(0)
+
+
 @dataclass(frozen=True)
 class Beyond:
-    """factor: of standard deviations; from_mm2: variance of all three coordinates together from which on it counts."""
+    """factor: of standard deviations; from_mm2: variance of all three coordinates together from which on it counts; width (p,): standard
+    uncertainties of the priors of the unknowns."""
 
     factor: float = 0.0
     from_mm2: float = 0.0
+    width: FloatArray = NO_WIDTH
 
-    def places(self, jacobian: FloatArray, covariance: FloatArray, width: FloatArray) -> FloatArray:
+    def places(self, jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
         """Return covariances (N, 3, 3) [mm²] of places with derivatives (N, 3, p) by unknowns of a covariance (p, p), widened beyond the
         measured poses.
 
-        No combination of unknowns becomes less certain than `MOST` times its prior, of standard uncertainties width (p,).
+        No combination of unknowns becomes less certain than `MOST` times its prior.
         """
         known = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
         if not self.factor:
             return np.asarray(known)
+        width = self.width
         size, axes = np.linalg.eigh(covariance / np.outer(width, width))
         more = (axes * np.clip(MOST**2 - size, 0.0, self.factor**2 * np.maximum(size, 0.0))) @ axes.T * np.outer(width, width)
         far = np.maximum(1.0 - self.from_mm2 / np.maximum(np.einsum("nii->n", known), 1e-300), 0.0)

@@ -11,7 +11,7 @@ from lmeasure import files, se3
 from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-from lmeasure.robots.beyond import Beyond
+from lmeasure.robots.beyond import NOWHERE, Beyond
 from lmeasure.robots.model import RobotModel
 from lmeasure.robots.placed import Placed
 from lmeasure.robots.robot import AnyRobot, read_robot
@@ -24,10 +24,10 @@ TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
 @dataclass(frozen=True)
 class IdentifiedRobot:
     """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
-    (p, p) in the units of the names; width (p,): standard uncertainties of their priors; noise_mm of the robot in each coordinate, NaN
-    where it could not be told; freedom of that; misfit: factor by which held-out rows lay farther off than stated; beyond: how places far
-    from the measured poses are widened; turned: whether the target's orientation was measured; seen: the found robot as the program's
-    frames see it, itself where nothing else is stated of these (`stated`)."""
+    (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be told; freedom of that; misfit:
+    factor by which held-out rows lay farther off than stated; turned: whether the target's orientation was measured; seen: the found robot
+    as the program's frames see it, itself where nothing else is stated of these (`stated`); beyond: how places far from the measured
+    poses are widened."""
 
     nominal: RobotModel
     found: RobotModel
@@ -35,13 +35,12 @@ class IdentifiedRobot:
     tool: FloatArray
     names: tuple[str, ...]
     covariance: FloatArray
-    width: FloatArray
     noise_mm: float
     freedom: float
     misfit: float
-    beyond: Beyond
     turned: bool
     seen: RobotModel
+    beyond: Beyond = NOWHERE
 
     def stated(self, base: FloatArray | None, tool: FloatArray | None) -> "IdentifiedRobot":
         """With where the program's base stands in the instrument's frame, and where the measured target is meant to sit on the flange (7,);
@@ -57,7 +56,7 @@ class IdentifiedRobot:
     def u_mm(self, joints: FloatArray) -> FloatArray:
         """(N,) [mm] standard uncertainty of the target's place by identification alone, all coordinates together."""
         rows = self._rows(joints)
-        spread = self.misfit**2 * self.beyond.places(rows, self.covariance, self.width)
+        spread = self.misfit**2 * self.beyond.places(rows, self.covariance)
         return np.asarray(np.sqrt(np.einsum("nii->n", spread)))
 
     def u95_mm(self, joints: FloatArray) -> FloatArray:
@@ -65,7 +64,7 @@ class IdentifiedRobot:
         the robot itself, without the instrument. NaN where the robot's own part could not be told."""
         rows = self._rows(joints)
         own = self.noise_mm**2 * np.eye(3)
-        spread = self.misfit**2 * (self.beyond.places(rows, self.covariance, self.width) + own)
+        spread = self.misfit**2 * (self.beyond.places(rows, self.covariance) + own)
         if np.isnan(self.noise_mm):
             return np.full(len(joints), np.nan)
         return np.asarray(float(t.ppf(0.975, self.freedom) / norm.ppf(0.975)) * radii_95(spread))
@@ -111,15 +110,15 @@ def read_identified(folder: Path) -> IdentifiedRobot:
         base, tool = (np.array([*data[key]["position_mm"], *data[key]["quaternion_xyzw"]], dtype=np.float64) for key in ("base", "tool"))
         freedom = float(data["freedom"])
         scale, misfit = float("nan") if noise is None else float(noise), float(held.get("misfit", 1.0))
-        beyond = Beyond(float(data["beyond"]["factor"]), float(data["beyond"]["from_mm2"]))
+        beyond = Beyond(float(data["beyond"]["factor"]), float(data["beyond"]["from_mm2"]), width)
         turned = any(bool(t["oriented"]) for t in list(data.get("targets", {}).values())[:1])
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(f"{path}: not what `lmeasure identify` writes: {error!r}") from None
     if covariance.shape != (len(names), len(names)) or not np.isfinite(covariance).all():
         raise FileFormatError(f"{path}: the covariance is not of its {len(names)} parameters")
     found = robot.model
-    known = names, covariance, width, scale, max(freedom, 1.0), misfit, beyond
-    return IdentifiedRobot(_nominal(robot, nominal, path), found, base, tool, *known, turned, found)
+    known = names, covariance, scale, max(freedom, 1.0), misfit
+    return IdentifiedRobot(_nominal(robot, nominal, path), found, base, tool, *known, turned, found, beyond)
 
 
 def _nominal(robot: AnyRobot, values: dict[str, float], path: Path) -> RobotModel:

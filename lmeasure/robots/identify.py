@@ -324,7 +324,7 @@ def predicted(found: Identified[R], rows: Measurements, instrument: FloatArray) 
     unknowns, fit = found.fit.problem.unknowns, found.fit
     _, jacobian = unknowns.linearised(fit.x, rows)
     jacobian = (jacobian * unknowns.size)[:, POSITION]
-    known = found.beyond.places(jacobian, fit.covariance, fit.problem.width)
+    known = found.beyond.places(jacobian, fit.covariance)
     robot = found.of_robot(rows)
     covariance = found.misfit**2 * (known + robot + instrument)
     # the noise is known from as many degrees of freedom as the residuals leave, but for what is stated of the instrument

@@ -156,7 +156,7 @@ def beyond(found: Identified[R]) -> Beyond:
     moved = int((np.ptp(rows.joints, axis=0) > 0.0).sum())
     factor = float(np.sqrt(max(factors)) * t.ppf(0.975, moved) / t.ppf(0.975, np.inf))
     leverage = np.einsum("nip,nip->n", shift @ fit.covariance, shift)
-    return Beyond(factor, float(np.quantile(leverage[rows.placed], MEASURED)))
+    return Beyond(factor, float(np.quantile(leverage[rows.placed], MEASURED)), problem.width)
 
 
 def _cuts(found: Identified[R]) -> list[BoolArray]:

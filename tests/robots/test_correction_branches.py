@@ -9,7 +9,6 @@ from scipy.optimize import least_squares
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
-from lmeasure.robots.beyond import NOWHERE
 from lmeasure.robots.corrected_program import Corrected, corrected_program
 from lmeasure.robots.correction import MOST_JOINT_RAD, Limits, correct, fits, whole_turns
 from lmeasure.robots.dialects import fanuc, krl, rapid, tables
@@ -81,7 +80,7 @@ def test_joint_limits_hold_after_the_correction() -> None:
 
 def identified(nominal: RobotModel, found: RobotModel) -> IdentifiedRobot:
     one = np.eye(1) * 1e-6
-    return IdentifiedRobot(nominal, found, HERE, HERE, ("base.x_mm",), one, np.ones(1), 0.02, 50.0, 1.0, NOWHERE, False, found)
+    return IdentifiedRobot(nominal, found, HERE, HERE, ("base.x_mm",), one, 0.02, 50.0, 1.0, False, found)
 
 
 def program(targets: list[tuple[FloatArray, tuple[int, ...]]]) -> str:
