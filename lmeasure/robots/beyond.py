@@ -6,7 +6,7 @@ variance of its place by the parameters, measures how far it is away. Up to the 
 grows by a factor that blocks of the measurements show of each other (`judged.beyond`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,17 +16,14 @@ MOST = 4.0
 """Times its prior: how far a parameter may be off that absorbs errors which the model lacks."""
 
 
-NO_WIDTH: FloatArray = np.ones(0)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Beyond:
     """factor: of standard deviations; from_mm2: variance of all three coordinates together from which on it counts; width (p,): standard
     uncertainties of the priors of the unknowns."""
 
     factor: float = 0.0
     from_mm2: float = 0.0
-    width: FloatArray = NO_WIDTH
+    width: FloatArray = field(default_factory=lambda: np.ones(0))
 
     def places(self, jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
         """Return covariances (N, 3, 3) [mm²] of places with derivatives (N, 3, p) by unknowns of a covariance (p, p), widened beyond the
