@@ -144,8 +144,9 @@ class Clock:
         """Whether nothing happens to the only bus of the frames; then its state is moved on."""
         bus = self._buses.setdefault(frames.buses[0], _Bus())
         time_s = frames.time_s + bus.shift if bus.shift else frames.time_s
-        step = np.diff(time_s, prepend=bus.time_s[-1:])
-        if len(step) and (step.min() < 0.0 or step.max() > FORWARD_S):
+        first = float(time_s[0] - bus.time_s[-1]) if len(bus.time_s) else 0.0
+        step = time_s[1:] - time_s[:-1]
+        if not 0.0 <= first <= FORWARD_S or (len(step) and (step.min() < 0.0 or step.max() > FORWARD_S)):
             return False
         self._keep(bus, time_s, frames)
         return True

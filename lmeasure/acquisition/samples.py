@@ -243,11 +243,15 @@ class SyncAssembler:
             return Samples(np.empty(0), np.empty((0, m)), None if self._start_line is None else np.empty(0))
         self._without_sync(instants, ready)
         value, n = tabulate(self._window, self._field, self._value, m, total)
-        kept, due = self._repeated(value, n, ready)
-        for w in np.flatnonzero((n[:, : total if last else total - 1] > 1).any(axis=0)):
+        kept = np.ones(ready, np.bool_)
+        many = n.max(axis=0)
+        if not (full := bool(n[:, :ready].all() and (self.transmission.n == 1).all())):
+            kept, due = self._repeated(value, n, ready)
+        for w in np.flatnonzero(many[: total if last else total - 1] > 1):
             self._settle(int(w), n, value, ready)
-        for w, c in np.argwhere((n[:, :ready].T == 0) & due.T & kept[:, None]):
-            self._event(int(w), self.fields[c].channel, "gap")
+        if not full:
+            for w, c in np.argwhere((n[:, :ready].T == 0) & due.T & kept[:, None]):
+                self._event(int(w), self.fields[c].channel, "gap")
         time_s = settled[:ready]
         self._last_time = float(time_s[-1])
         recorded = self._advanced(value, n == 1, instants, time_s, kept)
@@ -270,27 +274,39 @@ class SyncAssembler:
         period, m, ready = self._period or 0.0, len(self.fields), len(kept)
         recorded = np.full((ready, m), np.nan)
         number = self.given + np.cumsum(kept) - kept
-        silent = np.diff(np.concatenate([self._last_instant, instants[:ready]]), prepend=instants[:1]) > LONG * period
-        others = self._evidence.of(value[:, :ready], there[:, :ready], silent[-ready:])
+        before = instants[0] if not len(self._last_instant) else self._last_instant[0]
+        intervals = np.empty(ready)
+        intervals[0], intervals[1:] = instants[0] - before, instants[1:ready] - instants[: ready - 1]
+        even = bool(there[:, :ready].all() and (self._last_seen[0] == self.syncs - 1).all() and intervals.max() <= LONG * period)
+        others = self._evidence.of(value[:, :ready], there[:, :ready], intervals > LONG * period)
         for c, counter in enumerate(self.counters):
-            rows = np.flatnonzero(there[c, :ready])
-            if not len(rows):
-                continue
-            seen = np.concatenate([self._last_seen[0][c : c + 1], self.syncs + rows])
-            at = np.concatenate([self._last_seen[1][c : c + 1], instants[rows]])
-            first, gone = int(seen[0]) < 0, np.diff(seen)
-            passed = np.maximum(np.diff(at), period * gone)
-            passed[: int(first)] = period
+            rows: IntArray | slice = slice(ready)
+            passed = intervals
+            if not even:
+                rows = np.flatnonzero(there[c, :ready])
+                if not len(rows):
+                    continue
+                seen = np.concatenate([self._last_seen[0][c : c + 1], self.syncs + rows])
+                at = np.concatenate([self._last_seen[1][c : c + 1], instants[rows]])
+                gone = np.diff(seen)
+                passed = np.maximum(np.diff(at), period * gone)
+                passed[: int(seen[0] < 0)] = period
+                self._last_seen[0][c], self._last_seen[1][c] = seen[-1], at[-1]
             usual = period * int(self.transmission.n[c])
             calm = others(c) if others is not None else None
             counts = counter.advance(value[c, rows], time_s[rows], number[rows], self.events, least_s=usual, passed_s=passed, calm=calm)
             recorded[rows, c] = counter.shown(counts)
-            self._last_seen[0][c], self._last_seen[1][c] = seen[-1], at[-1]
+        if even:
+            self._last_seen[0][:], self._last_seen[1][:] = self.syncs + ready - 1, instants[ready - 1]
         return recorded
 
     def _decide(self, ready: int, last: bool) -> bool:
         """Whether it is known by now which SYNCs each channel answers, so that the first samples can be given."""
-        known = self.transmission.known([np.unique(self._window[self._field == c]) for c in range(len(self.fields))])
+        for first in (ANSWERS, ANSWERS * MOST):
+            head = self._window < first
+            known = self.transmission.known([np.unique(self._window[head & (self._field == c)]) for c in range(len(self.fields))])
+            if known.all():
+                break
         waited = self._sync_time[ready - 1] - self._sync_time[0]
         patient = waited < FIRST_HOLD_S or self._log or not known.any()
         self._decided = last or bool(known.all()) or not patient or ready >= ANSWERS * MOST
@@ -302,8 +318,6 @@ class SyncAssembler:
         Where a channel answers every n-th SYNC only, an answer behind the next SYNC is put back.
         """
         answered = n[:, :ready] > 0
-        if answered.all() and (self.transmission.n == 1).all():
-            return np.ones(ready, np.bool_), np.ones((len(n), ready), np.bool_)
         self._announce(self.transmission.learn([self.syncs + np.flatnonzero(one) for one in answered]))
         if (self.transmission.n == 1).all():
             return np.ones(ready, np.bool_), np.ones((len(n), ready), np.bool_)
