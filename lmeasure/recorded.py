@@ -9,7 +9,7 @@ from lmeasure import files
 from lmeasure.errors import FileFormatError
 from lmeasure.findings import Finding, finding, recognised
 
-HARMLESS = ("duplicate", "duplicate_sync", "reordered", "wrap")
+HARMLESS = ("duplicate", "duplicate_sync", "reordered", "wrap", "stamp", "clock_wrap", "unanswered")
 """Faults after which the counts are what they would have been without."""
 
 

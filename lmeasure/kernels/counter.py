@@ -33,7 +33,7 @@ def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
     max_rate [1/s] bounds the motion, full is the number of values of the counter, 0 when it does not wrap. The first count is taken as a
     signed one. A step that the motion cannot have made is a jump (JUMPED), and the counter's origin is lost with it: it WENT_ON, until it
     jumps, within RETURN_S, back to where the last good sample could have come. Its counts go on too, for who can prove them right. After
-    a pause in which it could have gone half its range a counter is UNSURE for good. A value that no counter of that size shows is FOREIGN
+    a pause in which it could have gone round a counter is UNSURE for good. A value that no counter of that size shows is FOREIGN
     and nothing else. Continuous counts are the recorded ones plus whole turns, exactly.
     """
     return resume(recorded, time_s, max_rate, full, np.zeros(STATE), 0.0)
@@ -79,11 +79,11 @@ def resume(
             if state[_LOST] != 0.0:
                 what[i] = JUMPED if jumped else WENT_ON
             else:
-                # a way of half the range or more may as well have been the other way round
-                rate = max_rate
+                # the other way round may have been gone as well; by a rate that is only believed, as soon as half the range is possible
+                rate, least = max_rate, full - abs(step)
                 if state[_BELIEVED] > 0.0:
-                    rate = state[_BELIEVED] if pause > PAUSE * least_s else 0.0
-                if full > 0.0 and rate * pause + 1.0 >= 0.5 * full:
+                    rate, least = state[_BELIEVED] if pause > PAUSE * least_s else 0.0, 0.5 * full
+                if full > 0.0 and rate * pause + 1.0 >= least:
                     state[_UNSURE] = 1.0
                 what[i] = UNSURE if state[_UNSURE] != 0.0 else FOLLOWED
             counts[i] = x + (full * math.floor((target - x) / full + 0.5) if full > 0.0 else 0.0)

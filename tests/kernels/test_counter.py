@@ -73,7 +73,8 @@ class Reference:
         pause = max(time_s - since.time_s, self.least_s)
         if self.believed and pause <= PAUSE * self.least_s:
             return self.seen.count, UNSURE if self.unsure else FOLLOWED
-        if self.full and (self.believed or self.max_rate) * pause + 1.0 >= self.full / 2:
+        other = self.full / 2 if self.believed else self.full - abs(nearest(x - since.recorded, self.full))
+        if self.full and (self.believed or self.max_rate) * pause + 1.0 >= other:
             self.unsure = True
         return self.seen.count, UNSURE if self.unsure else FOLLOWED
 
