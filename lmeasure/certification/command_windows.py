@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from lmeasure import files
@@ -40,8 +41,8 @@ PASSED = 1.0
 """Cost of passing over a rest as long as a commanded one."""
 SKIPPED_AT_ALIGNING = 8
 """Rests in a row that belong to no command, where the frame is not known yet."""
-PACE = (0.8, 1.25)
-"""Of the commanded speed: outside it the run's pace is remarked."""
+PACE = (0.6, 1.25)
+"""Of the commanded speed, which accelerations lower: outside it the run's pace is remarked."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ def _assigned(found: _Rests, expected: _Expected, commands: Path, every: Sequenc
 
     The pace is found from a first assignment without durations. CertificationError names the first command without a rest.
     """
-    apart = np.linalg.norm(found.places[None] - expected.places[:, None], axis=2) if len(found) else np.empty((len(expected.places), 0))
+    apart = cdist(expected.places, found.places)
     near = apart <= FARTHEST_MM
     miss = float(np.median(apart.min(axis=1))) if apart.size else 0.0
     miss = min(miss, FARTHEST_MM)
@@ -246,6 +247,8 @@ def _cheapest(
     candidates: list[IntArray] = []
     for i in range(m):
         at = np.flatnonzero(near[i] & (found.begin_s >= expected.least_s[i]))
+        if skipped is not None and i:
+            at = np.intersect1d(at, candidates[-1][:, None] + np.arange(1, skipped + 2))
         own = np.abs(np.log(np.maximum(lasts[at], 1e-3) / expected.dwell_s[i])).clip(max=3.0) * 0.1
         if i == 0:
             cost, step = own + 1e-3 * passed[at], np.zeros(len(at), np.int64)

@@ -100,7 +100,7 @@ def read_trajectory(
     kind = kind_of(path)
     if kind == "mcap":
         return _checked(path, _of_messages(path, stated), [], [finding("orientation.read", how="ROS message (m): quaternion x, y, z, w")])
-    if kind in ("table", "parquet") or (stated.columns and not stated.of_others and _is_named(path, kind, stated.columns)):
+    if kind in ("table", "parquet") or (stated.columns and _is_named(path, kind, stated.columns)):
         return _of_table(path, stated)
     if stated.columns and not stated.of_others and set(stated.columns) != {"body"}:
         raise SettingsError("columns", f"{path} {_FIXED[kind]}, which says itself what stands where: a table has columns to name")

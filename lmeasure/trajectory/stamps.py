@@ -138,7 +138,7 @@ def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins:
     numbered = numbers(stamp_s, places, noise, begins)
     as_even, speed, _ = _residuals(usual * numbered.number.astype(np.float64), places, first)
     even = clock(stamp_s, numbered) if np.median(as_even) < np.median(as_stamped) else None
-    intervals = 1e3 * np.diff(stamp_s)
+    intervals = 1e3 * np.diff(stamp_s)[~begins]
     apart = {"least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
     if even is None:
         note = finding("stamps.uneven", **apart, error_ms=1e3 * u_stamp)

@@ -157,7 +157,7 @@ def test_a_certificate_in_three_commands_from_a_trackers_own_frame(folder: Path)
 
 
 def test_the_pace_of_a_run_is_told(folder: Path) -> None:
-    t, p, rests = robot(slower=2.0)
+    t, p, rests = robot(slower=3.0)
     program, said = ran(folder, t, p)
     right(program, rests, within_s=0.5)
     assert "% of the commanded speeds" in said

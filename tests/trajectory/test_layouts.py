@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import lmeasure as lm
 from lmeasure.errors import LMeasureError
+from lmeasure.foreign import columns_of
+from lmeasure.trajectory import Stated
 
 FloatArray = NDArray[Any]
 TABLES = Path(__file__).parents[1] / "authorities" / "tables"
@@ -154,6 +156,10 @@ def test_a_layout_is_read_right_or_refused(name: str, tmp_path: Path) -> None:
     else:
         assert np.isnan(read.poses[:, 3:]).all()
     assert layout.noted in " ".join(map(str, read.notes))
+    if layout.columns is not None:
+        # as the copy in the folder of a certificate is read
+        again = lm.read_trajectory(path, Stated(columns_of(layout.columns), angles=layout.angles, of_others=True))
+        np.testing.assert_array_equal(again.poses, read.poses)
 
 
 @pytest.mark.parametrize(
@@ -171,6 +177,9 @@ def test_a_layout_is_read_right_or_refused(name: str, tmp_path: Path) -> None:
 )
 def test_files_of_other_programs_are_read(file: str, columns: str | None, turned: bool) -> None:
     read = lm.read_trajectory(TABLES / file, columns=columns)
+    if columns is not None:
+        again = lm.read_trajectory(TABLES / file, Stated(columns_of(columns), of_others=True))
+        np.testing.assert_array_equal(again.poses, read.poses)
     atol = 1e-4 if file == "leica.csv" else 2e-6
     assert np.diff(read.time_s)[0] == pytest.approx(0.008, abs=4e-7)
     np.testing.assert_allclose(read.poses[:2, :3], [[400.0, -100.0, 300.0], [401.599932, -100.0128, 300.16]], atol=atol)
