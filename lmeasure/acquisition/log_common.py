@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.frames import CLASSIC_BYTES, FD_BYTES, Frames
-from lmeasure.kernels.frames import LATEST_S, NAMED_CHANNELS, Bytes, Columns
+from lmeasure.kernels.frames import LATEST_S, NAMED_CHANNELS, Columns
 
 if TYPE_CHECKING:
     import can
@@ -18,7 +18,6 @@ BLOCK_BYTES = 1 << 21
 LARGEST_IDENTIFIER = 0x1FFFFFFF
 LARGEST_STANDARD = 0x7FF
 SHOWN_BYTES = 60
-LINE_FEED, CARRIAGE_RETURN = 10, 13
 BLANK, COMMENT, HEADER = "blank", "comment", "header"
 """Kinds of known lines that several formats have."""
 COMMENT_SIGNS = ("#", ";", "//")
@@ -107,16 +106,6 @@ class UnreadableError(ValueError):
 def kind_of_failure(error: Exception) -> str:
     """Return the kind as which an unread line is counted."""
     return error.kind if isinstance(error, UnreadableError) else BROKEN_FRAME
-
-
-def lines_in(text: Bytes) -> int:
-    """Return the number of line ends: line feed, carriage return, or both together."""
-    feeds = text == LINE_FEED
-    total = int(np.count_nonzero(feeds))
-    if text.tobytes().find(b"\r") < 0:  # a copy and a search are faster than a second comparison
-        return total
-    returns = text == CARRIAGE_RETURN
-    return total + int(np.count_nonzero(returns) - np.count_nonzero(returns[:-1] & feeds[1:]))
 
 
 def new_columns(count: int, width: int) -> Columns:

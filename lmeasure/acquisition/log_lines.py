@@ -12,9 +12,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from lmeasure.acquisition.frames import CLASSIC_BYTES, ERROR, FD, FD_BYTES, REMOTE, Frames
-from lmeasure.acquisition.log_common import BLANK, LARGEST_IDENTIFIER, LogReport, kind_of_failure, lines_in
+from lmeasure.acquisition.log_common import BLANK, LARGEST_IDENTIFIER, LogReport, kind_of_failure
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.frames import LATEST_S, Bytes
+from lmeasure.kernels.log_text import line_ends
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a CAN FD frame by its length code, ISO 11898-1."""
@@ -47,7 +48,7 @@ def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Dialect, report: 
     buses: dict[str, int] = {}
     for block in blocks:
         found: list[Line] = []
-        first = report.total - lines_in(block) + 1
+        first = report.total - line_ends(block) + 1
         for number, raw in enumerate(block.tobytes().splitlines(), first):
             if not raw or raw.isspace():
                 report.known_kinds[BLANK] += 1

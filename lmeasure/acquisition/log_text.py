@@ -13,7 +13,6 @@ from lmeasure.acquisition.frames import CLASSIC_BYTES, ERROR, FD_BYTES, Frames, 
 from lmeasure.acquisition.log_common import (
     BLANK,
     BLOCK_BYTES,
-    CARRIAGE_RETURN,
     COMMENT,
     COMMENT_SIGNS,
     HEADER,
@@ -27,7 +26,6 @@ from lmeasure.acquisition.log_common import (
     checked,
     frames_of,
     kind_of_failure,
-    lines_in,
     new_columns,
     read_into,
 )
@@ -36,7 +34,7 @@ from lmeasure.errors import FileFormatError
 from lmeasure.kernels.frames import ODD, WIDE, Bytes, Columns
 from lmeasure.kernels.log_asc import EVENTS, scan_asc
 from lmeasure.kernels.log_candump import NAME_BYTES, NAMES, scan_candump
-from lmeasure.kernels.log_text import line_stop
+from lmeasure.kernels.log_text import line_ends, line_stop
 
 if TYPE_CHECKING:
     import can
@@ -142,7 +140,7 @@ def _batches(path: Path, blocks: Iterable[Bytes], dialect: _Dialect, report: Log
                     else:
                         parts.append(found)
                 except ValueError as error:
-                    place = "" if report.unread else f"line {report.total - lines_in(block[pos:]) + 1}"
+                    place = "" if report.unread else f"line {report.total - line_ends(block[pos:]) + 1}"
                     report.cannot_read(line, str(error), place, kind_of_failure(error))
                 pos = following
         for kind, count in zip(dialect.kinds, known.tolist(), strict=True):
@@ -165,11 +163,11 @@ def blocks_of_lines(path: Path, file: BinaryIO, report: LogReport) -> Iterator[B
         if kept > LONGEST_LINE:
             raise FileFormatError(f"{path}: is no text log: a line is longer than {LONGEST_LINE} bytes")
         if cut:
-            report.total += lines_in(text[:cut])
+            report.total += line_ends(text[:cut])
             yield text[:cut]
         room[:kept] = room[cut:end]
-    if kept and held[kept - 1] == CARRIAGE_RETURN:
-        report.total += lines_in(text[:kept])
+    if kept and held[kept - 1] == ord("\r"):
+        report.total += line_ends(text[:kept])
         yield text[:kept]
     elif kept:
         tail = bytes(room[:kept])

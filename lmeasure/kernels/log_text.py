@@ -105,6 +105,19 @@ def integer(b: Bytes, i: int, base: int) -> tuple[int, int]:
 
 
 @kernel
+def line_ends(b: Bytes) -> int:
+    """Return the number of line ends: line feed, carriage return, or both together."""
+    feeds = returns = together = i64(0)
+    for i in range(len(b)):
+        feeds += b[i] == 10
+        returns += b[i] == 13
+    if returns:
+        for i in range(1, len(b)):
+            together += (b[i - 1] == 13) & (b[i] == 10)
+    return feeds + returns - together
+
+
+@kernel
 def line_stop(b: Bytes, i: int) -> tuple[int, int]:
     """Return where the line of place i ends, and where the next begins."""
     end = skip_line(b, i)
