@@ -108,8 +108,11 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: 
             continue
         if byte(b, i) != 40:
             return n, line, ODD, used
-        before = byte(b, i + 1) == 45
-        i, ticks, digits = decimal(b, i + (2 if before else 1))
+        i += 1
+        before = byte(b, i) == 45
+        if before:
+            i += 1
+        i, ticks, digits = decimal(b, i)
         if ticks < 0 or byte(b, i) != 41 or not is_blank(byte(b, i + 1)):
             return n, line, ODD, used
         seconds = float(ticks) / POWERS[digits]

@@ -102,7 +102,8 @@ def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple
     found = tuple(scan_log(log, steps(progress, "bytes")) for log in settings.logs)
     lines = [line for scan in found for line in scan.lines()]
     counters = sum(len(c.counters) for scan in found for c in scan.carried)
-    return Result(found, tuple(lines), {"identifiers": float(sum(len(s.carried) for s in found)), "counter_like": float(counters)})
+    notes = tuple(f"{scan.path}: {note}" for scan in found for note in scan.notes)
+    return Result(found, tuple(lines), {"identifiers": float(sum(len(s.carried) for s in found)), "counter_like": float(counters)}, notes)
 
 
 def _start(settings: Settings) -> "StatedStart | None":
