@@ -20,8 +20,9 @@ import numpy as np
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path[:0] = [str(TESTS / name) for name in ("workbench", "report")]
 
-from bench import served_apart, until  # noqa: E402
+from bench import served_apart, token, until  # noqa: E402
 from browser import Page, opened  # noqa: E402
+from clicks import entered  # noqa: E402
 
 from lmeasure.counts import read_counts  # noqa: E402
 from lmeasure.rig import write_rig  # noqa: E402
@@ -64,10 +65,10 @@ def measure(folder: Path, minutes: float, rate_hz: float, kept: Path | None = No
     """The table of what was seen, kept in a file as it grows, and what the recorder says in the end."""
     write_rig(folder / "rig.toml", cell_rig(0))
     with served_apart(folder) as address, opened(address, folder / ".profile") as page:
-        base, token = address.split("/?token=")
+        base, known = address.split("/?")[0], token(folder)
 
         def ask(path: str, content: Any = None) -> Any:
-            head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+            head = {"Authorization": f"Bearer {known}", "Content-Type": "application/json"}
             with urlopen(Request(base + path, None if content is None else json.dumps(content).encode(), head)) as answer:
                 return json.load(answer)
 
@@ -79,7 +80,7 @@ def measure(folder: Path, minutes: float, rate_hz: float, kept: Path | None = No
         until(lambda: "cell" in ask(f"/jobs/{cell}/last")["last"], 180.0)
         job = begin("record", rig="rig.toml", bus=bus, out="run", start="0,0,0,90,-90,0")
         until(lambda: ask(f"/jobs/{job}/last")["last"].get("live", {}).get("samples", 0) > 100, 180.0)
-        page.go(f"{base}/jobs/{job}")
+        page.go(f"{entered(page)}/jobs/{job}")
         rows = []
         server = processes("workbench\0" + str(folder))
         recorder = [int(json.loads((folder / f".workbench/jobs/{job:04}/asked.json").read_text())["process"])]
@@ -96,7 +97,7 @@ def measure(folder: Path, minutes: float, rate_hz: float, kept: Path | None = No
                     kept, rows, "%.3f", ",", header="seconds,frame_to_screen_ms,server_mb,recorder_mb,browser_mb,scripts_mb", comments=""
                 )
         last = ask(f"/jobs/{job}/last")["last"]["live"]
-        with urlopen(Request(f"{base}/api/jobs/{job}", method="DELETE", headers={"Authorization": f"Bearer {token}"})):
+        with urlopen(Request(f"{base}/api/jobs/{job}", method="DELETE", headers={"Authorization": f"Bearer {known}"})):
             pass
         until(lambda: ask(f"/jobs/{job}/last")["state"] != "running", 60.0)
     counts = read_counts(folder / "run" / "pass1.csv")

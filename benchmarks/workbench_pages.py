@@ -18,6 +18,7 @@ sys.path[:0] = [str(HERE), str(HERE / "report"), str(HERE / "workbench")]
 
 from bench import served_apart  # noqa: E402
 from browser import Page, opened  # noqa: E402
+from clicks import entered  # noqa: E402
 
 from lmeasure.rig import write_rig  # noqa: E402
 from lmeasure.simulation import cell_rig  # noqa: E402
@@ -88,7 +89,7 @@ def main() -> None:
         with served_apart(project) as address:
             print(f"server: {1e3 * (time.perf_counter() - begin):.0f} ms until it tells its address")
             with opened(address, Path(scratch) / "profile") as page:
-                base = address.split("/?")[0]
+                base = entered(page)
                 told("first page", first_page(page, base, times))
                 page.go(f"{base}/rig?file=rig.toml")
                 page.wait("document.getElementById('scene-zone').textContent.includes('m³')")

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.checked import gathered
 from lmeasure.errors import FileFormatError
-from lmeasure.opened import open_regular, read_regular
+from lmeasure.opened import LARGEST_BYTES, open_regular, read_regular
 
 # what a person calls a number: no nan, no inf, no 1_000, no digits of other scripts
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -176,6 +177,61 @@ class Table:
         return [*texts, ""], codes
 
 
+def decoded_bytes(path: Path) -> int:
+    """Return the bytes that the numbers and texts of a .parquet file take in memory; FileFormatError for any other file.
+
+    A few bytes of such a file may stand for millions of equal values. Numbers are counted by what the file says of itself, texts by their
+    own lengths.
+    """
+    path = Path(path)
+    try:
+        with open_regular(path) as raw, pa.parquet.ParquetFile(raw, pre_buffer=False) as file:
+            bound, texts = _stated_bytes(path, file)
+        if bound > LARGEST_BYTES or not texts:
+            return bound
+        with open_regular(path) as raw, pa.parquet.ParquetFile(raw, pre_buffer=False, read_dictionary=texts) as file:
+            for batch in file.iter_batches(PIECE_ROWS, columns=texts):
+                bound += sum(_text_bytes(column) for column in batch.columns)
+                if bound > LARGEST_BYTES:
+                    break
+    except (pa.ArrowException, OSError) as error:
+        raise FileFormatError(f"{path}: cannot be read as parquet: {_reason(error)}") from error
+    return bound
+
+
+def _stated_bytes(path: Path, file: Any) -> tuple[int, list[str]]:
+    """Return what the values of a .parquet file take in memory, as it says itself, but for texts, and the columns of those."""
+    groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
+    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
+    bound, texts = sum(8 * chunk.num_values + chunk.total_uncompressed_size for chunk in chunks), []
+    for field in file.schema_arrow:
+        kind = field.type
+        if pa.types.is_fixed_size_binary(kind):
+            bound += kind.byte_width * file.metadata.num_rows
+        elif _is_text(kind) or (pa.types.is_dictionary(kind) and _is_text(kind.value_type)):
+            texts.append(field.name)
+        elif pa.types.is_nested(kind) and any(_is_text(leaf) or pa.types.is_fixed_size_binary(leaf) for leaf in _leaves(kind)):
+            raise FileFormatError(f"{path}: column {field.name!r} has texts in lists or structures, and no table has those")
+    return bound, texts
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return any(check(kind) for check in (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary))
+
+
+def _leaves(kind: pa.DataType) -> Iterator[pa.DataType]:
+    if not pa.types.is_nested(kind):
+        yield kind
+    for i in range(kind.num_fields):
+        yield from _leaves(kind.field(i).type)
+
+
+def _text_bytes(column: pa.Array) -> int:
+    """Return the bytes of the texts of a column whose different ones are kept once."""
+    lengths = pa.compute.binary_length(column.dictionary)
+    return int(pa.compute.sum(lengths.take(column.indices)).as_py() or 0)
+
+
 def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = None) -> Table:
     """Read .csv (header line, empty cells are gaps; commas, or semicolons or tabs as a spreadsheet writes that has decimal commas) or
     .parquet. FileFormatError names the file and what is wrong with it.
@@ -190,6 +246,8 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
         raw = raw[: raw.rfind(b"\n") + 1]
     try:
         if suffix == ".parquet":
+            if (size := decoded_bytes(path)) > LARGEST_BYTES:
+                raise FileFormatError(f"{path}: cannot be read: its numbers and texts take {size} bytes, {LARGEST_BYTES} are the most")
             data = pa.parquet.read_table(pa.BufferReader(raw), columns=None if only is None else list(only))
         elif suffix == ".csv":
             if not raw or raw.isspace():

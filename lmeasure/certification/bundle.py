@@ -13,9 +13,7 @@ import json
 import os
 import shutil
 import stat
-import struct
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -26,7 +24,8 @@ from typing import Any
 from lmeasure import files
 from lmeasure.certification.canonical import canonical, digest
 from lmeasure.certification.signature import fingerprint, sign, signer
-from lmeasure.errors import CertificationError, ForeignFolderError, LMeasureError
+from lmeasure.errors import CertificationError, FileFormatError, ForeignFolderError, LMeasureError
+from lmeasure.opened import open_zip, unpack
 
 SCHEMA = "lmeasure.bundle/1"
 MANIFEST = "manifest.json"
@@ -34,7 +33,6 @@ SIGNATURE = "signature.json"
 CERTIFICATE = "certificate.json"
 INPUTS = "inputs"
 CHUNK = 2**20
-LOCAL_HEADER = 30  # bytes before the name of a file in a zip
 
 
 @dataclass(frozen=True)
@@ -321,7 +319,7 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
         if error.errno in files.TO_DO:
             raise CertificationError(files.not_written(scratch, error, f"{path.name} cannot be unpacked there")) from None
         raise CertificationError(f"{path}: was changed, or is not the .zip of a certificate: {error}") from None
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error, struct.error) as error:
+    except FileFormatError as error:
         raise CertificationError(f"{path}: was changed, or is not the .zip of a certificate: {error}") from None
     if again.hexdigest() != actual:
         raise CertificationError(f"{path}: was changed: it is not, byte for byte, the .zip of the files in it")
@@ -329,30 +327,15 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
 
 
 def _extract(path: Path, folder: Path) -> list[str]:
-    with zipfile.ZipFile(path) as archive:
+    with open_zip(path) as archive:
         names = [safe_name(info.filename) for info in archive.infolist()]
         if names != sorted(set(names)):
             raise CertificationError(f"{path}: was changed: its files are not in order")
         # stored only: what it unpacks to can be no larger than itself
         if any(info.compress_type != zipfile.ZIP_STORED for info in archive.infolist()):
             raise CertificationError(f"{path}: was changed: its files are not stored as they are")
-        _each_its_own(path, archive)
-        for info in archive.infolist():
-            target = folder / info.filename
-            target.parent.mkdir(parents=True, exist_ok=True)
-            with archive.open(info) as source, target.open("wb") as out:
-                shutil.copyfileobj(source, out, CHUNK)
+        unpack(archive, folder)
     return names
-
-
-def _each_its_own(path: Path, archive: zipfile.ZipFile) -> None:
-    """CertificationError when a zip would unpack to more than it is: the same bytes may serve for many files."""
-    end = archive.start_dir
-    for info in sorted(archive.infolist(), key=lambda i: i.header_offset, reverse=True):
-        needs = LOCAL_HEADER + len(info.filename.encode("utf-8")) + info.file_size
-        if info.file_size != info.compress_size or info.header_offset < 0 or info.header_offset + needs > end:
-            raise CertificationError(f"{path}: was changed: {info.filename} lies over another file or is larger than the zip")
-        end = info.header_offset
 
 
 class _Sink:

@@ -3,10 +3,15 @@
 import asyncio
 import mimetypes
 import os
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.templating import Jinja2Templates
@@ -15,15 +20,19 @@ from lmeasure.workbench import buses, guard, tour
 from lmeasure.workbench.cards import TITLES
 from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.processes import prepared
-from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
+from lmeasure.workbench.project import OutsideError, Project, inside, look_at
 from lmeasure.workbench.shelf import Shelf
 from lmeasure.workbench.words import preferred, said
+from lmeasure.workbench.worker import Queue
 
 HERE = Path(__file__).parent
 TEMPLATES = Jinja2Templates(directory=HERE / "templates")
 COOKIE = "lmeasure-language"
-PAUSE_S = 0.5
-"""After which a page stands in its browser, and the first job may be prepared."""
+UPLOADS = 2
+"""That are taken in at once; others wait."""
+Form = dict[str, list[str]]
+_LINK = re.compile(r'((?:href|src|action|data-src)=")/(?!/|shown/)')
+"""An address of this server in a page."""
 
 
 @dataclass
@@ -32,11 +41,22 @@ class Bench:
 
     folder: Path
     language: str
+    door: guard.Door
     shelf: Shelf | None = None
     jobs: Jobs = field(init=False)
+    reading: Queue = field(init=False, default_factory=Queue)
+    taking: asyncio.Semaphore = field(init=False, default_factory=lambda: asyncio.Semaphore(UPLOADS))
 
     def __post_init__(self) -> None:
         self.jobs = Jobs(self.folder, self.language)
+
+    async def close(self) -> None:
+        """End what works here."""
+        await self.jobs.close()
+
+    def shown(self, path: str) -> str:
+        """Return the address at which a file of the project is shown: it is good for that file alone, whose scripts can read it."""
+        return f"{guard.SHOWN}{self.door.key(path)}/{quote(path)}"
 
     @property
     def project(self) -> Project:
@@ -57,19 +77,17 @@ def language_of(request: Request) -> str:
 
 
 def page(request: Request, name: str, status: int = 200, **values: Any) -> Response:
-    """A page from its template, with the words of its reader."""
+    """Return a page from its template, with the words of its reader; addresses in it get the path of the reader's session."""
     language = language_of(request)
     bench = bench_of(request)
-    asyncio.get_running_loop().call_later(PAUSE_S, prepared.want)
+    prepared.want_soon()
     stop = tour.shown(bench.project, asked) if (asked := request.query_params.get("tour", "")) else None
-    known = {"language": language, "bench": bench, "tour": stop, "titles": TITLES}
+    known = {"language": language, "bench": bench, "tour": stop, "titles": TITLES, "here": request.scope["path"]}
+    known["origin"] = f"{request.url.scheme}://{request.headers['host']}{request.scope['at']}"
     known |= {"running": bench.jobs.running(), "playing": buses.playing(bench.jobs)}
-    return TEMPLATES.TemplateResponse(
-        request,
-        name,
-        {"_": lambda text, **more: said(language, text, **more), **known, **values},
-        status_code=status,
-    )
+    known |= {"_": lambda text, **more: said(language, text, **more), **values}
+    text = TEMPLATES.get_template(name).render(known)
+    return Response(_LINK.sub(rf"\g<1>{request.scope['at']}/", text), status, media_type="text/html")
 
 
 def job_of(request: Request) -> Job | None:
@@ -81,36 +99,58 @@ def file_of(request: Request) -> Path | None:
     """The file of the path, within the project; None where there is none, or it is none of the project."""
     try:
         path = inside(bench_of(request).folder, request.path_params["path"])
-    except OutsideError:
+        return path if path.is_file() else None
+    except (OutsideError, OSError):
         return None
-    hidden = any(part.startswith(".") for part in path.relative_to(bench_of(request).folder.resolve()).parts)
-    return path if path.is_file() and not hidden and OWN not in path.parts else None
 
 
-def as_file(path: Path) -> Response:
-    """A file of the project; pages of reports may draw, and do nothing else."""
+def as_file(path: Path, *, shown: bool = False) -> Response:
+    """A file of the project, to be saved, or shown: pages of reports may draw, and do nothing else."""
     kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
     if path.suffix in (".toml", ".csv", ".log", ".txt", ".md"):
         kind = "text/plain; charset=utf-8"
-    headers = {"Content-Security-Policy": guard.REPORT if kind in ("text/html", "image/svg+xml") else "default-src 'none'; sandbox"}
-    if kind == "application/pdf":
-        headers["Content-Security-Policy"] = "default-src 'none'; object-src 'self'; frame-ancestors 'self'"
-    return FileResponse(path, media_type=kind, headers=headers)
+    draws = shown and kind in ("text/html", "image/svg+xml")
+    headers = {"Content-Security-Policy": guard.REPORT if draws else "default-src 'none'; sandbox"}
+    if shown:
+        return FileResponse(path, media_type=kind, headers=headers)
+    return FileResponse(path, media_type=kind, headers=headers, filename=path.name)
 
 
-async def form_of(request: Request) -> dict[str, list[str]]:
+def plain(text: str) -> str:
+    """Return a text that can be written: what a request spells may be half a letter."""
+    return text.encode("utf-8", "replace").decode()
+
+
+async def form_of(request: Request) -> Form:
     """What a form says, without files."""
     async with request.form(max_files=0, max_fields=1000) as form:
-        return {key: [str(value) for value in form.getlist(key)] for key in form}
+        return {plain(key): [plain(str(value)) for value in form.getlist(key)] for key in form}
+
+
+@asynccontextmanager
+async def uploads_of(request: Request, most: int) -> AsyncIterator[tuple[Form, list[tuple[str, Any]]]]:
+    """Yield the fields of a form, and the names and contents of its files, at most so many."""
+    async with bench_of(request).taking, request.form(max_files=most, max_fields=20) as form:
+        fields = {plain(key): [plain(value) for value in form.getlist(key) if isinstance(value, str)] for key in form}
+        files = [one for one in form.getlist("files") if not isinstance(one, str) and one.filename]
+        yield fields, [(plain(one.filename or ""), one.file) for one in files]
+
+
+def posted(answer: Callable[[Request, Form], Response]) -> Callable[[Request], Awaitable[Response]]:
+    """Return what answers with a posted form, empty where none was posted, in a thread: files are read and written there."""
+
+    async def answered(request: Request) -> Response:
+        form = await form_of(request) if request.method == "POST" else {}
+        return await run_in_threadpool(answer, request, form)
+
+    return answered
 
 
 def unread(request: Request, error: Exception) -> Response:
     """What is no file of the project is not found; what is there and cannot be read is said to be so, by its path in the project."""
     if isinstance(error, OutsideError):
         return lost(request, str(error))
-    return page(
-        request, "error.html", 422, title=said(language_of(request), "It cannot be read"), text=within(bench_of(request).folder, error)
-    )
+    return refused(request, 422, said(language_of(request), "It cannot be read"), within(bench_of(request).folder, error))
 
 
 def within(folder: Path, error: Exception) -> str:
@@ -121,4 +161,9 @@ def within(folder: Path, error: Exception) -> str:
 def lost(request: Request, text: str) -> Response:
     """Not found, and why in the reader's words where there are some."""
     language = language_of(request)
-    return page(request, "error.html", 404, title=said(language, "Not found"), text=said(language, text))
+    return refused(request, 404, said(language, "Not found"), said(language, text))
+
+
+def refused(request: Request, status: int, title: str, text: str) -> Response:
+    """A page that says why there is no other."""
+    return page(request, "error.html", status, title=title, text=plain(text))

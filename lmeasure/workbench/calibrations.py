@@ -3,20 +3,18 @@
 import math
 import shlex
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from lmeasure.calibration.compare import Comparison, chance, compare_records, read_earlier
 from lmeasure.errors import LMeasureError
 from lmeasure.saying import Say
-from lmeasure.workbench.answers import Bench, bench_of, language_of, page
-from lmeasure.workbench.project import inside
-
-if TYPE_CHECKING:
-    from lmeasure.calibration.compare import Comparison
+from lmeasure.workbench.answers import Bench, bench_of, language_of, page, within
+from lmeasure.workbench.project import LARGEST_JSON, OutsideError, inside
 
 NORMAL_95 = 1.959964
 """Half the width of the interval that holds 95 % of a normal value, in its standard deviations."""
@@ -37,7 +35,7 @@ class Value(NamedTuple):
         return abs(self.change) > self.u95
 
 
-async def moved(request: Request) -> Response:
+def moved(request: Request) -> Response:
     """The page: two calibrations are chosen, ?old=...&new=..., the last two where none is."""
     bench = bench_of(request)
     records = sorted(bench.project.of("record"), key=lambda path: ((bench.folder / path).stat().st_mtime, path))
@@ -46,27 +44,24 @@ async def moved(request: Request) -> Response:
         old, new = records[-2:]
     values: dict[str, Any] = {"records": records, "old": old, "new": new, "found": None, "error": "", "line": ""}
     if old and new:
-        from lmeasure.calibration.compare import chance
-
         values |= {"line": shlex.join(["lmeasure", "compare", old, new]), "chance": chance}
         try:
-            found = await run_in_threadpool(_compared, bench, old, new)
+            found = _compared(bench, old, new)
             values |= {"found": found, "values": shifts(found), "notes": [Say(language_of(request)).told(note) for note in found.notes]}
         except (LMeasureError, OSError) as error:
-            values["error"] = str(error)
+            values["error"] = within(bench.folder, error)
     return page(request, "moved.html", 422 if values["error"] else 200, **values)
 
 
-def _compared(bench: Bench, old: str, new: str) -> "Comparison":
-    from dataclasses import replace
-
-    from lmeasure.calibration.compare import compare_records, read_earlier
-
-    first, later = (read_earlier(inside(bench.folder, text)) for text in (old, new))
+def _compared(bench: Bench, old: str, new: str) -> Comparison:
+    paths = [inside(bench.folder, text) for text in (old, new)]
+    if any(path.is_file() and path.stat().st_size > LARGEST_JSON for path in paths):
+        raise OutsideError(f"{old} or {new}: is too large for a calibration")
+    first, later = (read_earlier(path) for path in paths)
     return compare_records(replace(first, source=old), replace(later, source=new))
 
 
-def shifts(found: "Comparison") -> dict[str, list[Value]]:
+def shifts(found: Comparison) -> dict[str, list[Value]]:
     """The values of each point, those that have an uncertainty."""
     out: dict[str, list[Value]] = {}
     for v in found.values:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lmeasure.errors import SettingsError
+from lmeasure.errors import LMeasureError, SettingsError
+from lmeasure.opened import read_regular
 from lmeasure.workbench import forms
-from lmeasure.workbench.project import Project
+from lmeasure.workbench.project import LARGEST_TEXT, Project
 from lmeasure.workflows import COMMANDS
 
 MORE = "More options"
@@ -242,6 +243,6 @@ def _start(command: str, project: Project) -> str:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
+        return read_regular(path, LARGEST_TEXT).decode("utf-8", "replace")
+    except (LMeasureError, OSError):
         return ""

@@ -1,13 +1,15 @@
 """Pages of certificates: the form of their details, verification of what is dropped, and their figures over time."""
 
+import contextlib
 import datetime
 import json
 import math
 import shutil
-import zipfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
@@ -15,10 +17,11 @@ from starlette.routing import Route
 from lmeasure import files
 from lmeasure.certification.printed import with_u95
 from lmeasure.errors import LMeasureError
+from lmeasure.opened import read_regular
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
-from lmeasure.workbench.answers import bench_of, form_of, language_of, page, unread
-from lmeasure.workbench.project import OutsideError, Project, inside
-from lmeasure.workbench.uploads import take_in, take_in_folder
+from lmeasure.workbench.answers import Bench, Form, bench_of, language_of, page, posted, refused, unread, uploads_of, within
+from lmeasure.workbench.project import LARGEST_JSON, LARGEST_TEXT, OutsideError, Project, inside
+from lmeasure.workbench.uploads import Uploads, take_in, take_in_folder
 from lmeasure.workbench.words import said
 
 FOLLOWED = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")
@@ -26,16 +29,16 @@ FOLLOWED = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")
 HIGH, LEFT = 150, 60
 
 
-async def details(request: Request) -> Response:
+def details(request: Request, form: Form) -> Response:
     """A details file as a form; posted, it is saved, or all complaints are shown with what was typed."""
     bench, language = bench_of(request), language_of(request)
     known = bench.project.of("details")
-    typed = {key: values[-1] for key, values in (await form_of(request)).items()} if request.method == "POST" else {}
+    typed = {key: values[-1] for key, values in form.items()}
     file = typed.get("_file") or request.query_params.get("file") or (known[0] if known else "details.toml")
     wrong: list[str] = []
     try:
         path = inside(bench.folder, file)
-        if path.suffix != ".toml" or path.name.startswith(".") or (path.exists() and file not in known):
+        if path.suffix != ".toml" or (path.exists() and (file not in known or path.stat().st_size > LARGEST_TEXT)):
             raise OutsideError(f"{file}: is no details file of the project")
         before: Any = files.read_toml(path) if path.is_file() else {}
         content = form_of_details.filled(before, typed) if typed else dict(before)
@@ -52,9 +55,9 @@ async def details(request: Request) -> Response:
     return page(request, "details.html", 422 if wrong else 200, missing=form_of_details.missing(content), known=known, **shown)
 
 
-async def preview(request: Request) -> Response:
+def preview(request: Request, form: Form) -> Response:
     """How what is typed will be printed, in both languages; which rows nothing fills; what is wrong."""
-    typed = {key: values[-1] for key, values in (await form_of(request)).items()}
+    typed = {key: values[-1] for key, values in form.items()}
     content = form_of_details.filled({}, typed)
     wrong = form_of_details.complaints(content, "details")
     told: dict[str, Any] = {"complaints": wrong, "missing": form_of_details.missing(content)}
@@ -66,29 +69,51 @@ async def preview(request: Request) -> Response:
 async def verify_dropped(request: Request) -> Response:
     """A certificate that is dropped, as a zip or as its folder: kept beside, and verified."""
     bench = bench_of(request)
-    async with request.form(max_files=5000, max_fields=5) as form:
-        uploads = [(one.filename or "", one.file) for one in form.getlist("files") if not isinstance(one, str) and one.filename]
+    async with uploads_of(request, most=5000) as (_, uploads):
         if not uploads:
             return RedirectResponse("/robot", 303)
-        number = 1
-        while (bench.folder / "verified" / str(number)).exists():
-            number += 1
-        target = bench.folder / "verified" / str(number)
         try:
-            target.mkdir(parents=True)
-            if len(uploads) == 1 and uploads[0][0].lower().endswith(".zip"):
-                # as whatever packed it: `verify` itself takes a zip of `certify` alone
-                take_in(target, *uploads[0], unpacked=True)
-            else:
-                take_in_folder(target, uploads)
-            found = sorted(target.rglob("certificate.json"), key=lambda path: len(path.parts))
-            if not found:
-                raise OutsideError(f"{uploads[0][0]}: holds no certificate.json; drop the whole folder, or its zip")
-            job = await bench.jobs.begin(["verify", found[0].parent.relative_to(bench.folder).as_posix()])
-        except (LMeasureError, OSError, zipfile.BadZipFile) as error:
-            shutil.rmtree(target, ignore_errors=True)
-            return page(request, "error.html", 422, title=said(language_of(request), "Not verified"), text=str(error))
+            kept = await run_in_threadpool(_kept, bench, uploads)
+        except (LMeasureError, OSError) as error:
+            return await run_in_threadpool(_not_verified, request, error)
+    try:
+        job = await bench.jobs.begin(["verify", kept])
+    except LMeasureError as error:
+        await run_in_threadpool(shutil.rmtree, bench.folder.joinpath(*kept.split("/")[:2]), ignore_errors=True)
+        return await run_in_threadpool(_not_verified, request, error)
     return RedirectResponse(f"/jobs/{job.number}", 303)
+
+
+def _kept(bench: Bench, uploads: Uploads) -> str:
+    """Keep a certificate in a folder of its own and return the path of the certificate in the project."""
+    number = 1
+    while (bench.folder / "verified" / str(number)).exists():
+        number += 1
+    target = bench.folder / "verified" / str(number)
+    try:
+        if len(uploads) == 1 and uploads[0][0].lower().endswith(".zip"):
+            # as whatever packed it: `verify` itself takes a zip of `certify` alone
+            take_in(target, uploads)
+        else:
+            take_in_folder(target, uploads)
+        found = _certificate_in(target, uploads[0][0])
+    except BaseException:
+        shutil.rmtree(target, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            target.parent.rmdir()
+        raise
+    return found.relative_to(bench.folder).as_posix()
+
+
+def _certificate_in(folder: Path, name: str) -> Path:
+    found = sorted(folder.rglob("certificate.json"), key=lambda path: len(path.parts))
+    if not found:
+        raise OutsideError(f"{name[:200]}: holds no certificate.json; drop the whole folder, or its zip")
+    return found[0].parent
+
+
+def _not_verified(request: Request, error: Exception) -> Response:
+    return refused(request, 422, said(language_of(request), "Not verified"), within(bench_of(request).folder, error))
 
 
 class Point(NamedTuple):
@@ -123,7 +148,7 @@ def courses(project: Project) -> dict[str, list[Course]]:
     robots: dict[str, dict[str, list[tuple[str, Point]]]] = {}
     for folder in project.of("certificate"):
         try:
-            content = json.loads((project.folder / folder / "certificate.json").read_text(encoding="utf-8"))
+            content = json.loads(read_regular(project.folder / folder / "certificate.json", LARGEST_JSON))
             item = content["details"].get("item", {})
             robot = " ".join(str(item[key]) for key in ("maker", "model", "serial") if key in item)
             day = str(content["details"].get("dates", {}).get("measured_to", content["created"]))[:10]
@@ -134,7 +159,7 @@ def courses(project: Project) -> dict[str, list[Course]]:
                     worst = max(own, key=lambda c: abs(c["value"]))
                     told = Point(folder, day, float(worst["value"]), float(worst["u95"]))
                     robots.setdefault(robot, {}).setdefault(name, []).append((str(worst["unit"]), told))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
             continue
     return {robot: [_drawn(name, one[0][0], [p for _, p in one]) for name, one in by_name.items()] for robot, by_name in robots.items()}
 
@@ -161,7 +186,7 @@ def _drawn(name: str, unit: str, points: list[Point]) -> Course:
     return Course(name, unit, placed, top)
 
 
-async def trend(request: Request) -> Response:
+def trend(request: Request) -> Response:
     """The figures of all certificates of the project over time, by robot."""
     project = bench_of(request).project
     return page(request, "trend.html", robots=courses(project), folders=project.of("certificate"))
@@ -170,8 +195,8 @@ async def trend(request: Request) -> Response:
 def routes() -> Sequence[Route]:
     """Of these pages."""
     return [
-        Route("/details", details, methods=["GET", "POST"]),
-        Route("/details/preview", preview, methods=["POST"]),
+        Route("/details", posted(details), methods=["GET", "POST"]),
+        Route("/details/preview", posted(preview), methods=["POST"]),
         Route("/verify", verify_dropped, methods=["POST"]),
         Route("/trend", trend),
     ]

@@ -1,20 +1,41 @@
-"""Who is let in: the browser of this machine that was given the address with its token, and programs that know the token.
+"""Who is let in: a browser that was given a one-time address, and programs that know the token.
 
-Against names that lead here from elsewhere (Host), pages of others that post here (Origin, a cookie that is never sent along from them),
-frames around our pages, and scripts in what is shown (Content-Security-Policy). There is no way in without the token, whatever the path.
+Cookies know no ports: every server of 127.0.0.1 is sent those of this one. A session is therefore two secrets. One is a part of the path
+of all its pages (`/~SECRET/rig`), the other a cookie for that path alone. No other server is sent the cookie, for nobody asks it for that
+path; and neither secret is worth anything without the other. A page can read its own address. So reports and other files with scripts of
+their own are shown at addresses outside that path, each good for one file.
+
+Besides: names that lead here from elsewhere (Host), requests of other pages (Origin, Sec-Fetch-Site), frames around our pages, scripts in
+what is shown (Content-Security-Policy), and requests of no sensible size.
 """
 
+import hashlib
 import hmac
 import secrets
+import threading
+from collections.abc import Callable
 from http.cookies import CookieError, SimpleCookie
+from typing import NamedTuple
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.exceptions import HTTPException
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-HERE = ("127.0.0.1", "localhost")
+from lmeasure.opened import LARGEST_NAME
+
+HERE = "127.0.0.1"
+"""The one name of this server: by `localhost` a browser may come to another program's [::1]."""
 READING = ("GET", "HEAD")
+SESSION = "/~"
+SHOWN = "/shown/"
+"""Before the key and path of a file that is shown outside the session's path."""
+LARGEST_PATH = 4096
+"""Bytes of a path."""
+LARGEST_BODY, LARGEST_UPLOAD = 2**21, 2**31
+TOO_LARGE = "the content is larger than {:g} MiB"
+UPLOADS = ("/upload", "/verify")
 PAGE = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; "
     "frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
@@ -26,60 +47,122 @@ REPORT = (
 """Of a page that a command wrote, with its scripts inside it: it may draw, and reach nothing, neither this server nor another."""
 
 
-def new_token() -> str:
-    """A token that nobody guesses."""
-    return secrets.token_urlsafe(24)
+class Session(NamedTuple):
+    """A browser that was let in: the path before all of its pages, and the value of its cookie."""
+
+    path: str
+    cookie: str
+
+
+class Door:
+    """The ways into one server: a token for programs, codes that let in one browser each, and the sessions of those browsers.
+
+    changed is called with a code once it was spent.
+    """
+
+    def __init__(self, token: str = "", changed: Callable[[str], None] = lambda code: None) -> None:
+        self.token = token or secrets.token_urlsafe(24)
+        self.changed = changed
+        self._codes: set[str] = set()
+        self._sessions: dict[str, Session] = {}
+        self._key = secrets.token_bytes(32)
+        self._turn = threading.Lock()
+
+    def code(self) -> str:
+        """Return a new code, which lets in one browser."""
+        with self._turn:
+            self._codes.add(code := secrets.token_urlsafe(24))
+        return code
+
+    def spend(self, code: str) -> Session | None:
+        """Return a new session for a code that was not spent before; None for any other text."""
+        with self._turn:
+            if not any(_same(code, known) for known in self._codes):
+                return None
+            self._codes.discard(code)
+            session = Session(SESSION + secrets.token_urlsafe(18), secrets.token_urlsafe(24))
+            self._sessions[session.path] = session
+        self.changed(code)
+        return session
+
+    def knows(self, path: str, cookie: str) -> bool:
+        """Return whether path and cookie belong to one session."""
+        session = self._sessions.get(path)
+        return session is not None and _same(cookie, session.cookie)
+
+    def key(self, path: str) -> str:
+        """Return the part of the address at which a file of the project is shown to who knows it."""
+        return hmac.new(self._key, path.encode("utf-8", "surrogatepass"), hashlib.sha256).hexdigest()[:40]
 
 
 class Guard:
-    """Lets through to app what comes with the token, to 127.0.0.1 by its own name, and not from another page."""
+    """Lets through to app what comes from a session or with the token, to 127.0.0.1 by its own name, and not from another page."""
 
-    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
-        self.app, self.token = app, token
-        self.hosts = {f"{name}:{port}" for name in HERE}
-        self.origins = {f"http://{host}" for host in self.hosts}
+    def __init__(self, app: ASGIApp, door: Door, port: int) -> None:
+        self.app, self.door = app, door
+        self.host = f"{HERE}:{port}"
+        self.origin = f"http://{self.host}"
         self.cookie = f"lmeasure-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        refusal = self._refusal(scope)
-        if refusal is not None:
+        let_in = self._let_in(scope)
+        if isinstance(let_in, Response):
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008})
             else:
-                await refusal(scope, receive, _with_headers(send))
+                await let_in(scope, receive, _answering(send, ""))
             return
-        await self.app(scope, receive, _with_headers(send))
+        most, length = LARGEST_UPLOAD if let_in["path"] in UPLOADS else LARGEST_BODY, Headers(scope=scope).get("content-length", "0")
+        if int(length) > most:
+            await _too_large(most)(scope, receive, _answering(send, ""))
+            return
+        await self.app(let_in, _bounded(receive, most), _answering(send, let_in["at"]))
 
-    def _refusal(self, scope: Scope) -> Response | None:
-        """What is answered to one who may not come in; None to one who may."""
-        headers = Headers(scope=scope)
-        if headers.get("host", "") not in self.hosts:
-            return PlainTextResponse("lmeasure: this server answers to 127.0.0.1 alone\n", 403)
+    def _let_in(self, scope: Scope) -> Scope | Response:
+        """Return the request as the pages know it, its session's path in `at`, or what is answered to one who may not come in."""
+        headers, path = Headers(scope=scope), scope["path"]
+        if headers.get("host", "") != self.host:
+            return _refusal(f"this server answers to {HERE} alone")
         origin, method = headers.get("origin"), scope.get("method", "GET")
-        if origin is not None and origin not in self.origins:
-            return PlainTextResponse("lmeasure: asked from another page\n", 403)
-        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not self._by_link(scope, headers):
-            return PlainTextResponse("lmeasure: asked from another page\n", 403)
+        if origin is not None and origin != self.origin:
+            return _refusal("asked from another page")
+        # a person followed a link to the first page, in a mail or a terminal
+        by_link = scope["type"] == "http" and path == "/" and headers.get("sec-fetch-mode") == "navigate"
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not by_link:
+            return _refusal("asked from another page")
+        if (strange := _strange(path, headers)) is not None:
+            return strange
         scheme, _, given = headers.get("authorization", "").partition(" ")
-        if scheme.lower() == "bearer" and self._is_token(given):
-            return None
-        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-        if scope["type"] == "http" and method in READING and scope["path"] == "/" and self._is_token(asked):
-            welcome = RedirectResponse("/", 303)
-            welcome.set_cookie(self.cookie, self.token, httponly=True, samesite="strict", path="/")
-            return welcome
-        if not self._is_token(self._of_cookie(headers)):
-            return PlainTextResponse("lmeasure: open the address that `lmeasure workbench` printed, with its token\n", 403)
+        if scheme.lower() == "bearer" and _same(given, self.door.token):
+            return {**scope, "at": ""}
+        if path.startswith(SHOWN) and method in READING:
+            key, _, file = path.removeprefix(SHOWN).partition("/")
+            if _same(key, self.door.key(file)):
+                return {**scope, "at": ""}
+        if scope["type"] == "http" and method == "GET" and path == "/" and "code" in (query := _query(scope)):
+            session = self.door.spend(query["code"][0])
+            if session is not None:
+                return self._welcome(session)
+            return _refusal("this address has let in a browser already, or is of an earlier run; PROJECT/.workbench/address has a new one")
+        begin, _, rest = path[1:].partition("/")
+        if not self.door.knows(f"/{begin}", self._of_cookie(headers)):
+            return _refusal("open the address in PROJECT/.workbench/address, which lets in one browser")
         if (method not in READING or scope["type"] == "websocket") and origin is None:
-            return PlainTextResponse("lmeasure: a request that changes something says where it comes from\n", 403)
-        return None
+            return _refusal("a request that changes something says where it comes from")
+        return {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "at": f"/{begin}"}
 
-    def _by_link(self, scope: Scope, headers: Headers) -> bool:
-        """A person followed a link to the first page, in a mail or a terminal."""
-        return scope["type"] == "http" and scope["path"] == "/" and headers.get("sec-fetch-mode") == "navigate"
+    def _welcome(self, session: Session) -> Response:
+        """A page that leads on by itself. After a redirection the browser would not send the cookie: whoever opened the address, a file or
+        a mail, would have asked."""
+        answer = HTMLResponse(
+            f'<!doctype html><meta charset="utf-8"><title>lmeasure</title><meta http-equiv="refresh" content="0;url={session.path}/">'
+            f'<a href="{session.path}/">lmeasure</a>'
+        )
+        answer.set_cookie(self.cookie, session.cookie, httponly=True, samesite="strict", path=f"{session.path}/")
+        return answer
 
     def _of_cookie(self, headers: Headers) -> str:
         try:
@@ -88,21 +171,74 @@ class Guard:
             return ""
         return "" if found is None else found.value
 
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())
+
+def _query(scope: Scope) -> dict[str, list[str]]:
+    try:
+        return parse_qs(scope.get("query_string", b"").decode("latin-1"))
+    except ValueError:
+        return {}
 
 
-def _with_headers(send: Send) -> Send:
+def _same(given: str, secret: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "replace"), secret.encode())
+
+
+def _refusal(text: str, status: int = 403) -> Response:
+    return PlainTextResponse(f"lmeasure: {text}\n", status)
+
+
+def _too_large(most: int) -> Response:
+    return _refusal(TOO_LARGE.format(most / 2**20), 413)
+
+
+def _strange(path: str, headers: Headers) -> Response | None:
+    """Return what is answered to a request of no sensible form; None to any other."""
+    encoded = path.encode("utf-8", "surrogatepass")
+    if b"\0" in encoded or len(encoded) > LARGEST_PATH or any(len(part) > LARGEST_NAME for part in encoded.split(b"/")):
+        return _refusal("no file or page has such a name", 404)
+    length = headers.get("content-length", "0")
+    if not (length.isascii() and length.isdigit()) or len(length) > 15:
+        return _refusal("the length of the content is no number of bytes", 400)
+    return None
+
+
+def _bounded(receive: Receive, most: int) -> Receive:
+    """Receive a body of at most so many bytes."""
+    taken = 0
+
+    async def received() -> Message:
+        nonlocal taken
+        message = await receive()
+        if message["type"] == "http.request":
+            taken += len(message.get("body", b""))
+            if taken > most:
+                raise HTTPException(413, TOO_LARGE.format(most / 2**20))
+        return message
+
+    return received
+
+
+def secured(headers: MutableHeaders) -> None:
+    """Set what every answer says to the browser about scripts, frames, copies and addresses."""
+    headers.setdefault("Content-Security-Policy", PAGE)
+    headers.setdefault("Cache-Control", "no-store")
+    headers["X-Content-Type-Options"] = "nosniff"
+    # never a path, which is half of a session; by no-referrer a browser would not say where its forms come from
+    headers["Referrer-Policy"] = "strict-origin"
+    headers["Cross-Origin-Opener-Policy"] = "same-origin"
+    headers["Cross-Origin-Resource-Policy"] = "same-origin"
+
+
+def _answering(send: Send, at: str) -> Send:
+    """Send with the headers of every answer; addresses of this server are those of the session."""
+
     async def sent(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
-            headers.setdefault("Content-Security-Policy", PAGE)
-            headers.setdefault("Cache-Control", "no-store")
-            headers["X-Content-Type-Options"] = "nosniff"
-            # by no-referrer a browser would not say where its forms come from
-            headers["Referrer-Policy"] = "same-origin"
-            headers["Cross-Origin-Opener-Policy"] = "same-origin"
-            headers["Cross-Origin-Resource-Policy"] = "same-origin"
+            secured(headers)
+            there = headers.get("location", "")
+            if at and there.startswith("/") and not there.startswith("//"):
+                headers["location"] = at + there
         await send(message)
 
     return sent

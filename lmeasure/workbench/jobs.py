@@ -18,6 +18,7 @@ from typing import Any
 
 from lmeasure.errors import LMeasureError
 from lmeasure.files import not_written
+from lmeasure.opened import read_regular
 from lmeasure.workbench import processes
 from lmeasure.workbench.project import OWN
 
@@ -27,6 +28,8 @@ PASSING = ("progress", "state", "live", "cell", "moved", "capture", "scan")
 PATIENCE_S = 8.0
 CANCELLED_CODE = 130
 KEPT_LINES = 2000
+LARGEST = 2**26
+"""Bytes of a file of an earlier job."""
 
 
 @dataclass
@@ -217,16 +220,16 @@ class Jobs:
 def _read(folder: Path) -> Job | None:
     """A job of an earlier server."""
     try:
-        asked = json.loads((folder / "asked.json").read_text(encoding="utf-8"))
+        asked = json.loads(read_regular(folder / "asked.json", LARGEST))
         job = Job(int(asked["number"]), str(asked["command"]), [str(w) for w in asked["words"]], str(asked["begun"]), folder)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (LMeasureError, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    with contextlib.suppress(OSError, ValueError):
-        job.said = [json.loads(line) for line in (folder / "said.jsonl").read_text(encoding="utf-8").splitlines()]
+    with contextlib.suppress(LMeasureError, OSError, ValueError, RecursionError):
+        job.said = [json.loads(line) for line in read_regular(folder / "said.jsonl", LARGEST).decode().splitlines()]
     try:
-        end = json.loads((folder / "end.json").read_text(encoding="utf-8"))
+        end = json.loads(read_regular(folder / "end.json", LARGEST))
         job.state, job.ended, job.result = str(end["state"]), str(end["ended"]), end["result"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (LMeasureError, OSError, ValueError, KeyError, TypeError, RecursionError):
         job.state = INTERRUPTED
     return job
 

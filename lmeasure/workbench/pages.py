@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
@@ -15,7 +16,7 @@ from lmeasure import workflows
 from lmeasure.errors import LMeasureError, SettingsError
 from lmeasure.files import not_written
 from lmeasure.workbench import forms, runs
-from lmeasure.workbench.answers import COOKIE, bench_of, form_of, job_of, language_of, lost, page
+from lmeasure.workbench.answers import COOKIE, Form, bench_of, form_of, job_of, language_of, lost, page, posted
 from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking
 from lmeasure.workbench.jobs import DONE, FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
@@ -40,7 +41,7 @@ OWN = ("runs", "robot", "zone", "check", "calibrate")
 """Pages of commands that have something of their own above them."""
 
 
-async def home(request: Request, wrong: str = "", typed: str = "") -> Response:
+def home(request: Request, wrong: str = "", typed: str = "") -> Response:
     """What the project has and what comes next, and the projects beside it; wrong is what is wrong with a name that was typed for one."""
     bench = bench_of(request)
     project, jobs = bench.project, bench.jobs.all()
@@ -53,10 +54,10 @@ async def home(request: Request, wrong: str = "", typed: str = "") -> Response:
     return page(request, "home.html", 422 if wrong else 200, **values, beside=beside, wrong=wrong, typed=typed)
 
 
-async def cards(request: Request) -> Response:
+def cards(request: Request) -> Response:
     """A page of commands."""
     bench = bench_of(request)
-    name = request.url.path.strip("/")
+    name = request.scope["path"].strip("/")
     here, project = PAGES[name], bench.project
     made = [one for one in project.found if one.kind in here.kinds]
     if name == "live" and (seen := next((job for job in bench.jobs.running() if job.command in ("record", "watch")), None)) is not None:
@@ -83,15 +84,28 @@ def _made(folder: Path) -> None:
 
 async def one_command(request: Request) -> Response:
     """The form of any command, filled with what the address says; posted, it begins a job."""
+    form = await form_of(request) if request.method == "POST" else None
+    asked = await run_in_threadpool(_asked, request, form)
+    if isinstance(asked, Response):
+        return asked
+    try:
+        job = await bench_of(request).jobs.begin(asked)
+    except LMeasureError as error:
+        return await run_in_threadpool(_wrong, request, form or {}, error)
+    return RedirectResponse(f"/jobs/{job.number}", 303)
+
+
+def _asked(request: Request, form: Form | None) -> Response | list[str]:
+    """Return the words of the job that a form asks for, or the page of the form."""
     name, bench = request.path_params["command"], bench_of(request)
     if name not in workflows.COMMANDS or name in forms.NOT_HERE:
         return lost(request, said(language_of(request), "{name}: no command that runs from a page", name=name))
-    if request.method != "POST":
+    if form is None:
         query = {key: request.query_params.getlist(key) for key in request.query_params}
         given = forms.filled_in(name, query)
         # a link names a field or two; a job that is done again names all that were not left as they are by default
         return _form(request, name, given=forms.defaults(name) | given) if "_form" in query else _form(request, name, told=given)
-    given = forms.filled_in(name, await form_of(request))
+    given = forms.filled_in(name, form)
     try:
         words = forms.asked(name, given, bench.folder)
         option, text = lacking(name, given)
@@ -101,19 +115,24 @@ async def one_command(request: Request) -> Response:
             raise SettingsError("run", said(language_of(request), why))
         for folder in (Path(words_out).parent for words_out in _outputs(name, given)):
             _made(bench.folder / folder)
-        job = await bench.jobs.begin(words)
     except LMeasureError as error:
-        told = error if isinstance(error, SettingsError) else str(error)
-        return _form(request, name, given=given, error=told, status=422)
-    return RedirectResponse(f"/jobs/{job.number}", 303)
+        return _wrong(request, form, error)
+    return words
 
 
-async def line(request: Request) -> Response:
+def _wrong(request: Request, form: Form, error: LMeasureError) -> Response:
+    """The form of a command, with what is wrong with it."""
+    name = request.path_params["command"]
+    told = error if isinstance(error, SettingsError) else str(error)
+    return _form(request, name, given=forms.filled_in(name, form), error=told, status=422)
+
+
+def line(request: Request, form: Form) -> Response:
     """The command line of a form as it stands, and what is wrong with it."""
     name, bench = request.path_params["command"], bench_of(request)
     if name not in workflows.COMMANDS or name in forms.NOT_HERE:
         return JSONResponse({"error": "no such command"}, 404)
-    given = forms.filled_in(name, await form_of(request))
+    given = forms.filled_in(name, form)
     words = forms.written_down(name, given)
     try:
         forms.asked(name, given, bench.folder)
@@ -139,7 +158,7 @@ def _form(
     return page(request, "cards.html", status, title=TITLES.get(name, name), lead="", cards=[shown], made=[])
 
 
-async def job(request: Request) -> Response:
+def job(request: Request) -> Response:
     """A job: what it says, and what it made."""
     found, bench = job_of(request), bench_of(request)
     if found is None:
@@ -171,7 +190,7 @@ def _files(job: Job, folder: Path) -> list[str]:
             path = inside(folder, str(text))
         except OutsideError:
             continue
-        if path.is_file() and not path.name.startswith("."):
+        if path.is_file():
             out.append(path.relative_to(folder.resolve()).as_posix())
     return sorted(dict.fromkeys(out), key=lambda path: (not path.endswith(".html"), not path.endswith(".pdf"), path))
 
@@ -185,7 +204,7 @@ async def events(request: Request) -> Response:
     """What a job says, as server-sent events."""
     found, bench = job_of(request), bench_of(request)
     if found is None:
-        return lost(request, "There is no such job.")
+        return await run_in_threadpool(lost, request, "There is no such job.")
 
     async def stream() -> Any:
         async for event in bench.jobs.watch(found):
@@ -206,8 +225,8 @@ async def answer(request: Request) -> Response:
     """A line for a job that asks, or its end."""
     found, bench = job_of(request), bench_of(request)
     if found is None:
-        return lost(request, "There is no such job.")
-    if request.url.path.endswith("/cancel"):
+        return await run_in_threadpool(lost, request, "There is no such job.")
+    if request.scope["path"].endswith("/cancel"):
         await bench.jobs.cancel(found)
         return RedirectResponse(f"/jobs/{found.number}", 303)
     form = await form_of(request)
@@ -215,7 +234,7 @@ async def answer(request: Request) -> Response:
     return JSONResponse({"taken": taken}, 200 if taken else 409)
 
 
-async def all_commands(request: Request) -> Response:
+def all_commands(request: Request) -> Response:
     """Every command, by job."""
     groups = {job: {n: t for n, t in names.items() if n not in forms.NOT_HERE} for job, names in workflows.JOBS.items()}
     return page(request, "commands.html", groups=groups)
@@ -239,7 +258,7 @@ def routes() -> Sequence[Route]:
         *(Route(f"/{name}", cards) for name in PAGES),
         Route("/", home),
         Route("/run/{command}", one_command, methods=["GET", "POST"]),
-        Route("/line/{command}", line, methods=["POST"]),
+        Route("/line/{command}", posted(line), methods=["POST"]),
         Route("/jobs/{number:int}", job),
         Route("/jobs/{number:int}/events", events),
         Route("/jobs/{number:int}/last", last),

@@ -26,6 +26,7 @@ READY, ONE = b"ready", b"one"
 ALONE = {"OPENBLAS_NUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1", "JE_ARROW_MALLOC_CONF": "background_thread:false"}
 """By which libraries begin no threads when they are loaded: what has several is not forked."""
 ANSWER_S = 5.0
+PAUSE_S = 0.5
 LIMIT = 2**24
 """Longest line of a job [bytes]."""
 
@@ -118,6 +119,15 @@ class _Prepared:
         self._process: subprocess.Popen[bytes] | None = None
         self._control: socket.socket | None = None
         self._ready = False
+        self._soon = False
+
+    def want_soon(self) -> None:
+        """Begin it, once, when the page that is being answered is in its browser."""
+        if not self._soon:
+            self._soon = True
+            timer = threading.Timer(PAUSE_S, self.want)
+            timer.daemon = True
+            timer.start()
 
     def want(self) -> None:
         """Begin it, once, where processes can be forked from it."""

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lmeasure.errors import LMeasureError
+from lmeasure.opened import LARGEST_NAME, open_regular, read_regular
 
 OWN = ".workbench"
 DEEP, MANY = 5, 5000
@@ -18,6 +20,10 @@ _BY_SCHEMA = {kind: kind for kind in ("rig", "program", "robot", "structure", "s
     "report": "details",
 }
 _HEAD = 65536
+LARGEST_TEXT, LARGEST_JSON = 2 * 10**6, 10**8
+"""Bytes of a file that a person could have written, and of a certificate: a page reads no more of it."""
+LONGEST = 4096
+"""Letters of a path."""
 
 
 class OutsideError(LMeasureError):
@@ -58,16 +64,21 @@ def look_at(folder: Path) -> Project:
 
 
 def inside(folder: Path, text: str) -> Path:
-    """The path of a text within the folder; OutsideError for one that leads elsewhere, by dots, links, drives or the workbench's own."""
-    if "\0" in text or not text.strip():
-        raise OutsideError(f"{text!r} is no path")
+    """The path of a text within the folder; OutsideError for one that leads elsewhere, by dots, links or drives, or to what is hidden: all
+    whose name begins with a dot, the workbench's own folder and those of other programs."""
+    if "\0" in text or not text.strip() or len(text) > LONGEST:
+        raise OutsideError(f"{text[:200]!r} is no path")
     root = folder.resolve()
     try:
         path = (root / text).resolve()
     except (OSError, RuntimeError, ValueError) as error:
         raise OutsideError(f"{text!r} is no path: {error}") from error
-    if not path.is_relative_to(root) or OWN in path.relative_to(root).parts:
+    if not path.is_relative_to(root):
         raise OutsideError(f"{text}: lies outside the project {folder}; copy it into the project first")
+    if any(part.startswith(".") for part in path.relative_to(root).parts):
+        raise OutsideError(f"{text}: is hidden; the workbench neither reads nor writes files and folders whose names begin with a dot")
+    if any(len(os.fsencode(part)) > LARGEST_NAME for part in path.relative_to(root).parts):
+        raise OutsideError(f"{text[:200]!r} is no path: a name in it is longer than {LARGEST_NAME} bytes")
     return path
 
 
@@ -147,7 +158,7 @@ def _table(path: Path, here: str) -> Iterator[Found]:
 
 
 def _head(path: Path) -> str:
-    with contextlib.suppress(OSError), path.open("rb") as file:
+    with contextlib.suppress(OSError, LMeasureError), open_regular(path) as file:
         return file.read(_HEAD).decode("utf-8", "replace")
     return ""
 
@@ -165,8 +176,8 @@ def schema_of(path: Path) -> str:
 
 def _links(path: Path) -> bool:
     try:
-        return "calibration" in tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        return "calibration" in tomllib.loads(read_regular(path, LARGEST_TEXT).decode())
+    except (LMeasureError, OSError, ValueError, RecursionError):
         return False
 
 
@@ -198,6 +209,6 @@ def steps(project: Project, checked: bool = False) -> tuple[Step, ...]:
 def _sealed(folder: Path) -> bool:
     """Whether a certificate's folder has the manifest by which it is verified."""
     try:
-        return bool(json.loads((folder / "certificate.json").read_text(encoding="utf-8")).get("characteristics"))
-    except (OSError, ValueError, RecursionError, AttributeError):
+        return bool(json.loads(read_regular(folder / "certificate.json", LARGEST_JSON)).get("characteristics"))
+    except (LMeasureError, OSError, ValueError, RecursionError, AttributeError):
         return False

@@ -2,32 +2,31 @@
 
 from collections.abc import Sequence
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 
 from lmeasure.errors import LMeasureError
-from lmeasure.workbench.answers import bench_of, form_of, language_of, lost
+from lmeasure.workbench.answers import Form, bench_of, language_of, lost, posted
 from lmeasure.workbench.pages import home
 from lmeasure.workbench.project import OutsideError
 from lmeasure.workbench.words import said
 
 
-async def begin(request: Request) -> Response:
+def begin(request: Request, form: Form) -> Response:
     """Begin a project and show it among the others; what is wrong with its name stands there too."""
     shelf = bench_of(request).shelf
     if shelf is None:
         return lost(request, said(language_of(request), "This workbench was begun for one project."))
-    name = (await form_of(request)).get("name", [""])[-1].strip()
+    name = form.get("name", [""])[-1].strip()
     try:
         shelf.begin(name)
     except OutsideError as error:
-        return await home(request, wrong=str(error), typed=name)
+        return home(request, wrong=str(error), typed=name)
     return RedirectResponse("/#projects", 303)
 
 
-async def go(request: Request) -> Response:
+def go(request: Request) -> Response:
     """Open a project, where it is not open yet, and go there. It may be asked for as often as one likes."""
     shelf = bench_of(request).shelf
     if shelf is None:
@@ -36,11 +35,11 @@ async def go(request: Request) -> Response:
         path = shelf.path(request.path_params["name"])
         if not path.is_dir():
             raise OutsideError(f"{path.name}: there is no such project")
-        return RedirectResponse(await run_in_threadpool(shelf.desk.address, path, shelf), 303)
+        return RedirectResponse(shelf.desk.address(path, shelf), 303)
     except LMeasureError as error:
         return lost(request, str(error))
 
 
 def routes() -> Sequence[Route]:
     """Of projects."""
-    return [Route("/projects", begin, methods=["POST"]), Route("/projects/{name}", go)]
+    return [Route("/projects", posted(begin), methods=["POST"]), Route("/projects/{name}", go)]

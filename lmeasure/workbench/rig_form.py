@@ -2,7 +2,6 @@
 with the file's comments and order kept."""
 
 import copy
-import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -18,8 +17,9 @@ from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
 from lmeasure.checked import checked
 from lmeasure.drum import DrumsFile
 from lmeasure.errors import LMeasureError
+from lmeasure.opened import sha256_of
 from lmeasure.rig import rig_from_dict
-from lmeasure.workbench.project import OutsideError, schema_of
+from lmeasure.workbench.project import LARGEST_TEXT, OutsideError, schema_of
 
 UNITS = {"_mm": "mm", "_deg": "deg", "_mm_s": "mm/s", "_rad": "rad", "_s": "s"}
 ARROWS = {
@@ -129,7 +129,6 @@ def _placement(content: dict[str, Any], name: str) -> object:
 
 KINDS: dict[str, Callable[[dict[str, Any], str], object]] = {"rig": rig_from_dict, "drum": _drums, "placement": _placement}
 """Files that have a form, by the middle of their schema, and what refuses a content that is none."""
-LARGEST = 2_000_000
 
 
 class Leaf(NamedTuple):
@@ -161,7 +160,7 @@ class Thing(NamedTuple):
 
 def read(path: Path) -> tuple[Any, str]:
     """The document and the digest of the file, by which a change by others is seen."""
-    if path.stat().st_size > LARGEST:
+    if path.stat().st_size > LARGEST_TEXT:
         raise OutsideError(f"{path.name}: too large for such a file")
     document = files.read_toml(path)
     return document, digest(path)
@@ -175,7 +174,7 @@ def kind_of(path: Path) -> str:
 
 def digest(path: Path) -> str:
     """SHA-256 of the file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return sha256_of(path)
 
 
 def parts(document: Mapping[str, Any]) -> list[tuple[Thing, list[Leaf]]]:

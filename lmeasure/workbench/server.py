@@ -1,4 +1,4 @@
-"""The server: a project, a token and a port of 127.0.0.1 of their own; a desk has several of them open."""
+"""The server: a project, its ways in and a port of 127.0.0.1 of their own; a desk has several of them open."""
 
 import contextlib
 import os
@@ -9,51 +9,60 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from http import HTTPStatus
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 from markupsafe import Markup, escape
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
+from lmeasure import workflows
 from lmeasure.catalogue import decimal
 from lmeasure.errors import LMeasureError
 from lmeasure.files import not_written
 from lmeasure.workbench import api, calibrations, certificates, pages, projects, runs, things
-from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, page
-from lmeasure.workbench.guard import Guard, new_token
+from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused
+from lmeasure.workbench.guard import HERE as LOOPBACK
+from lmeasure.workbench.guard import Door, Guard, secured
 from lmeasure.workbench.project import OWN
 from lmeasure.workbench.shelf import Shelf
 from lmeasure.workbench.words import said
 
-LOOPBACK = "127.0.0.1"
 GRACE_S = 3
+LONGEST_END_S = 20.0
+"""After which a server that was ended ends, whatever it waits for."""
 _OPTION = re.compile(r"--[a-z][\w-]*")
 _UNIT = re.compile(r"(?<=\d) (?=(?:mm|мм|%|°)(?!\w))")
+for _name in workflows.COMMANDS:
+    # at the start, in one thread: what two requests begin to load at once is seen in halves
+    workflows.load(_name)
 ROUTES = (projects, pages, things, runs, calibrations, certificates, api)
 """Modules that answer."""
 
 
-def application(folder: Path, token: str, port: int, language: str = "en", *, shelf: Shelf | None = None) -> Starlette:
-    """The application over a project folder, for who has the token; shelf: where the projects beside it are."""
-    bench = Bench(folder.resolve(), language, shelf)
+def application(folder: Path, door: Door, port: int, language: str = "en", *, shelf: Shelf | None = None) -> Starlette:
+    """Return the application over a project folder, for those whom the door lets in; shelf: where the projects beside it are."""
+    bench = Bench(folder.resolve(), language, door, shelf)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         yield
-        await bench.jobs.close()
+        await bench.close()
 
     static = Mount("/static", StaticFiles(directory=HERE / "static"))
     app = Starlette(
         routes=[*(route for module in ROUTES for route in module.routes()), static],
-        middleware=[Middleware(Guard, token=token, port=port)],
+        middleware=[Middleware(Guard, door=door, port=port)],
         exception_handlers={HTTPException: _refused, Exception: _failed},
         lifespan=lifespan,
     )
+    app.router.redirect_slashes = False
     app.state.bench = bench
     TEMPLATES.env.filters["words"] = lambda name: name.replace("_", " ")
     TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="whole">\g<0></span>', str(escape(line))))
@@ -65,38 +74,95 @@ def application(folder: Path, token: str, port: int, language: str = "en", *, sh
 
 
 async def _refused(request: Request, error: Exception) -> Response:
-    if isinstance(error, HTTPException) and error.status_code == HTTPStatus.NOT_FOUND:
-        return lost(request, said(language_of(request), "{page}: there is no such page", page=request.url.path))
     code = error.status_code if isinstance(error, HTTPException) else 500
-    return page(request, "error.html", code, title=str(code), text=str(getattr(error, "detail", error)))
+    text = str(getattr(error, "detail", error))
+    if code == HTTPStatus.NOT_FOUND:
+        text = said(language_of(request), "{page}: there is no such page", page=request.scope["path"])
+        return await run_in_threadpool(lost, request, text)
+    return await run_in_threadpool(refused, request, code, str(code), text)
 
 
 async def _failed(request: Request, error: Exception) -> Response:
-    told = "A fault of this program: {fault}. Nothing was left half-written."
-    text = said(language_of(request), told, fault=type(error).__name__)
-    return page(request, "error.html", 500, title="500", text=text)
+    """A fault of this program: said without a template, which may be what fails, and with the headers of every answer."""
+    text = said(language_of(request), "A fault of this program: {fault}. Its traceback is in the terminal.", fault=type(error).__name__)
+    answer = PlainTextResponse(f"500\n{text}\n", 500)
+    secured(answer.headers)
+    return answer
+
+
+class _Server(uvicorn.Server):
+    """Ends when it is ended: where something is waited for that never comes, after LONGEST_END_S."""
+
+    last: Callable[[], None]
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End, or be ended."""
+        super().handle_exit(sig, frame)
+
+        def end() -> None:
+            self.last()
+            os._exit(128 + sig)
+
+        timer = threading.Timer(LONGEST_END_S, end)
+        timer.daemon = True
+        timer.start()
 
 
 class Served:
-    """A project on a port: bound and its address noted, for this user alone, in PROJECT/.workbench/address; answered once it runs.
+    """A project on a port: bound, and answered once it runs.
 
-    LMeasureError where the port is taken or the folder cannot be written.
+    PROJECT/.workbench/address has an address that lets in one browser, PROJECT/.workbench/token the token for programs; both are for this
+    user alone, and last as long as the server. LMeasureError where the port is taken or the folder cannot be written.
     """
 
     def __init__(self, folder: Path, port: int, language: str, shelf: Shelf | None = None) -> None:
         self._listener = _listener(port)
+        self._folder, self._port = folder, int(self._listener.getsockname()[1])
+        self._door = Door(changed=self._spent)
+        self._noted = {folder / OWN / "address": self.address(), folder / OWN / "token": self._door.token}
         try:
-            port, token = int(self._listener.getsockname()[1]), new_token()
-            self.address = f"http://{LOOPBACK}:{port}/?token={token}"
-            self._noted = folder / OWN / "address"
-            _note(self._noted, self.address)
+            for path, text in self._noted.items():
+                _note(path, text)
         except BaseException:
             self._listener.close()
             raise
-        app = application(folder, token, port, language, shelf=shelf)
+        app = application(folder, self._door, self._port, language, shelf=shelf)
         quiet = {"log_level": "warning", "access_log": False, "server_header": False}
-        self._server = uvicorn.Server(uvicorn.Config(app, timeout_graceful_shutdown=GRACE_S, **quiet))  # type: ignore[arg-type]
+        self._server = _Server(uvicorn.Config(app, timeout_graceful_shutdown=GRACE_S, **quiet))  # type: ignore[arg-type]
+        self._server.last = self._forget
         self._thread: threading.Thread | None = None
+
+    def address(self) -> str:
+        """Return a new address, which lets in one browser."""
+        return f"http://{LOOPBACK}:{self._port}/?code={self._door.code()}"
+
+    def show(self, opens: Callable[[str], object]) -> None:
+        """Let the browser in that `opens` opens.
+
+        A browser is called with an address as its argument, and every user of a machine reads the arguments of every program. So it is
+        called with a file for this user alone, which leads it to an address and goes when that has been used.
+        """
+        path, address = self._folder / f"open-{self._port}.html", self.address()
+        _note(path, f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url={address}">')
+        self._noted[path] = address
+        if opens(path.resolve().as_uri()) is False:
+            path.unlink(missing_ok=True)
+
+    def _spent(self, code: str) -> None:
+        for path, text in list(self._noted.items()):
+            if text.endswith(f"={code}"):
+                with contextlib.suppress(OSError, LMeasureError):
+                    path.unlink(missing_ok=True)
+                    if path.suffix:
+                        del self._noted[path]
+                    else:
+                        self._noted[path] = self.address()
+                        _note(path, self._noted[path])
+
+    def _forget(self) -> None:
+        for path in self._noted:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
 
     def run(self) -> None:
         """Answer until Ctrl-C, or, in another thread than the first, until the end."""
@@ -105,7 +171,7 @@ class Served:
                 self._server.run(sockets=[self._listener])
         finally:
             self._listener.close()
-            self._noted.unlink(missing_ok=True)
+            self._forget()
 
     def begin(self) -> None:
         """Answer from a thread of its own."""
@@ -131,18 +197,19 @@ def _listener(port: int) -> socket.socket:
     return listener
 
 
-def _note(path: Path, address: str) -> None:
+def _note(path: Path, text: str) -> None:
+    """Write a file that this user alone reads."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)
         with os.fdopen(os.open(path, os.O_CREAT | os.O_WRONLY | os.O_EXCL, 0o600), "w") as file:
-            file.write(address + "\n")
+            file.write(text + "\n")
     except OSError as error:
         raise LMeasureError(not_written(path, error)) from error
 
 
 class Desk:
-    """The projects of a shelf that this process has open: each has a port, a token and cookies of its own, so that a page of one says
+    """The projects of a shelf that this process has open: each has a port, a token and sessions of its own, so that a page of one says
     nothing in another, whatever is open in how many windows."""
 
     def __init__(self, language: str) -> None:
@@ -151,20 +218,21 @@ class Desk:
         self._turn = threading.Lock()
 
     def put(self, folder: Path, served: Served) -> None:
-        """A project that is open already."""
+        """Take a project that is open already."""
         self._open[folder.resolve()] = served
 
     def address(self, folder: Path, shelf: Shelf) -> str:
-        """Where a project is served, from now on if it was not. LMeasureError where it cannot be."""
+        """Return an address that lets a browser into a project, which is served from now on if it was not. LMeasureError where it cannot
+        be."""
         with self._turn:
             served = self._open.get(folder.resolve())
             if served is None:
                 served = self._open[folder.resolve()] = Served(folder, 0, self._language, shelf)
                 served.begin()
-            return served.address
+            return served.address()
 
     def is_open(self, folder: Path) -> bool:
-        """Whether a project is being served."""
+        """Return whether a project is being served."""
         return folder.resolve() in self._open
 
     def close(self) -> None:
@@ -173,17 +241,28 @@ class Desk:
             served.end()
 
 
-def serve(folder: Path, port: int, language: str, say: Callable[[str], None], *, within: Path | None = None) -> None:
-    """Serve the project until Ctrl-C; say is told the address with its token. within: a folder whose folders are projects, which its pages
-    begin and open.
+def serve(
+    folder: Path,
+    port: int,
+    language: str,
+    say: Callable[[str], None],
+    *,
+    within: Path | None = None,
+    show: Callable[[str], object] | None = None,
+) -> None:
+    """Serve the project until Ctrl-C.
 
-    LMeasureError where the port is taken or the folder cannot be written.
+    say is called with an address that lets in one browser; show opens a browser, which is let in.
+    within: a folder whose folders are projects, which its pages begin and open. LMeasureError where the port is taken or the folder cannot
+    be written.
     """
     desk = Desk(language)
     shelf = None if within is None else Shelf(within.resolve(), desk)
     served = Served(folder, port, language, shelf)
     desk.put(folder, served)
-    say(served.address)
+    say(served.address())
+    if show is not None:
+        served.show(show)
     try:
         served.run()
     finally:

@@ -1,7 +1,7 @@
 """Pages of the things of a project: its files, a rig, a run's start, a certificate that is brought in."""
 
+import contextlib
 import re
-import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,24 @@ from starlette.routing import Route
 from lmeasure import compiling
 from lmeasure.errors import LMeasureError
 from lmeasure.files import read_toml, rewrite_toml
+from lmeasure.opened import open_regular
 from lmeasure.run import read_run_head
 from lmeasure.start import start_from_text
-from lmeasure.workbench import rig_form
-from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, language_of, lost, page, unread
+from lmeasure.workbench import guard, rig_form
+from lmeasure.workbench.answers import (
+    HERE,
+    Form,
+    as_file,
+    bench_of,
+    file_of,
+    language_of,
+    lost,
+    page,
+    posted,
+    unread,
+    uploads_of,
+    within,
+)
 from lmeasure.workbench.cards import card
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.uploads import take_in
@@ -32,13 +46,19 @@ BELOW: tuple[tuple[str, str, Callable[[str], dict[str, str]]], ...] = (
 """The command that takes a file of a kind, and how it is told of it."""
 
 
-async def raw(request: Request) -> Response:
+def raw(request: Request) -> Response:
     """A file of the project as it is."""
     path = file_of(request)
     return lost(request, "There is no such file in the project.") if path is None else as_file(path)
 
 
-async def look(request: Request) -> Response:
+def shown(request: Request) -> Response:
+    """A file of the project in a frame of a page, at the address that the page was given for it, outside its session's path."""
+    path = file_of(request) if not request.scope["at"] else None
+    return lost(request, "There is no such file in the project.") if path is None else as_file(path, shown=True)
+
+
+def look(request: Request) -> Response:
     """A file, or folder, of the project in a page."""
     bench = bench_of(request)
     try:
@@ -46,7 +66,7 @@ async def look(request: Request) -> Response:
     except OutsideError as error:
         return lost(request, str(error))
     here = path.relative_to(bench.folder.resolve()).as_posix()
-    if any(part.startswith(".") for part in Path(here).parts) or not path.exists():
+    if not path.exists():
         return lost(request, "There is no such file in the project.")
     values: dict[str, Any] = {
         "path": here,
@@ -66,8 +86,11 @@ async def look(request: Request) -> Response:
     elif path.suffix == ".html":
         values["frame"] = here
     elif path.suffix in (".toml", ".csv", ".json", ".log", ".txt", ".asc", ".trc", ".urdf", ".tum", ".md", ".pub", ".sha256"):
-        with path.open("rb") as file:
-            values["text"] = file.read(LARGEST_TEXT).decode("utf-8", "replace")
+        try:
+            with open_regular(path) as file:
+                values["text"] = file.read(LARGEST_TEXT).decode("utf-8", "replace")
+        except (LMeasureError, OSError) as error:
+            return unread(request, error)
     return page(request, "look.html", **values)
 
 
@@ -87,32 +110,37 @@ def _uses(here: str, path: Path) -> list[tuple[str, str]]:
 
 
 def _head(path: Path) -> str:
-    with path.open(encoding="utf-8", errors="replace") as file:
-        return file.readline(500)
+    with contextlib.suppress(LMeasureError, OSError), open_regular(path) as file:
+        return file.readline(500).decode("utf-8", "replace")
+    return ""
 
 
-async def everything(request: Request) -> Response:
-    """All files of the project; posted, files come in."""
-    bench, error, into = bench_of(request), "", "imported"
-    if request.method == "POST":
-        async with request.form(max_files=200, max_fields=20) as form:
-            into = str(form.get("folder", "")) or "."
-            try:
-                target = inside(bench.folder, into)
-                target.mkdir(parents=True, exist_ok=True)
-                uploads = [upload for upload in form.getlist("files") if not isinstance(upload, str)]
-                for upload in uploads:
-                    take_in(target, upload.filename or "", upload.file, unpacked=True)
-                if form.get("then") == "import":
-                    logs = [(Path(into) / Path(upload.filename or "").name).as_posix() for upload in uploads]
-                    return RedirectResponse(f"/run/import?{urlencode({'logs': logs}, doseq=True)}", 303)
-                return RedirectResponse("/files", 303)
-            except (LMeasureError, OSError, zipfile.BadZipFile) as failed:
-                error = str(failed)
-    return page(request, "files.html", 422 if error else 200, project=bench.project, error=error, into=into)
+def everything(request: Request) -> Response:
+    """All files of the project."""
+    return _everything(request, "", "imported")
 
 
-async def rig(request: Request) -> Response:
+def _everything(request: Request, error: str, into: str) -> Response:
+    return page(request, "files.html", 422 if error else 200, project=bench_of(request).project, error=error, into=into)
+
+
+async def upload(request: Request) -> Response:
+    """Files come in: all of them, or none."""
+    bench = bench_of(request)
+    async with uploads_of(request, most=200) as (form, uploads):
+        into = form.get("folder", [""])[-1] or "."
+        try:
+            target = await run_in_threadpool(inside, bench.folder, into)
+            taken = await run_in_threadpool(take_in, target, uploads)
+        except (LMeasureError, OSError) as error:
+            return await run_in_threadpool(_everything, request, within(bench.folder, error), into)
+    if form.get("then", [""])[-1] == "import":
+        logs = [path.relative_to(bench.folder).as_posix() for path in taken]
+        return RedirectResponse(f"/run/import?{urlencode({'logs': logs}, doseq=True)}", 303)
+    return RedirectResponse("/files", 303)
+
+
+def rig(request: Request, form: Form) -> Response:
     """The rig as a form; posted, it is saved, or all complaints are shown with what was typed."""
     bench = bench_of(request)
     project = bench.project
@@ -122,7 +150,7 @@ async def rig(request: Request) -> Response:
     others = (*project.of("drums"), *project.of("placement"))
     file = request.query_params.get("file", rigs[0] if rigs else "")
     if request.method == "POST":
-        typed = {key: values[-1] for key, values in (await form_of(request)).items()}
+        typed = {key: values[-1] for key, values in form.items()}
         file = typed.get("_file", "")
     begin = card("init", project, page="rig")
     values: dict[str, Any] = {
@@ -161,7 +189,7 @@ def _drawing(language: str) -> str:
     return re.sub(r">([^<>]+)</text>", lambda found: f">{said(language, found[1])}</text>", picture)
 
 
-async def rig_scene(request: Request) -> Response:
+def rig_scene(request: Request) -> Response:
     """Points and cables of a rig, for the picture in space; that its file is no whole rig is an answer too: {error}."""
     try:
         path = inside(bench_of(request).folder, request.query_params.get("file", ""))
@@ -182,7 +210,7 @@ async def coarse(request: Request) -> Response:
         path = inside(bench.folder, str(content["file"]))
         points = {str(name): tuple(float(v) for v in at) for name, at in content["points"].items()}
         limit = float(content.get("limit_deg", 60.0))
-    except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         return JSONResponse({"error": str(error) if isinstance(error, LMeasureError) else "wanted: {file, points, limit_deg}"}, 422)
     try:
         return JSONResponse(await run_in_threadpool(rig_form.coarse, path, points, limit))
@@ -198,7 +226,7 @@ async def compiled(request: Request) -> Response:
     return JSONResponse({} if now is None else {"name": now[0], "seconds": now[1]})
 
 
-async def start(request: Request) -> Response:
+def start(request: Request, form: Form) -> Response:
     """Where the counters of a run were zeroed: shown, and stated."""
     bench, error = bench_of(request), ""
     try:
@@ -211,7 +239,7 @@ async def start(request: Request) -> Response:
         return unread(request, failed)
     here = folder.relative_to(bench.folder.resolve()).as_posix()
     if request.method == "POST":
-        text = (await form_of(request)).get("start", [""])[-1]
+        text = form.get("start", [""])[-1]
         try:
             if not re.fullmatch(r"[\s\d.,;eE+\-]+", text):
                 raise OutsideError("wanted: six or seven numbers with commas between them")
@@ -228,13 +256,14 @@ async def start(request: Request) -> Response:
 def routes() -> Sequence[Route]:
     """Of these pages."""
     return [
-        Route("/rig", rig, methods=["GET", "POST"]),
+        Route("/rig", posted(rig), methods=["GET", "POST"]),
         Route("/scene", rig_scene),
         Route("/coarse", coarse, methods=["POST"]),
         Route("/compiling", compiled),
-        Route("/start/{path:path}", start, methods=["GET", "POST"]),
+        Route("/start/{path:path}", posted(start), methods=["GET", "POST"]),
         Route("/files", everything),
-        Route("/upload", everything, methods=["POST"]),
+        Route("/upload", upload, methods=["POST"]),
         Route("/raw/{path:path}", raw),
+        Route(guard.SHOWN + "{key}/{path:path}", shown),
         Route("/look/{path:path}", look),
     ]

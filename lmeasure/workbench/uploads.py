@@ -1,85 +1,141 @@
-"""What is brought into a project: files, a folder, a zip that is unpacked; names that lead elsewhere are refused."""
+"""What is brought into a project: files, a folder, a zip that is unpacked. All of it is taken in, or nothing."""
 
+import contextlib
 import re
-import zipfile
-from collections.abc import Sequence
+import shutil
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from lmeasure.files import whole
+from lmeasure.errors import LMeasureError
+from lmeasure.files import not_written
+from lmeasure.opened import LARGEST_NAME, open_zip, unpack
+from lmeasure.workbench.guard import LARGEST_UPLOAD
 from lmeasure.workbench.project import OutsideError
 
-LARGEST_UPLOAD = 2**31
 MOST_UNPACKED = 2**31
-_NAME = re.compile(r"[^\W.][\w .+()\-]{0,120}", re.UNICODE)
+LEFT_FREE = 2**28
+"""Bytes of the disk that unpacking leaves to others: a recording may be at work."""
+_NAME = re.compile(r"[^\W.][\w .+()\-]{0,120}(?<![ .])", re.UNICODE)
 DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices."""
+BY_PRODUCTS = re.compile(r"\.DS_Store|\._.*|__MACOSX|Thumbs\.db|\.lmeasure-written\.json")
+"""Names of what systems leave in folders by themselves: it is passed over."""
+Uploads = Sequence[tuple[str, Any]]
+"""Names of files, and the files."""
+_turn = threading.Lock()
 
 
-def take_in(folder: Path, name: str, file: Any, *, unpacked: bool = False) -> Path:
-    """Copy an uploaded file into the folder under its own name; unpacked: a zip also into a folder of its name. What is there stays. The
-    path of the copy; OutsideError for names that lead elsewhere, and for too much."""
-    plain = Path(name.replace("\\", "/")).name
-    if not _NAME.fullmatch(plain) or DEVICES.fullmatch(plain):
-        raise OutsideError(f"{plain!r}: a file of that name is not taken in")
-    target = folder / plain
-    if target.exists() or target.is_symlink():
-        raise OutsideError(f"{plain}: is there already, and stays")
-    with whole(target) as part, part.open("wb") as sink:
-        _copied(file, sink, plain)
-    if unpacked and plain.lower().endswith(".zip"):
+def take_in(folder: Path, uploads: Uploads) -> list[Path]:
+    """Copy uploaded files into a folder under their own names, and each .zip also, unpacked, into a folder of its name.
+
+    Return the paths of the files. What is there stays: OutsideError for a name that is taken, for names that are none of a file of a
+    project, and for too much; FileFormatError for a .zip that is none. Then nothing was written.
+    """
+    with _staged(folder) as stage:
+        names = [_plain(name) for name, _ in uploads]
+        for name, (_, file) in zip(names, uploads, strict=True):
+            copy = _copied(file, stage / name)
+            if copy.suffix.lower() == ".zip":
+                _unpacked(copy, stage / copy.stem)
+        _publish(stage, folder)
+    return [folder / name for name in names]
+
+
+def take_in_folder(folder: Path, uploads: Uploads) -> None:
+    """Copy the files of folders that were dropped into a folder, under their names in them. Errors as `take_in`."""
+    with _staged(folder) as stage:
+        for name, file in uploads:
+            if inner := _inner(name):
+                (stage / inner).parent.mkdir(parents=True, exist_ok=True)
+                _copied(file, stage / inner)
+        _publish(stage, folder)
+
+
+@contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """Yield a hidden folder in a folder; where the block fails, neither is left that was not there."""
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(".part", ".upload-", folder))
         try:
-            _unpack(target, folder / Path(plain).stem)
-        except (OutsideError, zipfile.BadZipFile):
-            target.unlink()
+            yield stage
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+    except BaseException as error:
+        for one in made:
+            with contextlib.suppress(OSError):
+                one.rmdir()
+        if isinstance(error, OSError):
+            raise LMeasureError(not_written(folder, error)) from error
+        raise
+
+
+def _publish(stage: Path, folder: Path) -> None:
+    """Give what was staged its names in the folder, each by one rename; all of it or nothing."""
+    with _turn:
+        staged = sorted(stage.iterdir())
+        for one in staged:
+            if (folder / one.name).exists() or (folder / one.name).is_symlink():
+                raise OutsideError(f"{one.name}: is there already, and stays")
+        done: list[Path] = []
+        try:
+            for one in staged:
+                done.append(one.rename(folder / one.name))
+        except BaseException:
+            for one in done:
+                one.rename(stage / one.name)
             raise
-    return target
 
 
-def take_in_folder(folder: Path, uploads: Sequence[tuple[str, Any]]) -> None:
-    """Copy the files of a folder that was dropped, under their names in it. OutsideError as `take_in`."""
-    for name, file in uploads:
-        *above, plain = name.split("/")
-        if "\\" in name or any(not _inner(part) for part in (*above, plain)):
-            raise OutsideError(f"{name!r}: a file of that name is not taken in")
-        target = folder.joinpath(*above, plain)
-        if target.exists() or target.is_symlink():
-            raise OutsideError(f"{name}: is there already, and stays")
-        with whole(target) as part, part.open("wb") as sink:
-            _copied(file, sink, name)
+def _plain(name: str) -> str:
+    plain = name.replace("\\", "/").rpartition("/")[2]
+    if not _is_name(plain):
+        raise OutsideError(f"{plain[:200]!r}: a file of that name is not taken in")
+    return plain
 
 
-def _unpack(packed: Path, folder: Path) -> None:
-    if folder.exists():
-        raise OutsideError(f"{folder.name}: is there already, and stays")
-    with zipfile.ZipFile(packed) as held:
-        entries = [entry for entry in held.infolist() if not entry.is_dir()]
-        if sum(entry.file_size for entry in entries) > MOST_UNPACKED or len(entries) > 5000:
-            raise OutsideError(f"{packed.name}: holds too much")
-        names = [entry.filename for entry in entries]
+def _is_name(part: str) -> bool:
+    return bool(_NAME.fullmatch(part)) and not DEVICES.fullmatch(part) and len(part.encode("utf-8", "replace")) <= LARGEST_NAME
+
+
+def _inner(name: str) -> str:
+    """Return the name of a file in a folder; empty for a by-product, which is passed over. OutsideError for what leads elsewhere, and for
+    hidden files."""
+    parts = name.split("/")
+    if any(BY_PRODUCTS.fullmatch(part) for part in parts) and not {"", ".", ".."} & set(parts):
+        return ""
+    if not all(_is_name(part) for part in parts):
+        raise OutsideError(f"{name[:200]!r}: a file of that name is not taken in")
+    return name
+
+
+def _unpacked(packed: Path, folder: Path) -> None:
+    most = min(MOST_UNPACKED, max(shutil.disk_usage(packed.parent).free - LEFT_FREE, 0))
+    with open_zip(packed, most) as archive:
+        names = [inner for entry in archive.infolist() if not entry.is_dir() and (inner := _inner(entry.filename))]
         # a zip of a folder holds that folder
-        top = names[0].split("/")[0] + "/" if names and all("/" in n and n.split("/")[0] == names[0].split("/")[0] for n in names) else ""
-        for name in names:
-            parts = name.split("/")
-            if "\\" in name or name.startswith("/") or any(not _inner(part) for part in parts):
-                raise OutsideError(f"{packed.name}: {name!r}: a file of that name is not unpacked")
-        for entry in entries:
-            target = folder / entry.filename.removeprefix(top)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            with held.open(entry) as source, target.open("xb") as sink:
-                while block := source.read(2**20):
-                    sink.write(block)
+        top = names[0].split("/")[0] + "/" if names else ""
+        top = top if all(name.startswith(top) for name in names) else ""
+        if folder.exists():
+            raise OutsideError(f"{folder.name}: comes twice")
+        folder.mkdir()
+        unpack(archive, folder, lambda name: _inner(name).removeprefix(top))
 
 
-def _inner(part: str) -> bool:
-    # certificates keep which command wrote what in a file with a dot before its name
-    return bool(_NAME.fullmatch(part.lstrip(".") or "?")) and part not in (".", "..") and not DEVICES.fullmatch(part)
-
-
-def _copied(file: Any, sink: Any, name: str) -> None:
+def _copied(file: Any, target: Path) -> Path:
     taken = 0
-    while block := file.read(2**20):
-        taken += len(block)
-        if taken > LARGEST_UPLOAD:
-            raise OutsideError(f"{name}: is larger than {LARGEST_UPLOAD / 2**30:g} GiB")
-        sink.write(block)
+    try:
+        with target.open("xb") as sink:
+            while block := file.read(2**20):
+                taken += len(block)
+                if taken > LARGEST_UPLOAD:
+                    raise OutsideError(f"{target.name}: is larger than {LARGEST_UPLOAD / 2**30:g} GiB")
+                sink.write(block)
+    except FileExistsError:
+        raise OutsideError(f"{target.name}: comes twice") from None
+    return target

@@ -10,9 +10,19 @@ from lmeasure.workflows.settings import Asked, option
 
 
 class Serve(Protocol):
-    """Serves a project folder on a port of 127.0.0.1 in a language until it is ended, and tells the address; within: see Settings."""
+    """Serves a project folder on a port of 127.0.0.1 in a language until it is ended, says an address for one browser, and shows a page
+    that leads one in; within: see Settings."""
 
-    def __call__(self, folder: Path, port: int, language: str, say: Callable[[str], None], *, within: Path | None) -> None: ...
+    def __call__(
+        self,
+        folder: Path,
+        port: int,
+        language: str,
+        say: Callable[[str], None],
+        *,
+        within: Path | None,
+        show: Callable[[str], object] | None,
+    ) -> None: ...
 
 
 class Settings(Asked):
@@ -37,12 +47,10 @@ def run(settings: Settings, progress: Progress = silent, *, serve: Serve) -> Res
     except OSError as error:
         raise SettingsError("folder", f"{settings.folder}: cannot be made: {error.strerror or error}") from error
 
-    def told(address: str) -> None:
-        progress(0.0, address)
-        if settings.browser:
-            import webbrowser
+    show = None
+    if settings.browser:
+        import webbrowser
 
-            webbrowser.open(address)
-
-    serve(settings.folder, settings.port, settings.language, told, within=settings.within)
+        show = webbrowser.open
+    serve(settings.folder, settings.port, settings.language, lambda address: progress(0.0, address), within=settings.within, show=show)
     return Result(None, ())

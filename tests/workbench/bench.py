@@ -11,6 +11,7 @@ from pathlib import Path
 
 from starlette.testclient import TestClient
 
+from lmeasure.workbench.guard import Door
 from lmeasure.workbench.server import Desk, Served, application
 from lmeasure.workbench.shelf import Shelf
 
@@ -21,33 +22,52 @@ ORIGIN = f"http://{HOST}"
 
 @contextmanager
 def client(folder: Path, *, token: str | None = TOKEN, shelf: Shelf | None = None) -> Iterator[TestClient]:
-    """A browser that was let in; without a token, one that was not."""
+    """A program that knows the token; without it, a stranger."""
     with TestClient(
-        application(folder, TOKEN, PORT, shelf=shelf), base_url=ORIGIN, follow_redirects=False, raise_server_exceptions=False
+        application(folder, Door(TOKEN), PORT, shelf=shelf), base_url=ORIGIN, follow_redirects=False, raise_server_exceptions=False
     ) as asked:
-        if token is not None:
-            asked.cookies.set(f"lmeasure-{PORT}", token)
         asked.headers["Origin"] = ORIGIN
+        if token is not None:
+            asked.headers["Authorization"] = f"Bearer {token}"
         yield asked
 
 
 @contextmanager
+def session(folder: Path, *, shelf: Shelf | None = None) -> Iterator[TestClient]:
+    """A browser that was let in: its addresses lie behind its session's path, and it has the session's cookie."""
+    door = Door(TOKEN)
+    known = door.spend(door.code())
+    assert known is not None
+    with TestClient(
+        application(folder, door, PORT, shelf=shelf), base_url=ORIGIN + known.path, follow_redirects=False, raise_server_exceptions=False
+    ) as asked:
+        asked.headers["Origin"] = ORIGIN
+        asked.cookies.set(f"lmeasure-{PORT}", known.cookie)
+        yield asked
+
+
+def stranger(to: TestClient) -> TestClient:
+    """One who asks the server of another, with nothing of his."""
+    return TestClient(to.app, base_url=ORIGIN, follow_redirects=False, raise_server_exceptions=False)
+
+
+@contextmanager
 def served(folder: Path, within: Path | None = None) -> Iterator[str]:
-    """The address, with its token, of a server in a thread of this process; within: a folder of projects."""
+    """The address that lets in one browser, of a server in a thread of this process; within: a folder of projects."""
     folder.mkdir(parents=True, exist_ok=True)
     desk = Desk("en")
     server = Served(folder, 0, "en", None if within is None else Shelf(within, desk))
     desk.put(folder, server)
     server.begin()
     try:
-        yield server.address
+        yield server.address()
     finally:
         desk.close()
 
 
 @contextmanager
 def served_apart(folder: Path) -> Iterator[str]:
-    """The address, with its token, of a server of its own process, which is killed at the end if it has not ended."""
+    """The address that lets in one browser, of a server of its own process, which is killed at the end if it has not ended."""
     words = [sys.executable, "-m", "lmeasure", "workbench", str(folder), "--no-browser"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
     try:
@@ -60,6 +80,11 @@ def served_apart(folder: Path) -> Iterator[str]:
         process.wait()
         if process.stdout is not None:
             process.stdout.close()
+
+
+def token(folder: Path) -> str:
+    """The token for programs of the server of a project."""
+    return (folder / ".workbench" / "token").read_text().strip()
 
 
 def kill_server(address_file: Path) -> None:

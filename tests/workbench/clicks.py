@@ -5,13 +5,21 @@ from pathlib import Path
 
 from browser import Page
 
+HERE = "location.pathname.replace(/^\\/~[^/]+/, '')"
+"""The path of a page, without that of its session."""
 ENDED = "!!document.querySelector('.after')"
+
+
+def entered(page: Page) -> str:
+    """The address before all pages of a browser that is let in, once it is."""
+    page.wait("location.pathname.startsWith('/~') && document.readyState === 'complete'")
+    return str(page.evaluate("location.origin + location.pathname.split('/').slice(0, 2).join('/')"))
 
 
 def visit(page: Page, base: str, path: str) -> None:
     """Open a page of the workbench."""
     page.go(base + path)
-    page.wait(f"location.pathname + location.search === {path!r} && document.readyState === 'complete'")
+    page.wait(f"{HERE} + location.search === {path!r} && document.readyState === 'complete'")
 
 
 def press(page: Page, selector: str, then: str) -> None:
@@ -42,7 +50,7 @@ def begin(page: Page, command: str, **values: str) -> int:
     form = f"form[data-command='{command}']"
     page.wait(f"document.readyState === 'complete' && !!document.querySelector({json.dumps(form)})")
     fill(page, form, **values)
-    press(page, f"{form} button.go", "location.pathname.startsWith('/jobs/') && document.readyState === 'complete'")
+    press(page, f"{form} button.go", f"{HERE}.startsWith('/jobs/') && document.readyState === 'complete'")
     return ended(page)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from browser import LOOK, Page
-from clicks import ENDED, fill
+from clicks import ENDED, HERE, fill
 
 READY = "document.readyState === 'complete' && !!document.body"
 Told = Callable[[str, Page], None]
@@ -25,7 +25,7 @@ def tap(page: Page, selector: str, then: str) -> None:
 
 def to(page: Page, path: str) -> None:
     """Go to a page by the row of links above all pages."""
-    tap(page, f"header nav a[href='{path}']", f"location.pathname === '{path}'")
+    tap(page, f"header nav a[href$='{path}']", f"{HERE} === '{path}'")
 
 
 def begun(page: Page, command: str, **values: str) -> None:
@@ -37,7 +37,7 @@ def begun(page: Page, command: str, **values: str) -> None:
     page.again()
     typed = [f"document.querySelector({json.dumps(f'{form} [name={name}]')}).value === {json.dumps(v)}" for name, v in values.items()]
     page.wait(" && ".join(["true", *typed]))
-    tap(page, f"{form} button.go", "location.pathname.startsWith('/jobs/')")
+    tap(page, f"{form} button.go", f"{HERE}.startsWith('/jobs/')")
 
 
 def done(page: Page) -> None:
@@ -50,7 +50,7 @@ def done(page: Page) -> None:
 
 def onward(page: Page, part: str) -> None:
     """Press the button, on the page of a job that is done, that leads on to an address."""
-    tap(page, f".after a[href*='{part}']", f"(location.pathname + location.search + location.hash).includes('{part}')")
+    tap(page, f".after a[href*='{part}']", f"({HERE} + location.search + location.hash).includes('{part}')")
 
 
 def looked(page: Page) -> list[str]:
@@ -174,7 +174,7 @@ def plugged(page: Page, told: Told, job: Job) -> None:
 def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
     """From an empty folder to a calibrated rig in its zone, with its points placed anew: dimensions put in, drums worked out, poses
     planned, a cell played whose plugs are exchanged, found and mended, poses captured."""
-    tap(page, "a.button[href='/rig']", "location.pathname === '/rig'")
+    tap(page, "a.button[href$='/rig']", f"{HERE} === '/rig'")
     begun(page, "init", template=job.template)
     done(page)
     told("a rig is begun", page)
@@ -186,7 +186,7 @@ def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
     tap(page, "#rig-form button.go", "location.search.includes('saved')")
     told("its dimensions", page)
     if job.calipers:
-        tap(page, "nav.inside a[href='/rig?file=drums.toml']", "location.search === '?file=drums.toml'")
+        tap(page, "nav.inside a[href$='/rig?file=drums.toml']", "location.search === '?file=drums.toml'")
         fill(page, "#rig-form", **{"drum.0.centre_distance_mm": "181.5"})
         page.again()
         page.wait("document.getElementById('drum.0.centre_distance_mm').value === '181.5'")
@@ -230,7 +230,7 @@ def engineer(page: Page, told: Told, project: Path) -> Path:
 
     from clicks import choose
 
-    tap(page, ".tour button.go", "location.pathname.startsWith('/jobs/')")
+    tap(page, ".tour button.go", f"{HERE}.startsWith('/jobs/')")
     done(page)
     told("a cell, its robot and its campaign are simulated", page)
     to(page, "/calibrate")
@@ -275,7 +275,7 @@ def engineer(page: Page, told: Told, project: Path) -> Path:
     packed = Path(shutil.make_archive(str(project.parent / "mine"), "zip", project / "certificates" / "first"))
     to(page, "/robot")
     choose(page, "#packed", packed)
-    tap(page, "form[action='/verify'] button.go", "location.pathname.startsWith('/jobs/')")
+    tap(page, "form[action$='/verify'] button.go", f"{HERE}.startsWith('/jobs/')")
     done(page)
     told("verified as a zip that was dropped", page)
     return packed

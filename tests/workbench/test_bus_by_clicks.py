@@ -15,7 +15,7 @@ from lmeasure.simulation import cell_rig
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import LOOK, Page, opened
-from clicks import ENDED, fill, press, visit
+from clicks import ENDED, HERE, entered, fill, press, visit
 from journeys import QUICK, plugged, tap
 from typer.testing import CliRunner
 
@@ -26,8 +26,8 @@ def begun(page: Page, base: str, path: str, command: str, **values: str) -> str:
     """Begin a command from a page; the path of its job."""
     visit(page, base, path)
     fill(page, f"form[data-command={command}]", **values)
-    press(page, f"form[data-command={command}] button.go", "location.pathname.startsWith('/jobs/') && document.readyState === 'complete'")
-    return str(page.evaluate("location.pathname"))
+    press(page, f"form[data-command={command}] button.go", f"{HERE}.startsWith('/jobs/') && document.readyState === 'complete'")
+    return str(page.evaluate(f"{HERE}"))
 
 
 @pytest.mark.slow
@@ -36,7 +36,7 @@ def test_a_bus_is_watched_and_recorded_by_clicks(tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", cell_rig(0))
     figures = "[document.getElementById('pose').innerText, document.getElementById('pose-u95').textContent]"
     with served(tmp_path) as address, opened(address) as page:
-        base = address.split("/?")[0]
+        base = entered(page)
         begun(page, base, "/check", "play", off_mm="0", off_deg="0")
         page.wait("document.getElementById('cell-at').textContent.includes('home')")
 
@@ -47,17 +47,17 @@ def test_a_bus_is_watched_and_recorded_by_clicks(tmp_path: Path) -> None:
         page.wait("document.getElementById('pose-u95').textContent.startsWith('± 0.0')")
         assert page.evaluate(LOOK) == []
         tap(page, "#cancel", ENDED)
-        assert page.evaluate("[location.pathname, document.getElementById('job').dataset.state]") == [watched, "done"]
+        assert page.evaluate(f"[{HERE}, document.getElementById('job').dataset.state]") == [watched, "done"]
 
-        tap(page, ".after a[href*='/run/record']", "location.pathname === '/run/record'")
+        tap(page, ".after a[href*='/run/record']", f"{HERE} === '/run/record'")
         fill(page, "form[data-command=record]", out="run")
-        tap(page, "form[data-command=record] button.go", "location.pathname.startsWith('/jobs/')")
+        tap(page, "form[data-command=record] button.go", f"{HERE}.startsWith('/jobs/')")
         page.wait("document.getElementById('live').hidden === false")
         tap(page, "[data-do=run]", "document.querySelectorAll('#channels .moves').length === 6")
         assert page.evaluate(figures)[1].startswith("± 0.0"), page.evaluate(figures)
         assert page.evaluate("document.getElementById('live-lost').textContent") == "0"
         page.go(base + "/live")  # which leads to what is being recorded
-        page.wait("location.pathname.startsWith('/jobs/') && document.getElementById('live').hidden === false")
+        page.wait(f"{HERE}.startsWith('/jobs/') && document.getElementById('live').hidden === false")
         tap(page, "#cancel", ENDED)
         assert [error for error in page.errors if "404" not in error] == []
     assert np.isfinite(read_counts(tmp_path / "run" / "pass1.csv").recorded).all()

@@ -13,7 +13,7 @@ from lmeasure.rig import read_rig, write_rig
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "acquisition")]
 from access import faults  # noqa: E402
 from browser import LOOK, Page, opened  # noqa: E402
-from clicks import fill, press, visit  # noqa: E402
+from clicks import entered, fill, press, visit  # noqa: E402
 from test_check import two_cables  # noqa: E402
 from test_tour import some_files_of_the_demo  # noqa: E402
 
@@ -70,7 +70,7 @@ def test_every_page_at_every_width(language: str, tmp_path: Path) -> None:
         "/run/zone",
     )
     with served(tmp_path) as address, opened(address) as page:
-        assert looked_at(page, address.split("/?")[0], {language: (390, 1024, 1400, 2560)}, (*PAGES, *more)) == []
+        assert looked_at(page, entered(page), {language: (390, 1024, 1400, 2560)}, (*PAGES, *more)) == []
 
 
 def test_a_rig_is_changed_and_every_page_stands(tmp_path: Path) -> None:
@@ -78,9 +78,9 @@ def test_a_rig_is_changed_and_every_page_stands(tmp_path: Path) -> None:
     init = workflows.load("init")
     init.run(init.settings.model_validate({"out": tmp_path, "template": "six-cables"}))
     with served(tmp_path) as address, opened(address) as page:
-        base = address.split("/?")[0]
+        base = entered(page)
         page.wait("!!document.querySelector('.way')")
-        assert "token" not in page.evaluate("location.href")
+        assert "code" not in page.evaluate("location.href")
         visit(page, base, "/rig?file=rig.toml")
         page.evaluate("document.querySelector('[data-arrow=R]').focus()")
         assert page.evaluate("[...document.querySelectorAll('#cable .lit')].map(e => e.textContent)") == ["R"]
@@ -95,4 +95,4 @@ def test_a_rig_is_changed_and_every_page_stands(tmp_path: Path) -> None:
         page.evaluate("document.querySelector('main').append(document.createElement('input'))")
         assert [rule for rule, _ in faults(page)] == ["label"]
         assert [error for error in page.errors if "404" not in error] == []
-        assert {request.split("/")[2] for request in page.requests if request.startswith("http")} == {base.removeprefix("http://")}
+        assert {request.split("/")[2] for request in page.requests if request.startswith("http")} == {base.split("/")[2]}

@@ -13,12 +13,12 @@ from lmeasure.cli import main
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "certification")]
 from browser import Page, opened  # noqa: E402
 from campaigns import write_campaign  # noqa: E402
-from clicks import begin, choose, ended, press, visit  # noqa: E402
+from clicks import HERE, begin, choose, ended, entered, press, visit  # noqa: E402
 
 
 def onward(page: Page, part: str) -> None:
     """Press the button, on the page of a job that is done, that leads on to an address."""
-    press(page, f".after a[href*='{part}']", f"location.pathname.startsWith('{part}')")
+    press(page, f".after a[href*='{part}']", f"{HERE}.startsWith('{part}')")
 
 
 def certified(page: Page, base: str, **given: str) -> None:
@@ -33,7 +33,7 @@ def dropped(page: Page, base: str, packed: Path) -> str:
     """What is said of a zip that is dropped."""
     visit(page, base, "/robot")
     choose(page, "#packed", packed)
-    press(page, "form[action='/verify'] button.go", "location.pathname.startsWith('/jobs/') && document.readyState === 'complete'")
+    press(page, "form[action$='/verify'] button.go", f"{HERE}.startsWith('/jobs/') && document.readyState === 'complete'")
     page.wait("!!document.querySelector('.after')", seconds=400.0)
     return str(page.evaluate("document.querySelector('main').innerText"))
 
@@ -49,7 +49,7 @@ def by_hand(lines: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
 
 def simulated_and_mapped(page: Page, base: str) -> None:
     """A rig is begun, simulated and mapped."""
-    press(page, "a.button[href='/rig']", "location.pathname === '/rig'")
+    press(page, "a.button[href$='/rig']", f"{HERE} === '/rig'")
     begin(page, "init")
     visit(page, base, "/run/simulate")
     begin(page, "simulate", scenario="scenario.toml")
@@ -63,18 +63,18 @@ def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> N
     brought, project, hand = tmp_path / "brought", tmp_path / "project", tmp_path / "hand"
     write_campaign(brought)
     with served(project) as address, opened(address) as page:
-        base = address.split("/?")[0]
+        base = entered(page)
         if whole:
             simulated_and_mapped(page, base)
         visit(page, base, "/files")
         choose(page, "#upload", *sorted((brought / "run").iterdir()), brought / "program.toml")
         page.evaluate("document.getElementById('into').value = 'measured'")
-        press(page, "form[action='/upload'] button.go", "document.getElementById('upload')?.files.length === 0")
+        press(page, "form[action$='/upload'] button.go", "document.getElementById('upload')?.files.length === 0")
         if not whole:
             visit(page, base, "/run/zone")
             begin(page, "zone", rig="measured/rig.toml", x="-100:100:100", y="-100:100:100", z="-100:100:100")
         visit(page, base, "/look/measured")
-        press(page, "main a.button[href*='reconstruct']", "location.pathname === '/run/reconstruct'")
+        press(page, "main a.button[href*='reconstruct']", f"{HERE} === '/run/reconstruct'")
         begin(page, "reconstruct", out="trajectory.parquet")
         onward(page, "/run/report")
         if whole:
@@ -116,8 +116,8 @@ def test_an_engineer_from_nothing_to_a_verified_certificate(tmp_path: Path, monk
 def test_an_engineer_with_a_simulated_robot(tmp_path: Path) -> None:
     """The long form: the cell, its robot and its test cube are the button of an empty project."""
     with served(tmp_path / "project") as address, opened(address) as page:
-        base = address.split("/?")[0]
-        press(page, ".tour button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
+        base = entered(page)
+        press(page, ".tour button.go", f"{HERE} === '/jobs/1' && document.readyState === 'complete'")
         ended(page)
         visit(page, base, "/calibrate")
         begin(page, "calibrate", folder="cell/campaign", out="calibrated")

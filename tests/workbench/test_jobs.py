@@ -13,7 +13,7 @@ from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
-from bench import client, kill_server, served_apart, until
+from bench import client, kill_server, served_apart, token, until
 
 from lmeasure.cli import main
 from lmeasure.counts import read_counts
@@ -94,10 +94,10 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
     bus = {"interface": "udp_multicast", "channel": group, "port": port, "hop_limit": 0}
     settings = {"rig": "rig.toml", "bus": f"udp_multicast:{group}", "bus_option": [f"port={port}"], "out": "run"}
     with served_apart(tmp_path) as address:
-        base, token = address.split("/?token=")
+        base, known = address.split("/?")[0], token(tmp_path)
 
         def ask(path: str, content: Any = None) -> Any:
-            head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+            head = {"Authorization": f"Bearer {known}", "Content-Type": "application/json"}
             with urlopen(Request(base + path, None if content is None else json.dumps(content).encode(), head)) as answer:
                 return json.load(answer)
 
@@ -137,8 +137,8 @@ def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
     settings |= {"dwell_s": 0.2, "u_repeatability_mm": 0}
     counts = tmp_path / "campaign" / "counts.csv"
     with served_apart(tmp_path) as address, on_bus(rig, still, {"interface": "udp_multicast", "channel": group, "hop_limit": 0}):
-        base, token = address.split("/?token=")
-        head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+        base, known = address.split("/?")[0], token(tmp_path)
+        head = {"Authorization": f"Bearer {known}", "Content-Type": "application/json"}
         asked_for = json.dumps({"command": "capture", "settings": settings}).encode()
         with urlopen(Request(f"{base}/api/jobs", asked_for, head)) as answer:
             assert json.load(answer)["number"] == 1
@@ -164,8 +164,8 @@ def test_a_certificate_is_whole_or_not_there_when_the_server_is_killed(tmp_path:
     settings: dict[str, Any] = {"trajectory": "measured/trajectory.parquet", "run": "measured/run", "program": "measured/program.toml"}
     settings |= {"out": "certificates/first", "trials": 2_000_000}
     with served_apart(tmp_path) as address:
-        base, token = address.split("/?token=")
-        head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+        base, known = address.split("/?")[0], token(tmp_path)
+        head = {"Authorization": f"Bearer {known}", "Content-Type": "application/json"}
         begin = Request(f"{base}/api/jobs", json.dumps({"command": "certify", "settings": settings}).encode(), head)
         with urlopen(begin) as answer:
             assert json.load(answer)["number"] == 1

@@ -5,9 +5,11 @@ import re
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import pytest
-from bench import HOST, ORIGIN, TOKEN, client
+from bench import HOST, ORIGIN, PORT, TOKEN, client, served_apart, session, stranger, token
 from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
@@ -16,8 +18,9 @@ from lmeasure import workbench, workflows
 from lmeasure.cli import main
 from lmeasure.errors import SettingsError
 from lmeasure.workbench import forms
+from lmeasure.workbench.guard import Door
 from lmeasure.workbench.project import OutsideError, inside
-from lmeasure.workbench.server import ROUTES
+from lmeasure.workbench.server import ROUTES, application
 from lmeasure.workbench.shelf import Shelf
 from lmeasure.workflows.options import options_of
 
@@ -63,6 +66,7 @@ def addresses() -> list[tuple[str, str]]:
                 .replace("{command}", "zone")
                 .replace("{path:path}", "rig.toml")
                 .replace("{name}", "other")
+                .replace("{key}", "key")
             )
             out += [(method, path) for method in sorted(route.methods or ())]
     assert len(out) > 40
@@ -70,62 +74,123 @@ def addresses() -> list[tuple[str, str]]:
 
 
 def test_nobody_is_let_in_without_the_token_on_any_route(project: Path) -> None:
-    with client(project, token=None) as stranger, client(project, token="another") as guesser:
-        for method, path in [*addresses(), ("GET", "/static/workbench.js"), ("GET", "/nowhere")]:
-            for one in (stranger, guesser):
+    with client(project, token=None) as nobody, client(project, token="another") as guesser:
+        for method, path in [*addresses(), ("GET", "/static/workbench.js"), ("GET", "/nowhere"), ("GET", "/shown/key/rig.toml")]:
+            for one in (nobody, guesser):
                 answer = one.request(method, path)
                 assert answer.status_code == 403, (method, path)
                 assert SECRET not in answer.text
-        assert stranger.get(f"/rig?token={TOKEN}").status_code == 403  # the first page alone takes it from the address
-        assert stranger.get("/?token=wrong").status_code == 403
+        for path in (f"/rig?code={TOKEN}", f"/?token={TOKEN}", f"/?code={TOKEN}", "/?code=wrong", f"/~{TOKEN}/"):
+            assert nobody.get(path).status_code == 403, path
 
 
-def test_other_names_and_other_pages_are_refused_on_every_route(asked: TestClient) -> None:
-    for method, path in addresses():
-        assert asked.request(method, path, headers={"Host": "evil.example"}).status_code == 403, path
-        assert asked.request(method, path, headers={"Host": "127.0.0.1:1"}).status_code == 403, path
-        for origin in ("http://evil.example", "null", "http://127.0.0.1:1", f"https://{HOST}"):
-            assert asked.request(method, path, headers={"Origin": origin}).status_code == 403, (path, origin)
-        if method not in ("GET", "HEAD"):
-            del asked.headers["Origin"]
-            assert asked.request(method, path).status_code == 403, path
-            asked.headers["Origin"] = ORIGIN
-        assert asked.request(method, path, headers={"Sec-Fetch-Site": "cross-site"}).status_code == 403 or path == "/"
+def test_a_session_is_two_secrets_and_neither_is_worth_anything_alone(project: Path) -> None:
+    """What another server of 127.0.0.1 might be sent, a person see in an address, or another workbench give."""
+    with session(project) as one, session(project) as other:
+        path, cookie = str(one.base_url.path).rstrip("/"), dict(one.cookies)
+        assert one.get("/").status_code == 200
+        secret = next(iter(cookie.values()))
+        mine = stranger(one)
+        assert mine.get(f"{path}/", headers={"Cookie": f"lmeasure-{PORT}={secret}"}).status_code == 200
+        for at, cookies, bearer in (
+            ("", cookie, ""),
+            (path, {}, ""),
+            (path, dict(other.cookies), ""),
+            (path, {f"lmeasure-{PORT + 1}": secret}, ""),
+            ("", {}, secret),
+            ("", {}, path.removeprefix("/~")),
+            (path, {}, secret),
+            ("/~" + secret, cookie, ""),
+            ("/~", {f"lmeasure-{PORT}": ""}, ""),
+            (str(other.base_url.path).rstrip("/"), cookie, ""),
+        ):
+            head = {"Cookie": "; ".join(f"{k}={v}" for k, v in cookies.items()), "Authorization": f"Bearer {bearer}"}
+            for route in ("/", "/api/project", "/files", "/static/workbench.js"):
+                assert mine.get(at + route, headers=head).status_code == 403, (at, cookies, bearer, route)
+            assert mine.post(f"{at}/api/jobs", json={}, headers=head | {"Origin": ORIGIN}).status_code == 403
+
+
+def test_other_names_and_other_pages_are_refused_on_every_route(project: Path) -> None:
+    with session(project) as asked:
+        for method, path in addresses():
+            for host in ("evil.example", "127.0.0.1:1", f"localhost:{PORT}"):
+                assert asked.request(method, path, headers={"Host": host}).status_code == 403, path
+            for origin in ("http://evil.example", "null", "http://127.0.0.1:1", f"https://{HOST}"):
+                assert asked.request(method, path, headers={"Origin": origin}).status_code == 403, (path, origin)
+            if method not in ("GET", "HEAD"):
+                del asked.headers["Origin"]
+                assert asked.request(method, path).status_code == 403, path
+                asked.headers["Origin"] = ORIGIN
+            for site in ("cross-site", "same-site"):
+                assert asked.request(method, path, headers={"Sec-Fetch-Site": site}).status_code == 403, (path, site)
 
 
 def test_the_live_stream_is_guarded_as_the_pages_are(project: Path) -> None:
     path = next(r.path for r in EVERY if isinstance(r, WebSocketRoute)).replace("{number:int}", "1")
-    with client(project, token=None) as stranger, pytest.raises(WebSocketDisconnect), stranger.websocket_connect(path):
+    with client(project, token=None) as nobody, pytest.raises(WebSocketDisconnect), nobody.websocket_connect(path):
         pass
-    with (
-        client(project) as one,
-        pytest.raises(WebSocketDisconnect),
-        one.websocket_connect(path, headers={"Origin": "http://evil.example", "Host": HOST}),
-    ):
-        pass
+    with session(project) as one:
+        for head in ({"Origin": "http://evil.example", "Host": HOST}, {"Cookie": "", "Host": HOST}):
+            with pytest.raises(WebSocketDisconnect), one.websocket_connect(path, headers=head):
+                pass
 
 
-def test_the_address_with_the_token_lets_in_once_and_for_all(project: Path) -> None:
-    with client(project, token=None) as person:
-        answer = person.get(f"/?token={TOKEN}")
-        assert answer.status_code == 303
-        assert answer.headers["location"] == "/"
-        cookie = answer.headers["set-cookie"].lower()
-        assert "httponly" in cookie
-        assert "samesite=strict" in cookie
-        assert person.get("/").status_code == 200
+def test_a_code_lets_in_one_browser_once(project: Path) -> None:
+    door = Door(TOKEN)
+    with TestClient(application(project, door, PORT), base_url=ORIGIN, follow_redirects=False) as person:
+        code = door.code()
+        assert person.head(f"/?code={code}").status_code == 403  # who only looks whether there is something spends nothing
+        assert person.get(f"/?code={code}", headers={"Sec-Fetch-Site": "cross-site"}).status_code == 403
+        # from a file or a mail
+        answer = person.get(f"/?code={code}", headers={"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"})
+        assert answer.status_code == 200
+        cookie, path = answer.headers["set-cookie"], re.search(r'url=(/~[\w-]+/)"', answer.text)[1]  # type: ignore[index]
+        assert {"httponly", "samesite=strict", f"path={path}".lower()} <= {part.strip().lower() for part in cookie.split(";")}
+        assert code not in cookie
+        assert TOKEN not in cookie + answer.text
+        assert person.get(path).status_code == 200
+        assert f'href="{path}rig"' in person.get(path).text
+        assert person.post(f"{path}language", data={"back": "/rig"}, headers={"Origin": ORIGIN}).headers["location"] == f"{path}rig"
+        assert person.get(f"/?code={code}").status_code == 403
         person.cookies.clear()
-        assert person.get("/api/project").status_code == 403
+        assert person.get(path).status_code == 403
         assert person.get("/api/project", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+
+
+def test_what_a_report_reads_of_its_address_lets_nobody_in(project: Path) -> None:
+    """Its scripts run in a sandbox, and know where they were shown: at an address of that one file."""
+    (project / "report.html").write_text("<script>top.location = 'http://127.0.0.1:1/?' + location.href</script>")
+    with session(project) as one:
+        path = str(one.base_url.path).rstrip("/")
+        page = one.get("/look/report.html")
+        shown = re.search(r'src="(/shown/\w+/report.html)"', page.text)[1]  # type: ignore[index]
+        answer = stranger(one).get(shown)
+        assert answer.status_code == 200
+        assert path not in shown + answer.text + str(answer.headers)
+        assert answer.headers["content-security-policy"].startswith("sandbox allow-scripts")
+        assert answer.headers["referrer-policy"] == page.headers["referrer-policy"] == "strict-origin"
+        for other in ("rig.toml", "link.txt"):
+            assert stranger(one).get(shown.replace("report.html", other)).status_code == 403, other
+        # behind the session's path it is only saved
+        saved = one.get("/raw/report.html")
+        assert saved.headers["content-disposition"].startswith("attachment")
+        assert "allow-scripts" not in saved.headers["content-security-policy"]
+        assert one.get(shown).status_code == 404
 
 
 def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, project: Path) -> None:
     (project / "report.html").write_text("<script>fetch('/')</script>")
-    for path in ("/", "/rig", "/commands", "/api", "/static/workbench.css", "/nowhere"):
-        policy = asked.get(path).headers["content-security-policy"]
+    asked.app.router.routes.insert(0, Route("/fault", lambda request: 1 / 0))  # type: ignore[attr-defined]
+    for path in ("/", "/rig", "/commands", "/api", "/static/workbench.css", "/nowhere", "/fault", "/?code=none"):
+        answer = asked.get(path)
+        assert answer.status_code == (500 if path == "/fault" else 404 if path == "/nowhere" else 200)
+        policy = answer.headers["content-security-policy"]
         assert "default-src 'none'" in policy
         assert "unsafe" not in policy
-    own = asked.get("/raw/report.html").headers["content-security-policy"]
+        assert {"x-content-type-options", "referrer-policy", "cross-origin-opener-policy", "cache-control"} <= {*answer.headers}
+        assert "half-written" not in answer.text  # nobody knows
+    shown = re.search(r'src="(/shown/[^"]+)"', asked.get("/look/report.html").text)[1]  # type: ignore[index]
+    own = asked.get(shown).headers["content-security-policy"]
     assert own.startswith("sandbox allow-scripts")
     assert "allow-same-origin" not in own
     assert "connect-src" not in own  # so that default-src holds: nothing can be asked
@@ -269,14 +334,20 @@ def sockets_of(folder: Path) -> set[str]:
 
 
 def test_only_the_loopback_interface_listens(project: Path) -> None:
-    from bench import served_apart
-
     with served_apart(project) as address:
         port = int(address.split(":")[2].split("/")[0])
         assert sockets_of(project) == {f"0100007F:{port:04X}"}
         noted = project / ".workbench" / "address"
-        assert noted.read_text().strip() == address
-        assert noted.stat().st_mode & 0o777 == 0o600
+        again = noted.read_text().strip()
+        assert again != address  # for a second browser
+        assert noted.stat().st_mode & 0o777 == (noted.parent / "token").stat().st_mode & 0o777 == 0o600
+        assert token(project) not in (address, again)
+        for one in (address, again):
+            with urlopen(one) as answer:
+                assert "Set-Cookie" in answer.headers
+            with pytest.raises(HTTPError, match="403"):
+                urlopen(one)
+        assert noted.read_text().strip() not in (address, again)
 
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

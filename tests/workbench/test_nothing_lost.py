@@ -11,23 +11,23 @@ from lmeasure.workbench import rig_form
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import opened
-from clicks import ended, fill, press, visit
+from clicks import HERE, ended, entered, fill, press, visit
 
 
 def test_what_was_typed_outlives_a_reload_and_the_button_back(tmp_path: Path) -> None:
     with served(tmp_path / "project") as address, opened(address) as page:
-        base = address.split("/?")[0]
+        base = entered(page)
         visit(page, base, "/run/init")
         fill(page, "form[data-command=init]", out="mine")
         shown = "document.querySelector('form[data-command=init] [name=out]')?.value"
         page.again()
         page.wait(f"{shown} === 'mine'")
         page.wait("document.querySelector('[data-line]')?.textContent.includes(' mine ')")
-        press(page, "form[data-command=init] button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
+        press(page, "form[data-command=init] button.go", f"{HERE} === '/jobs/1' && document.readyState === 'complete'")
         page.again()  # in the middle of the job
         assert ended(page) == 1
         page.evaluate("history.back()")
-        page.wait(f"location.pathname === '/run/init' && document.readyState === 'complete' && {shown} === 'mine'")
+        page.wait(f"{HERE} === '/run/init' && document.readyState === 'complete' && {shown} === 'mine'")
         assert page.errors == []
     assert read_rig(tmp_path / "project" / "mine" / "rig.toml")
 

@@ -18,7 +18,7 @@ from lmeasure.workbench import rig_form
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import opened
-from clicks import press, visit
+from clicks import entered, press, visit
 
 
 @cache
@@ -161,7 +161,7 @@ def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monk
     with served(tmp_path) as address, opened(address) as page:
         for language, told in (("ru", r"worst_angle \.\.\.. прошло \d+ с"), ("en", r"worst_angle \.\.\.. \d+ s so far")):
             press(page, f".language [value={language}]", f"document.documentElement.lang === '{language}'")
-            visit(page, address.split("/?")[0], "/rig")
+            visit(page, entered(page), "/rig")
             page.wait(f"new RegExp({json.dumps(told)}).test({shown})")
         done.set()
         page.wait(f"{shown}.includes('m³')")

@@ -22,7 +22,7 @@ from lmeasure.workflows.options import options_of
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from access import faults
 from browser import LOOK, Page, opened
-from clicks import fill, press, visit
+from clicks import HERE, entered, fill, press, visit
 
 SCRIPT = """
 import json, sys
@@ -143,11 +143,11 @@ def test_a_server_that_ended_is_said_by_its_pages(tmp_path: Path) -> None:
     """By that of a job that ran, and by a form that is filled in; nobody is left before a page that pretends."""
     write_rig(tmp_path / "rig.toml", cell_rig(0))
     with served_apart(tmp_path) as address, opened(address) as page:
-        base = address.split("/?")[0]
+        base = entered(page)
         visit(page, base, "/run/zone")
         fine = dict.fromkeys("xyz", "-400:400:5")
         fill(page, "form[data-command=zone]", out="zone.nc", **fine)
-        press(page, "form[data-command=zone] button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
+        press(page, "form[data-command=zone] button.go", f"{HERE} === '/jobs/1' && document.readyState === 'complete'")
         shown_again(page, "true")
         kill_server(tmp_path / ".workbench" / "address")
         shown_again(page, "false")
@@ -176,10 +176,10 @@ def test_a_step_of_a_self_test_is_answered_once_it_is_asked(tmp_path: Path, monk
     monkeypatch.setattr(processes, "begun", scripted)
     write_rig(tmp_path / "rig.toml", cell_rig(0))
     with served(tmp_path) as address, opened(address) as page:
-        base = address.split("/?")[0]
+        base = entered(page)
         visit(page, base, "/run/check")
         fill(page, "form[data-command=check]", bus="virtual:none")
-        press(page, "form[data-command=check] button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
+        press(page, "form[data-command=check] button.go", f"{HERE} === '/jobs/1' && document.readyState === 'complete'")
         page.wait("document.getElementById('asked').textContent.startsWith('1/2')")
         go = "document.querySelector('button.go[data-type]')"
         twice = f"for (const detail of [1, 2]) {go}.dispatchEvent(new MouseEvent('click', {{bubbles: true, detail}})); {go}.disabled"

@@ -13,11 +13,11 @@ from lmeasure.accuracy.along import AXIS_95, along
 from lmeasure.run import read_run, write_run
 from lmeasure.status import Status
 from lmeasure.trajectory import read_trajectory, reconstruct, write_trajectory
-from lmeasure.workbench.runs import SHOWN, series
+from lmeasure.workbench.trajectories import SHOWN, series
 
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "certification")]
 from browser import opened  # noqa: E402
-from clicks import press, visit  # noqa: E402
+from clicks import entered, press, visit  # noqa: E402
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 
@@ -111,7 +111,7 @@ def test_the_slider_moves_all_figures_and_a_gap_is_jumped_to(project: Path, tmp_
     found = along(read_trajectory(project / "trajectory.parquet"))
     gap = next(s for s in found.stretches if not s.ok)
     with served(project) as address, opened(address) as page:
-        base = address.split("/?")[0]
+        base = entered(page)
         visit(page, base, "/trajectory/trajectory.parquet")
         page.wait("!!document.getElementById('along').dataset.at")
         page.evaluate("(() => {const e = document.getElementById('cursor'); e.value = 250; e.dispatchEvent(new Event('input'))})()")

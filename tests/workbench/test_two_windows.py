@@ -14,7 +14,7 @@ from lmeasure.rig import read_rig, write_rig
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "capture")]
 from browser import Page, opened, window  # noqa: E402
 from capture_bench import motion, on_bus, some_poses, true_rig  # noqa: E402
-from clicks import ENDED, begin, fill, press, visit  # noqa: E402
+from clicks import ENDED, HERE, begin, entered, fill, press, visit  # noqa: E402
 
 SAMPLES = "Number(document.getElementById('live-samples')?.textContent)"
 JOBS = "[...document.querySelectorAll('.jobs tbody tr')].map(r => [r.cells[1].textContent, r.cells[2].textContent])"
@@ -34,29 +34,30 @@ def test_one_window_records_and_another_works_in_the_same_project(tmp_path: Path
         on_bus(rig, counts, bus),
         served(tmp_path) as address,
         opened(address) as one,
-        window(one.browser, address) as other,
+        # an address lets in one browser; here is the next
+        window(one.browser, (tmp_path / ".workbench" / "address").read_text().strip()) as other,
     ):
-        base = address.split("/?")[0]
+        bases = {page: entered(page) for page in (one, other)}
         form = "form[data-command=record]"
         for page in (one, other):
-            visit(page, base, "/live")
+            visit(page, bases[page], "/live")
             fill(page, form, **told)
         for page in (one, other):
-            press(page, f"{form} button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
+            press(page, f"{form} button.go", f"{HERE} === '/jobs/1' && document.readyState === 'complete'")
             page.wait(f"{SAMPLES} > 20")
-        visit(other, base, "/rig?file=rig.toml")
+        visit(other, bases[other], "/rig?file=rig.toml")
         fill(other, "#rig-form", **{"observation_point.0.position_mm.0": "861.5"})
         press(other, "#rig-form button.go", "location.search.includes('saved')")
-        visit(other, base, "/run/key")
+        visit(other, bases[other], "/run/key")
         assert begin(other, "key", out="lab.key") == 2
         before = one.evaluate(SAMPLES)
-        visit(other, base, "/jobs/1")
+        visit(other, bases[other], "/jobs/1")
         other.wait(f"{SAMPLES} > {before}")
         press(one, "#cancel", ENDED)
         other.wait(ENDED)  # by itself
         samples = [page.evaluate("document.querySelector('.summary').textContent.split(' ')[0]") for page in (one, other)]
         for page in (one, other):
-            visit(page, base, "/")
+            visit(page, bases[page], "/")
         seen = [page.evaluate(JOBS) for page in (one, other)]
         assert [page.errors for page in (one, other)] == [[], []]
     kept = read_counts(tmp_path / "run" / "pass1.csv")
@@ -79,21 +80,22 @@ def test_projects_are_begun_opened_and_switched_by_clicks(tmp_path: Path) -> Non
     """Each has its own address; what is begun in one is not in another."""
     root = tmp_path / "root"
     with served(root / "first", root) as address, opened(address) as page:
+        entered(page)
         assert listed(page) == ["first this one"]
         fill(page, "#projects form", name="../second")
         press(page, "#projects form button", "!!document.querySelector('#projects .error')")
         assert page.evaluate("document.getElementById('project-name').value") == "../second"
         fill(page, "#projects form", name="second cell")
         press(page, "#projects form button", "document.querySelectorAll('#projects li').length === 2 && location.hash === '#projects'")
-        base = address.split("/?")[0]
+        base = entered(page).rpartition("/")[0]
         press(
             page, "#projects a", f"document.readyState === 'complete' && location.origin !== {base!r} && !!document.querySelector('.way')"
         )
-        assert "token" not in page.evaluate("location.href")
+        assert "code" not in page.evaluate("location.href")
         assert page.evaluate("document.querySelector('h1').textContent") == "second cell"
-        press(page, "a.button[href='/rig']", "location.pathname === '/rig'")
+        press(page, "a.button[href$='/rig']", f"{HERE} === '/rig'")
         begin(page, "init")
-        press(page, "a.brand", "location.pathname === '/' && document.readyState === 'complete'")
+        press(page, "a.brand", f"{HERE} === '/' && document.readyState === 'complete'")
         assert listed(page) == ["second cell this one", "first is open"]
         press(
             page, "#projects a", f"location.origin === {base!r} && document.readyState === 'complete' && !!document.querySelector('.way')"

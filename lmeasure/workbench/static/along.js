@@ -1,4 +1,5 @@
 // A trajectory over time: plots with bands that hold 95 %, one cursor, a span that comes nearer; gaps that are jumped to.
+import {root} from './root.js';
 const place = document.getElementById('along'), id = (name) => document.getElementById(name);
 const whole = [Number(place.dataset.begin), Number(place.dataset.end)];
 const plots = [...place.querySelectorAll('canvas')], digits = {u95: 4, angle: 1};
@@ -59,12 +60,12 @@ function draw() {
 
 async function look() {
   const mine = ++asked, query = `begin=${span[0]}&end=${span[1]}`;
-  const answer = await fetch(`/along/${place.dataset.path.split('/').map(encodeURIComponent).join('/')}?${query}`);
+  const answer = await fetch(`${root}/along/${place.dataset.path.split('/').map(encodeURIComponent).join('/')}?${query}`);
   const told = await answer.json();
   if (mine !== asked) return;
   if (told.error) { id('cursor-told').textContent = told.error; return; }
   if (told.time_s) data = told;
-  id('export').href = `/export/${place.dataset.path}?${query}`; place.dataset.shown = query; draw();
+  id('export').href = `${root}/export/${place.dataset.path}?${query}`; place.dataset.shown = query; draw();
 }
 
 let waiting;

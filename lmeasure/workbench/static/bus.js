@@ -1,4 +1,5 @@
 // What comes over a bus: who speaks, what moves, a recording, a capture; and the simulated cell that is told what to do.
+import {root} from './root.js';
 const at = (id) => document.getElementById(id);
 // as the language of the page writes it; what is typed into a controller keeps its point
 const own = (text) => { const mark = document.documentElement.lang === 'ru' ? ',' : '.'; return String(text).replace('.', mark).replace('-', '−'); };
@@ -23,7 +24,7 @@ export const parts = (line) => line.split(/(--[a-z][\w-]*)/).map((text, i) => ma
 const cell = at('cell');
 let act = '', goal = '', pressed = 0;
 if (cell) {
-  const type = (line) => post(`/jobs/${cell.dataset.number}/type`, {line});
+  const type = (line) => post(`${root}/jobs/${cell.dataset.number}/type`, {line});
   cell.addEventListener('click', (event) => {
     const button = event.target.closest('button');
     if (!button) return;
@@ -46,7 +47,7 @@ if (cell) {
   };
   (async () => {
     while (true) {
-      const told = await fetch(`/jobs/${cell.dataset.number}/last`).then((a) => (a.ok ? a.json() : null)).catch(() => null);
+      const told = await fetch(`${root}/jobs/${cell.dataset.number}/last`).then((a) => (a.ok ? a.json() : null)).catch(() => null);
       gone(told === null);
       if (told?.last.cell && !document.hidden) show(told.last.cell);
       if (told && told.state !== 'running') { cell.remove(); return; }
@@ -69,13 +70,13 @@ if (scan) {
   const begin = async (settings) => {
     at('scan-error').hidden = true;
     const head = {'Content-Type': 'application/json'};
-    const answer = await fetch('/api/jobs', {method: 'POST', headers: head, body: JSON.stringify({command: 'scan', settings})});
+    const answer = await fetch(`${root}/api/jobs`, {method: 'POST', headers: head, body: JSON.stringify({command: 'scan', settings})});
     const job = await answer.json();
     if (!answer.ok) { at('scan-error').hidden = false; at('scan-error').textContent = job.error; return null; }
     scan.querySelector('.line code').replaceChildren(...parts(job.line));
     running = job.number; at('scan-end').hidden = false;
     while (true) {
-      const told = await fetch(`/jobs/${job.number}/last`).then((a) => a.json());
+      const told = await fetch(`${root}/jobs/${job.number}/last`).then((a) => a.json());
       if (told.last.progress) at('scan-doing').textContent = told.last.progress.text;
       if (told.last.scan) spoken(told.last.scan);
       if (told.state !== 'running') {
@@ -109,7 +110,7 @@ if (scan) {
     }));
   });
   at('scan-listen').addEventListener('click', () => begin({bus: field('bus').value, bus_option: field('bus_option').value.split('\n').filter(Boolean), seconds: 30}));
-  at('scan-end').addEventListener('click', () => { if (running) post(`/jobs/${running}/cancel`, {}); });
+  at('scan-end').addEventListener('click', () => { if (running) post(`${root}/jobs/${running}/cancel`, {}); });
 }
 
 // ---- a self-test: the line that moves lights up ----

@@ -1,9 +1,10 @@
 // The details of a certificate as they will be printed, in both languages, while they are typed; lamps for what nobody states.
+import {root} from './root.js';
 const form = document.getElementById('details'), wrong = document.getElementById('wrong'), lacking = document.getElementById('lacking');
 let waiting;
 
 async function renew() {
-  const answer = await fetch('/details/preview', {method: 'POST', body: new URLSearchParams(new FormData(form))});
+  const answer = await fetch(`${root}/details/preview`, {method: 'POST', body: new URLSearchParams(new FormData(form))});
   const told = await answer.json();
   wrong.hidden = !told.complaints.length; wrong.textContent = told.complaints.join('\n');
   lacking.textContent = lacking.dataset.template.replace('{count}', told.missing.length);

@@ -1,8 +1,9 @@
 // The rig in space: observation points, cables and the tool; drag to turn, drag a point to move it in the plane of the screen.
+import {root} from './root.js';
 const HIT = 12;
 
 export async function draw(place, form) {
-  const answer = await fetch(`/scene?file=${encodeURIComponent(place.dataset.file)}`);
+  const answer = await fetch(`${root}/scene?file=${encodeURIComponent(place.dataset.file)}`);
   const rig = await answer.json();
   const told = document.getElementById('scene-told');
   if (rig.error) { told.textContent = rig.error; return; }
@@ -50,7 +51,7 @@ export async function draw(place, form) {
   let asking = false, again = false;
   // the first time on a machine it takes long, and says why
   const compiled = async () => {
-    const now = await (await fetch('/compiling')).json();
+    const now = await (await fetch(`${root}/compiling`)).json();
     if (asking && now.name) where.textContent = where.dataset.compiling.replace('{name}', now.name).replace('{seconds}', now.seconds.toFixed(0));
   };
   const judge = async () => {
@@ -59,7 +60,7 @@ export async function draw(place, form) {
     const patience = setInterval(compiled, 500);
     try {
       const points = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
-      const answer = await fetch('/coarse', {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
+      const answer = await fetch(`${root}/coarse`, {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
       const found = await answer.json();
       const own = (value, digits) => document.documentElement.lang === 'ru' ? value?.toFixed(digits).replace('.', ',') : value?.toFixed(digits);
       const figures = {volume: own(found.zone_volume_mm3 / 1e9, 2), angle: own(found.least_angle_deg, 1), u95: own(found.median_u95_mm, 3)};

@@ -1,5 +1,6 @@
 // Every page works without this; with it, command lines, progress and live values renew themselves.
-import {gone, parts} from '/static/bus.js';
+import {gone, parts} from './bus.js';
+import {root} from './root.js';
 
 const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form), headers: {'Accept': 'application/json'}});
 
@@ -12,14 +13,14 @@ row?.addEventListener('focusin', (event) => event.target.scrollIntoView({block: 
 for (const form of document.querySelectorAll('form[data-command]')) {
   let waiting;
   const renew = async () => {
-    const answer = await post(`/line/${form.dataset.command}`, new FormData(form)).catch(() => null);
+    const answer = await post(`${root}/line/${form.dataset.command}`, new FormData(form)).catch(() => null);
     gone(answer === null);
     if (answer === null) return;
     const told = await answer.json();
     form.querySelector('[data-line]').replaceChildren(...parts(told.line));
     const why = form.querySelector('[data-hindered]'), button = form.querySelector('button.go');
     button.disabled = why.parentElement.parentElement.querySelector('p.needs:not([data-hindered])') !== null || Boolean(told.hindered);
-    why.hidden = !told.hindered; why.firstElementChild.textContent = told.hindered ?? ''; why.lastElementChild.href = told.mend ?? '#';
+    why.hidden = !told.hindered; why.firstElementChild.textContent = told.hindered ?? ''; why.lastElementChild.href = told.mend ? root + told.mend : '#';
   };
   form.addEventListener('input', () => { clearTimeout(waiting); waiting = setTimeout(renew, 150); });
   renew();
@@ -50,11 +51,11 @@ function follow(number) {
     asked: (e) => { at('typing').classList.add('question'); at('asked').hidden = false; at('asked').textContent = e.of ? `${e.number}/${e.of}  ${e.text}` : e.text; at('typing').hidden = false; if (e.of) at('progress').value = (e.number - 1) / e.of; steps(true); },
     end: async () => { source.close(); if (await fetch(location.href).then((a) => a.ok, () => false)) location.reload(); else gone(true); },
   };
-  const source = new EventSource(`/jobs/${number}/events`);
+  const source = new EventSource(`${root}/jobs/${number}/events`);
   source.onopen = () => { log.replaceChildren(); gone(false); };
   source.onerror = () => gone(true);
   source.onmessage = (message) => { const event = JSON.parse(message.data); told[event.event]?.(event); document.dispatchEvent(new CustomEvent('told', {detail: event})); };
-  const type = (text) => post(`/jobs/${number}/type`, {line: text}).catch(() => gone(true));
+  const type = (text) => post(`${root}/jobs/${number}/type`, {line: text}).catch(() => gone(true));
   // a step of a self-test is answered once it is asked, and by a double click once
   const steps = (asked) => { if (job.dataset.command === 'check') for (const b of at('typing').querySelectorAll('[data-type]')) b.disabled = !asked; };
   job.addEventListener('click', (event) => {
@@ -64,7 +65,7 @@ function follow(number) {
     type(button.dataset.type);
   });
   at('answer')?.addEventListener('submit', (event) => { event.preventDefault(); type(at('said').value); at('said').value = ''; });
-  at('cancel')?.addEventListener('click', () => { at('cancel').disabled = true; post(`/jobs/${number}/cancel`, {}).catch(() => gone(true)); });
+  at('cancel')?.addEventListener('click', () => { at('cancel').disabled = true; post(`${root}/jobs/${number}/cancel`, {}).catch(() => gone(true)); });
 }
 
 for (const drop of document.querySelectorAll('form.drop')) {
@@ -110,5 +111,5 @@ if (rig) {
     for (const input of rig.querySelectorAll('input[data-unit=mm]')) { const unit = input.labels[0].querySelector('.unit'); unit.textContent = inches.checked ? unit.dataset.in : unit.dataset.mm; }
   });
   rig.addEventListener('submit', () => { if (inches.checked) inches.click(); });
-  if (document.getElementById('scene')) import('/static/scene.js').then((module) => module.draw(document.getElementById('scene'), rig));
+  if (document.getElementById('scene')) import('./scene.js').then((module) => module.draw(document.getElementById('scene'), rig));
 }

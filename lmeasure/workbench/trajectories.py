@@ -1,0 +1,86 @@
+"""What pages show of a trajectory: its summary, its series, its rows. Computed in the process of `worker`."""
+
+import io
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure.accuracy.along import AXIS_95, Along, along, kept_rows, merged
+from lmeasure.errors import FileFormatError
+from lmeasure.report.trajectory import about_stretch, summary
+from lmeasure.shown import framed
+from lmeasure.tables import decoded_bytes
+from lmeasure.trajectory import read_trajectory
+
+SHOWN = 1500
+"""Samples of a series that a picture gets, the extremes among them."""
+LISTED = 500
+ROWS = 50_000
+"""Rows of a piece of a table."""
+LARGEST = 2**30
+"""Bytes of a file, or of the numbers and texts that stand in it, of which a page shows something."""
+
+
+@lru_cache(maxsize=2)
+def _read(path: Path, changed_ns: int) -> Along:
+    return along(read_trajectory(path))
+
+
+def _along(path: Path) -> Along:
+    size = path.stat().st_size
+    if max(size, decoded_bytes(path) if path.suffix.lower() == ".parquet" else 0) > LARGEST:
+        raise FileFormatError(f"{path}: holds more than {LARGEST / 2**20:.0f} MB of numbers and texts; a page shows no such file")
+    return _read(path, path.stat().st_mtime_ns)
+
+
+def about(path: Path, language: str) -> dict[str, Any]:
+    """Return summary, left_out, begin and end [s] of a trajectory file, in words of a language."""
+    found = _along(path)
+    time_s = found.trajectory.time_s
+    told = {"summary": summary(found, language), "left_out": left_out(found, language)}
+    return told | {"begin": float(time_s[0]), "end": float(time_s[-1])}
+
+
+def left_out(found: Along, language: str) -> list[dict[str, Any]]:
+    """Stretches without a pose, or without a cable, in words, in the order of time; those that lie close together are one."""
+    time_s = found.trajectory.time_s
+    kept = merged(found.stretches, float(time_s[-1] - time_s[0]) / LISTED)
+    return [{"begin": s.begin_s, "end": s.end_s, "ok": s.ok, "text": about_stretch(s, language)} for s in kept[:LISTED]]
+
+
+def series_of(path: Path, begin_s: float, end_s: float) -> dict[str, list[float | None]]:
+    """Return the `series` of a trajectory file."""
+    return series(_along(path), begin_s, end_s)
+
+
+def series(found: Along, begin_s: float, end_s: float) -> dict[str, list[float | None]]:
+    """time_s; x, y, z [mm] with the half widths of what holds 95 % of each, u_x, u_y, u_z [mm]; u95 [mm], the radius; angle, the worst
+    pressure angle [deg]: of the samples of a span."""
+    moved = found.trajectory
+    own = np.flatnonzero((moved.time_s >= begin_s) & (moved.time_s <= end_s))
+    if not len(own):
+        return {}
+    u = AXIS_95 * moved.u[own, :3]
+    columns = dict(zip(("x", "y", "z", "u_x", "u_y", "u_z"), (*moved.poses[own, :3].T, *u.T), strict=True))
+    columns |= {"u95": found.u95_mm[own], "angle": moved.worst_pressure_angle_deg[own]}
+    rows = kept_rows(list(columns.values()), np.zeros(0, np.int64), SHOWN)
+    columns["time_s"] = moved.time_s[own]
+    return {name: [None if value != value else value for value in values[rows].tolist()] for name, values in columns.items()}
+
+
+@lru_cache(maxsize=1)
+def _columns(path: Path, changed_ns: int) -> dict[str, Any]:
+    return _along(path).trajectory.columns()
+
+
+def rows(path: Path, begin_s: float, end_s: float, first: int) -> tuple[str, int]:
+    """Return the next ROWS samples of a span as .csv, all columns of a trajectory file, from row `first` of the file on; and the row from
+    which to go on, 0 behind the last one."""
+    columns = _columns(path, path.stat().st_mtime_ns)
+    time_s = columns["time_s"]
+    own = np.flatnonzero((time_s[first:] >= begin_s) & (time_s[first:] <= end_s))[:ROWS] + first
+    text = io.StringIO()
+    framed({name: values[own] for name, values in columns.items()}).to_csv(text, index=False, header=first == 0)
+    return text.getvalue(), int(own[-1]) + 1 if len(own) == ROWS else 0
