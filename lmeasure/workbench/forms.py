@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.workbench.project import Project, inside
+from lmeasure.opened import LARGEST_NAME
+from lmeasure.workbench.project import OutsideError, Project, inside
 from lmeasure.workflows import load
 from lmeasure.workflows.options import Option, command_line, options_of
 from lmeasure.workflows.settings import said_of
@@ -226,13 +228,15 @@ def asked(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
 
 
 def _confined(option: Option, text: str, folder: Path) -> None:
-    """SettingsError for a text that names, or holds the name of, a file outside the project. Options that are no paths may have paths in
-    them, such as replay:FILE."""
+    """SettingsError for a text that names, or holds the name of, a file outside the project, or has a part that is longer than a name.
+    Options that are no paths may have paths in them, such as replay:FILE."""
     try:
         if option.kind == "path":
             inside(folder, text)
             return
         for part in filter(None, _SPLIT.split(text)):
+            if len(os.fsencode(part)) > LARGEST_NAME:
+                raise OutsideError(f"{part[:60]!r}...: is too long for a number or a name")
             if "/" in part or "\\" in part or part.startswith((".", "~")) or (folder / part).is_symlink():
                 _own_or_device(part, folder)
     except LMeasureError as error:

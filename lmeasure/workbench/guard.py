@@ -158,8 +158,8 @@ class Guard:
         """A page that leads on by itself. After a redirection the browser would not send the cookie: whoever opened the address, a file or
         a mail, would have asked."""
         answer = HTMLResponse(
-            f'<!doctype html><meta charset="utf-8"><title>lmeasure</title><meta http-equiv="refresh" content="0;url={session.path}/">'
-            f'<a href="{session.path}/">lmeasure</a>'
+            f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url={session.path}/"><title>lmeasure</title>'
+            f'<link rel="icon" href="data:,"><a href="{session.path}/">lmeasure</a>'
         )
         answer.set_cookie(self.cookie, session.cookie, httponly=True, samesite="strict", path=f"{session.path}/")
         return answer

@@ -95,9 +95,10 @@ def address(project: Project, number: int) -> str:
 
 def shown(project: Project, asked: str) -> dict[str, Any] | None:
     """The stop that an address asks for, 1 the first, with the ways to those before and behind it; None for none."""
-    if not asked.isdigit() or not 1 <= int(asked) <= len(STOPS):
+    numbers = [str(i + 1) for i in range(len(STOPS))]
+    if asked not in numbers:
         return None
-    number = int(asked) - 1
+    number = numbers.index(asked)
     before = address(project, number - 1) if number else ""
     behind = address(project, number + 1) if number + 1 < len(STOPS) else ""
     return {
