@@ -148,7 +148,11 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
         raise LMeasureError(f"the workbench needs {error.name}, which is not installed: {how_to_install('workbench')}") from error
 
     def told(fraction: float, address: str) -> None:
-        typer.echo(said("The workbench is at {address} for browsers of this machine alone; Ctrl-C ends it", address=address))
+        text = (
+            "The workbench is at {address} (which lets in one browser of this machine, once; "
+            ".workbench/address in the project has the next). Ctrl-C ends it"
+        )
+        typer.echo(said(text, address=address))
 
     return workflow.run(settings, told, serve=serve)
 

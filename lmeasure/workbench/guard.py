@@ -31,8 +31,8 @@ READING = ("GET", "HEAD")
 SESSION = "/~"
 SHOWN = "/shown/"
 """Before the key and path of a file that is shown outside the session's path."""
-LARGEST_PATH = 4096
-"""Bytes of a path."""
+LARGEST_PATH, LARGEST_HEADERS = 4096, 2**16
+"""Bytes of a path, and of all headers."""
 LARGEST_BODY, LARGEST_UPLOAD = 2**21, 2**31
 TOO_LARGE = "the content is larger than {:g} MiB"
 UPLOADS = ("/upload", "/verify")
@@ -196,6 +196,8 @@ def _strange(path: str, headers: Headers) -> Response | None:
     encoded = path.encode("utf-8", "surrogatepass")
     if b"\0" in encoded or len(encoded) > LARGEST_PATH or any(len(part) > LARGEST_NAME for part in encoded.split(b"/")):
         return _refusal("no file or page has such a name", 404)
+    if sum(len(name) + len(value) for name, value in headers.raw) > LARGEST_HEADERS:
+        return _refusal(f"the headers are larger than {LARGEST_HEADERS} bytes", 431)
     length = headers.get("content-length", "0")
     if not (length.isascii() and length.isdigit()) or len(length) > 15:
         return _refusal("the length of the content is no number of bytes", 400)

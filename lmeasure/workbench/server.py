@@ -35,7 +35,7 @@ from lmeasure.workbench.shelf import Shelf
 from lmeasure.workbench.words import said
 
 GRACE_S = 3
-LONGEST_END_S = 20.0
+LONGEST_END_S = 30.0
 """After which a server that was ended ends, whatever it waits for."""
 _OPTION = re.compile(r"--[a-z][\w-]*")
 _UNIT = re.compile(r"(?<=\d) (?=(?:mm|мм|%|°)(?!\w))")

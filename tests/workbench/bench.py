@@ -66,10 +66,12 @@ def served(folder: Path, within: Path | None = None) -> Iterator[str]:
 
 
 @contextmanager
-def served_apart(folder: Path) -> Iterator[str]:
-    """The address that lets in one browser, of a server of its own process, which is killed at the end if it has not ended."""
-    words = [sys.executable, "-m", "lmeasure", "workbench", str(folder), "--no-browser"]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+def served_apart(folder: Path, browser: str = "") -> Iterator[str]:
+    """The address that lets in one browser, of a server of its own process, which is killed at the end if it has not ended; browser: a
+    program that it opens with its page."""
+    words = [sys.executable, "-m", "lmeasure", "workbench", str(folder), *(() if browser else ("--no-browser",))]
+    environment = os.environ | {"BROWSER": browser}
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True, env=environment)
     try:
         assert process.stdout is not None
         line = process.stdout.readline()

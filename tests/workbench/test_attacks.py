@@ -170,6 +170,7 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
     ):
         for path in ("/", "/raw/rig.toml"):
             assert asked.get(path, headers=head).status_code < 500, head
+    assert asked.get("/", headers={"X-Long": "x" * 70_000}).status_code == 431
 
 
 def test_what_is_taken_in_holds_up_nobody(asked: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:

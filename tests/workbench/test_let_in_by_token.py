@@ -2,6 +2,7 @@
 
 import io
 import re
+import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import pytest
-from bench import HOST, ORIGIN, PORT, TOKEN, client, served_apart, session, stranger, token
+from bench import HOST, ORIGIN, PORT, TOKEN, client, served_apart, session, stranger, token, until
 from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
@@ -23,6 +24,10 @@ from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.server import ROUTES, application
 from lmeasure.workbench.shelf import Shelf
 from lmeasure.workflows.options import options_of
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from browser import opened
+from clicks import entered
 
 EVERY = [route for module in ROUTES for route in module.routes()]
 SECRET = "nobody's business 4711"
@@ -155,6 +160,32 @@ def test_a_code_lets_in_one_browser_once(project: Path) -> None:
         person.cookies.clear()
         assert person.get(path).status_code == 403
         assert person.get("/api/project", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+
+
+def test_the_browser_is_called_with_nothing_that_lets_anyone_in(tmp_path: Path) -> None:
+    """Every user of the machine reads the words that a program is called with; a file for its owner alone leads the browser in, once."""
+    called, browser = tmp_path / "called", tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$@" > {called}.part; mv {called}.part {called}\n')
+    browser.chmod(0o700)
+    project = tmp_path / "project"
+    with served_apart(project, f"{browser} %s") as address:
+        until(called.exists)
+        words = called.read_text().strip()
+        page = Path(words.removeprefix("file://"))
+        assert page.parent == project
+        assert page.stat().st_mode & 0o777 == 0o600
+        assert "code" not in words
+        assert token(project) not in words + page.read_text()
+        assert address.split("=")[1] not in page.read_text()  # which is for another browser
+        with opened(words) as shown:
+            entered(shown)
+            shown.wait("!!document.querySelector('.way')")
+            assert shown.evaluate("document.cookie") == ""
+            assert not page.exists()
+            shown.go(address)
+            entered(shown)
+            shown.go(address)
+            assert "has let in a browser already" in shown.evaluate("document.body.innerText")
 
 
 def test_what_a_report_reads_of_its_address_lets_nobody_in(project: Path) -> None:
