@@ -386,7 +386,7 @@ def attempts() -> Iterator[tuple[str, str, Attempt]]:
     yield (
         "upload",
         "letters of an unknown set",
-        post("/upload", multipart([("a", b"")])[0], kind="multipart/form-data; boundary=b; charset=x"),
+        post("/upload", multipart([("a", b"")])[0], kind="multipart/form-data; boundary=b; charset=x", fine=True),
     )
     yield (
         "upload",
@@ -410,8 +410,8 @@ def attempts() -> Iterator[tuple[str, str, Attempt]]:
     yield "number", "5,000 digits in the line of a form", post("/line/zone", zone | {"u95_mm": DIGITS}, fine=True)
     yield "number", "5,000 digits in a rig", post("/rig", {"_file": "rig.toml", "_digest": "", "name": DIGITS})
     yield "number", "5,000 digits as the name of a project", post("/projects", {"name": DIGITS})
-    yield "number", "1e5000 in a form", post("/run/zone", zone | {"u95_mm": "1e5000"})
-    yield "number", "NaN in a form", post("/run/zone", zone | {"u95_mm": "nan"})
+    yield "number", "1e5000 in a form", post("/run/zone", zone | {"u95_mm": "1e5000"}, fine=True)
+    yield "number", "NaN in a form", post("/run/zone", zone | {"u95_mm": "nan"}, fine=True)
     yield "number", "5,000 digits in JSON", sent("/api/jobs", f'{{"command": "zone", "settings": {{"u95_mm": {DIGITS}}}}}')
     yield (
         "number",
@@ -509,14 +509,14 @@ def attempts() -> Iterator[tuple[str, str, Attempt]]:
     yield "let in", "the words that the browser is called with", words_of_browser
 
 
-def earlier() -> dict[tuple[str, str], str]:
-    """The column `before` of the table."""
+def earlier() -> dict[tuple[str, str], list[str]]:
+    """What the table says came of each attempt, before and now."""
     if not TABLE.exists():
         return {}
     rows = [
         [cell.strip() for cell in line.split("|")[1:-1]] for line in TABLE.read_text(encoding="utf-8").splitlines() if line.startswith("|")
     ]
-    return {(row[0], row[1]): row[2] for row in rows[2:]}
+    return {(row[0], row[1]): row[2:] for row in rows[2:]}
 
 
 def main() -> None:
@@ -526,10 +526,12 @@ def main() -> None:
     parser.add_argument("--keep", action="store_true")
     parser.add_argument("--first", action="store_true")
     asked = parser.parse_args()
-    before, now = earlier(), {}
+    rows, column = earlier(), 0 if asked.first else 1
+    tried: dict[tuple[str, str], None] = {}
     with tempfile.TemporaryDirectory(prefix="attacks-") as name:
         server = Server(Path(name) / "root")
         for kind, what, attempt in attempts():
+            tried[kind, what] = None
             if asked.only not in ("", kind):
                 continue
             server.begin()
@@ -537,27 +539,25 @@ def main() -> None:
                 told = attempt(server)
             except Exception as error:
                 told = f"{type(error).__name__}: {error}"[:100]
-            now[kind, what] = told.replace("|", "/")
+            rows.setdefault((kind, what), ["", ""])[column] = told.replace("|", "/")
             print(f"{kind:8} {what[:60]:60} {told}", flush=True)
             if not told.startswith(("refused", "harmless")):
                 server.end()  # which may hang, or be full
         server.end()
-    through = sum(not told.startswith(("refused", "harmless")) for told in now.values())
-    print(f"{len(now)} attempts, {through} got through")
+    rows = {key: rows.get(key, ["", ""]) for key in tried}
+    through = [sum(not row[i].startswith(("refused", "harmless")) for row in rows.values()) for i in (0, 1)]
+    print(f"{len(rows)} attempts, got through: {through[0]} before, {through[1]} now")
     if not (asked.keep or asked.first):
         return
-    if asked.first:
-        before, now = before | now, dict.fromkeys(now, "")
-    lines = [f"| {kind} | {what} | {before.get((kind, what), '')} | {told} |" for (kind, what), told in now.items()]
-    first = sum(not before.get(key, "refused").startswith(("refused", "harmless")) for key in now)
+    lines = [f"| {kind} | {what} | {before} | {now} |" for (kind, what), (before, now) in rows.items()]
     head = f"""# Attacks on the workbench
 
 `python benchmarks/workbench_attacks.py --keep`
 
-{len(now)} attempts: {first} got through before, {through} now.
+{len(rows)} attempts: {through[0]} got through before, {through[1]} now.
 
-A refusal is an answer 4xx, or a closed connection, that leaves the project as it was. Harmless is an answer that harms nobody. `left` counts
-files and folders.
+A refusal is an answer 4xx, or a closed connection, that leaves the project as it was. Harmless is an answer that harms nobody.
+`left` counts files and folders.
 
 | kind | attempt | before | now |
 |---|---|---|---|

@@ -22,7 +22,7 @@ from lmeasure.opened import read_regular
 from lmeasure.tables import Table as Table
 from lmeasure.tables import read_table as read_table
 from lmeasure.tables import read_table_in_pieces as read_table_in_pieces
-from lmeasure.toml_lines import Document
+from lmeasure.toml_lines import Document, loads
 
 """(n,) texts, few of them different: millions of samples share the same strings."""
 
@@ -104,7 +104,7 @@ def read_toml(path: Path) -> Document:
     raw = read_regular(path, LARGEST_TOML)
     try:
         text = raw.decode("utf-8-sig")  # with the mark that some editors set before it
-        return Document(tomllib.loads(text), text)
+        return Document(loads(text), text)
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
     except (ValueError, RecursionError) as error:  # besides TOMLDecodeError: numbers of thousands of digits

@@ -4,6 +4,7 @@ The file has been read as a whole before. Each of its statements is then read al
 and what it gives says which key or table it is. No grammar is needed for that.
 """
 
+import re
 import tomllib
 from collections.abc import Iterator
 from functools import cached_property
@@ -14,6 +15,17 @@ Keys = tuple[int | str, ...]
 
 MOST_READ = 20_000
 """Attempts after which keys that follow have no line: a statement of n lines takes n."""
+
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP = re.compile(rf"^[ \t]*\[{{0,2}}[ \t]*{_PART}(?:[ \t]*\.[ \t]*{_PART}){{100}}", re.MULTILINE)
+"""A key of more than a hundred parts, which no file has that a person wrote: reading it takes the square of their number."""
+
+
+def loads(text: str) -> dict[str, Any]:
+    """Return the content of a TOML text; ValueError, or RecursionError, for what is none, and for a key of more than a hundred parts."""
+    if found := _DEEP.search(text):
+        raise ValueError(f"a key has more than a hundred parts (at line {text.count(chr(10), 0, found.start()) + 1}, column 1)")
+    return tomllib.loads(text)
 
 
 class Document(dict[str, Any]):

@@ -48,7 +48,7 @@ def details(request: Request, form: Form) -> Response:
                 files.rewrite_toml(path, before.holding(content)) if path.is_file() else files.write_toml(path, content)
                 return RedirectResponse(f"/details?file={file}&saved=1", 303)
         values = form_of_details.read(path) | {key: text for key, text in typed.items() if not key.startswith("_")}
-    except (LMeasureError, OSError) as error:
+    except (LMeasureError, OSError, RecursionError) as error:
         return unread(request, error)
     shown: dict[str, Any] = {"file": file, "form": form_of_details.FORM, "values": values, "complaints": wrong}
     shown |= {"label": lambda entry: form_of_details.label(entry, language), "saved": request.query_params.get("saved") == "1"}

@@ -14,7 +14,6 @@ import hmac
 import secrets
 import threading
 from collections.abc import Callable
-from http.cookies import CookieError, SimpleCookie
 from typing import NamedTuple
 from urllib.parse import parse_qs
 
@@ -148,7 +147,8 @@ class Guard:
                 return self._welcome(session)
             return _refusal("this address has let in a browser already, or is of an earlier run; PROJECT/.workbench/address has a new one")
         begin, _, rest = path[1:].partition("/")
-        if not self.door.knows(f"/{begin}", self._of_cookie(headers)):
+        # another server may have set a cookie of the same name for all paths: both come
+        if not any(self.door.knows(f"/{begin}", cookie) for cookie in self._cookies(headers)):
             return _refusal("open the address in PROJECT/.workbench/address, which lets in one browser")
         if (method not in READING or scope["type"] == "websocket") and origin is None:
             return _refusal("a request that changes something says where it comes from")
@@ -164,12 +164,9 @@ class Guard:
         answer.set_cookie(self.cookie, session.cookie, httponly=True, samesite="strict", path=f"{session.path}/")
         return answer
 
-    def _of_cookie(self, headers: Headers) -> str:
-        try:
-            found = SimpleCookie(headers.get("cookie", "")).get(self.cookie)
-        except CookieError:
-            return ""
-        return "" if found is None else found.value
+    def _cookies(self, headers: Headers) -> list[str]:
+        pairs = (part.strip().partition("=") for part in headers.get("cookie", "").split(";"))
+        return [value for name, _, value in pairs if name == self.cookie]
 
 
 def _query(scope: Scope) -> dict[str, list[str]]:

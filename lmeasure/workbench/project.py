@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import NamedTuple
 
 from lmeasure.errors import LMeasureError
 from lmeasure.opened import LARGEST_NAME, open_regular, read_regular
+from lmeasure.toml_lines import loads
 
 OWN = ".workbench"
 DEEP, MANY = 5, 5000
@@ -20,7 +20,7 @@ _BY_SCHEMA = {kind: kind for kind in ("rig", "program", "robot", "structure", "s
     "report": "details",
 }
 _HEAD = 65536
-LARGEST_TEXT, LARGEST_JSON = 2 * 10**6, 10**8
+LARGEST_TEXT, LARGEST_JSON = 10**5, 10**8
 """Bytes of a file that a person could have written, and of a certificate: a page reads no more of it."""
 LONGEST = 4096
 """Letters of a path."""
@@ -176,7 +176,7 @@ def schema_of(path: Path) -> str:
 
 def _links(path: Path) -> bool:
     try:
-        return "calibration" in tomllib.loads(read_regular(path, LARGEST_TEXT).decode())
+        return "calibration" in loads(read_regular(path, LARGEST_TEXT).decode())
     except (LMeasureError, OSError, ValueError, RecursionError):
         return False
 

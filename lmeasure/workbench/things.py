@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from lmeasure import compiling
@@ -55,7 +55,7 @@ def raw(request: Request) -> Response:
 def shown(request: Request) -> Response:
     """A file of the project in a frame of a page, at the address that the page was given for it, outside its session's path."""
     path = file_of(request) if not request.scope["at"] else None
-    return lost(request, "There is no such file in the project.") if path is None else as_file(path, shown=True)
+    return PlainTextResponse("lmeasure: there is no such file\n", 404) if path is None else as_file(path, shown=True)
 
 
 def look(request: Request) -> Response:
@@ -171,7 +171,7 @@ def rig(request: Request, form: Form) -> Response:
                 if not complaints:
                     return RedirectResponse(f"/rig?{urlencode({'file': file, 'saved': 1})}", 303)
             document, digest = rig_form.read(path)
-        except (LMeasureError, OSError) as error:
+        except (LMeasureError, OSError, RecursionError) as error:
             return unread(request, error)
         shown = [
             (name, [leaf._replace(value=typed.get(leaf.key, leaf.value)) for leaf in leaves]) for name, leaves in rig_form.parts(document)
@@ -197,7 +197,7 @@ def rig_scene(request: Request) -> Response:
         return JSONResponse({"error": str(error)}, 422)
     try:
         return JSONResponse(rig_form.scene(path))
-    except (LMeasureError, OSError) as error:
+    except (LMeasureError, OSError, RecursionError) as error:
         return JSONResponse({"error": str(error)})
 
 
@@ -216,7 +216,7 @@ async def coarse(request: Request) -> Response:
         return JSONResponse(await run_in_threadpool(rig_form.coarse, path, points, limit))
     except (LMeasureError, OSError) as error:
         return JSONResponse({"error": str(error)})
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         return JSONResponse({"error": "wanted: {file, points, limit_deg}"}, 422)
 
 

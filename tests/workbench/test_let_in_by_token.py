@@ -97,6 +97,8 @@ def test_a_session_is_two_secrets_and_neither_is_worth_anything_alone(project: P
         secret = next(iter(cookie.values()))
         mine = stranger(one)
         assert mine.get(f"{path}/", headers={"Cookie": f"lmeasure-{PORT}={secret}"}).status_code == 200
+        tossed = f"lmeasure-{PORT}=another; lmeasure-{PORT}={secret}; lmeasure-{PORT}=x"  # by another server, for all paths
+        assert mine.get(f"{path}/", headers={"Cookie": tossed}).status_code == 200
         for at, cookies, bearer in (
             ("", cookie, ""),
             (path, {}, ""),
