@@ -34,9 +34,10 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
     zone(monkeypatch, "--out", "zones/zone.nc", "--report", "zones/page")
     with client(tmp_path) as asked:
         page = asked.get("/zone").text
-        assert 'src="/raw/zones/page/zone.html#level"' in page
+        address = re.search(r'src="(/shown/\w+/zones/page/zone.html)#level"', page)
+        assert address is not None
         assert "/run/program?zone=zones/zone.nc" in page
-        shown = asked.get("/raw/zones/page/zone.html")
+        shown = asked.get(address[1])
     assert "sandbox" in shown.headers["content-security-policy"]
     with opened(tmp_path / "zones" / "page" / "zone.html") as browser:
         browser.wait("document.getElementById('left').textContent !== ''")
