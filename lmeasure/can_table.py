@@ -28,6 +28,11 @@ class CounterChannel(Strict):
     """How many units the device counts before it starts again; default the drum's counter_bits, or all values of its field."""
     start: int = 0
     """What the device shows at the start pose."""
+    absolute: bool = False
+    """Whether the device still knows its count after it was switched off, as absolute multiturn encoders do."""
+
+
+Node = Annotated[int, Field(ge=1, le=127)]
 
 
 class RawChannel(CounterChannel):
@@ -45,6 +50,8 @@ class RawChannel(CounterChannel):
     """Whether its highest bit is a sign."""
     byte_order: Literal["little", "big"] = "little"
     """Which byte comes first."""
+    node: Node | None = None
+    """Number of the CANopen node that sends it; default the identifier's lowest seven bits, from 181h to 57Fh."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -62,6 +69,10 @@ class DbcChannel(CounterChannel):
     """Message of the DBC file."""
     signal: str
     """Signal in that message."""
+    node: Node | None = None
+    """Number of the CANopen node that sends it; default the identifier's lowest seven bits, from 181h to 57Fh."""
+    whole_range: bool = False
+    """Whether all values are counts, those outside [min|max] of the DBC file and those named invalid or error in it too."""
 
 
 class NodeChannel(CounterChannel):
@@ -70,7 +81,7 @@ class NodeChannel(CounterChannel):
     cob_id, byte_offset and bits say which frame holds it where nobody can be asked, in a log; a recording states them in its own rig.
     """
 
-    node: Annotated[int, Field(ge=1, le=127)]
+    node: Node
     """Node number of the encoder."""
     serial: Annotated[int, Field(ge=0, lt=2**32)] | None = None
     """Its serial number (1018h); another one is refused."""
@@ -103,6 +114,8 @@ class J1939Channel(CounterChannel):
     """Whether its highest bit is a sign."""
     byte_order: Literal["little", "big"] = "little"
     """Which byte comes first."""
+    whole_range: bool = False
+    """Whether all values are counts, those with a highest byte from FBh on too, which J1939 reserves for errors and `not available`."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

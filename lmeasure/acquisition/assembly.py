@@ -1,21 +1,29 @@
 """From a rig and frames to counts: the assembler that the rig asks for, whole batches at once, and what only the whole run shows."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.acquisition.counters import CounterState
+from lmeasure.acquisition.counters import CounterState, Unit
 from lmeasure.acquisition.decoders import CounterField
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames, no_frames
 from lmeasure.acquisition.free_running import FreeAssembler
 from lmeasure.acquisition.samples import Assembler, StartLine, SyncAssembler
 from lmeasure.counts import Counts
+from lmeasure.encoder_table import AngleEncoder
 from lmeasure.errors import AcquisitionError
 from lmeasure.kernels.counter import rests
-from lmeasure.rig import Rig
+from lmeasure.rig import Drum, Rig
 
+STICK_MM, STICK_DEG = 0.2, 0.02
+"""By how much a count may be off its line by itself: a cable that sticks and slips, play."""
+TIGHT_MM, TIGHT_DEG = 1.0, 0.1
+"""Where the motion before a gap leads to within less than this, a restart at zero would be seen."""
+HARD_MM_S2, HARD_DEG_S2 = 50_000.0, 100_000.0
+"""The hardest acceleration of any machine."""
 STALL_S = 1.0
 STALL_OTHERS_MM = 20.0
 """A channel that keeps its count for STALL_S while the median of the others is moved this far (there and back counts) is stuck."""
@@ -32,21 +40,29 @@ class Assembled:
 
 def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) -> Assembler:
     """An assembler for the timing that the rig's `[can]` table states."""
-    known, drums, table = rig.counters_of(passage), rig.drums_of(passage), rig.can_table
-    counters = tuple(
-        CounterState(
-            f,
-            known[f.channel].rate / f.scale,
-            wraps_later=known[f.channel].counter_bits is not None or known[f.channel].codes is not None,
-            codes=known[f.channel].codes is not None,
-            unit_mm=known[f.channel].per_count * f.scale / known[f.channel].scale if f.channel in drums else None,
-        )
-        for f in fields
-    )
+    known, table = rig.counters_of(passage), rig.can_table
+    counters = tuple(_counter(f, known[f.channel]) for f in fields)
     start_line = None if table.start_input is None else StartLine(table.start_input)
     if table.timing == "free":
         return FreeAssembler(fields, counters, EventLog(), start_line)
     return SyncAssembler(fields, counters, table.sync_id, EventLog(), start_line=start_line)
+
+
+def _counter(field: CounterField, known: Drum | AngleEncoder) -> CounterState:
+    """The state of a channel, its limits in the units of its device."""
+    drum = isinstance(known, Drum)
+    size = (known.per_count if drum else math.degrees(known.per_count)) * field.scale / known.scale
+    slack, tight, hard, name = (STICK_MM, TIGHT_MM, HARD_MM_S2, "mm") if drum else (STICK_DEG, TIGHT_DEG, HARD_DEG_S2, "deg")
+    hardest = known.max_cable_acceleration_mm_s2 if isinstance(known, Drum) else None
+    return CounterState(
+        field,
+        known.rate / field.scale,
+        wraps_later=known.counter_bits is not None or known.codes is not None,
+        codes=known.codes is not None,
+        unit=Unit(size, name, slack / size, tight / size, hard / size),
+        acceleration=None if hardest is None else hardest / size,
+        exact=known.zero_exact and isinstance(known, Drum),
+    )
 
 
 def counts_from_frames(

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import can
 
 ENCODER_PROFILE = 406
+ABSOLUTE_TYPES = (2, 8)
+"""CiA 406, device type (1000h), upper half: multiturn absolute rotary and absolute linear encoders."""
 BOOT_S = 0.3
 """How long nodes have to answer a scan."""
 
@@ -130,7 +132,8 @@ def _device(network: Any, wanted: NodeChannel, drum: Drum | AngleEncoder, table:
     if wanted.cob_id is not None and (wanted.cob_id, 8 * wanted.byte_offset, wanted.bits) != (place[0], *place[3:5]):
         stated = f"cob_id = {wanted.cob_id:#x}, byte {wanted.byte_offset}, {wanted.bits} bits"
         raise AcquisitionError(f"{node.name}: sends its position in {place[0]:#x}, bit {place[3]}, {place[4]} bits, the rig says {stated}")
-    ranged = wanted if not total else wanted.model_copy(update={"range": total})
+    known = {"range": total} if total else {}
+    ranged = wanted.model_copy(update=known | ({"absolute": True} if device_type >> 16 in ABSOLUTE_TYPES else {}))
     return Device(
         channel=wanted.channel,
         node=wanted.node,

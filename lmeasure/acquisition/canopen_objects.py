@@ -173,6 +173,7 @@ def as_mapped(rig: Rig, fields: tuple[CounterField, ...]) -> Rig:
         return rig
     found = {
         f.channel: {"cob_id": f.identifier, "byte_offset": f.first_bit // 8, "bits": f.bits, "range": f.modulus}
+        | ({"absolute": True} if f.absolute else {})
         for f in fields
         if f.first_bit % 8 == 0 and f.bits in (16, 24, 32, 64) and f.bytes_needed <= 8
     }

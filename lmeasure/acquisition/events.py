@@ -7,6 +7,8 @@ from typing import Any
 
 EVENTS_KEPT = 10_000
 """Of each kind; all are counted."""
+CONTRADICTED = 0.05
+"""Of a channel's values: where more are outside the stated range, the range is wrong."""
 
 REPAIRED = {
     "duplicate": "the same frame twice: used once",
@@ -17,6 +19,7 @@ REPAIRED = {
     "clock_wrap": "the clock that stamps the frames started again at the end of its range: times continue",
     "unanswered": "the channel answers every n-th SYNC by its transmission type: the SYNCs between are no samples",
     "clock_step": "the clock that stamps the frames was set: times continue on this program's steady clock",
+    "gap_step": "behind a gap the counter continues its motion: a step smaller than the one stated would not be seen",
 }
 MARKED = {
     "gap": "no frame of this channel for the sample: an empty cell",
@@ -24,15 +27,19 @@ MARKED = {
     "short_frame": "a frame too short for the counter it should carry: not read",
     "missing_sync": "frames without the SYNC that belongs to them: no sample",
     "jump": "faster than the drum can turn: the counts are kept, and are not trusted from here on",
-    "reset": "the encoder started again at zero: its origin is lost, empty cells from here on",
+    "no_value": "the device sends a value that means `no value`: an empty cell",
+    "doubt": "the count may have another origin than before: empty cells until its motion shows that it has not",
+    "reset": "the encoder started again, or its count does not continue its motion: its origin is lost, empty cells from here on",
     "lost_wrap": "the counter may have wrapped unseen in a gap: empty cells from here on",
     "stall": "the channel stands still while the others move: empty cells",
     "time": "the log's clock was set: times continue one period later, and are not trusted across this point",
     "pause": "the bus or its SYNC was silent: no samples",
     "wider": "the counter has more bits than the rig says: its wraps are carries, and are undone only while it moves slowly enough",
     "emcy": "the encoder reported an emergency",
+    "nmt": "the master reset the node",
     "bus_error": "the interface reported an error frame",
-    "bus_off": "the bus was lost and opened again",
+    "error_passive": "the interface reported that its controller is error-passive",
+    "bus_off": "the interface went bus-off, or the bus was lost and opened again",
     "overflow": "frames were not taken in time and are lost: the samples they belong to are not there",
     "unread": "the log breaks off, or has lines that cannot be read",
     "heartbeat": "a node changed its state",
@@ -66,12 +73,43 @@ class EventLog:
 
     kept: list[Event] = field(default_factory=list)
     tally: Counter[str] = field(default_factory=Counter)
+    steps: dict[str, tuple[float, str, int]] = field(default_factory=dict)
+    """Of each channel the largest step that a gap may hide [mm or degrees], in words, and the sample."""
+    values: dict[str, list[int]] = field(default_factory=dict)
+    """Of each channel whose values are limited: how many came, and how many are no counts."""
+    limits: dict[str, str] = field(default_factory=dict)
+    """Which limits these are."""
 
     def add(self, event: Event) -> None:
         """Count an event, and keep it while there are not too many of its kind."""
         self.tally[event.kind] += 1
         if self.tally[event.kind] <= EVENTS_KEPT:
             self.kept.append(event)
+
+    def note_step(self, channel: str, sample: int, size: float, text: str) -> None:
+        """Keep the largest step that a gap of a channel may hide."""
+        if channel not in self.steps or size > self.steps[channel][0]:
+            self.steps[channel] = size, text, sample
+
+    def note_values(self, channel: str, came: int, void: int, limits: str) -> None:
+        """Count values of a channel, and those that are no counts."""
+        total = self.values.setdefault(channel, [0, 0])
+        total[0] += came
+        total[1] += void
+        self.limits[channel] = limits
+
+    def notes(self) -> list[str]:
+        """Lines for a summary: steps that gaps may hide, and limits of values that the data contradict."""
+        out = []
+        if self.steps:
+            steps = ", ".join(f"{channel} {text} at sample {sample}" for channel, (_, text, sample) in sorted(self.steps.items()))
+            out.append(f"largest step of a counter that a gap may hide: {steps}")
+        for channel, (came, void) in sorted(self.values.items()):
+            if void > CONTRADICTED * came:
+                part = f"{100.0 * void / came:.0f} % of its values are {self.limits[channel]}, and give no counts"
+                way = "if they are counts, set whole_range = true for it in the rig's [can] table"
+                out.append(f"channel {channel}: {part}: the range contradicts the data; {way}")
+        return out
 
     def summary(self) -> str:
         """One line: how many of each kind."""
@@ -80,11 +118,13 @@ class EventLog:
         return ", ".join(f"{n} {kind}" for kind, n in sorted(self.tally.items()))
 
 
-def event_columns(events: Sequence[Event], origin_s: float) -> dict[str, Any]:
-    """Columns of events.csv, their times from the first sample, as in the counts' file, which was at origin_s by the frames' clock."""
+def event_columns(events: Sequence[Event], origin_s: float, decimals: int | None = None) -> dict[str, Any]:
+    """Columns of events.csv, in the order of the samples. Their times count from the first sample, which was at origin_s by the frames'
+    clock, and have as many decimals as those of the counts' file (None: all)."""
+    events = sorted(events, key=lambda e: e.sample)
     return {
         "sample": [e.sample for e in events],
-        "time_s": [round(e.time_s - origin_s, 6) for e in events],
+        "time_s": [e.time_s - origin_s if decimals is None else round(e.time_s - origin_s, decimals) for e in events],
         "channel": [e.channel for e in events],
         "kind": [e.kind for e in events],
         "outcome": ["repaired" if e.repaired else "marked" for e in events],

@@ -5,12 +5,23 @@ import math
 import numpy as np
 
 from lmeasure.acquisition.clock import SURE, Clock, earliest
-from lmeasure.acquisition.counters import CounterState
+from lmeasure.acquisition.counters import CounterState, Said
 from lmeasure.acquisition.decoders import CounterField, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
-from lmeasure.acquisition.network import NetworkWatch
-from lmeasure.acquisition.samples import LONGEST_HOLD_S, PERIODS, Samples, StartLine, pace, paused, tie
+from lmeasure.acquisition.network import NetworkWatch, Word
+from lmeasure.acquisition.samples import (
+    LONGEST_HOLD_S,
+    PERIODS,
+    Samples,
+    StartLine,
+    misfits,
+    note_values,
+    pace,
+    paused,
+    started_late,
+    tie,
+)
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 NO_SYNC = -1
@@ -47,12 +58,17 @@ class FreeAssembler:
         start_line: StartLine | None = None,
     ) -> None:
         self.fields, self.counters, self.events, self._start_line = fields, counters, events, start_line
-        self._watch = NetworkWatch(fields, NO_SYNC, events)
+        self._watch = NetworkWatch(fields, NO_SYNC)
+        self._words: list[tuple[float, Word]] = []
+        self._ends: list[list[tuple[float, Word]]] = [[] for _ in fields]
+        """Words that concern the origin of each channel, until its next reading."""
         self._clock = Clock(fields, None)
         self.given = 0
         self.stamps_moved_s = 0.0
         m = len(fields)
         self._new: list[tuple[FloatArray, IntArray]] = [(np.empty(0), np.empty(0, np.int64))] * m
+        self._silent: list[FloatArray] = [np.empty(0)] * m
+        """When each channel said that it has no count."""
         self._old: list[tuple[FloatArray, FloatArray]] = [(np.empty(0), np.empty(0))] * m
         self._intervals: list[FloatArray] = [np.empty(0)] * m
         self._period: list[float | None] = [None] * m
@@ -66,7 +82,6 @@ class FreeAssembler:
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
         frames = self._clock.feed(frames, last)
-        self._watch.feed(frames, self.given)
         if self._start_line is not None:
             rows, states = self._start_line.told(frames)
             self._started = np.concatenate([self._started[0], frames.time_s[rows]]), np.concatenate([self._started[1], states[1:]])
@@ -75,10 +90,14 @@ class FreeAssembler:
             mine = readings.field == i
             times, values = self._new[i]
             self._new[i] = np.concatenate([times, frames.time_s[readings.frame[mine]]]), np.concatenate([values, readings.value[mine]])
-            for _ in range(readings.short[i]):
-                self._event(self.given, self._given_to, i, "short_frame", f"fewer than {field.bytes_needed} bytes")
-            for _ in range(readings.wider[i]):
-                self._event(self.given, self._given_to, i, "wider", f"the byte behind its {field.bits} bits counts on")
+            silent = readings.void[readings.void[:, 1] == i]
+            self._words += [(float(frames.time_s[k]), Word(k, "no_value", field.why_no_count(v), (i,))) for k, _, v in silent.tolist()]
+            self._silent[i] = np.concatenate([self._silent[i], frames.time_s[silent[:, 0]]])
+        note_values(self.events, self.fields, readings)
+        for word in [*self._watch.words(frames), *misfits(self.fields, readings)]:
+            self._words.append((float(frames.time_s[word.row]), word))
+            for c in word.of if word.origin else ():
+                self._ends[c].append(self._words[-1])
         if self._clock.repairs:
             ahead = np.concatenate([self._old[0][0], self._new[0][0]])
             ahead = np.sort(ahead[ahead > self._given_to])
@@ -88,13 +107,15 @@ class FreeAssembler:
         ]
         known = max(latest) if last else max(min(latest), max(latest) - WAIT_S)
         if not math.isfinite(known):
-            return self._samples(np.empty(0), known)
+            return self._samples(np.empty(0), known, last)
         for i in range(len(self.fields)):
             self._take(i, known, last)
+        for i in started_late(self.counters, self.events):
+            self._old[i] = self._old[i][0], np.full(len(self._old[i][0]), np.nan)
         # a sample waits until every channel's next reading can be there
         horizon = known if last else known - LONGEST_GAP * max((p for p in self._period if p is not None), default=0.0)
         reference = self._old[0][0]
-        return self._samples(reference[(reference > self._given_to) & (reference <= horizon)], horizon)
+        return self._samples(reference[(reference > self._given_to) & (reference <= horizon)], horizon, last)
 
     def _event(self, sample: int, time_s: float, i: int, kind: str, text: str = "") -> None:
         self.events.add(Event(sample, time_s, self.fields[i].channel, kind, text))
@@ -102,6 +123,9 @@ class FreeAssembler:
     def _take(self, i: int, known: float, last: bool) -> None:
         """Readings up to the known time, put in order, doubles dropped, into the channel's counts."""
         times, values = self._new[i]
+        silent, self._silent[i] = self._silent[i][self._silent[i] <= known], self._silent[i][self._silent[i] > known]
+        if len(silent):
+            self._put(i, silent, np.full(len(silent), np.nan))
         if len(times) == 0:
             return
         for k in np.flatnonzero(np.diff(times) < 0) + 1:
@@ -140,12 +164,24 @@ class FreeAssembler:
         period = self._period[i] or 0.0
         at = np.concatenate([self._instant[i : i + 1], earliest(times, SURE * period)])
         passed = np.nan_to_num(np.diff(at))
-        counts = counter.advance(values, times, samples, self.events, least_s=period, passed_s=passed)
+        for word_s, word in self._ends[i]:
+            if len(times) and word_s <= times[-1]:
+                row = int(np.searchsorted(times, word_s))
+                counter.words.append(Said(int(samples[row]), word_s, word.text, word.origin, int(samples[row])))
+        self._ends[i] = [(word_s, word) for word_s, word in self._ends[i] if not len(times) or word_s > times[-1]]
+        longest = LONGEST_GAP * period
+        counts = counter.advance(values, times, samples, self.events, least_s=period, passed_s=passed, longest_s=longest)
         self._instant[i] = at[-1]
         if i == 0:
             for k in np.flatnonzero(paused(passed, period)):
                 self.events.add(Event(int(samples[k]), float(times[k]), "", "pause", f"no count for {passed[k]:.6g} s"))
-        self._old[i] = np.concatenate([self._old[i][0], times]), np.concatenate([self._old[i][1], counts])
+        self._put(i, times, counts)
+
+    def _put(self, i: int, times: FloatArray, counts: FloatArray) -> None:
+        """Put readings among those of a channel, by their times."""
+        all_times, all_counts = np.concatenate([self._old[i][0], times]), np.concatenate([self._old[i][1], counts])
+        order = np.argsort(all_times, kind="stable")
+        self._old[i] = all_times[order], all_counts[order]
 
     def _doubles(self, i: int, times: FloatArray, values: IntArray, last_time: float) -> BoolArray:
         if len(times) == 0:
@@ -156,15 +192,31 @@ class FreeAssembler:
         same = np.concatenate([[counter.seen and int(values[0]) == counter.value], values[1:] == values[:-1]])
         return np.asarray((same & (times - before_t < 0.25 * period)) | (times == before_t))
 
-    def _samples(self, time_s: FloatArray, horizon: float) -> Samples:
+    def _say(self, time_s: FloatArray, last: bool) -> None:
+        """Give words as events of the samples at the times (n,) that follow them."""
+        later = []
+        for at, word in self._words:
+            row = int(np.searchsorted(time_s, at))
+            if row == len(time_s) and not last:
+                later.append((at, word))
+                continue
+            shown = float(time_s[row]) if row < len(time_s) else at
+            for channel in [self.fields[c].channel for c in word.of] or [""]:
+                self.events.add(Event(self.given + row, shown, channel, word.kind, word.text))
+        self._words = later
+
+    def _samples(self, time_s: FloatArray, horizon: float, last: bool) -> Samples:
         """The samples at the times; readings that no later sample can need are let go."""
         n, m = len(time_s), len(self.fields)
+        self._say(time_s, last)
         recorded = np.full((n, m), np.nan)
         for i in range(m):
             times, counts = self._old[i]
+            silent = np.zeros(n, np.bool_)
             if len(times) and n:
-                recorded[:, i] = self.counters[i].shown(self._interpolated(i, time_s))
-            for row in np.flatnonzero(np.isnan(recorded[:, i])):
+                between, silent = self._interpolated(i, time_s)
+                recorded[:, i] = self.counters[i].shown(between)
+            for row in np.flatnonzero(np.isnan(recorded[:, i]) & ~silent):
                 if not self.counters[i].lost:
                     self._event(self.given + int(row), float(time_s[row]), i, "gap")
             # one reading before the next sample is kept for it
@@ -182,7 +234,8 @@ class FreeAssembler:
         skew = math.sqrt(float(np.mean(self._scatter**2)))
         return Samples(time_s, recorded, start, np.full(n, skew))
 
-    def _interpolated(self, i: int, time_s: FloatArray) -> FloatArray:
+    def _interpolated(self, i: int, time_s: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Counts at the times (n,), and where there is none because a reading beside has none."""
         times, counts = self._old[i]
         right = np.searchsorted(times, time_s, side="left")
         exact = times[np.minimum(right, len(times) - 1)] == time_s
@@ -193,4 +246,5 @@ class FreeAssembler:
         part = (time_s - times[left]) / np.where(span > 0, span, 1.0)
         between = counts[left] + part * (counts[r] - counts[left])
         known = (right > 0) & (right < len(times)) & (span <= longest)
-        return np.asarray(np.where(exact, counts[r], np.where(known, between, np.nan)))
+        silent = np.where(exact, np.isnan(counts[r]), np.isnan(counts[left]) | np.isnan(counts[r]))
+        return np.asarray(np.where(exact, counts[r], np.where(known, between, np.nan))), np.asarray(silent)

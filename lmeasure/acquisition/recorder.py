@@ -273,7 +273,7 @@ class _Writer:
             if marked is not None:
                 write_counts(path, marked)
             if events.kept:
-                files.write_table(self.folder / f"pass{self.passage}.events.csv", event_columns(events.kept, origin or 0.0))
+                files.write_table(self.folder / f"pass{self.passage}.events.csv", event_columns(events.kept, origin or 0.0, 6))
             entry = self._table["recording"][-1]
             entry |= {
                 "ended": "complete" if ended == "complete" else "early",

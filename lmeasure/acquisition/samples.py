@@ -1,18 +1,18 @@
 """From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.clock import LATE, SURE, Clock, Repair, earliest
-from lmeasure.acquisition.counters import CounterState
+from lmeasure.acquisition.counters import CounterState, Said
 from lmeasure.acquisition.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
-from lmeasure.acquisition.network import NetworkWatch
+from lmeasure.acquisition.network import NetworkWatch, Word
 from lmeasure.acquisition.transmission import ANSWERS, MOST, Transmission, ordinal
 from lmeasure.acquisition.wraps import Evidence
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
@@ -37,6 +37,8 @@ MISSED = 0.75
 """Periods behind a SYNC from which on frames answer another one, which is missing."""
 HELD_UP_S = 0.05
 """For how long a sender is merely held up between a SYNC and its answer."""
+GAP = 1.6
+"""Periods: in a log, readings that are stamped further apart have a gap between them."""
 LONG = 2.5
 """Periods: a longer interval may be that of a late stamp."""
 PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
@@ -65,6 +67,45 @@ class Samples:
     recorded: FloatArray
     start_input: FloatArray | None = None
     u_time_s: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """A word, its time, the SYNC that it follows (-1: none), and which of its channels had answered that SYNC before."""
+
+    word: Word
+    time_s: float
+    window: int
+    answered: frozenset[int]
+
+
+def misfits(fields: tuple[CounterField, ...], readings: Readings) -> list[Word]:
+    """Frames that do not hold their field as the rig says."""
+    out = []
+    for j, (field, short, wider) in enumerate(zip(fields, readings.short, readings.wider, strict=True)):
+        out += [Word(row, "short_frame", f"fewer than {field.bytes_needed} bytes", (j,)) for row in short.tolist()]
+        out += [Word(row, "wider", f"the byte behind its {field.bits} bits counts on", (j,)) for row in wider.tolist()]
+    return out
+
+
+def note_values(events: EventLog, fields: tuple[CounterField, ...], readings: Readings) -> None:
+    """Count values outside of their channel's limits."""
+    for j, field in enumerate(fields):
+        if field.limits is not None or field.reserved is not None:
+            void = [v for v in readings.void[readings.void[:, 1] == j, 2].tolist() if v not in field.names]
+            events.note_values(field.channel, int((readings.field == j).sum()) + len(void), len(void), field.range_text)
+
+
+def started_late(counters: tuple[CounterState, ...], events: EventLog) -> list[int]:
+    """Channels that started anew before their first count, while others had moved already: nobody knows from where they count."""
+    out = []
+    for c, counter in enumerate(counters):
+        word, counter.early = counter.early, None
+        if word is not None and any(o.moved_at is not None and o.moved_at < word.sample for o in counters if o is not counter):
+            events.add(Event(word.sample, word.time_s, counter.field.channel, "reset", word.text))
+            counter.lost = True
+            out.append(c)
+    return out
 
 
 def pace(intervals: FloatArray) -> float:
@@ -135,7 +176,9 @@ class SyncAssembler:
     ) -> None:
         self.fields, self.counters, self.events = fields, counters, events
         self._sync_id, self._start_line = sync_id, start_line
-        self._watch = NetworkWatch(fields, sync_id, events)
+        self._watch = NetworkWatch(fields, sync_id)
+        self._words: list[_Heard] = []
+        self._void: IntArray = np.empty((0, 3), np.int64)
         self._clock = Clock(fields, sync_id)
         self.transmission = Transmission(len(fields))
         self._decided = False
@@ -163,9 +206,8 @@ class SyncAssembler:
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
         frames = self._clock.feed(frames, last)
-        # by the first sample that it may belong to, though more are held back
-        self._watch.feed(frames, self._number(max(len(self._sync_time) - 2, 0)))
         readings = decode(frames, self.fields, self._sync_id)
+        self._hear(frames, readings)
         if self._start_line is not None:
             self._started = np.concatenate([self._started, self._start_line.before(frames, readings.sync)])
         window = readings.window - 1 + len(self._sync_time)
@@ -184,7 +226,6 @@ class SyncAssembler:
         self._value = np.concatenate([self._value, readings.value[begun]])
         tie(self._clock.repairs, self._sync_time, self._number, self.events)
         self._count_syncs(frames, readings.sync)
-        self._misfits(readings)
         self._forget_what_no_sync_ends()
         return self._give(last)
 
@@ -211,12 +252,34 @@ class SyncAssembler:
             missing = int(numbers[k + 1] - numbers[k]) - 1
             self._event(row, "", "missing_sync", f"SYNC {numbers[k + 1]} follows {numbers[k]}: {missing} missing by their counter")
 
-    def _misfits(self, readings: Readings) -> None:
-        for field, short, wider in zip(self.fields, readings.short, readings.wider, strict=True):
-            for _ in range(short):
-                self._event(0, field.channel, "short_frame", f"fewer than {field.bytes_needed} bytes")
-            for _ in range(wider):
-                self._event(0, field.channel, "wider", f"the byte behind its {field.bits} bits counts on")
+    def _hear(self, frames: Frames, readings: Readings) -> None:
+        """Take what is said between the readings, and frames that do not fit, by the SYNC that they follow."""
+        held = len(self._sync_time)
+        for word in sorted([*self._watch.words(frames), *misfits(self.fields, readings)], key=lambda w: w.row):
+            window = int(np.searchsorted(readings.sync, word.row)) - 1
+            answered = {c for c in word.of if (self._field[self._window == window + held] == c).any()}
+            before = readings.field[(readings.window - 1 == window) & (readings.frame < word.row)]
+            answered |= {c for c in word.of if (before == c).any()}
+            self._words.append(_Heard(word, float(frames.time_s[word.row]), window + held, frozenset(answered)))
+        windows = np.searchsorted(readings.sync, readings.void[:, 0]) - 1 + held
+        self._void = np.vstack([self._void, np.column_stack([windows, readings.void[:, 1:]])[windows >= 0]]).astype(np.int64)
+        note_values(self.events, self.fields, readings)
+
+    def _say(self, ready: int, last: bool) -> None:
+        """Give words as events of the samples that follow them, and to the counters that they concern."""
+        later = []
+        for heard in self._words:
+            word, row = heard.word, max(heard.window + 1, 0)
+            if heard.window >= ready and not last:
+                later.append(replace(heard, window=heard.window - ready))
+                continue
+            time_s = float(self._sync_time[row]) if row < len(self._sync_time) else heard.time_s
+            for channel in [self.fields[c].channel for c in word.of] or [""]:
+                self.events.add(Event(self._number(row), time_s, channel, word.kind, word.text))
+            for c in word.of if word.origin else ():
+                first = self._number(max(heard.window + (c in heard.answered), 0))
+                self.counters[c].words.append(Said(self._number(row), time_s, word.text, word.origin, first))
+        self._words = later
 
     def _kept(self, end: int) -> BoolArray:
         """(end,) which of the SYNCs at hand are samples: those that every channel is due to answer, else, all that any channel is."""
@@ -240,6 +303,8 @@ class SyncAssembler:
         if ready and not self._decided:
             ready = ready if self._decide(ready, last) else 0
         if ready == 0:
+            if last:
+                self._say(0, last)
             return Samples(np.empty(0), np.empty((0, m)), None if self._start_line is None else np.empty(0))
         self._without_sync(instants, ready)
         value, n = tabulate(self._window, self._field, self._value, m, total)
@@ -247,11 +312,17 @@ class SyncAssembler:
         many = n.max(axis=0)
         if not (full := bool(n[:, :ready].all() and (self.transmission.n == 1).all())):
             kept, due = self._repeated(value, n, ready)
+        self._say(ready, last)
         for w in np.flatnonzero(many[: total if last else total - 1] > 1):
             self._settle(int(w), n, value, ready)
+        void = {(w, c): v for w, c, v in self._void.tolist() if w < ready}
+        self._void = self._void[self._void[:, 0] >= ready] - np.array([ready, 0, 0])
         if not full:
-            for w, c in np.argwhere((n[:, :ready].T == 0) & due.T & kept[:, None]):
-                self._event(int(w), self.fields[c].channel, "gap")
+            for row, c in np.argwhere((n[:, :ready].T == 0) & due.T & kept[:, None]).tolist():
+                if (row, c) in void:
+                    self._event(row, self.fields[c].channel, "no_value", self.fields[c].why_no_count(void[row, c]))
+                else:
+                    self._event(row, self.fields[c].channel, "gap")
         time_s = settled[:ready]
         self._last_time = float(time_s[-1])
         recorded = self._advanced(value, n == 1, instants, time_s, kept)
@@ -281,23 +352,38 @@ class SyncAssembler:
         others = self._evidence.of(value[:, :ready], there[:, :ready], intervals > LONG * period)
         for c, counter in enumerate(self.counters):
             rows: IntArray | slice = slice(ready)
-            passed = intervals
+            passed, gone = intervals, np.ones(ready, np.int64)
             if not even:
                 rows = np.flatnonzero(there[c, :ready])
                 if not len(rows):
+                    counter.advance(value[c, rows], time_s[rows], number[rows], self.events)  # it may be spoken of all the same
                     continue
                 seen = np.concatenate([self._last_seen[0][c : c + 1], self.syncs + rows])
                 at = np.concatenate([self._last_seen[1][c : c + 1], instants[rows]])
                 gone = np.diff(seen)
                 passed = np.maximum(np.diff(at), period * gone)
                 passed[: int(seen[0] < 0)] = period
+                gone = np.maximum(gone // int(self.transmission.n[c]), 1)
+                gone[: int(seen[0] < 0)] = 1
                 self._last_seen[0][c], self._last_seen[1][c] = seen[-1], at[-1]
             usual = period * int(self.transmission.n[c])
             calm = others(c) if others is not None else None
-            counts = counter.advance(value[c, rows], time_s[rows], number[rows], self.events, least_s=usual, passed_s=passed, calm=calm)
+            counts = counter.advance(
+                value[c, rows],
+                time_s[rows],
+                number[rows],
+                self.events,
+                least_s=usual,
+                passed_s=passed,
+                gone=gone,
+                calm=calm,
+                longest_s=GAP * usual if self._log else max(PAUSE_PERIODS * usual, PAUSE_S),
+            )
             recorded[rows, c] = counter.shown(counts)
         if even:
             self._last_seen[0][:], self._last_seen[1][:] = self.syncs + ready - 1, instants[ready - 1]
+        for c in started_late(self.counters, self.events):
+            recorded[:, c] = np.nan
         return recorded
 
     def _decide(self, ready: int, last: bool) -> bool:
@@ -429,6 +515,8 @@ class SyncAssembler:
             self._event(int(w), "", "duplicate_sync")
         number = np.cumsum(~double) - 1
         self._window = number[self._window]
+        self._void[:, 0] = number[self._void[:, 0]]
+        self._words = [replace(h, window=int(number[h.window])) if h.window >= 0 else h for h in self._words]
         self._sync_time = self._sync_time[~double]
         self._started = self._started[~double] if self._start_line is not None else self._started
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from lmeasure.acquisition.clock import MODULI_S
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
-from lmeasure.acquisition.frames import ERROR, Frames, TimestampSource, frames_from_messages, no_frames
+from lmeasure.acquisition.frames import Frames, TimestampSource, frames_from_messages, no_frames
 from lmeasure.acquisition.logfiles import LogReport, log_batches
 from lmeasure.acquisition.udp_group import bind_to_group, is_garbled
 from lmeasure.errors import AcquisitionError, LMeasureError
@@ -143,9 +143,6 @@ class BusSource:
         taken = [(message, at) for message, at, _ in arrived if message is not None]
         frames = frames_from_messages((message for message, _ in taken), self.timestamp_source, self.name)
         step = self._clock.correct(frames.time_s, np.array([at for _, at in taken]))
-        faults = frames.time_s[(frames.flags & ERROR) != 0]
-        if len(faults):
-            self._notices.append(Notice("bus_error", f"{len(faults)} error frame(s)", float(faults[0])))
         if step:
             self._notices.append(Notice("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))
         row = 0

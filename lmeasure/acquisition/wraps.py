@@ -34,7 +34,10 @@ class Counter(Protocol):
     """What is needed of a counter: its number of values, largest rate [1/s], and millimetres per unit (None: it is no length)."""
 
     max_rate: float
-    unit_mm: float | None
+
+    @property
+    def unit_mm(self) -> float | None:
+        """Millimetres per unit, None where it is no length."""
 
     @property
     def values(self) -> int:

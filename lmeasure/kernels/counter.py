@@ -93,18 +93,27 @@ def resume(
 
 @kernel
 def runs_on(
-    values: IntArray, times: FloatArray, value: int, time_s: float, full: int, max_rate: float, most: float, zero: int, least: int
+    values: IntArray,
+    times: FloatArray,
+    value: int,
+    time_s: float,
+    full: int,
+    max_rate: float,
+    most: float,
+    zero: int,
+    least: int,
+    longest: float,
 ) -> bool:
     """Whether nothing at all happens to a counter in (n,) values at the times [s] behind a value at time_s.
 
     Then every step is one that max_rate [1/s] allows, in no pause more than `most` units were possible, no step passes the end of a range
-    of `full` values (0: it has none), and none of more than `least` units leads to within `zero` of 0.
+    of `full` values (0: it has none), none of more than `least` units leads to within `zero` of 0, and no pause exceeds `longest` [s].
     """
     half = full // 2
     for i in range(len(values)):
         step = values[i] - value
         limit = max_rate * (times[i] - time_s) + 1.0
-        if abs(step) > limit or limit > most or (full > 0 and not -half <= step < half):
+        if abs(step) > limit or limit > most or times[i] - time_s > longest or (full > 0 and not -half <= step < half):
             return False
         if abs(values[i]) <= zero and abs(step) > least:
             return False
