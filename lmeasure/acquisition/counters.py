@@ -149,9 +149,11 @@ class CounterState:
         full = modulus if wraps else 0
         most = modulus / 2 if wraps and not self.wraps_later else np.inf
         longest = longest_s if least_s > 0.0 and not self.absolute else np.inf
-        even = self.even_s + np.cumsum(gone) * least_s if gone is not None and least_s > 0.0 else times.copy()
+        numbered = gone is not None and least_s > 0.0
+        intervals = np.ones(len(values), np.int64) if gone is None else gone
+        even = np.asarray(self.even_s + least_s * np.cumsum(intervals), np.float64) if numbered else times.copy()
         quiet = not self.lost and self.doubt is None and not len(doubtful) and ends == len(values)
-        quiet &= self.absolute or gone is None or bool((gone <= 1).all())
+        quiet &= self.absolute or bool((intervals <= 1).all())
         if quiet and runs_on(values, times, self.value, self.time_s, full, self.max_rate, most, RESET_WITHIN, RESET_LEAST, longest):
             totals = self.total + (values - self.value)
             self.step = int(values[-1]) - int(values[-2] if len(values) > 1 else self.value)
@@ -163,9 +165,8 @@ class CounterState:
             with np.errstate(over="ignore"):
                 plain = values - before
             steps = (plain + half) % modulus - half if wraps else plain
-            intervals = np.ones(len(values), np.int64) if gone is None else gone
             gaps = (pause > longest) | (intervals > 1)
-            piece = _Piece(values, steps, times, even, samples, intervals, pause, gaps, least_s, gone is not None)
+            piece = _Piece(values, steps, times, even, samples, intervals, pause, gaps, least_s, numbered)
             follows, good = np.zeros(len(values), np.bool_), np.full(len(values), not self.lost)
             totals = self.total + np.cumsum(steps)
             if not self.lost and not self.absolute:
@@ -274,7 +275,8 @@ class CounterState:
         most_s = float(piece.pause[i])
         pause = Pause(before, self.line.speed(piece.usual_s), min(int(piece.gone[i]) * piece.usual_s or most_s, most_s), most_s)
         turns, total = 0, int(totals[i])
-        for pause_s in (pause.least_s, pause.most_s):
+        stamped_s = float(piece.times[i] - (piece.times[i - 1] if i else self.time_s))
+        for pause_s in (pause.least_s, max(stamped_s, 0.0), pause.most_s):
             late = int(piece.gone[i]) == 1 and pause_s < pause.most_s
             low, high = self.line.band(pause, pause_s, self.unit.hard if late else 0.0)
             if high - low < modulus < NO_RANGE:

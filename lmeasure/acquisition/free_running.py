@@ -166,8 +166,10 @@ class FreeAssembler:
         passed = np.nan_to_num(np.diff(at))
         for word_s, word in self._ends[i]:
             if len(times) and word_s <= times[-1]:
-                row = int(np.searchsorted(times, word_s))
-                counter.words.append(Said(int(samples[row]), word_s, word.text, word.origin, int(samples[row])))
+                ahead = self._old[0][0][self._old[0][0] > self._given_to] if i else times
+                at_row, first = int(np.searchsorted(ahead, word_s)), int(samples[np.searchsorted(times, word_s)])
+                shown = float(ahead[at_row]) if at_row < len(ahead) else word_s
+                counter.words.append(Said(self.given + at_row, shown, word.text, word.origin, first))
         self._ends[i] = [(word_s, word) for word_s, word in self._ends[i] if not len(times) or word_s > times[-1]]
         longest = LONGEST_GAP * period
         counts = counter.advance(values, times, samples, self.events, least_s=period, passed_s=passed, longest_s=longest)

@@ -8,6 +8,9 @@ import numpy as np
 from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, each
 from lmeasure.acquisition.samples import Samples
 
+ERROR_FLAG, BUS_ERROR = 0x20000000, 0x80
+"""Bit of an error frame's identifier in candump's logs, and its class for errors of the bus."""
+
 
 def candump_lines(frames: Frames) -> bytes:
     """The frames as lines of candump, which python-can and can-utils read."""
@@ -16,7 +19,9 @@ def candump_lines(frames: Frames) -> bytes:
     lines = []
     for t, identifier, flags, length, data, channel in each(frames):
         if flags & ERROR:
-            lines.append(f"({t:.6f}) {names[channel]} 20000080#\n")
+            # without a class the one that python-can takes for an error frame
+            shown = ERROR_FLAG | (identifier & 0x1FFFFFFF or BUS_ERROR)
+            lines.append(f"({t:.6f}) {names[channel]} {shown:08X}#{data[:length].tobytes().hex().upper()}\n")
             continue
         arbitration = f"{identifier:08X}" if flags & EXTENDED else f"{identifier:03X}"
         direction = "T" if flags & SENT else "R"

@@ -86,6 +86,7 @@ class ImportedLog:
             f"{self.path}: {self.report.frames} frames, {len(self.counts.time_s)} samples in {duration:.6g} s, {self.events.summary()}",
             *self.survey.lines(),
             *self.report.notes(),
+            *self.events.notes(),
             *self.seams(),
         ]
 

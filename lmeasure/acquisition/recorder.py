@@ -48,6 +48,8 @@ class Recording:
     faults: Mapping[str, int]
     closure: Mapping[str, float]
     missing: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    """Steps that gaps may hide, and ranges of values that the counts contradict."""
 
     @property
     def _advice(self) -> str:
@@ -63,6 +65,7 @@ class Recording:
         if self.missing:
             told = ", ".join(f"{channel} in {n}" for channel, n in self.missing.items())
             lines.append(f"counts are missing: {told} of {self.samples} samples; {self._advice}")
+        lines += self.notes
         if self.closure:
             differ = ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items())
             lines.append(f"at rest at both ends, the last less the first, counts: {differ}")
@@ -294,7 +297,7 @@ class _Writer:
             # a start that was stated meanwhile, by a page or an editor, is kept
             stated = {key: value for key, value in files.read_toml(self.folder / "run.toml").items() if key == "start"}
             files.write_toml(self.folder / "run.toml", self._table | stated)
-        return replace(result, faults=dict(events.tally))
+        return replace(result, faults=dict(events.tally), notes=tuple(events.notes()))
 
 
 def _content(path: Path) -> bytes | None:

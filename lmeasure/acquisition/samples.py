@@ -79,6 +79,9 @@ class _Heard:
     answered: frozenset[int]
 
 
+MISFITS = ("short_frame", "wider")
+
+
 def misfits(fields: tuple[CounterField, ...], readings: Readings) -> list[Word]:
     """Frames that do not hold their field as the rig says."""
     out = []
@@ -269,7 +272,7 @@ class SyncAssembler:
         """Give words as events of the samples that follow them, and to the counters that they concern."""
         later = []
         for heard in self._words:
-            word, row = heard.word, max(heard.window + 1, 0)
+            word, row = heard.word, max(heard.window + (heard.word.kind not in MISFITS), 0)
             if heard.window >= ready and not last:
                 later.append(replace(heard, window=heard.window - ready))
                 continue

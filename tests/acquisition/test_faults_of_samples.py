@@ -77,8 +77,9 @@ def test_single_frames(name: str) -> None:
         got = counts_from_frames(RIG, pieces(order_of(FRAMES, order), size), FIELDS)
         np.testing.assert_array_equal(got.counts.recorded, expected)
         np.testing.assert_allclose(got.counts.time_s, MOVING.time_s, rtol=0, atol=1e-12)
-        assert [(e.sample, e.channel, e.kind, e.text) for e in got.events.kept] == said
-        assert [e.time_s for e in got.events.kept] == [MOVING.time_s[sample] for sample, *_ in said]
+        faults = [e for e in got.events.kept if e.kind != "gap_step"]
+        assert [(e.sample, e.channel, e.kind, e.text) for e in faults] == said
+        assert [e.time_s for e in faults] == [MOVING.time_s[sample] for sample, *_ in said]
 
 
 @pytest.mark.parametrize(("later", "same"), [(0.0, True), (0.24, True), (0.3, False)])
@@ -93,10 +94,13 @@ def test_a_sync_at_once_after_another_is_the_same(later: float, same: bool) -> N
     frames = join([before, double, after.take(slice(0, cut)), rises, after.take(slice(cut, None))])
     got = counts_from_frames(rig, [frames], FIELDS)
     kept = np.arange(N) if same else np.r_[np.arange(6), 6, np.arange(6, N)]
-    assert got.events.tally == ({"duplicate_sync": 1} if same else {"gap": 6})
+    assert got.events.tally["gap"] == (0 if same else 6)
     assert len(got.counts.time_s) == len(kept)
-    known = np.isfinite(got.counts.recorded).all(axis=1)
-    np.testing.assert_array_equal(got.counts.recorded[known], MOVING.recorded)
+    known = np.isfinite(got.counts.recorded)
+    np.testing.assert_array_equal(
+        got.counts.recorded[known], (MOVING.recorded if same else np.insert(MOVING.recorded, 6, 0, axis=0))[known]
+    )
+    assert known.sum() >= (N - 3) * len(RIG.channels)  # a count that comes an interval late may be in doubt for a few samples
     np.testing.assert_array_equal(got.counts.sync, kept >= 8)
     event = got.events.kept[0]
     assert (event.channel, event.time_s) == (("", double.time_s[0]) if same else ("ch1", FRAMES.time_s[at(6)]))
@@ -132,26 +136,29 @@ def test_what_devices_say_and_frames_that_do_not_fit_are_told_with_the_next_samp
     short = can.Message(timestamp=8.0, arbitration_id=0x182, is_extended_id=False, data=[1, 2])
     assert assembler.given == 3
     assembler.feed(frames_from_messages([emergency, short], "kernel"))
+    assert not assembler.events.kept  # until their sample is known
+    assembler.feed(FRAMES.take(slice(at(5), at(8))), last=True)
     said, unfit = assembler.events.kept
-    assert (said.sample, said.time_s, said.channel, said.kind) == (3, 7.0, "ch3", "emcy")
-    # as early as it can belong to: the first that is not given yet
+    assert (said.sample, said.time_s, said.channel, said.kind) == (5, MOVING.time_s[5], "ch3", "emcy")
+    # that of the SYNC before it
     assert (unfit.sample, unfit.time_s, unfit.channel, unfit.kind, unfit.text) == (
-        3,
-        MOVING.time_s[3],
+        4,
+        MOVING.time_s[4],
         "ch2",
         "short_frame",
         "fewer than 4 bytes",
     )
     before = new_assembler(RIG, FIELDS)
-    before.feed(frames_from_messages([short], "kernel"))
-    assert (before.events.kept[0].sample, np.isnan(before.events.kept[0].time_s)) == (0, True)
+    before.feed(frames_from_messages([short], "kernel"), last=True)
+    assert (before.events.kept[0].sample, before.events.kept[0].time_s) == (0, 8.0)
     table = {"decoder": "raw", "channel": [{"channel": c, "id": 0x181 + i, "bits": 16} for i, c in enumerate(RIG.channels)]}
     rig = rig_from_dict(RIG.to_dict() | {"can": table})
     far = replace(MOVING, recorded=MOVING.recorded + 65536 - 55 - 10.0 * np.arange(6) * (np.arange(6) > 0))
     wider = new_assembler(rig, counter_fields(rig))
     wider.feed(replace(frames_of(RIG, far), timestamp_source="kernel"), last=True)
     event = next(e for e in wider.events.kept if e.kind == "wider")
-    assert (event.sample, event.time_s, event.text) == (0, MOVING.time_s[0], "the byte behind its 16 bits counts on")
+    passes = int(np.flatnonzero((far.recorded[:-1, 0] < 65536) & (far.recorded[1:, 0] >= 65536))[0]) + 1
+    assert (event.sample, event.time_s, event.text) == (passes, MOVING.time_s[passes], "the byte behind its 16 bits counts on")
 
 
 @pytest.mark.parametrize("source", ["kernel", "host"])
