@@ -276,9 +276,11 @@ class CounterState:
         pause = Pause(before, self.line.speed(piece.usual_s), min(int(piece.gone[i]) * piece.usual_s or most_s, most_s), most_s)
         turns, total = 0, int(totals[i])
         stamped_s = float(piece.times[i] - (piece.times[i - 1] if i else self.time_s))
-        for pause_s in (pause.least_s, max(stamped_s, 0.0), pause.most_s):
-            late = int(piece.gone[i]) == 1 and pause_s < pause.most_s
-            low, high = self.line.band(pause, pause_s, self.unit.hard if late else 0.0)
+        lengths = [(one, 0.0) for one in (pause.least_s, max(stamped_s, 0.0), pause.most_s)]
+        if int(piece.gone[i]) == 1 and pause.least_s < pause.most_s:
+            lengths.append((pause.least_s, self.unit.hard))  # stamps alone say that there is a gap
+        for pause_s, hard in lengths:
+            low, high = self.line.band(pause, pause_s, hard)
             if high - low < modulus < NO_RANGE:
                 turns = modulus * round(((low + high) / 2 - int(totals[i])) / modulus)
             total = int(totals[i]) + turns
@@ -333,7 +335,7 @@ class CounterState:
         found: list[tuple[int, str, str]] = []
         limit = self.max_rate * piece.pause + 1.0
         if self.values:
-            unsure = may_wrap(steps, piece.pause, self.values, self.max_rate) & ~follows
+            unsure = may_wrap(steps, piece.pause, self.values, self.max_rate)
             unsure &= True if calm is None else ~calm
             if unsure.any():
                 i = int(np.argmax(unsure))

@@ -49,6 +49,8 @@ ADDRESS = 0xFF
 # classes of SocketCAN's error frames, and bytes 1 of those of the controller
 BUS_OFF_CLASS, CONTROLLER_CLASS, PASSIVE_BITS = 0x40, 0x04, 0x30
 LARGEST_CLASS = 0x3FF
+WITHOUT_CLASSES = (".blf", ".asc", ".trc", ".mf4", ".csv", ".db")
+"""Logs whose error frames have the identifier of the frame in error, or none, where those of SocketCAN have their class."""
 ERROR_NAMES = {
     0x01: "transmit timeout",
     0x02: "lost arbitration",
@@ -101,10 +103,13 @@ class NetworkWatch:
         looked = self._wanted[np.minimum(frames.identifier, OTHERS)] & plain & ~extended
         if self._addresses:
             looked |= plain & extended & ((frames.identifier & ADDRESS_CLAIM_MASK) == ADDRESS_CLAIM)
+        classes = not frames.source.lower().removesuffix(".gz").endswith(WITHOUT_CLASSES)
         out = []
         for row in np.flatnonzero(looked | errors).tolist():
             identifier, data = int(frames.identifier[row]), frames.data[row, : frames.length[row]].tobytes()
-            word = _error(row, identifier, data) if errors[row] else self._word(row, identifier, bool(extended[row]), data)
+            word = (
+                _error(row, identifier if classes else 0, data) if errors[row] else self._word(row, identifier, bool(extended[row]), data)
+            )
             if word is not None:
                 out.append(word)
         return out

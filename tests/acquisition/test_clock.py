@@ -48,7 +48,8 @@ def imported(folder: Path, stamps: FloatArray, rest: list[str], of: Rig) -> Impo
 
 
 def told(result: Imported) -> dict[str, int]:
-    return dict(result.logs[0].events.tally)
+    """Faults by kind, but for what gaps may hide."""
+    return {kind: n for kind, n in result.logs[0].events.tally.items() if kind != "gap_step"}
 
 
 def away(by: float, count: int = 1, sample: int = 100) -> Callable[[FloatArray, int], FloatArray]:

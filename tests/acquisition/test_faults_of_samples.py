@@ -132,13 +132,15 @@ def test_the_start_input_is_remembered_and_read_where_it_stands() -> None:
 def test_what_devices_say_and_frames_that_do_not_fit_are_told_with_the_next_sample() -> None:
     assembler = new_assembler(RIG, FIELDS)
     assembler.feed(FRAMES.take(slice(0, at(5))))
-    emergency = can.Message(timestamp=7.0, arbitration_id=0x83, is_extended_id=False, data=[0x10, 0x42, 9, 0, 0, 0, 0, 0])
-    short = can.Message(timestamp=8.0, arbitration_id=0x182, is_extended_id=False, data=[1, 2])
+    emergency = can.Message(
+        timestamp=float(FRAMES.time_s[at(5) - 1]), arbitration_id=0x83, is_extended_id=False, data=[0x10, 0x42, 9, 0, 0, 0, 0, 0]
+    )
+    short = can.Message(timestamp=emergency.timestamp, arbitration_id=0x182, is_extended_id=False, data=[1, 2])
     assert assembler.given == 3
     assembler.feed(frames_from_messages([emergency, short], "kernel"))
     assert not assembler.events.kept  # until their sample is known
     assembler.feed(FRAMES.take(slice(at(5), at(8))), last=True)
-    said, unfit = assembler.events.kept
+    said, unfit = (e for e in assembler.events.kept if e.channel and e.kind != "gap")
     assert (said.sample, said.time_s, said.channel, said.kind) == (5, MOVING.time_s[5], "ch3", "emcy")
     # that of the SYNC before it
     assert (unfit.sample, unfit.time_s, unfit.channel, unfit.kind, unfit.text) == (
@@ -150,14 +152,15 @@ def test_what_devices_say_and_frames_that_do_not_fit_are_told_with_the_next_samp
     )
     before = new_assembler(RIG, FIELDS)
     before.feed(frames_from_messages([short], "kernel"), last=True)
-    assert (before.events.kept[0].sample, before.events.kept[0].time_s) == (0, 8.0)
+    assert (before.events.kept[0].sample, before.events.kept[0].time_s) == (0, emergency.timestamp)
     table = {"decoder": "raw", "channel": [{"channel": c, "id": 0x181 + i, "bits": 16} for i, c in enumerate(RIG.channels)]}
     rig = rig_from_dict(RIG.to_dict() | {"can": table})
     far = replace(MOVING, recorded=MOVING.recorded + 65536 - 55 - 10.0 * np.arange(6) * (np.arange(6) > 0))
     wider = new_assembler(rig, counter_fields(rig))
     wider.feed(replace(frames_of(RIG, far), timestamp_source="kernel"), last=True)
     event = next(e for e in wider.events.kept if e.kind == "wider")
-    passes = int(np.flatnonzero((far.recorded[:-1, 0] < 65536) & (far.recorded[1:, 0] >= 65536))[0]) + 1
+    column = far.of(event.channel)
+    passes = int(np.flatnonzero(column[:-1] // 65536 != column[1:] // 65536)[0]) + 1
     assert (event.sample, event.time_s, event.text) == (passes, MOVING.time_s[passes], "the byte behind its 16 bits counts on")
 
 

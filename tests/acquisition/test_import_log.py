@@ -18,6 +18,7 @@ from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
 from lmeasure.cli import main
 from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError, RecordedError
+from lmeasure.files import read_table
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_run
 
@@ -46,7 +47,8 @@ def test_a_recording_is_not_written_over_and_faults_of_an_earlier_import_go(tmp_
     path, broken = write(tmp_path / "drive.blf", log), write(tmp_path / "broken.blf", [m for i, m in enumerate(log) if i != 100])
     for source, faults in ((broken, True), (path, False)):
         write_import(tmp_path / "run", import_logs([source], six_cables(), START_POSE))
-        assert (tmp_path / "run" / "pass1.events.csv").exists() == faults
+        events = tmp_path / "run" / "pass1.events.csv"
+        assert ("gap" in read_table(events).text("kind")) == faults
     table = files.read_toml(tmp_path / "run" / "run.toml")
     table["recording"][0]["frames"] = "pass1.log"
     files.write_toml(tmp_path / "run" / "run.toml", table)
@@ -73,7 +75,8 @@ def test_every_format_gives_the_same_counts(tmp_path: Path, suffix: str) -> None
     counts = imported.run.passes[0]
     assert np.array_equal(counts.recorded, counts_of(log))
     assert counts.time_s == pytest.approx(np.arange(300) * 1e-3, abs=1e-6)
-    assert not imported.logs[0].events.tally
+    assert set(imported.logs[0].events.tally) <= {"bus_error"}
+    assert imported.logs[0].events.tally["bus_error"] == sum(m.is_error_frame for m in log)
     assert "300 samples" in imported.summary()
 
 
@@ -101,7 +104,7 @@ def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", six_cables())
     done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE)
     assert done.returncode == 0, done.stderr
-    for words in ("1600 frames", "200 samples", "no faults", "buses 0 (1600 frames)", "181 (200)", "error frames"):
+    for words in ("1600 frames", "200 samples", "bus_error", "buses 0 (1600 frames)", "181 (200)", "error frames"):
         assert words in done.stdout
     run = read_run(tmp_path / "run")
     assert np.array_equal(run.passes[0].recorded, counts_of(log))
@@ -198,7 +201,7 @@ def test_faults_are_counted_and_kept(tmp_path: Path) -> None:
     del log[7 * 50 + 3]
     log.insert(7 * 60 + 2, log[7 * 60 + 1])
     imported = import_logs([write(tmp_path / "drive.log", log)], six_cables(), START_POSE)
-    assert imported.logs[0].events.tally == {"gap": 1, "duplicate": 1}
+    assert imported.logs[0].events.tally == {"gap": 1, "gap_step": 1, "duplicate": 1}
     assert np.isnan(imported.run.passes[0].recorded).sum() == 1
     assert "1 duplicate, 1 gap" in imported.summary()
     write_import(tmp_path / "run", imported)
