@@ -20,8 +20,8 @@ from lmeasure.report.words import with_indices
 
 _STYLE = Path(__file__).with_name("page.css")
 
-_BESIDE = Path(__file__).with_name("beside.js").read_text(encoding="utf-8")
-"""What puts sections beside each other."""
+_SCRIPT_OF_PAGE = Path(__file__).with_name("page.js").read_text(encoding="utf-8")
+"""Puts sections beside each other and fits plots to their places."""
 
 _PAGE = """<!doctype html>
 <html lang="{language}">
@@ -413,7 +413,7 @@ def _in_sections(body: Iterable[str]) -> list[str]:
         sections += [[]] if part.startswith("<h2") else []
         (sections[-1] if sections else head).append(part)
     own = [line for section in sections for line in ("<section>", *section, "</section>")]
-    return ["<header>", *head, "</header>", *(["<main>", *own, "</main>", f"<script>{_BESIDE}</script>"] if own else [])]
+    return ["<header>", *head, "</header>", *(["<main>", *own, "</main>"] if own else []), f"<script>{_SCRIPT_OF_PAGE}</script>"]
 
 
 def write_page(path: Path, title: str, body: Iterable[str], language: str = "en") -> None:

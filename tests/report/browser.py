@@ -1,6 +1,7 @@
 """A headless Chromium driven over its DevTools protocol: open a page, click as a person would, hear its console."""
 
 import atexit
+import base64
 import json
 import shutil
 import subprocess
@@ -52,6 +53,22 @@ LOOK = """(() => {
       }
     });
   }
+  // plots: as large as their places
+  for (const plot of document.querySelectorAll('.js-plotly-plot')) {
+    const {width, height} = plot._fullLayout;
+    if (Math.abs(width - plot.clientWidth) > 1) out.push(`${plot.id}: drawn ${width} wide in ${plot.clientWidth}`);
+    if (plot.closest('.scene') && Math.abs(height - plot.clientHeight) > 1)
+      out.push(`${plot.id}: drawn ${height} high in ${plot.clientHeight}`);
+  }
+  // sections: none over another, nothing of one beyond it
+  const sections = [...document.querySelectorAll('main > section')].map((e) => [e, e.getBoundingClientRect(), e.textContent.trim()]);
+  sections.forEach(([e, a, text], i) => {
+    if (e.scrollWidth > e.clientWidth + 8) out.push(`section '${text.slice(0, 30)}' is ${e.scrollWidth} wide in ${e.clientWidth}`);
+    for (const [, b, other] of sections.slice(0, i)) {
+      const x = Math.min(a.right, b.right) - Math.max(a.left, b.left), y = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+      if (x > 1 && y > 1) out.push(`sections '${text.slice(0, 30)}' and '${other.slice(0, 30)}' overlap`);
+    }
+  });
   // tables: on a desk nothing has to be pushed aside to be read
   for (const box of document.querySelectorAll('.scroll'))
     if (wide > 1000 && box.scrollWidth > box.clientWidth + 1) out.push(`table '${box.textContent.slice(0, 40)}' is cut off`);
@@ -202,22 +219,27 @@ class Page:
             self.evaluate("0")  # events are heard while an answer is waited for
             time.sleep(0.02)
 
-    def resize(self, width: int, height: int = 1000) -> None:
-        """Look at the page at another width; what follows the width has drawn itself anew when this returns."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+    def resize(self, width: int, height: int = 1000, zoom: float = 1.0) -> None:
+        """Look at the page at another width, in pixels of the page at a zoom; what follows the width has drawn itself anew at the end."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=zoom, mobile=False)
         self.evaluate("new Promise(done => setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(() => done(1))), 300))")
 
     def shoot(self) -> str:
         """The page's whole picture, as PNG in base64."""
         return str(self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"])
 
+    def printed(self) -> bytes:
+        """The page as the browser prints it on A4, as PDF."""
+        return base64.b64decode(self.call("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, printBackground=True)["data"])
+
 
 @contextmanager
-def opened(page: Path | str, profile: Path | None = None) -> Iterator[Page]:
+def opened(page: Path | str, profile: Path | None = None, size: tuple[int, float] | None = None) -> Iterator[Page]:
     """The page, a file or an address: with a profile in a browser of its own, closed afterwards; without, in a window of the one that all
-    tests of this process share. AssertionError when the machine has no Chromium."""
+    tests of this process share. Size is the window's width and zoom before the page comes. AssertionError when the machine has no
+    Chromium."""
     if profile is None:
-        with window(_shared(), page) as shown:
+        with window(_shared(), page, size) as shown:
             yield shown
         return
     process, address = _started(profile)
@@ -259,7 +281,7 @@ def _shared() -> str:
 
 
 @contextmanager
-def window(browser: str, page: Path | str) -> Iterator[Page]:
+def window(browser: str, page: Path | str, size: tuple[int, float] | None = None) -> Iterator[Page]:
     """The page in a window of a browser that runs, `Page.browser`, which shares no cookie and no storage with its other windows."""
     with connect(
         browser, max_size=None, max_queue=None, ping_interval=None, open_timeout=PATIENCE_S
@@ -269,6 +291,8 @@ def window(browser: str, page: Path | str) -> Iterator[Page]:
         shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"], browser)
         for domain in ("Runtime", "Log", "Page", "Network"):
             shown.call(f"{domain}.enable")
+        if size is not None:
+            shown.resize(size[0], zoom=size[1])
         shown.go(page)
         yield shown
 

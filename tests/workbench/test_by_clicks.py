@@ -47,9 +47,9 @@ def looked_at(
     for i, (language, wide) in enumerate(widths.items()):
         press(page, f".language [value={language}]", f"document.documentElement?.lang === '{language}'")
         for path in paths[i % 2 :: 2] if quick else paths:
-            visit(page, base, path)
             for width in wide:
                 page.resize(width)
+                visit(page, base, path)
                 wrong += [(language, path, width, text) for text in page.evaluate(LOOK)]
             wrong += [(language, path, fault) for fault in faults(page)]
     return wrong
@@ -70,7 +70,7 @@ def test_every_page_at_every_width(language: str, tmp_path: Path) -> None:
         "/run/zone",
     )
     with served(tmp_path) as address, opened(address) as page:
-        assert looked_at(page, entered(page), {language: (390, 1024, 1400, 2560)}, (*PAGES, *more)) == []
+        assert looked_at(page, entered(page), {language: (390, 1024, 1400, 2560, 3840)}, (*PAGES, *more)) == []
 
 
 def test_a_rig_is_changed_and_every_page_stands(tmp_path: Path) -> None:
