@@ -15,23 +15,24 @@ from pages import PAGES, PDFS
 
 SIZES = ((390, 1.0), (2560, 1.0), (1400, 1.0), (2000, 1.0), (3840, 1.0), (2800, 0.5), (700, 2.0))
 """Windows: their width and zoom; the last ones are a desk of 1400 px at 50 and at 200 %. Pages of the suite are opened in the first two."""
-QUICK = {("zone", "ru"), ("calibration", "en")}
+QUICK = (("zone", "ru"), ("calibration", "en"))
 EVERY = [
-    (kind, language) if (kind, language) in QUICK else pytest.param(kind, language, marks=pytest.mark.slow)
-    for kind in PAGES
-    for language in ("en", "ru")
+    *((kind, language, SIZES[:2]) for kind, language in QUICK),
+    *(pytest.param(kind, language, SIZES, marks=pytest.mark.slow) for kind in PAGES for language in ("en", "ru")),
 ]
 DRAWN = "[...document.querySelectorAll('.js-plotly-plot')].every(e => e._fullLayout)"
 TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))"
 
 
-@pytest.mark.parametrize(("kind", "language"), EVERY)
-def test_nothing_runs_over_collides_or_asks_for_anything(kind: str, language: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "language", "sizes"), EVERY)
+def test_nothing_runs_over_collides_or_asks_for_anything(
+    kind: str, language: str, sizes: tuple[tuple[int, float], ...], tmp_path: Path
+) -> None:
     """In a fresh window of each width, as a person opens it, at another zoom, in a window made narrow, and on paper."""
     page = PAGES[kind](tmp_path, language)
     pictures = Path(os.environ["LMEASURE_PICTURES"]) if "LMEASURE_PICTURES" in os.environ else None
     told, errors, requests = [], [], []
-    for width, zoom in SIZES[:2] if (kind, language) in QUICK else SIZES:
+    for width, zoom in sizes:
         with opened(page, size=(width, zoom)) as shown:
             shown.wait(DRAWN)
             shown.evaluate(TWO_FRAMES)
