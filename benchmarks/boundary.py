@@ -12,6 +12,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.lcoordinate.bounds import Bounds
 from lmeasure.lcoordinate.workspace import Slice, boundary
+from lmeasure.linkage.slices import PLANES, slices
 
 # thesis 5.3: pairs B1, B4 - P1; B2, B5 - P2; B3, B6 - P3
 BODY = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0)] * 2, dtype=float)
@@ -26,6 +27,56 @@ def lines_off(bounds: Bounds, plane: Slice, places: FloatArray) -> float:
     way = np.roll(places, -1, axis=0) - places
     values, rates = bounds.with_rates(plane.poses(places[:, None] + BESIDE[:, None] * way[:, None]), plane.displacements)
     return float(np.abs((values / np.linalg.norm(rates, axis=-1)).min(axis=-1)).max())
+
+
+def cell_of_the_origin() -> list[str]:
+    """Every level of three planes in windows of three sizes: rays against what was followed, by the closed form z + 4 = |x - y|."""
+    page = [
+        "",
+        "The cell of the origin without a limit angle is z + 4 > |x - y| (closed form). 25 levels from -3 to 3 mm in each plane:",
+        "",
+        "| plane | reach, mm | places | outside the cell by at most, mm | off its edge, mm | rays | rays beside the lines by at most, mm |",
+        "|---" * 7 + "|",
+    ]
+    home = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    bounds = Bounds(BASE, BODY, home)
+    turns = 2.0 * np.pi * (np.arange(180) + 0.5) / 180
+    for plane, (a, b, axis) in PLANES.items():
+        for reach in (8.0, 10.0, 25.0):
+            out, off, count, rays, beside = 0.0, 0.0, 0, 0, 0.0
+            for level in np.linspace(-3.0, 3.0, 25):
+                pieces, _ = slices(bounds, home, plane, [float(level)], reach_mm=reach)
+                x, y, z = np.vstack([piece.places for piece in pieces]).T
+                edge = z + 4.0 - np.abs(x - y)
+                out, off, count = max(out, float(-edge.min())), max(off, float(np.abs(edge).max())), count + len(x)
+                start = np.zeros(3)
+                start[axis] = level
+                if start[2] + 4.0 <= abs(start[0] - start[1]):
+                    continue  # the pose's own place at this level lies outside
+                for turn in turns:
+                    way = np.zeros(3)
+                    way[[a, b]] = np.cos(turn), np.sin(turn)
+                    met = met_in_closed_form(start, way)
+                    if met < 0.98 * reach:
+                        rays += 1
+                        place = (start + met * way)[[a, b]]
+                        beside = max(beside, min(apart(place, piece.places[:, [a, b]]) for piece in pieces))
+            page.append(f"| {plane} | {reach:g} | {count} | {out:.0e} | {off:.0e} | {rays} | {beside:.0e} |")
+    return page
+
+
+def met_in_closed_form(start: FloatArray, way: FloatArray) -> float:
+    """Where a ray leaves z + 4 > |x - y| [mm]: the lesser of two straight lines along it."""
+    values = [start[2] + 4.0 - sign * (start[0] - start[1]) for sign in (1.0, -1.0)]
+    rates = [way[2] - sign * (way[0] - way[1]) for sign in (1.0, -1.0)]
+    return min((-value / rate for value, rate in zip(values, rates, strict=True) if rate < 0.0), default=np.inf)
+
+
+def apart(place: FloatArray, line: FloatArray) -> float:
+    """Distance of a place from a line of straight pieces [mm]."""
+    begin, way = line[:-1], np.diff(line, axis=0)
+    part = np.clip(((place - begin) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-300), 0.0, 1.0)
+    return float(np.linalg.norm(begin + part[:, None] * way - place, axis=1).min())
 
 
 def main() -> None:
@@ -76,6 +127,7 @@ def main() -> None:
         "Followed places are on the limit to rounding whatever is asked; straight lines between them keep the accuracy, as measured at "
         "forty places of each."
     )
+    page += cell_of_the_origin()
     text = "\n".join([*page, ""])
     print(text)
     if out:

@@ -22,10 +22,10 @@ LEVELS = 60  # of a zone that are followed
 def edges(
     rig: Rig, zone: "xr.Dataset", rotations: Rotation, lengths_mm: tuple[float, float] | None = None
 ) -> tuple[list[Piece], list[str]]:
-    """The edge of every part of a scanned zone at every level, in the plane XY, and what there is to say of those without one.
+    """The edge of every part of a scanned zone at every level, in the plane XY, with the holes in it, and messages about those without one.
 
     Of the angle and of the lengths' limits, in all the orientations it was scanned with; other limits asked for cut the zone further. Parts
-    are told by the grid, holes in them are not looked for. A part whose edge leaves the scanned box is open. AccuracyError unless the rig
+    come from the grid. A part whose edge leaves the scanned box is open. AccuracyError unless the rig
     has six cables or more and the levels are few enough.
     """
     if rig.encoders:
@@ -48,14 +48,14 @@ def edges(
             plane = Slice(seed, np.eye(3)[:2], float(max(np.abs(low).max(), np.abs(high).max())))
             try:
                 bounds = bounds_of(linkage, np.array([*seed[:3], *turns[0]]), limit, lengths_mm, turns=turns)
-                found = followed(bounds, plane, level)
             except StructureError as error:
                 said.append(f"edge at z = {level:g} mm: {error}")
                 continue
-            if found is None:
+            found, failed = followed(bounds, plane, level)
+            said += [f"edge at z = {level:g} mm: {error}" for error in failed]
+            if not (found or failed):
                 said.append(f"edge at z = {level:g} mm: none within the scanned box")
-                continue
-            pieces.append(found)
+            pieces += found
     return pieces, said
 
 

@@ -3,7 +3,7 @@
 A slice is a plane through a place inside, the orientation kept: where the thesis scans along rays in small steps, here the boundary is met
 once by a ray and then followed along its tangent, each point put onto it by Newton's method. Where another limit takes over the corner is
 solved for, and the walk goes on along the other. It ends where it began (closed), or where it leaves the window (open): then it is followed
-the other way round too. Pieces that no ray meets, islands behind others, are not looked for.
+the other way round too.
 
 The walk's steps find how the boundary runs. How far the straight lines between its points are beside it is measured then, all at once, and
 points are put between them until they are within what was asked.
@@ -23,7 +23,8 @@ MARCH = 400  # steps along a ray to the window's edge, before a change of sign i
 MOST = 5_000  # points of one boundary
 TURN = 0.2  # rad: largest turn of the tangent between two points
 STUCK = 1e-7  # of the reach: a step that small means a corner
-BESIDE, CHECKED = 0.2, 16  # of a step: how far beside it, and at how many places, the inside is looked at
+BESIDE, CHECKED = 0.2, 21  # of a step: how far beside it, and at how many places, the inside is looked at
+FROM, BEYOND, TO_CORNER = 0.1, 1.1, 0.9  # of a step: the part beside which one looks, which overlaps the next, or ends before a corner
 LOOK = 720  # directions in which one looks around at a corner
 WITHIN = 1e-5  # of the reach: how far lines between points are beside the boundary, where nothing is asked
 QUARTERS = np.array([0.25, 0.5, 0.75])  # of a line: where it is measured
@@ -68,6 +69,26 @@ class Boundary:
             return None
         a, b = self.places.T
         return float(abs(np.sum(a * np.roll(b, -1) - b * np.roll(a, -1)))) / 2.0
+
+    @property
+    def lines(self) -> tuple[FloatArray, FloatArray]:
+        """Beginnings (m, 2) and ways (m, 2) of the straight lines between the places [mm]."""
+        way = np.diff(self.places, axis=0, append=self.places[:1] if self.closed else np.empty((0, 2)))
+        return self.places[: len(way)], way
+
+    def distance_mm(self, place: FloatArray) -> float:
+        """From a place (2,) to the nearest of the lines between the places."""
+        begin, way = self.lines
+        along = np.einsum("ij,ij->i", place - begin, way) / np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
+        return float(np.linalg.norm(begin + np.clip(along, 0.0, 1.0)[:, None] * way - place, axis=1).min())
+
+    @property
+    def surrounds_origin(self) -> bool:
+        """Whether it is closed around the slice's origin: it bounds what it encloses, else it is the edge of a hole."""
+        begin, way = self.lines
+        end = begin + way
+        turned = np.arctan2(begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0], np.einsum("ij,ij->i", begin, end)).sum()
+        return self.closed and abs(float(turned)) > np.pi
 
 
 def first_met(bounds: Bounds, plane: Slice, directions: FloatArray) -> FloatArray:
@@ -214,7 +235,8 @@ def _walk(
                 h /= 2.0
                 continue
             ahead, turned = corner, tangent
-        if float(np.linalg.norm(ahead - place)) > STUCK * plane.reach_mm and not _beside(bounds, plane, place, ahead, tangent, turned, way):
+        far, to = float(np.linalg.norm(ahead - place)), BEYOND if corner is None else TO_CORNER
+        if far > STUCK * plane.reach_mm and not _beside(bounds, plane, place, ahead, tangent, turned, way, to):
             h /= 2.0
             continue
         gone += float(np.linalg.norm(ahead - place))
@@ -233,15 +255,19 @@ def _walk(
 
 
 def _beside(
-    bounds: Bounds, plane: Slice, place: FloatArray, ahead: FloatArray, tangent: FloatArray, turned: FloatArray, way: float
+    bounds: Bounds, plane: Slice, place: FloatArray, ahead: FloatArray, tangent: FloatArray, turned: FloatArray, way: float, to: float
 ) -> bool:
-    """Whether the step from a place on a limit to the next turns little, and all that lies beside it on the inner side is inside: a limit
-    that crosses itself, or two cells that meet in a point, would be walked straight through."""
+    """Whether the step from a place on a limit to the next turns little, and all that lies beside it on the inner side is inside.
+
+    Without this the walk would go straight through a place where a limit crosses itself, or where two cells meet. Where an odd number of
+    branches meet, what lies beyond is inside again and no slope changes its sign; the outside shows beside the step alone, over a length
+    as small as the distance from it. So the parts looked at overlap from step to step: `to` is where this one ends, in parts of the step.
+    """
     if float(turned @ tangent) < np.cos(TURN):
         return False
     chord = ahead - place
     inner = way * BESIDE * np.array([-chord[1], chord[0]])
-    beside = place + np.linspace(0.1, 0.9, CHECKED)[:, None] * chord + inner
+    beside = place + np.linspace(FROM, to, CHECKED)[:, None] * chord + inner
     return bool(bounds.inside(plane.poses(beside)).all())
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import StructureError
 from lmeasure.kernels.layout import COUNT_LENGTH
 from lmeasure.lcoordinate.bounds import Bounds
@@ -16,15 +16,17 @@ from lmeasure.linkage.measures import lines_of
 
 PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
 """Both directions of a plane, and that of its levels."""
-RAYS = 24  # directions in which the boundary is looked for
+RAYS = 72  # directions in which the boundary is looked for
+SAME = 1e-4  # of the reach: a ray that meets a limit so near to a followed boundary meets that one
+ALONG = 48  # places of a straight line at which it is seen whether it keeps the limits
 POINTS = 200  # steps across the window
 SEEDS = 15  # places in each direction at which a level is looked at for one that keeps the limits
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A boundary at a level [mm]: places (n, 3) in the base frame, the limit met at each, whether it is closed, its area, and how far
-    straight lines between the places are beside it at most."""
+    """A boundary at a level [mm]: places (n, 3) in the base frame, the limit met at each, whether it is closed, its area, how far
+    straight lines between the places are beside it at most, and whether what it encloses is a hole in the workspace."""
 
     level_mm: float
     places: FloatArray
@@ -32,11 +34,14 @@ class Piece:
     closed: bool
     area_mm2: float | None
     off_mm: float
+    hole: bool = False
 
     def line(self, axis: str) -> str:
         """One line for a person."""
         met = ", ".join(dict.fromkeys(limit.split(" in orientation")[0] for limit in self.limits))
-        size = f"closed, {self.area_mm2:.6g} mm^2" if self.area_mm2 is not None else "open: it leaves the window"
+        size = "open: it leaves the window"
+        if self.area_mm2 is not None:
+            size = f"{'a hole' if self.hole else 'closed'}, {self.area_mm2:.6g} mm^2"
         return f"boundary at {axis} = {self.level_mm:g} mm: {size}; met: {met}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -44,6 +49,7 @@ class Piece:
         return {
             "level_mm": self.level_mm,
             "closed": self.closed,
+            "hole": self.hole,
             "area_mm2": self.area_mm2,
             "lines_off_mm": self.off_mm,
             "places_mm": self.places.tolist(),
@@ -67,74 +73,123 @@ def bounds_of(
 
 
 def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float], *, reach_mm: float) -> tuple[list[Piece], list[str]]:
-    """The boundary around a pose (7,) in slices of a plane (`xy`, `xz`, `yz`) at levels of the third axis [mm], in a window of reach_mm to
-    either side of the pose; and what there is to say of levels without one.
+    """The boundary of the workspace that holds a pose (7,), in slices of a plane (`xy`, `xz`, `yz`) at levels of the third axis [mm], in a
+    window of reach_mm to either side of the pose; and messages about levels without one.
 
-    At each level it is that around the pose's own place there, or, where that does not keep the limits, around the place nearest to it of
-    a grid over the window that does.
+    At each level it is the boundary around the place nearest to the pose's own that can be reached from the pose within the limits. It may
+    be several pieces: arms that leave the window, and holes. Pieces that no ray from that place meets, behind others, are not looked for.
     """
     a, b, axis = PLANES[plane]
     across = np.eye(3)[[a, b]]
+    reached = _Reached(bounds, Slice(np.asarray(pose, dtype=np.float64), across, reach_mm), axis)
     pieces, said = [], []
     for level in levels:
-        origin = np.array(pose, dtype=np.float64)
-        origin[axis] = level
-        seed = _seed(bounds, Slice(origin, across, reach_mm))
+        seed = reached.at(float(level))
         name = f"{'xyz'[axis]} = {level:g} mm"
         if seed is None:
-            said.append(f"boundary at {name}: no place of the window keeps the limits")
+            said.append(f"boundary at {name}: no place of the window is reached within the limits")
             continue
-        try:
-            found = followed(bounds, Slice(seed, across, reach_mm), level)
-        except StructureError as error:
-            said.append(f"{name}: {error}")
-            continue
-        if found is None:
+        found, failed = followed(bounds, Slice(seed, across, reach_mm), level)
+        said += [f"{name}: {error}" for error in failed]
+        if not (found or failed):
             said.append(f"boundary at {name}: none within {reach_mm:g} mm")
-            continue
-        pieces.append(found)
+        pieces += found
     return pieces, said
 
 
-def followed(bounds: Bounds, plane: Slice, level: float) -> Piece | None:
-    """The boundary around the slice's origin, its places in the base frame; None where there is none within the window. StructureError
-    where it cannot be followed."""
-    found = _around(bounds, plane)
-    if found is None:
-        return None
-    met = tuple(bounds.names[int(i)] for i in found.limit)
-    return Piece(float(level), plane.poses(found.places)[:, :3], met, found.closed, found.area_mm2, found.off_mm)
-
-
-def _seed(bounds: Bounds, plane: Slice) -> FloatArray | None:
-    """A pose (7,) of the slice that keeps the limits, its origin or the one of a grid that is nearest to it; None for none."""
-    steps = np.linspace(-1.0, 1.0, SEEDS) * plane.reach_mm
-    grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]
-    poses = plane.poses(np.vstack([[0.0, 0.0], grid]))
-    with np.errstate(invalid="ignore"):
-        good = np.flatnonzero(bounds.inside(poses))
-    return poses[good[0]] if len(good) else None
-
-
-def _around(bounds: Bounds, plane: Slice) -> Boundary | None:
-    """The boundary around the slice's origin, as the ray that meets it first finds it; None where no ray meets one within the window."""
+def followed(bounds: Bounds, plane: Slice, level: float) -> tuple[list[Piece], list[str]]:
+    """Every boundary that rays from the slice's origin meet within the window, its places in the base frame, and why others could not be
+    followed, each reason once."""
     turns = 2.0 * np.pi * (np.arange(RAYS) + 0.37) / RAYS
     rays = np.column_stack([np.cos(turns), np.sin(turns)])
     met = first_met(bounds, plane, rays)
-    failed: StructureError | None = None
+    found: list[Boundary] = []
+    failed: dict[int, str] = {}
     for i in np.argsort(met):
-        if not np.isfinite(met[i]):
-            break
+        place = met[i] * rays[i]
+        if not np.isfinite(met[i]) or any(one.distance_mm(place) < SAME * plane.reach_mm for one in found):
+            continue
         try:
             # a boundary much smaller than the window is followed in steps of its own size
             step = min(2.0 * plane.reach_mm / POINTS, 0.2 * float(met[i]) + 1e-4 * plane.reach_mm)
-            return boundary(bounds, plane, rays[i], step)
+            found.append(boundary(bounds, plane, rays[i], step))
         except StructureError as error:
-            failed = failed or error
-    if failed is not None:
-        raise failed
-    return None
+            failed[int(i)] = str(error)
+    # what one ray could not follow another may have
+    left = [why for i, why in failed.items() if all(one.distance_mm(met[i] * rays[i]) >= SAME * plane.reach_mm for one in found)]
+    return [_piece(bounds, plane, one, level) for one in found], list(dict.fromkeys(left))
+
+
+def _piece(bounds: Bounds, plane: Slice, found: Boundary, level: float) -> Piece:
+    met = tuple(bounds.names[int(i)] for i in found.limit)
+    hole = found.closed and not found.surrounds_origin
+    return Piece(float(level), plane.poses(found.places)[:, :3], met, found.closed, found.area_mm2, found.off_mm, hole)
+
+
+class _Reached:
+    """Places of a grid that a straight line, or several one after the other, lead to from a pose within the limits.
+
+    Cells that a singular pose parts have the same sign of the determinant where an even number of its sheets lies between them, so the sign
+    alone does not say whether a place is of the workspace.
+    """
+
+    def __init__(self, bounds: Bounds, plane: Slice, axis: int) -> None:
+        """plane: the slice of the pose; axis: that of the levels."""
+        self._bounds, self._plane, self._axis = bounds, plane, axis
+        steps = np.linspace(-1.0, 1.0, SEEDS) * plane.reach_mm
+        grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+        self._grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]
+        self._apart = float(steps[1] - steps[0])
+
+    def at(self, level: float) -> FloatArray | None:
+        """The pose (7,) at a level that is nearest to the pose's own place there; None where none is reached."""
+        start = self._plane.origin[:3]
+        ends = self._places(level)
+        direct = self._clear(np.broadcast_to(start, ends.shape), ends)
+        if not direct.any():
+            rise = level - float(start[self._axis])
+            levels = start[self._axis] + rise * np.arange(0, n := int(np.ceil(abs(rise) / self._apart)) + 1) / max(n - 1, 1)
+            direct = self._flooded(levels)
+        chosen = np.flatnonzero(direct)
+        return None if not len(chosen) else self._pose(ends[chosen[0]])
+
+    def _places(self, level: float) -> FloatArray:
+        out = np.asarray(self._plane.origin[:3] + self._grid @ self._plane.across)
+        out[:, self._axis] = level
+        return out
+
+    def _pose(self, place: FloatArray) -> FloatArray:
+        return np.r_[place, self._plane.origin[3:]]
+
+    def _clear(self, begin: FloatArray, end: FloatArray) -> BoolArray:
+        """(n,) whether the straight lines from places (n, 3) to others keep the limits."""
+        part = np.arange(ALONG + 1)[:, None] / ALONG
+        places = begin[:, None] + part * (end - begin)[:, None]
+        poses = np.concatenate([places, np.broadcast_to(self._plane.origin[3:], (*places.shape[:2], 4))], axis=2)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self._bounds.inside(poses).all(axis=1))
+
+    def _flooded(self, levels: FloatArray) -> BoolArray:
+        """(n,) whether the last of the levels' places is reached from the pose, from neighbour to neighbour through all levels."""
+        places = np.stack([self._places(level) for level in levels])
+        count = len(self._grid)
+        index = np.rint(self._grid / self._apart).astype(np.int64)
+        where = {(int(i), int(j)): k for k, (i, j) in enumerate(index)}
+        beside = [[where.get((int(i) + di, int(j) + dj)) for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1))] for i, j in index]
+        reached = np.zeros((len(levels), count), dtype=bool)
+        front = [(0, 0)]
+        reached[0, 0] = True  # the grid's middle is the pose's own place
+        while front:
+            pairs = [((k, n), (k, m)) for k, n in front for m in beside[n] if m is not None]
+            pairs += [((k, n), (k + s, n)) for k, n in front for s in (-1, 1) if 0 <= k + s < len(levels)]
+            pairs = [(a, b) for a, b in pairs if not reached[b]]
+            if not pairs:
+                break
+            clear = self._clear(np.array([places[a] for a, _ in pairs]), np.array([places[b] for _, b in pairs]))
+            front = list({b for (_, b), good in zip(pairs, clear, strict=True) if good})
+            for b in front:
+                reached[b] = True
+        return reached[-1]
 
 
 def window_mm(linkage: Linkage, pose: FloatArray) -> float:

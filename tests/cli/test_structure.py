@@ -269,7 +269,7 @@ def test_a_way_a_boundary_a_page_and_a_recording(run, tmp_path: Path) -> None:  
     assert out.splitlines()[-1] == f"written: {Path('page') / 'structure.html'}"
     record = json.loads((tmp_path / "s.json").read_text())
     assert (code, [p["closed"] for p in record["boundary"]["slices"]]) == (0, [True, True])
-    assert "boundary at y = 12 mm: no place of the window keeps the limits" in out
+    assert "boundary at y = 12 mm: no place of the window is reached within the limits" in out
     (share,) = record["way"]["singular_at_share"]
     near = [d for s, d in zip(record["way"]["share"], record["way"]["determinant"], strict=True) if abs(s - share) < 0.01]
     assert min(near) < 0.0 < max(near)

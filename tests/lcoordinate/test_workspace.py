@@ -8,12 +8,13 @@ from scipy.optimize import brentq, minimize
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import StructureError
 from lmeasure.lcoordinate import singularity
 from lmeasure.lcoordinate.bounds import Bounds
 from lmeasure.lcoordinate.detour import _least, detour, led
 from lmeasure.lcoordinate.workspace import Slice, boundary, first_met
+from lmeasure.linkage.slices import slices
 
 laws = settings(max_examples=15, deadline=None, derandomize=True)
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -89,6 +90,69 @@ def test_thesis_5_3_boundary_by_following() -> None:
     assert clear.mean() > 0.95
     np.testing.assert_allclose(z[clear] + 4.0, np.abs(x - level)[clear], atol=1e-9)
     assert np.abs(opened.places[[0, -1]]).max(axis=1).min() > plane.reach_mm
+
+
+@pytest.mark.parametrize(("plane", "level", "reach"), [("xz", -2.0, 8.0), ("xz", 0.25, 25.0), ("xy", -3.0, 8.0), ("yz", 1.5, 10.0)])
+def test_thesis_5_3_cell_has_both_its_edges_at_every_level(plane: str, level: float, reach: float) -> None:
+    """The cell of the origin is z + 4 > |x - y|: its edges meet in a point with those of other cells, or never."""
+    pieces, said = slices(Bounds(BASE, BODY, HERE, None), HERE, plane, [level], reach_mm=reach)
+    assert said == []
+    x, y, z = np.vstack([piece.places for piece in pieces]).T
+    np.testing.assert_allclose(z + 4.0, np.abs(x - y), atol=1e-5)
+    assert not any(piece.closed or piece.hole for piece in pieces)
+    a, b = ("xyz".index(axis) for axis in plane)
+    for way in np.column_stack([np.cos(np.radians(BETA)), np.sin(np.radians(BETA))]):
+        step = np.zeros(3)
+        step[[a, b]] = way
+        start = np.where(np.arange(3) == 3 - a - b, level, 0.0)
+        # (z + 4) - |x - y| along the ray is the lesser of two straight lines
+        rates = [step[2] - sign * (step[0] - step[1]) for sign in (1.0, -1.0)]
+        values = [start[2] + 4.0 - sign * (start[0] - start[1]) for sign in (1.0, -1.0)]
+        met = min((-value / rate for value, rate in zip(values, rates, strict=True) if rate < 0.0), default=np.inf)
+        if met < 0.98 * reach:
+            ends = [np.vstack([piece.places[:-1], piece.places[1:]]).reshape(2, -1, 3)[..., [a, b]] for piece in pieces]
+            assert min(float(_apart(met * way, *one).min()) for one in ends) < 1e-4 * reach
+
+
+def _apart(place: FloatArray, begin: FloatArray, end: FloatArray) -> FloatArray:
+    """(n,) distances of a place from straight lines."""
+    way = end - begin
+    part = np.clip(((place - begin) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-300), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(begin + part[:, None] * way - place, axis=1))
+
+
+def _enclosed(polygon: FloatArray, places: FloatArray) -> BoolArray:
+    """(n,) whether a polygon encloses places, by the even-odd rule."""
+    (x, y), (u, v) = polygon.T[:, :, None], np.roll(polygon, -1, axis=0).T[:, :, None]
+    a, b = places.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossed = ((y > b) != (v > b)) & (a < x + (b - y) * (u - x) / (v - y))
+    return np.asarray(crossed.sum(axis=0) % 2 == 1)
+
+
+def test_a_cell_beyond_singular_poses_is_no_part_of_the_workspace() -> None:
+    """At z = -5 the determinant has the sign of the pose's where |x - y| > 1, and every way there is singular somewhere."""
+    pieces, said = slices(Bounds(BASE, BODY, HERE, None), HERE, "xy", [-5.0], reach_mm=8.0)
+    assert pieces == []
+    assert said == ["boundary at z = -5 mm: no place of the window is reached within the limits"]
+
+
+def test_a_hole_is_followed_and_said_to_be_one() -> None:
+    """Lengths from 7 mm on: the platform may come near no base point."""
+    base = np.array([(np.cos(t), np.sin(t), 0.0) for t in np.radians([5, 115, 125, 235, 245, 355])]) * 10.0
+    body = np.array([(np.cos(t), np.sin(t), 0.0) for t in np.radians([55, 65, 175, 185, 295, 305])])
+    pose = np.array([-4.0, 0.0, 6.0, 0.0, 0.0, 0.0, 1.0])
+    bounds = Bounds(base, body, pose, None, (7.0, 25.0))
+    pieces, _ = slices(bounds, pose, "xy", [6.0], reach_mm=30.0)
+    rng = np.random.default_rng(1)
+    places = np.column_stack([rng.uniform(-12.0, 12.0, (4000, 2)), np.full(4000, 6.0), np.tile(HERE[3:], (4000, 1))])
+    holes = [piece for piece in pieces if piece.hole]
+    assert holes
+    for hole in holes:
+        assert hole.closed
+        within = _enclosed(hole.places[:, :2], places[:, :2])
+        assert within.any()
+        assert not bounds.inside(places[within]).any()
 
 
 def test_lengths_bound_too_and_limits_take_over_from_each_other() -> None:
