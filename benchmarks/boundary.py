@@ -46,6 +46,8 @@ def cell_of_the_origin() -> list[str]:
             out, off, count, rays, beside = 0.0, 0.0, 0, 0, 0.0
             for level in np.linspace(-3.0, 3.0, 25):
                 pieces, _ = slices(bounds, home, plane, [float(level)], reach_mm=reach)
+                if not pieces:
+                    raise SystemExit(f"{plane} at {level:g} mm, reach {reach:g} mm: no boundary")
                 x, y, z = np.vstack([piece.places for piece in pieces]).T
                 edge = z + 4.0 - np.abs(x - y)
                 out, off, count = max(out, float(-edge.min())), max(off, float(np.abs(edge).max())), count + len(x)

@@ -25,6 +25,8 @@ TURN = 0.2  # rad: largest turn of the tangent between two points
 STUCK = 1e-7  # of the reach: a step that small means a corner
 BESIDE, CHECKED = 0.2, 21  # of a step: how far beside it, and at how many places, the inside is looked at
 FROM, BEYOND, TO_CORNER = 0.1, 1.1, 0.9  # of a step: the part beside which one looks, which overlaps the next, or ends before a corner
+GROWN, FARTHEST = 5.0, 0.02  # of the radius at which one looks around a corner: its growth, and its greatest size in parts of the reach
+DRAWN = 0.01  # of that radius: how far Newton's method may move the place that was found there
 LOOK = 720  # directions in which one looks around at a corner
 WITHIN = 1e-5  # of the reach: how far lines between points are beside the boundary, where nothing is asked
 QUARTERS = np.array([0.25, 0.5, 0.75])  # of a line: where it is measured
@@ -81,6 +83,15 @@ class Boundary:
         begin, way = self.lines
         along = np.einsum("ij,ij->i", place - begin, way) / np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
         return float(np.linalg.norm(begin + np.clip(along, 0.0, 1.0)[:, None] * way - place, axis=1).min())
+
+    def crosses(self, place: FloatArray) -> bool:
+        """Whether the straight line from the slice's origin to a place (2,) crosses one of the lines between the places."""
+        begin, way = self.lines
+        across = way[:, 0] * place[1] - way[:, 1] * place[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = (way[:, 0] * begin[:, 1] - way[:, 1] * begin[:, 0]) / across
+            beside = (place[0] * begin[:, 1] - place[1] * begin[:, 0]) / across
+        return bool(((along > 0.0) & (along < 1.0) & (beside >= 0.0) & (beside <= 1.0)).any())
 
     @property
     def surrounds_origin(self) -> bool:
@@ -212,11 +223,20 @@ def _walk(
     """Places from the first one on, the limits met there, and whether the walk came back to it."""
     place, tangent = begun, _tangent(bounds, plane, begun, which, way)
     places, limits, h, gone, corner_mm = [begun], [which], step_mm, 0.0, 1000.0 * STUCK * plane.reach_mm
+    turned_at: tuple[FloatArray, FloatArray, float] | None = None  # the last corner that was walked around: place, tangent, radius
     while len(places) <= MOST:
         if h < STUCK * plane.reach_mm:
             if gone > 1.5 * step_mm and float(np.linalg.norm(place - begun)) <= corner_mm:
                 return places, limits, True
-            place, tangent, which = _around(bounds, plane, place, tangent, way, corner_mm)
+            if turned_at is not None and float(np.linalg.norm(place - turned_at[0])) < 1.5 * turned_at[2]:
+                # no step leads away: the corner is still too near, and is left again, farther off
+                places.pop()
+                limits.pop()
+                turned_at = (*turned_at[:2], GROWN * turned_at[2])
+            else:
+                turned_at = (place, tangent, corner_mm)
+            place, tangent, which, radius = _around(bounds, plane, *turned_at[:2], way, turned_at[2])
+            turned_at = (*turned_at[:2], radius)
             places.append(place)
             limits.append(which)
             h = 100.0 * STUCK * plane.reach_mm
@@ -273,16 +293,31 @@ def _beside(
 
 def _around(
     bounds: Bounds, plane: Slice, place: FloatArray, tangent: FloatArray, way: float, radius: float
-) -> tuple[FloatArray, FloatArray, int]:
-    """Where the boundary goes on from a corner without a tangent: a place at a radius, the tangent and the limit there.
+) -> tuple[FloatArray, FloatArray, int, float]:
+    """Where the boundary goes on from a corner without a tangent: a place at a radius, the tangent and the limit there, and the radius.
 
-    One looks around, from where one came through the inside to its other end.
+    One looks around, from where one came through the inside to its other end; farther off where a limit is so flat beside the corner that
+    Newton's method fails, as where three of its branches meet.
     """
+    while True:
+        on, along, which = _at_radius(bounds, plane, place, tangent, way, radius)
+        if on is not None:
+            return on, along, which, radius
+        radius *= GROWN
+        if radius > FARTHEST * plane.reach_mm:
+            break
+    raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
+
+
+def _at_radius(
+    bounds: Bounds, plane: Slice, place: FloatArray, tangent: FloatArray, way: float, radius: float
+) -> tuple[FloatArray | None, FloatArray, int]:
+    """What `_around` looks for at one radius; no place where none is found."""
     back = float(np.arctan2(-tangent[1], -tangent[0]))
     angles = back - way * 2.0 * np.pi * (np.arange(LOOK) + 0.5) / LOOK
     inside = bounds.inside(plane.poses(place + radius * np.column_stack([np.cos(angles), np.sin(angles)])))
     if not inside.any() or inside.all():
-        raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
+        return None, tangent, 0
     begin = int(np.argmax(inside))
     end = begin + int(np.argmin(np.r_[inside[begin:], False]))
     low, high = np.append(angles, back - way * 2.0 * np.pi)[[end - 1, end]]
@@ -296,9 +331,8 @@ def _around(
     there = place + radius * along
     which = int(np.argmin(bounds.values(plane.poses(there))))
     on = _onto(bounds, plane, there, which)
-    if not float(np.linalg.norm(on - there)) <= radius:
-        raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
-    return on, along, which
+    # there lies on the limit already, by halving: what Newton's method carries away is drawn to the corner
+    return on if float(np.linalg.norm(on - there)) <= DRAWN * radius else None, along, which
 
 
 def _passes(place: FloatArray, ahead: FloatArray, begun: FloatArray) -> bool:

@@ -1,6 +1,6 @@
 """The boundary of the workspace, slice by slice, each followed and said to be closed or open (thesis 5.3)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from lmeasure.linkage.measures import lines_of
 PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
 """Both directions of a plane, and that of its levels."""
 RAYS = 72  # directions in which the boundary is looked for
-SAME = 1e-4  # of the reach: a ray that meets a limit so near to a followed boundary meets that one
+SAME = 2e-3  # of the reach: a ray that meets a limit so near to a followed boundary meets that one, whose corners may be cut by less
 ALONG = 48  # places of a straight line at which it is seen whether it keeps the limits
 POINTS = 200  # steps across the window
 SEEDS = 15  # places in each direction at which a level is looked at for one that keeps the limits
@@ -103,21 +103,27 @@ def followed(bounds: Bounds, plane: Slice, level: float) -> tuple[list[Piece], l
     turns = 2.0 * np.pi * (np.arange(RAYS) + 0.37) / RAYS
     rays = np.column_stack([np.cos(turns), np.sin(turns)])
     met = first_met(bounds, plane, rays)
-    found: list[Boundary] = []
+    hits = met[:, None] * rays
+    found: dict[int, Boundary] = {}
     failed: dict[int, str] = {}
-    for i in np.argsort(met):
-        place = met[i] * rays[i]
-        if not np.isfinite(met[i]) or any(one.distance_mm(place) < SAME * plane.reach_mm for one in found):
+    for i in (int(i) for i in np.argsort(met) if np.isfinite(met[i])):
+        if _known(hits[i], found.values(), plane.reach_mm):
             continue
         try:
             # a boundary much smaller than the window is followed in steps of its own size
             step = min(2.0 * plane.reach_mm / POINTS, 0.2 * float(met[i]) + 1e-4 * plane.reach_mm)
-            found.append(boundary(bounds, plane, rays[i], step))
+            found[i] = boundary(bounds, plane, rays[i], step)
         except StructureError as error:
-            failed[int(i)] = str(error)
-    # what one ray could not follow another may have
-    left = [why for i, why in failed.items() if all(one.distance_mm(met[i] * rays[i]) >= SAME * plane.reach_mm for one in found)]
-    return [_piece(bounds, plane, one, level) for one in found], list(dict.fromkeys(left))
+            failed[i] = str(error)
+    # another ray may have followed what one could not, and show that one passed between cells through a gap narrower than its march
+    own = [one for i, one in found.items() if not any(other.crosses(hits[i]) for j, other in found.items() if j != i)]
+    left = dict.fromkeys(why for i, why in failed.items() if not _known(hits[i], own, plane.reach_mm))
+    return [_piece(bounds, plane, one, level) for one in own], list(left)
+
+
+def _known(place: FloatArray, found: Iterable[Boundary], reach_mm: float) -> bool:
+    """Whether a place where a ray meets a limit lies on or behind boundaries that are known."""
+    return any(one.distance_mm(place) < SAME * reach_mm or one.crosses(place) for one in found)
 
 
 def _piece(bounds: Bounds, plane: Slice, found: Boundary, level: float) -> Piece:

@@ -1,7 +1,6 @@
 """Boundaries and detours of limits that are known in closed form: walls, circles, wedges, pillars."""
 
 from collections.abc import Callable
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -271,22 +270,6 @@ def test_places_are_put_between_so_many_times_and_no_more(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_beside_a_step_sixteen_places_are_looked_at(way: float) -> None:
-    """From a tenth to nine tenths of it, a fifth of it to the inner side."""
-    place, ahead, tangent = np.array([2.0, 1.0]), np.array([7.0, 1.0]), np.array([1.0, 0.0])
-
-    def found(*kept: Limit, turned: FloatArray = tangent) -> bool:
-        return workspace._beside(limits(*kept), PLANE, place, ahead, tangent, turned, way)
-
-    side = across(lambda x, y: way * (y - 1.0))
-    for x, seen in ((2.3, False), (2.5, True), (4.5, True), (6.5, True), (6.7, False)):
-        assert found(side, hole(x, 1.0 + way)) != seen
-    assert found(side, across(lambda x, y: 1.0 - np.abs(x - 4.5) / 2.1))
-    for angle, kept in ((0.19, True), (0.21, False), (-0.19, True), (-0.21, False)):
-        assert found(side, turned=np.array([np.cos(angle), np.sin(angle)])) == kept
-
-
-@pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize(("low", "high"), [(-0.35, 0.87), (1.9, 3.4), (-2.9, -0.4)])
 def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, low: float, high: float) -> None:
     """Counted from where one came, through the inside."""
@@ -295,7 +278,7 @@ def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, l
     upper = across(lambda x, y: np.sin(high) * (x - 3.0) - np.cos(high) * (y + 4.0))
     came, goes, number = (high, low, 0) if way > 0 else (low, high, 1)
     tangent = -np.array([np.cos(came), np.sin(came)])
-    place, along, which = workspace._around(limits(lower, upper), PLANE, corner, tangent, way, 0.5)
+    place, along, which, _ = workspace._around(limits(lower, upper), PLANE, corner, tangent, way, 0.5)
     np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
     np.testing.assert_allclose(place, corner + 0.5 * along, atol=1e-8)
     assert which == number
@@ -310,7 +293,7 @@ def test_of_two_sectors_that_meet_in_a_corner_the_boundary_goes_on_along_the_one
     both = across(lambda x, y: (np.cos(low) * (y + 4.0) - np.sin(low) * (x - 3.0)) * (np.sin(high) * (x - 3.0) - np.cos(high) * (y + 4.0)))
     corner, (came, goes) = np.array([3.0, -4.0]), (high, low) if way > 0 else (low, high)
     tangent = -np.array([np.cos(came), np.sin(came)])
-    place, along, _ = workspace._around(limits(both), PLANE, corner, tangent, way, 0.5)
+    place, along, *_ = workspace._around(limits(both), PLANE, corner, tangent, way, 0.5)
     np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
     np.testing.assert_allclose(place, corner + 0.5 * along, atol=1e-8)
 
@@ -329,15 +312,6 @@ def test_a_boundary_of_just_the_most_points_is_all_of_it(monkeypatch: pytest.Mon
     monkeypatch.setattr(workspace, "MOST", most - 1)
     with pytest.raises(StructureError, match=f"{most - 1} points of 1.5 mm are not all of it"):
         boundary(bounds, PLANE, way, 1.5)
-
-
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_each_of_the_sixteen_places_beside_a_step_is_looked_at(way: float) -> None:
-    """A hole of a hundredth of a millimetre at any of them is seen, beside a step of 5 mm."""
-    place, ahead, tangent = np.array([2.0, 1.0]), np.array([7.0, 1.0]), np.array([1.0, 0.0])
-    for x in 2.0 + 5.0 * np.linspace(0.1, 0.9, 16):
-        pinned = limits(across(partial(lambda at, a, b: (a - at) ** 2 + (b - 1.0 - way) ** 2 - 1e-4, x)))
-        assert not workspace._beside(pinned, PLANE, place, ahead, tangent, tangent, way)
 
 
 def test_a_step_that_ends_where_nothing_is_known_is_halved() -> None:
@@ -426,7 +400,7 @@ def test_around_a_corner_of_a_third_of_a_degree_one_finds_its_other_edge(way: fl
     lower = across(lambda x, y: np.cos(low) * (y + 4.0) - np.sin(low) * (x - 3.0))
     upper = across(lambda x, y: np.sin(high) * (x - 3.0) - np.cos(high) * (y + 4.0))
     came, goes = (high, low) if way > 0 else (low, high)
-    _, along, which = workspace._around(limits(lower, upper), PLANE, corner, -np.array([np.cos(came), np.sin(came)]), way, 0.5)
+    _, along, which, _ = workspace._around(limits(lower, upper), PLANE, corner, -np.array([np.cos(came), np.sin(came)]), way, 0.5)
     np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
     assert which == (0 if way > 0 else 1)
 
@@ -445,7 +419,7 @@ def test_around_a_bent_needle_one_goes_on_along_its_other_side(way: float) -> No
     def off(x: FloatArray, y: FloatArray) -> FloatArray:
         return np.abs(np.arctan2(-way * (y + 4.0), x - 3.0) - np.radians(0.5)) - np.radians(0.3)
 
-    place, along, _ = workspace._around(limits(across(off)), PLANE, np.array([3.0, -4.0]), np.array([-1.0, 0.0]), way, 0.5)
+    place, along, *_ = workspace._around(limits(across(off)), PLANE, np.array([3.0, -4.0]), np.array([-1.0, 0.0]), way, 0.5)
     np.testing.assert_allclose(np.degrees(np.arctan2(-way * (place[1] + 4.0), place[0] - 3.0)), 0.2, atol=1e-6)
     assert along[0] > 0.999
 
