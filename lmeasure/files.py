@@ -1,14 +1,19 @@
-"""Files: read with errors that name the file, row and key; written whole or not at all."""
+"""Files: read with errors that name the file, row and key; written whole and durably, or not at all.
 
+A file that a function here has written survives a power failure: its bytes and its name are on the disk before the function returns.
+"""
+
+import ctypes
 import errno
 import hashlib
 import os
 import re
+import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -62,15 +67,90 @@ def whole(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
     _becomes[temporary] = path
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         yield temporary
+        to_disk(temporary)
         temporary.replace(path)
+        to_disk(path.parent)
     except OSError as error:
         raise LMeasureError(not_written(path, error)) from error
     finally:
         _becomes.pop(temporary, None)
         with suppress(OSError):  # where it could not even be made
             temporary.unlink(missing_ok=True)
+
+
+class Abandoned(NamedTuple):
+    """An unfinished file or folder whose process is gone: its path, the name that it was to get, and what it is: part or old."""
+
+    path: Path
+    name: str
+    kind: str
+
+
+_ABANDONED = re.compile(r"\.(.+)\.(\d+)\.(part|old)(\..*)?")
+
+
+def abandoned(folder: Path) -> list[Abandoned]:
+    """Return what killed processes have left in a folder under temporary names, `.NAME.PROCESS.part` and `.NAME.PROCESS.old`."""
+    try:
+        found = [(path, _ABANDONED.fullmatch(path.name)) for path in sorted(folder.iterdir())]
+    except OSError:
+        return []
+    return [Abandoned(path, name[1], name[3]) for path, name in found if name and not _runs(int(name[2]))]
+
+
+def _runs(process: int) -> bool:
+    """Return whether a process is alive; True where that cannot be known."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # of somebody else, or no number of a process
+        return True
+    return True
+
+
+_NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
+"""Errors of file systems that cannot wait for their disk."""
+
+
+def to_disk(path: Path) -> None:
+    """Return when the disk has the bytes of a file, or the names in a folder. OSError when the disk does not take them."""
+    if path.is_dir() and (os.name == "nt" or not os.access(path, os.R_OK)):
+        return  # Windows opens no folder: its renames are in the journal of the file system
+    number = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    try:
+        os.fsync(number)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
+    finally:
+        os.close(number)
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Exchange two names in one step, as Linux and macOS can on most file systems; return False where it cannot be done."""
+    try:
+        system, at, flag = ctypes.CDLL(None, use_errno=True), -100, 2  # AT_FDCWD and RENAME_EXCHANGE of Linux
+        call = system.renameat2 if sys.platform == "linux" else system.renamex_np
+    except (AttributeError, OSError, TypeError):  # another system, or an old library
+        return False
+    names = os.fsencode(one), os.fsencode(other)
+    return bool((call(at, names[0], at, names[1], flag) if sys.platform == "linux" else call(*names, flag)) == 0)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those around it, durably."""
+    missing = []
+    while not folder.exists() and folder.name:
+        missing.append(folder)
+        folder = folder.parent
+    if not missing:
+        folder.mkdir(exist_ok=True)  # says what is wrong with a file of that name
+    for new in reversed(missing):
+        new.mkdir(exist_ok=True)
+        to_disk(new.parent)
 
 
 def write_text(path: Path, text: str) -> None:

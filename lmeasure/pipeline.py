@@ -295,6 +295,7 @@ def certify(
     language: str = "en",
     key: File | None = None,
     dcc: bool = False,
+    force: bool = False,
     settings: "certification.Settings | None" = None,
     progress: Steps | None = None,
     **options: Any,
@@ -302,8 +303,8 @@ def certify(
     """Write the sealed folder of a certificate: figures, page, PDF and copies of all inputs, objects as the files that hold them.
 
     run, rig: what the trajectory was reconstructed from, rig if not the run's own; details: of laboratory, customer and item; language: en
-    or ru; key: private key that signs; dcc: a digital calibration certificate too. options: fields of `CertificationSettings`. See
-    `report.certificate.write_certificate`.
+    or ru; key: private key that signs; dcc: a digital calibration certificate too; force: replace an earlier certificate in `out`. options:
+    fields of `CertificationSettings`. See `report.certificate.write_certificate`.
     """
     from lmeasure import certification
     from lmeasure.certification.measure import Inputs
@@ -315,7 +316,7 @@ def certify(
     chosen = _with("certify", settings or certification.Settings(), options)
     if language not in LANGUAGES:
         raise CertificationError(f"language = {language!r}: must be {' or '.join(LANGUAGES)}")
-    choices = Choices(language, None if key is None else Path(key), dcc)
+    choices = Choices(language, None if key is None else Path(key), dcc, force=force)
     with tempfile.TemporaryDirectory() as scratch:
         here = Path(scratch)
         counted: Path | None = None

@@ -1,5 +1,6 @@
 """What a run folder says of how it was recorded: whether its counts are those that were recorded, and what happened meanwhile."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +39,23 @@ class Recorded:
         if told:
             out.append(finding("recording.faults", number=self.passage, faults=tuple(recognised(one) or one for one in told)))
         return out
+
+
+def recording_at(path: Path) -> bool:
+    """Return whether a file is part of a recording: of a run that `record` has made, or of a campaign that `capture` has made.
+
+    A recording is the counts and frames of a folder, and the run.toml that describes them.
+    """
+    folder, name = Path(path).parent, Path(path).name
+    if (folder / "capture.toml").is_file():
+        return name in ("capture.toml", "counts.csv")
+    if not re.fullmatch(r"run\.toml|rig\.toml|pass\d+\.(csv|log|events\.csv)", name):
+        return False
+    try:
+        entries = files.read_toml(folder / "run.toml").get("recording", [])
+    except (FileFormatError, OSError):
+        return False
+    return any("frames" in entry for entry in entries if isinstance(entry, dict)) if isinstance(entries, list) else False
 
 
 def recorded_in(data: dict[str, Any], path: Path) -> tuple[Recorded, ...]:

@@ -16,6 +16,7 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from lmeasure.chains import STAGES, count_at_stops, demo, errors_of, held_out_length_error, record_motion
+from lmeasure.chains.folder import OF_CELL, existing
 from lmeasure.errors import LMeasureError
 from lmeasure.files import read_table
 from lmeasure.rig import rig_from_dict
@@ -170,22 +171,20 @@ def test_demo_recording_holds_all_stages(ran: Ran) -> None:
     } <= entities
 
 
-def test_demo_refuses_what_is_not_its_own(tmp_path: Path) -> None:
+def test_demo_needs_a_folder(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("precious")
-    with pytest.raises(LMeasureError, match=r"holds other files and no demo\.json of an earlier demo"):
-        demo(tmp_path)
-    (tmp_path / "demo.json").write_text('{"schema": "somebody else"}')
-    with pytest.raises(LMeasureError, match="holds other files"):
-        demo(tmp_path)
-    with pytest.raises(LMeasureError, match=r"thesis\.txt: is a file"):
-        demo(tmp_path / "thesis.txt")
-    with pytest.raises(LMeasureError, match="cannot be"):
-        demo(tmp_path / "thesis.txt" / "below")
-    assert {p.name for p in tmp_path.iterdir()} == {"thesis.txt", "demo.json"}
+    for out in (tmp_path / "thesis.txt", tmp_path / "thesis.txt" / "below"):
+        with pytest.raises(LMeasureError, match="cannot be written"):
+            demo(out)
     assert (tmp_path / "thesis.txt").read_text() == "precious"
 
 
-def test_demo_knows_its_own_folder_after_being_stopped(ran: Ran, tmp_path: Path) -> None:
+def test_the_command_knows_every_file_of_the_demo(ran: Ran) -> None:
+    made = {path for path in ran.out.rglob("*") if path.is_file()}
+    assert set(existing(ran.out, OF_CELL)) == made
+
+
+def test_demo_says_that_it_was_stopped(ran: Ran, tmp_path: Path) -> None:
     class StoppedError(Exception):
         pass
 

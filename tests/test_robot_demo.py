@@ -13,11 +13,10 @@ import lmeasure.chains.robot_demo as chain
 from lmeasure import files
 from lmeasure.certification import Settings
 from lmeasure.certification.asked_tests import Tests
-from lmeasure.chains.folder import mark
+from lmeasure.chains.folder import OF_ROBOT, existing, mark
 from lmeasure.chains.robot_demo import ROBOT_STAGES, RobotDemo, robot_demo
 from lmeasure.chains.robot_loop import LOOP_STAGES
 from lmeasure.cli import app
-from lmeasure.errors import LMeasureError
 from lmeasure.program import read_program
 
 SHORT = Tests(
@@ -109,10 +108,8 @@ def test_the_certificate_is_recomputed_from_its_own_copies(done: RobotDemo, out:
     assert ran.exit_code == 0, ran.output
 
 
-def test_a_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(LMeasureError, match="holds other files"):
-        robot_demo(tmp_path)
+def test_the_command_knows_every_file_of_the_demo(done: RobotDemo, out: Path) -> None:
+    assert set(existing(out, OF_ROBOT)) == {path for path in out.rglob("*") if path.is_file()}
 
 
 def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
-from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, RecordedError, pasted
+from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, pasted
 from lmeasure.extras import version_of
 from lmeasure.opened import sha256_of
 from lmeasure.rig import Rig
@@ -235,18 +235,14 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
     return rig.model_copy(update={"can": DbcCan(decoder="dbc", dbc=path, channel=tuple(channels))})
 
 
-def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
+def write_import(out: Path, imported: Imported, suffix: str = ".csv", *, force: bool = False) -> None:
     """Write the run folder, with the faults of each pass beside its counts, and where they came from under `[[recording]]` in run.toml.
 
-    RecordedError where the folder holds a recording: an import can be made again, a recording cannot.
+    OverwriteError where a file that the rig names is in the folder with other bytes, and force does not say to replace it.
     """
-    if (out / "run.toml").is_file():
-        entries = files.read_toml(out / "run.toml").get("recording", [])
-        if any("frames" in entry for entry in entries if isinstance(entry, dict)):
-            raise RecordedError(f"{out / 'run.toml'}: is there already; nothing is written over a recording")
     for name, content in imported.beside.items():
-        if (out / name).exists() and files.read_bytes(out / name) != content:
-            raise OverwriteError(f"{out / name}: is there already, and is not the file that the rig names; nothing is written over it")
+        if not force and (out / name).exists() and files.read_bytes(out / name) != content:
+            raise OverwriteError(f"{out / name}: exists, and is not the file that the rig names; --force replaces it, or give another name")
     recording = []
     for passage, log in enumerate(imported.logs, 1):
         events = out / f"pass{passage}.events.csv"
@@ -272,5 +268,6 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
             entry["why"] = why
         recording.append(entry)
     for name, content in imported.beside.items():
-        files.write_bytes(out / name, content)
+        if not (out / name).exists() or files.read_bytes(out / name) != content:
+            files.write_bytes(out / name, content)
     write_run(out, imported.run, {"recording": recording}, suffix)

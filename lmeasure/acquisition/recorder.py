@@ -154,7 +154,7 @@ class _Writer:
             there = isinstance(error, FileExistsError) and self.folder.is_dir()
             path = Path(error.filename or folder)
             if there:
-                raise RecordedError(f"{path}: is there already; nothing is written over a recording") from error
+                raise RecordedError(_kept(path)) from error
             raise AcquisitionError(files.not_written(path, error)) from error
         except LMeasureError:
             self._take_back()
@@ -189,10 +189,7 @@ class _Writer:
             for name in ("run.toml", "rig.toml", *beside):
                 there = self._before[self.folder / name]
                 if there is not None and there != beside.get(name):
-                    raise RecordedError(
-                        f"{self.folder / name}: is there already; nothing is written over a recording, and a recording over nothing: "
-                        "give --out another folder, or --pass the next repetition of the motion"
-                    )
+                    raise RecordedError(_kept(self.folder / name))
             table = {"schema": SCHEMA, "rig": "rig.toml"}
             if start is not None:
                 table["start"] = {"position_mm": start[:3].tolist(), "quaternion_xyzw": start[3:].tolist()}
@@ -298,6 +295,13 @@ class _Writer:
             stated = {key: value for key, value in files.read_toml(self.folder / "run.toml").items() if key == "start"}
             files.write_toml(self.folder / "run.toml", self._table | stated)
         return replace(result, faults=dict(events.tally), notes=tuple(events.notes()))
+
+
+def _kept(path: Path) -> str:
+    return (
+        f"{path}: exists; a recording replaces no run, not even with --force: give --out another folder, or --pass the next repetition of "
+        "the motion"
+    )
 
 
 def _content(path: Path) -> bytes | None:

@@ -8,6 +8,7 @@
 The .zip of a folder has the same bytes wherever it is made (stored, in order, without dates), so that it can be checked by making it again.
 """
 
+import contextlib
 import hashlib
 import json
 import os
@@ -32,6 +33,7 @@ MANIFEST = "manifest.json"
 SIGNATURE = "signature.json"
 CERTIFICATE = "certificate.json"
 INPUTS = "inputs"
+UNSIGNED = "is missing: nobody signed this"
 CHUNK = 2**20
 
 
@@ -47,15 +49,20 @@ class Difference:
 
 
 @contextmanager
-def new_folder(out: Path) -> Iterator[Path]:
-    """A folder under a temporary name beside `out`, which becomes `out` when the block ends without an error.
+def new_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
+    """Yield a folder under a temporary name beside `out`, which becomes `out` when the block ends without an error.
 
-    ForeignFolderError when `out` is a file or holds anything but an earlier certificate, which is replaced.
+    ForeignFolderError when `out` is a file, or holds anything but an earlier certificate; also when it holds one and force is not given.
+
+    At each instant `out` is absent, the earlier certificate or the new one, each whole, and a power failure leaves it so. Where the system
+    cannot exchange two folders in one step, a kill between two renames leaves the earlier one as `.NAME.PROCESS.old`; then the next call
+    for `out` gives it its name back.
     """
     out = Path(out)
     try:
-        _claim(out)
         target = out.resolve()
+        _recover(target)
+        _claim(out, force=force)
     except OSError as error:
         raise CertificationError(files.not_written(out, error)) from error
     except ValueError as error:
@@ -64,27 +71,55 @@ def new_folder(out: Path) -> Iterator[Path]:
         raise CertificationError(f"{str(out)!r}: cannot be written: {error}") from error
     try:
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
-        old = temporary.with_suffix(".old")
-        target.parent.mkdir(parents=True, exist_ok=True)
+        files.make_folder(target.parent)
         try:
             temporary.mkdir()
             yield temporary
-            if target.exists():
-                target.rename(old)
-            try:
-                temporary.rename(target)
-            except OSError:
-                old.rename(target)
-                raise
+            _to_disk(temporary)
+            _publish(temporary, target)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
-            if target.exists():
-                shutil.rmtree(old, ignore_errors=True)
     except OSError as error:
         raise CertificationError(files.not_written(out, error)) from error
 
 
-def _claim(out: Path) -> None:
+def _publish(temporary: Path, target: Path) -> None:
+    """Give a folder its name; what had that name before is left under the temporary name."""
+    if not target.exists() or not any(target.iterdir()):
+        with contextlib.suppress(OSError):
+            target.rmdir()
+        temporary.rename(target)
+    elif not files.exchange(temporary, target):
+        old = temporary.with_suffix(".old")
+        target.rename(old)
+        try:
+            temporary.rename(target)
+        except OSError:
+            old.rename(target)
+            raise
+        old.rename(temporary)
+    files.to_disk(target.parent)
+
+
+def _recover(target: Path) -> None:
+    """Undo what a killed process has left of a folder: its earlier content gets its name back, unfinished content is removed."""
+    for left in files.abandoned(target.parent):
+        if left.name != target.name or not left.path.is_dir():
+            continue
+        if left.kind == "old" and not target.exists():
+            left.path.rename(target)
+            files.to_disk(target.parent)
+        else:
+            shutil.rmtree(left.path, ignore_errors=True)
+
+
+def _to_disk(folder: Path) -> None:
+    """Return when the disk has a folder with everything in it."""
+    for path in [*folder.rglob("*"), folder]:
+        files.to_disk(path)
+
+
+def _claim(out: Path, *, force: bool) -> None:
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise ForeignFolderError(f"{out}: is not a folder; a certificate needs a folder of its own")
     if out.is_dir() and any(out.iterdir()):
@@ -92,6 +127,8 @@ def _claim(out: Path) -> None:
         strange = sorted(found_files(out) - known - {MANIFEST, SIGNATURE}) if known else ["other files"]
         if strange:
             raise ForeignFolderError(f"{out}: holds {strange[0]}, no part of an earlier certificate; give --out a folder of its own")
+        if not force:
+            raise ForeignFolderError(f"{out / MANIFEST}: exists; --force replaces the certificate, or give another folder")
 
 
 def _listed(manifest: Path) -> set[str]:
@@ -243,7 +280,7 @@ def safe_name(name: str) -> str:
 def _check_signature(folder: Path, found: set[str], text: bytes, public_key: Any | None, out: list[Difference]) -> str | None:
     if SIGNATURE not in found:
         if public_key is not None:
-            out.append(Difference(SIGNATURE, "is missing: nobody signed this"))
+            out.append(Difference(SIGNATURE, UNSIGNED))
         return None
     try:
         key = signer(text, regular_bytes(folder / SIGNATURE))

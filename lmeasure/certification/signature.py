@@ -4,6 +4,7 @@ import base64
 import binascii
 import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +20,26 @@ SCHEMA = "lmeasure.signature/1"
 _RAW = serialization.Encoding.Raw, serialization.PublicFormat.Raw
 
 
-def new_key(path: Path) -> str:
-    """Write a new private key (PKCS 8, PEM, readable by its owner only) and `path` + .pub; the fingerprint of the public key.
+def new_key(path: Path, *, force: bool = False) -> str:
+    """Write a new private key (PKCS 8, PEM, readable by its owner only) and `path` + .pub; return the fingerprint of the public key.
 
-    KeyKeptError when either file is there already: a key that signed something must not be lost.
+    KeyKeptError when either file exists and force is not given: a key that signed something must not be lost.
+
+    The private key is on the disk before the public one. Killed in between, there is a private key alone, never two of different pairs.
     """
     path = Path(path)
     public_path = path.with_name(path.name + ".pub")
     for taken in (path, public_path):
-        if taken.exists():
-            raise KeyKeptError(f"{taken}: exists already; a key is not written over")
+        if taken.exists() and not force:
+            raise KeyKeptError(f"{taken}: exists; --force replaces the key, or give another name")
     key = Ed25519PrivateKey.generate()
     private = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    public_path.unlink(missing_ok=True)
     with files.whole(path) as temporary:
-        temporary.touch(mode=0o600)
-        temporary.write_bytes(private)
+        temporary.unlink(missing_ok=True)
+        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600), "wb") as file:
+            file.write(private)
     try:
         files.write_text(public_path, public.decode("ascii"))
     except LMeasureError:

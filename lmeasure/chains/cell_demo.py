@@ -14,7 +14,7 @@ from lmeasure.accuracy.zone import axis, tilts
 from lmeasure.calibration import Calibration
 from lmeasure.catalogue import of_terminal
 from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
-from lmeasure.chains.folder import claim, mark
+from lmeasure.chains.folder import mark
 from lmeasure.chains.over_the_bus import DWELL_S, SPEED_MM_S, different_counts, record_motion
 from lmeasure.chains.truth import HOME, Errors, errors_of, held_out_length_error, point_error, rms, vector_rms
 from lmeasure.conventions import QUATERNION_COLUMNS
@@ -63,16 +63,13 @@ class Demo:
 
 
 def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
-    """The whole chain on a simulated cell, every count over a virtual CAN bus, all files into the folder `out`.
-
-    A folder that holds something else is refused with an LMeasureError; an earlier demo's is written over.
-    """
+    """Run the whole chain on a simulated cell, every count over a virtual CAN bus, and write all files into the folder `out`."""
     # slow to import, and needed only for pages and pictures
     from lmeasure.report.zone_html import write_zone_page
     from lmeasure.view.stages import write_recording
 
     out = Path(out)
-    claim(out)
+    mark(out, None)
     step = stages(progress)
     rng = np.random.default_rng(seed)
     true = cell_rig(seed)

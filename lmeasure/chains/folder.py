@@ -1,40 +1,36 @@
-"""The folder of a demo: its own, known again by a mark, which holds the demo's table once it has come to its end."""
+"""The folder of a demo: a fresh one, or one that --force may write over; demo.json in it holds the demo's table once it has ended."""
 
+import itertools
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from lmeasure import files
-from lmeasure.errors import LMeasureError, OverwriteError
-from lmeasure.opened import read_regular
 
 SCHEMA = "lmeasure.demo/1"
 MARK = "demo.json"
-LARGEST_MARK = 1 << 20
+OF_CELL = (MARK, "campaign", "calibration", "run", "truth.parquet", "trajectory.parquet", "demo.rrd", "zone.nc", "zone.html")
+"""Files and folders of the demo of the cell."""
+OF_ROBOT = (
+    *OF_CELL[:-2], "commands.csv", "program.toml", "certificate", "characteristics.csv", "robot.toml", "identification", "identified",
+    "corrected", "again", "comparison.json", "comparison.html",
+)  # fmt: skip
+"""Files and folders of the demo of the robot."""
 
 
-def claim(out: Path) -> None:
-    """Make the folder, or check that it holds an earlier demo and nothing of anybody else."""
-    written = out / MARK
-    try:
-        if out.exists() and not out.is_dir():
-            raise OverwriteError(f"{out}: is a file; the demo needs a folder of its own")
-        if out.is_dir() and any(out.iterdir()) and not _is_mark(written):
-            raise OverwriteError(f"{out}: holds other files and no {MARK} of an earlier demo; give --out a folder of its own")
-    except OSError as error:
-        raise LMeasureError(f"{out}: cannot be looked into: {error.strerror or error}") from error
-    mark(out, None)
+def fresh(name: str) -> Path:
+    """Return the first of NAME, NAME-2, NAME-3, ... that does not exist in the working folder."""
+    return next(path for path in (Path(name if n == 1 else f"{name}-{n}") for n in itertools.count(1)) if not os.path.lexists(path))
 
 
-def _is_mark(path: Path) -> bool:
-    try:
-        content = json.loads(read_regular(path, LARGEST_MARK))
-    except (LMeasureError, ValueError, RecursionError):
-        return False
-    return isinstance(content, dict) and content.get("schema") == SCHEMA
+def existing(out: Path, names: Sequence[str]) -> list[Path]:
+    """Return the files that exist under these names of a folder, those in folders included."""
+    every = [one for name in names for one in (out / name, *sorted((out / name).rglob("*")))]
+    return [one for one in every if os.path.lexists(one) and (one.is_symlink() or not one.is_dir())]
 
 
 def mark(out: Path, table: Sequence[object] | None) -> None:
-    """The demo's own file: by it the folder is known again; it holds the table once the demo has come to its end."""
+    """Write demo.json: the demo's table once it has ended, none before."""
     content = {"schema": SCHEMA, "finished": table is not None, "table": [vars(line) for line in table or ()]}
     files.write_text(out / MARK, json.dumps(content, indent=1) + "\n")

@@ -18,7 +18,7 @@ from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.cube import largest_cube
 from lmeasure.certification.measure import Inputs
 from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
-from lmeasure.chains.folder import claim, mark
+from lmeasure.chains.folder import mark
 from lmeasure.chains.robot_cell import RobotCell
 from lmeasure.chains.robot_loop import COMPARED, LOOP_STAGES, Loop, Retest, close_loop
 from lmeasure.conventions import QUATERNION_COLUMNS
@@ -105,15 +105,13 @@ def robot_demo(
 ) -> RobotDemo:
     """Calibrate the cell, let the simulated robot run the test cube, measure it and certify it by the settings; all files into `out`.
     correct: correct the robot then, and certify it again.
-
-    A folder that holds something else is refused with an LMeasureError; an earlier demo's is written over.
     """
     # slow to import, and needed only for pages and pictures
     from lmeasure.report.certificate import Choices, write_certificate
     from lmeasure.view.stages import write_recording
 
     out = Path(out)
-    claim(out)
+    mark(out, None)
     step = stages(progress)
     rng = np.random.default_rng(seed)
     true = cell_rig(seed)
@@ -141,7 +139,7 @@ def robot_demo(
     report = step(CERTIFY)
     settings = settings or Settings()
     inputs = Inputs(out / "trajectory.parquet", out / "program.toml", out / "run")
-    certificate = write_certificate(out / "certificate", inputs, settings, Choices(of_terminal()), progress=report)
+    certificate = write_certificate(out / "certificate", inputs, settings, Choices(of_terminal(), force=True), progress=report)
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
     files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
 

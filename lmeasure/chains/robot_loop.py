@@ -129,7 +129,7 @@ def close_loop(
     report = step(CERTIFY_AGAIN)
     write_trajectory(out / "again" / "trajectory.parquet", reconstruct(read_run(out / "again" / "run")))
     measured = Inputs(out / "again" / "trajectory.parquet", out / "again" / "program.toml", out / "again" / "run")
-    write_certificate(out / "again" / "certificate", measured, retest.settings, Choices(language), progress=report)
+    write_certificate(out / "again" / "certificate", measured, retest.settings, Choices(language, force=True), progress=report)
     true_mm = standing(*first), standing(program, later)
     return _compared(out, judged, corrected, true_mm, language)
 

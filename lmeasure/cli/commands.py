@@ -15,9 +15,9 @@ from lmeasure import workflows
 from lmeasure.cli import events, machine
 from lmeasure.cli.faces import FACES, Face, told_of_compiling, with_bar
 from lmeasure.cli.help import Command
-from lmeasure.cli.words import retold, said
+from lmeasure.cli.words import retold
 from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.workflows.options import Written, flag_of, rows_of_numbers, written
+from lmeasure.workflows.options import Written, fields_of, flag_of, rows_of_numbers, written
 from lmeasure.workflows.settings import said_of
 
 if TYPE_CHECKING:
@@ -48,8 +48,6 @@ def command(name: str) -> Any:
         except SettingsError as error:
             field = workflow.settings.model_fields.get(error.option)
             raise typer.BadParameter(error.text, param_hint=error.option if field is None else flag_of(error.option, field)) from None
-        for path in result.left_over:
-            typer.echo(said("note: {path} was left by a command that was broken off; nothing needs it", path=path), err=True)
         if as_json:
             document = machine.of_result(name, result)
             if events.asked():
@@ -68,7 +66,7 @@ def command(name: str) -> Any:
         if result.exit_code:
             raise typer.Exit(result.exit_code)
 
-    options = [*(parameter(key, field) for key, field in workflow.settings.model_fields.items()), JSON]
+    options = [*(parameter(key, field) for key, field in fields_of(workflow.settings).items()), JSON]
     invoke.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
     invoke.__annotations__ = {o.name: o.annotation for o in options}
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -106,7 +104,8 @@ def parameter(name: str, field: "FieldInfo") -> inspect.Parameter:
     if "positional" in said:
         told = typer.Argument(**about)
     else:
-        told = typer.Option(flag_of(name, field), rich_help_panel=said.get("panel"), **about)
+        short = [said["short"]] if "short" in said else []
+        told = typer.Option(flag_of(name, field), *short, rich_help_panel=said.get("panel"), **about)
     kind = list[form.kind] if form.repeated else form.kind  # type: ignore[name-defined]
     required = inspect.Parameter.empty if field.is_required() else form.default
     return inspect.Parameter(

@@ -32,7 +32,6 @@ def of_result(command: str, result: Result[Any]) -> dict[str, Any]:
         figures=dict(result.figures),
         warnings=list(result.warnings),
         files=list(result.files),
-        left_over=list(result.left_over),
         notes=_notes(result.made),
         made=_made(result),
     )
@@ -50,7 +49,7 @@ def written(document: Mapping[str, Any]) -> str:
 
 
 def _document(command: str, exit_code: int, error: str | None, **given: Any) -> dict[str, Any]:
-    empty: dict[str, Any] = {"summary": [], "figures": {}, "warnings": [], "files": [], "left_over": [], "notes": [], "made": None}
+    empty: dict[str, Any] = {"summary": [], "figures": {}, "warnings": [], "files": [], "notes": [], "made": None}
     return {"schema": SCHEMA, "command": command, "exit_code": exit_code, "error": error} | empty | given
 
 

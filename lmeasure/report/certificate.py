@@ -15,12 +15,12 @@ from lmeasure.certification.evaluate import Evaluation, Settings
 from lmeasure.certification.measure import Inputs, Measured, measure
 from lmeasure.certification.signature import read_private_key
 from lmeasure.certification.verify import Printer
-from lmeasure.errors import CertificationError
+from lmeasure.errors import CertificationError, ForeignFolderError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate_html import certificate_html
 from lmeasure.report.certificate_pdf import certificate_pdf
 from lmeasure.report.certificate_pictures import figures
-from lmeasure.report.readable import page_text, pdf_text, xml_text
+from lmeasure.report.readable import page_alike, page_text, pdf_text, xml_text
 from lmeasure.report.summary import counted
 from lmeasure.report.words import word
 
@@ -44,18 +44,24 @@ def print_xml(content: dict[str, Any], measured: Measured) -> bytes:
     return dcc_xml(content)
 
 
-PRINTERS = {PDF: Printer(print_pdf, pdf_text), PAGE: Printer(print_page, page_text), XML: Printer(print_xml, xml_text, needed=False)}
+PRINTERS = {
+    PDF: Printer(print_pdf, pdf_text),
+    PAGE: Printer(print_page, page_text, close=page_alike),
+    XML: Printer(print_xml, xml_text, needed=False),
+}
 
 
 @dataclass(frozen=True)
 class Choices:
-    """How a certificate is written: language; key to sign it with; dcc, and the XSD it must keep to; a zip of it beside the folder."""
+    """How a certificate is written: language; key to sign it with; dcc, and the XSD it must keep to; a zip of it beside the folder; force:
+    replace an earlier certificate."""
 
     language: str = "en"
     key: Path | None = None
     dcc: bool = False
     xsd: Path | None = None
     zipped: bool = False
+    force: bool = False
 
 
 def write_certificate(
@@ -68,7 +74,9 @@ def write_certificate(
     """
     key = None if choices.key is None else read_private_key(choices.key)
     copies = inputs.copies()
-    with new_folder(out) as folder:
+    if inside := [path for path in copies.values() if path.resolve().is_relative_to(Path(out).resolve())]:
+        raise ForeignFolderError(f"{inside[0]}: is an input in the folder that is to be written; give --out a folder of its own")
+    with new_folder(out, force=choices.force) as folder:
         measured = measure(inputs, settings, progress)
         if not measured.evaluation.characteristics:
             raise CertificationError(f"{inputs.program}: names no pose or path with windows_s: there is nothing to certify")

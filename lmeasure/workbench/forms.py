@@ -15,7 +15,7 @@ from lmeasure.opened import LARGEST_NAME
 from lmeasure.workbench.project import OutsideError, Project, inside
 from lmeasure.workflows import load
 from lmeasure.workflows.options import Option, command_line, options_of
-from lmeasure.workflows.settings import said_of
+from lmeasure.workflows.settings import Writing, said_of
 
 HIDDEN = {"scheduler"}
 """Options that would make this machine ask another one."""
@@ -225,6 +225,15 @@ def asked(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
     # as from a command line: texts, of which the model makes numbers and tuples
     workflow.settings.model_validate(dict(given))
     return command_line(command, workflow.settings, given)
+
+
+def existing(command: str, given: Mapping[str, Any], folder: Path) -> str:
+    """Return the first file of the project that a filled in form would write and that exists; empty where it may be replaced."""
+    settings = load(command).settings
+    paths = {o.name for o in options_of(settings) if o.kind == "path"}
+    asked = settings.model_validate({n: str(folder / v) if n in paths and isinstance(v, str) else v for n, v in given.items()})
+    there = () if not isinstance(asked, Writing) or asked.force else asked.paths().outputs
+    return next((os.path.relpath(path, folder) for path in there if os.path.lexists(path)), "")
 
 
 def _confined(option: Option, text: str, folder: Path) -> None:

@@ -113,6 +113,9 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
             raise SettingsError(option, said(language_of(request), text))
         if why := hindered(name, given, bench.folder):
             raise SettingsError("run", said(language_of(request), why))
+        if there := forms.existing(name, given, bench.folder):
+            text = "{file} exists: tick this to replace it, or give another name."
+            raise SettingsError("force", said(language_of(request), text, file=there))
         for folder in (Path(words_out).parent for words_out in _outputs(name, given)):
             _made(bench.folder / folder)
     except LMeasureError as error:

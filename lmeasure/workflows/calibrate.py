@@ -8,14 +8,27 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import CalibrationError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, RERUN, START, Asked, Distances, Names, Paths, Recording, Start, distances, option
+from lmeasure.workflows.settings import (
+    COLUMNS,
+    LANGUAGE,
+    RERUN,
+    START,
+    Distances,
+    Names,
+    Paths,
+    Recording,
+    Start,
+    Writing,
+    distances,
+    option,
+)
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Calibration, Campaign
     from lmeasure.calibration_record import CalibrationRecord
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure calibrate` is asked; options of the fit are those of `lmeasure.CalibrationSettings`."""
 
     folder: Annotated[
@@ -84,10 +97,12 @@ class Settings(Asked):
         run = in_run_folder(self.folder) if (self.folder / "run.toml").is_file() else ()
         start = None if self.start is None else Path(self.start)
         read = (*inside(self.folder, "rig.toml", "reference_poses.csv", "counts.csv"), *run, *present(self.rig, start))
+        if self.compare is not None:
+            read = (*read, self.compare, self.compare / "calibration.json")
         return Paths((*made, *present(self.rerun)), read)
 
 
-@workflow("calibrate")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]":
     """Calibrate, and write rig, record and page. CalibrationError where the rig must not be used, which is then not written."""
     from lmeasure import calibration as stage
@@ -104,7 +119,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     campaign = _campaign(settings)
     u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     campaign = replace(campaign, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
-    # read before anything is written: OLD may be the very folder of --out
     earlier = None if settings.compare is None else comparing.read_earlier(settings.compare)
     fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
     known = tuple(Distance(*each) for each in distances(settings.distance))

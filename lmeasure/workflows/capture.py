@@ -66,7 +66,7 @@ class Settings(Asked):
         return Paths((), (self.rig, self.poses))
 
 
-@workflow("capture")
+@workflow
 def run(
     settings: Settings,
     progress: Progress = silent,

@@ -7,17 +7,17 @@ from lmeasure.catalogue import of_terminal
 from lmeasure.errors import OtherTrajectoryError, SettingsError
 from lmeasure.saying import Say
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, Point, option
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Paths, Point, Writing, option
 
 CHOICES = "What is certified"
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure certify` is asked; what is certified is chosen as in `lmeasure.CertificationSettings`."""
 
     trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
     program: Annotated[Path, option("Commanded poses and paths with their windows.", metavar="program.toml")]
-    out: Annotated[Path, option("Folder to write: a new one, or that of an earlier certificate.", metavar="DIR")]
+    out: Annotated[Path, option("Folder to write; --force replaces an earlier certificate.", metavar="DIR")]
     run: Annotated[Path | None, option("Run folder of the trajectory: its counts are certified and copied too.")] = None
     rig: Annotated[Path | None, option("Rig the trajectory was reconstructed with, if not the run's own.")] = None
     constraint: Annotated[str | None, option("The constraint it was reconstructed with.")] = None
@@ -47,13 +47,14 @@ class Settings(Asked):
     seed: Annotated[int, option("Its seed.", ge=0, panel=CHOICES)] = 0
 
     def paths(self) -> Paths:
-        """A zip beside the folder, which is replaced by its own rule: that of its manifest."""
-        folder = self.out.resolve()
-        packed = inside(folder.parent, f"{folder.name}.zip", f"{folder.name}.zip.sha256") if self.zipped else ()
-        return Paths(packed, (self.trajectory, self.program, *present(self.details, self.key, self.xsd)), (self.out.parent,))
+        """A folder, which is replaced as a whole (`certification.bundle.new_folder`) and known by its manifest, and a zip beside it."""
+        folder, zipped = self.out, f"{self.out.resolve().name}.zip"
+        packed = inside(folder.resolve().parent, zipped, f"{zipped}.sha256") if self.zipped else ()
+        read = (self.trajectory, self.program, *present(self.details, self.key, self.xsd))
+        return Paths((*inside(folder, "manifest.json"), *packed), read)
 
 
-@workflow("certify")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
     """Evaluate the measurement and write the sealed folder; what was made is the certificate."""
     from lmeasure import certification as stage
@@ -77,7 +78,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     chosen = stage.Settings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
     measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
-    choices = Choices(settings.language or of_terminal(), settings.key, settings.dcc, settings.xsd, settings.zipped)
+    choices = Choices(settings.language or of_terminal(), settings.key, settings.dcc, settings.xsd, settings.zipped, settings.force)
     try:
         content = write_certificate(settings.out, inputs, chosen, choices, progress=steps(progress, "certify"))
     except OtherTrajectoryError as error:

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import LMeasureError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, option
+from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.check import Ask, Check
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure check` is asked."""
 
     rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
@@ -26,7 +26,7 @@ class Settings(Asked):
         return Paths(present(self.write), (self.rig,))
 
 
-@workflow("check")
+@workflow
 def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Result[Check]":
     """Walk through the self-test: ask tells a person what to do and comes back when it is done;
     progress names the devices that were found. Faults are a failure."""

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, START, Asked, Distances, Paths, Start, option
+from lmeasure.workflows.settings import LANGUAGE, START, Distances, Paths, Start, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.interim import Checked
     from lmeasure.interim.closures import Closure
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure check-instrument` is asked."""
 
     run: Annotated[
@@ -45,7 +45,7 @@ class Settings(Asked):
         return Paths(inside(self.out, "check.json", "check.html"), (*in_run_folder(self.run), *present(self.rig, start)))
 
 
-@workflow("check-instrument")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     """Check, append to the trend, and write record and page."""
     import json

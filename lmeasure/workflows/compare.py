@@ -8,14 +8,14 @@ from pydantic import Field
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, Asked, Paths, option
+from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.calibration.compare import Comparison as Moved
     from lmeasure.certification.compare import Comparison
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure compare` is asked."""
 
     certificates: Annotated[
@@ -40,10 +40,11 @@ class Settings(Asked):
 
     def paths(self) -> Paths:
         """A comparison from certificates."""
-        return Paths(present(self.out, self.page), (*self.certificates, *present(self.corrections)))
+        read = [path / name for path in self.certificates for name in ("certificate.json", "calibration.json", "rig.toml")]
+        return Paths(present(self.out, self.page), (*self.certificates, *read, *present(self.corrections)))
 
 
-@workflow("compare")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison | Moved]":
     """Compare, and write the figures where they are asked for."""
     if any(_is_calibration(path) for path in settings.certificates):

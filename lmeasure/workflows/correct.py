@@ -10,7 +10,7 @@ from pydantic import Field
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import BOX, LANGUAGE, Asked, Box, Names, Numbers, Paths, Spans, option, pose_of
+from lmeasure.workflows.settings import BOX, LANGUAGE, Box, Names, Numbers, Paths, Spans, Writing, option, pose_of
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lmeasure.robots.dialects.program_text import Dialect, Listing
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure correct` is asked."""
 
     programs: Annotated[
@@ -80,7 +80,7 @@ class Settings(Asked):
         return Paths(outputs, (*self.programs, *present(self.frames, self.map), *known))
 
 
-@workflow("correct")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     """Correct, and write the programs and what was done."""
     import numpy as np

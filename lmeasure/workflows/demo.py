@@ -6,28 +6,36 @@ from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import pasted
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, option
+from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.chains import Demo
     from lmeasure.chains.robot_demo import RobotDemo
 
 
-class Settings(Asked):
-    """What `lmeasure demo` is asked. Its folder is known by its own mark."""
+class Settings(Writing):
+    """What `lmeasure demo` is asked."""
 
-    out: Annotated[Path | None, option("Folder for all files; an earlier demo's is written over. [lmeasure-demo]", metavar="DIR")] = None
+    out: Annotated[
+        Path | None, option("Folder for all files; a new one without it, lmeasure-demo or lmeasure-robot-demo.", metavar="DIR")
+    ] = None
     seed: Annotated[int, option("Which cell, reference poses and motion, or robot, are drawn.", ge=0)] = 0
     robot: Annotated[
         bool,
-        option("Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again. [lmeasure-robot-demo]"),
+        option("Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again."),
     ] = False
     correct: Annotated[
         bool, option("With a robot: correct it and certify it again; without takes half as long.", flag="--correct/--no-correct")
     ] = True
 
+    def paths(self) -> Paths:
+        """Everything in the folder that the demo writes."""
+        from lmeasure.chains.folder import OF_CELL, OF_ROBOT, existing
 
-@workflow("demo")
+        return Paths() if self.out is None else Paths(tuple(existing(self.out, OF_ROBOT if self.robot else OF_CELL)))
+
+
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | RobotDemo]":
     """The demo of the cell, or that of the robot."""
 
@@ -35,11 +43,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
         progress(done / of if of else 0.0, stage)
 
     progress(0.0, "load")
+    from lmeasure.chains.folder import fresh
+
     if settings.robot:
         from lmeasure.chains.robot_demo import robot_demo
         from lmeasure.report.comparison import told
 
-        tested = robot_demo(settings.out or Path("lmeasure-robot-demo"), step, settings.seed, correct=settings.correct)
+        tested = robot_demo(settings.out or fresh("lmeasure-robot-demo"), step, settings.seed, correct=settings.correct)
         head = ("characteristic", "value", "U95", "truth", "unit", "")
         rows = [
             (f"{h.name} {h.where}", *(f"{v:.4g}" for v in (h.value, h.u95, h.true_value)), h.unit, "inside" if h.inside else "OUTSIDE")
@@ -58,7 +68,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
         return Result(tested, said, figures, tested.remarks, tested.look)
     from lmeasure.chains import demo
 
-    shown = demo(settings.out or Path("lmeasure-demo"), step, settings.seed)
+    shown = demo(settings.out or fresh("lmeasure-demo"), step, settings.seed)
     lines = [("", "error against the truth", "stated without knowing it"), *((x.what, x.error, x.stated) for x in shown.lines)]
     return Result(shown, _told(lines, shown.remarks, shown.look), shown.figures, shown.remarks, shown.look)
 

@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, option
+from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.rig import Rig
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure drum` is asked."""
 
     measurements: Annotated[
@@ -29,7 +29,7 @@ class Settings(Asked):
 WRITTEN = ("tangent_length_mm", "axial_offset_mm", "count_length_mm")
 
 
-@workflow("drum")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Rig]":
     """Write the rig with its drums."""
     from lmeasure import files

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import FileFormatError
 from lmeasure.workflows.flow import Progress, Result, inside, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, option
+from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 LEAST = 7
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure dyads` is asked."""
 
     poses: Annotated[Path, option("Poses of the body: x_mm, y_mm, z_mm, qx, qy, qz, qw.", metavar="POSES", positional=True)]
@@ -33,7 +33,7 @@ class Settings(Asked):
         return Paths(inside(self.out, "links.csv", "minimax.csv", "misses.csv"), (self.poses,))
 
 
-@workflow("dyads")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     """Find links, and write them and by how much they miss each pose."""
     import numpy as np

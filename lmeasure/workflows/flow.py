@@ -6,17 +6,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Concatenate, Generic, ParamSpec, TypeVar, cast
+from typing import Concatenate, Generic, ParamSpec, TypeVar, cast
 
 from lmeasure.catalogue import plain
 from lmeasure.errors import CancelledError, LMeasureError
-from lmeasure.written import left_over, writing
-
-if TYPE_CHECKING:
-    from lmeasure.workflows.settings import Asked
+from lmeasure.workflows.outputs import writing
+from lmeasure.workflows.settings import Asked, Writing
 
 Made = TypeVar("Made")
-Given = TypeVar("Given", bound="Asked")
+Given = TypeVar("Given", bound=Asked)
 More = ParamSpec("More")
 
 
@@ -56,43 +54,36 @@ class Cancellable:
 @dataclass(frozen=True)
 class Result(Generic[Made]):
     """What a workflow gives: what was made, what a person is told of it, line by line, with figures by name and warnings for those who do
-    not read lines, and the files written; left_over are unfinished files of earlier work that was broken off. failure: why what was made is
-    not what was asked for, though it is kept; exit_code: as a command's."""
+    not read lines, and the files written. failure: why what was made is not what was asked for, though it is kept; exit_code: as a
+    command's."""
 
     made: Made
     summary: tuple[str, ...]
     figures: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
-    left_over: tuple[Path, ...] = ()
     failure: str = ""
     exit_code: int = 0
 
 
-def workflow(
-    command: str,
-) -> Callable[[Callable[Concatenate[Given, More], Result[Made]]], Callable[Concatenate[Given, More], Result[Made]]]:
-    """Hold the work of a command to the rule of `lmeasure.written`, and list what it has written."""
+def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable[Concatenate[Given, More], Result[Made]]:
+    """Apply the rule of `lmeasure.workflows.outputs` to the work of a command, and list what it has written."""
 
-    def held(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable[Concatenate[Given, More], Result[Made]]:
-        @wraps(work)
-        def run(settings: Given, *args: More.args, **more: More.kwargs) -> Result[Made]:
-            outputs, inputs, folders = settings.paths()
-            with writing(command, outputs, inputs) as written, _of_unlikely(inputs) as unlikely:
-                result = work(settings, *args, **more)
-            left = left_over([*(path.parent for path in outputs), *folders])
-            return replace(
-                result,
-                summary=(*map(plain, result.summary), *(f"note: {text}" for text in unlikely)),
-                warnings=(*map(plain, result.warnings), *unlikely),
-                failure=plain(result.failure),
-                files=(*written, *result.files),
-                left_over=tuple(left),
-            )
+    @wraps(work)
+    def run(settings: Given, *args: More.args, **more: More.kwargs) -> Result[Made]:
+        outputs, inputs = settings.paths()
+        force = isinstance(settings, Writing) and settings.force
+        with writing(outputs, inputs, force=force) as written, _of_unlikely(inputs) as unlikely:
+            result = work(settings, *args, **more)
+        return replace(
+            result,
+            summary=(*map(plain, result.summary), *(f"note: {text}" for text in unlikely)),
+            warnings=(*map(plain, result.warnings), *unlikely),
+            failure=plain(result.failure),
+            files=tuple(dict.fromkeys((*written, *result.files))),
+        )
 
-        return cast(Callable[Concatenate[Given, More], Result[Made]], run)
-
-    return held
+    return cast(Callable[Concatenate[Given, More], Result[Made]], run)
 
 
 def present(*found: Path | None) -> tuple[Path, ...]:
@@ -107,7 +98,7 @@ def inside(folder: Path, *names: str) -> tuple[Path, ...]:
 
 def in_run_folder(folder: Path, *more: str) -> tuple[Path, ...]:
     """What a run folder holds, as far as it is there: which passes a command will write it does not know yet."""
-    there = [path for pattern in ("pass*.csv", "pass*.parquet", "pass*.log") for path in sorted(folder.glob(pattern))]
+    there = [path for pattern in ("pass[0-9]*.csv", "pass[0-9]*.parquet", "pass[0-9]*.log") for path in sorted(folder.glob(pattern))]
     first = inside(folder, "pass1.csv", "pass1.parquet", "pass1.events.csv")
     return (*inside(folder, "run.toml", "rig.toml", "calibration.json", *more), *first, *there)
 

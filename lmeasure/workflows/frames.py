@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, option
+from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.robots.frames import GivenPoses
     from lmeasure.robots.identify import Identified
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure frames` is asked."""
 
     robot: Annotated[
@@ -34,7 +34,7 @@ class Settings(Asked):
         return Paths((self.out,), (self.robot, self.measured))
 
 
-@workflow("frames")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[GivenPoses]]":
     """Find base and tool, and write them."""
     import math

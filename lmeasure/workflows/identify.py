@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, Asked, Names, Paths, option
+from lmeasure.workflows.settings import LANGUAGE, Names, Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.robots.identify import Identified
@@ -19,7 +19,7 @@ TIP = option("Link of a .urdf that is the controller's flange; the chain ends th
 BASE_LINK = option("Link of a .urdf that is the controller's base; the chain begins there.", metavar="LINK")
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure identify` is asked."""
 
     robot: Annotated[
@@ -65,13 +65,14 @@ class Settings(Asked):
 
     def paths(self) -> Paths:
         """The identified robot from a nominal one and measurements."""
-        outputs = inside(self.out, "identified.json", "robot.toml", "robot.urdf", "report.html", "predictions.csv", "workspace.csv")
+        outputs = inside(self.out, "identified.json", "robot.toml", "robot.urdf", "report.html", "workspace.csv")
+        outputs += inside(self.out, "predictions.csv") if self.predict is not None else ()
         robot = Path(self.robot)
         measured = in_run_folder(self.measurements) if self.measurements.is_dir() else (self.measurements,)
         return Paths(outputs, (*measured, *present(self.joints, self.predict, robot if robot.suffix else None)))
 
 
-@workflow("identify")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[Any]]":
     """Identify, and write record, robot, page and predictions."""
     import numpy as np

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Self
 from pydantic import Field, model_validator
 
 from lmeasure.errors import SettingsError, pasted
-from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Point, Quaternion, Recording, Start, option
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.import_log import Imported
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lmeasure.start import StatedStart
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure import` is asked."""
 
     logs: Annotated[
@@ -47,12 +47,13 @@ class Settings(Asked):
         if self.out is None:
             return Paths(present(self.rerun), (*self.logs, *present(self.rig, self.dbc)))
         start = () if self.start is None or not Path(self.start).is_file() else (Path(self.start),)
-        ends = (".csv", ".parquet", ".events.csv")
+        ends = (".parquet" if self.parquet else ".csv", ".events.csv")
         passes = inside(self.out, *(f"pass{n}{end}" for n in range(1, len(self.logs) + 1) for end in ends))
-        return Paths((*in_run_folder(self.out), *passes, *present(self.rerun)), (*self.logs, *start, *present(self.rig, self.dbc)))
+        run = inside(self.out, "run.toml", "rig.toml", "calibration.json")
+        return Paths((*run, *passes, *present(self.rerun)), (*self.logs, *start, *present(self.rig, self.dbc)))
 
 
-@workflow("import")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | tuple[Scan, ...]]":
     """Read the logs and write the run folder, or only look at what they hold."""
     if settings.scan:
@@ -79,7 +80,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
         bus=settings.bus,
         progress=steps(progress, "bytes"),
     )
-    write_import(settings.out, imported, ".parquet" if settings.parquet else ".csv")
+    write_import(settings.out, imported, ".parquet" if settings.parquet else ".csv", force=settings.force)
     if settings.rerun is not None:
         from lmeasure.view.stages import write_recording
 

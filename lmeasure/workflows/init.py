@@ -1,12 +1,13 @@
 """A rig to begin with."""
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import OverwriteError, SettingsError, pasted
-from lmeasure.workflows.flow import Progress, Result, silent, sizes_of, workflow
-from lmeasure.workflows.settings import Asked, option
+from lmeasure.errors import SettingsError, pasted
+from lmeasure.workflows.flow import Progress, Result, inside, silent, sizes_of, workflow
+from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.rig import Rig
@@ -21,8 +22,8 @@ Ask = Callable[[str, str], str]
 """Is told a question and the answer that Enter gives; gives the answer."""
 
 
-class Settings(Asked):
-    """What `lmeasure init` is asked. Files that are there are never written over, not even its own."""
+class Settings(Writing):
+    """What `lmeasure init` is asked."""
 
     out: Annotated[
         Path,
@@ -37,8 +38,16 @@ class Settings(Asked):
     ] = None
     list: Annotated[bool, option("Only list the templates.", flag="--list")] = False
 
+    def paths(self) -> Paths:
+        """A rig, and what goes with it."""
+        if self.list:
+            return Paths()
+        names = ("rig", "drums", "placement", "scenario")
+        files = (*(f"{name}.toml" for name in names), *(f"schemas/{name}.json" for name in names))
+        return Paths((self.out,) if self.out.suffix == ".toml" else inside(self.out, *files))
 
-@workflow("init")
+
+@workflow
 def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = None) -> "Result[Rig | None]":
     """Write the files; ask is for what no template knows."""
     from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of, rig_text
@@ -49,9 +58,6 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
         raise SettingsError("template", f"is missing: {', '.join(TEMPLATES)}")
     name = settings.template
     alone = settings.out.suffix == ".toml"
-    _refuse_to_write_over(
-        [settings.out] if alone else [settings.out / own for own in ("rig.toml", "drums.toml", "placement.toml", "scenario.toml")]
-    )
     if name is None and ask is not None:
         name = _choice(ask, "Which shape", tuple(TEMPLATES))
     if name not in TEMPLATES:
@@ -65,7 +71,6 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
         if alone
         else {settings.out / n: t for n, t in folder_files(rig, template.text).items()}
     )
-    _refuse_to_write_over(list(texts))
     _write(texts)
     main = settings.out if alone else settings.out / "rig.toml"
     told = [f"{main}: {template.text}"]
@@ -76,28 +81,16 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     told.append(f"next: measure the drums, and `{command}`; docs/rig.md goes on from there")
     told += [f"note: {text}" for text in sizes_of([main])]
     figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
-    return Result(rig, tuple(told), figures, files=tuple(texts))
+    return Result(rig, tuple(told), figures)
 
 
 def _write(texts: Mapping[Path, str]) -> None:
-    """All of them or none: what stayed of them would keep the next call from writing."""
+    """Write all of them or none."""
     from lmeasure import files
 
-    written: list[Path] = []
-    try:
+    with ExitStack() as together:
         for path, text in texts.items():
-            files.write_text(path, text)
-            written.append(path)
-    except BaseException:
-        for path in written:
-            path.unlink()
-        raise
-
-
-def _refuse_to_write_over(paths: list[Path]) -> None:
-    there = [str(path) for path in paths if path.exists() or path.is_symlink()]
-    if there:
-        raise OverwriteError(f"{', '.join(there)}: is there already, and init never writes over a file: remove it or give another name")
+            files.write_text(together.enter_context(files.whole(path)), text)
 
 
 def _choice(ask: Ask, question: str, options: tuple[str, ...]) -> str:

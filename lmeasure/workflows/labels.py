@@ -52,6 +52,7 @@ LABELS = {
     "fast": "As fast as possible",
     "file": "File",
     "frame": "What holds the frame",
+    "force": "Replace existing files",
     "frames": "Frames and tools",
     "frames.measured": "Measured poses",
     "frames.robot": "Flange poses",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import FileFormatError, GeometryError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Paths, Point, Quaternion, Range, Recording, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Paths, Point, Quaternion, Range, Recording, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
@@ -20,7 +20,7 @@ PLACES = "start:stop:step of the places that are looked at."
 KINDS = Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"]
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure mechanism` is asked."""
 
     robot: Annotated[
@@ -56,7 +56,7 @@ class Settings(Asked):
         return Paths((*present(self.out, self.joints, self.rerun), *report), inputs)
 
 
-@workflow("mechanism")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
     """Describe the mechanism, and write what is asked for."""
     from lmeasure import files

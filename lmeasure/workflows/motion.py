@@ -12,8 +12,8 @@ from lmeasure.workflows.settings import (
     TRAJECTORY,
     U_POSITION,
     U_ROTATION,
-    Asked,
     Paths,
+    Writing,
     notes_of_file,
     option,
     stated_beside,
@@ -27,7 +27,7 @@ FASTEST_MM_S = 1e5
 """No robot moves as fast: places or times are in other units."""
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure motion` is asked."""
 
     trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
@@ -46,7 +46,7 @@ class Settings(Asked):
         return Paths((self.out,), (self.trajectory, *present(self.align)))
 
 
-@workflow("motion")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     """Smooth the trajectory and write its motion."""
     import numpy as np

@@ -96,6 +96,14 @@ def _are_numbers(words: Sequence[str], most: int | None) -> bool:
     return False
 
 
+def fields_of(settings: "type[Asked]") -> dict[str, "FieldInfo"]:
+    """Return all options of a command by their names, its own first and those that all commands share behind them."""
+    shared = [name for name in settings.model_fields if name not in settings.__annotations__]
+    return {name: field for name, field in settings.model_fields.items() if name not in shared} | {
+        name: settings.model_fields[name] for name in shared
+    }
+
+
 def flag_of(name: str, field: "FieldInfo") -> str:
     """The option as it is typed; an argument by its place-holder."""
     said = said_of(field)
@@ -131,7 +139,7 @@ class Option(NamedTuple):
 
 def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
     """All options of a command, in their order."""
-    return tuple(_option(settings.__module__, name, field) for name, field in settings.model_fields.items())
+    return tuple(_option(settings.__module__, name, field) for name, field in fields_of(settings).items())
 
 
 def _option(module: str, name: str, field: "FieldInfo") -> Option:

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+from lmeasure.workflows.settings import RERUN, Paths, Recording, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.accuracy.placement import Placed
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure place` is asked."""
 
     rig: Annotated[Path, option("The rig as it is, or a first sketch of it.", metavar="RIG.toml", positional=True)]
@@ -26,7 +26,7 @@ class Settings(Asked):
         return Paths((*inside(self.out, "placement.json", "rig.toml"), *present(self.rerun)), (self.rig, self.task))
 
 
-@workflow("place")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Placed]":
     """Search, and write the rig and the record of it."""
     from lmeasure import files

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lmeasure.calibration.reach import Region
 
 
-@workflow("plan-poses")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     """Plan, and write the poses."""
     import numpy as np

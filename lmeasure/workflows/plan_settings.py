@@ -4,19 +4,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from lmeasure.workflows.flow import inside, present
-from lmeasure.workflows.settings import (
-    BOX,
-    RERUN,
-    Asked,
-    Box,
-    Names,
-    Numbers,
-    Paths,
-    Recording,
-    UnitQuaternion,
-    WholeNumbers,
-    option,
-)
+from lmeasure.workflows.settings import BOX, RERUN, Box, Names, Numbers, Paths, Recording, UnitQuaternion, WholeNumbers, Writing, option
 
 LIMITS = "What a cable allows"
 ROBOT = "Poses of a robot"
@@ -26,7 +14,7 @@ OPTIONS = ("free", "candidates", "columns", "keep_out", "zone", "base", "tool", 
 """What is asked of a robot alone."""
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure plan-poses` is asked."""
 
     rig: Annotated[

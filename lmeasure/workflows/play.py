@@ -50,7 +50,7 @@ class Settings(Asked):
         return Paths((), (self.rig,))
 
 
-@workflow("play")
+@workflow
 def run(
     settings: Settings,
     progress: Progress = silent,

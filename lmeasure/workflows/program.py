@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import COLUMNS, Asked, Names, Numbers, Pair, Paths, Quaternion, known_convention, notes_of_file, option
+from lmeasure.workflows.settings import COLUMNS, Names, Numbers, Pair, Paths, Quaternion, Writing, known_convention, notes_of_file, option
 
 if TYPE_CHECKING:
     from lmeasure.certification.cube import Cube
@@ -15,7 +15,7 @@ KEPT = "Paths within the zone"
 EDGES = "The box that the robot's program uses most, mm."
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure program` is asked."""
 
     out: Annotated[Path, option("Folder for program.toml, commands.csv and robodk.csv.", metavar="DIR")]
@@ -65,15 +65,15 @@ class Settings(Asked):
     drift_hours: Annotated[float, option("How long the drift test lasts.", unit="h")] = 8.0
 
     def paths(self) -> Paths:
-        """A program, perhaps from a zone; the one filled in is what a person may have changed since: tolerances, names."""
+        """A program, perhaps from a zone. With --ran, program.toml gets its windows in its place and is no output."""
         if self.ran is not None:
-            return Paths(folders=(self.out,))
+            return Paths((), present(self.ran, self.loaded))
         if self.correct is not None:
             return Paths(inside(self.out, "program.toml", "corrected.csv"), present(self.correct, self.rig))
         return Paths(inside(self.out, "program.toml", "commands.csv", "robodk.csv"), present(self.zone))
 
 
-@workflow("program")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     """Write the program and its commands; or fill in when it ran."""
     from lmeasure.certification.asked_tests import TESTS, Tests

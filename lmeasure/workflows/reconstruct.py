@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, Start, option
+from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.run import RunHead
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lmeasure.trajectory.stream import Each
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure reconstruct` is asked."""
 
     run: Annotated[Path, option("Run folder: run.toml, rig.toml and the counts of each pass.", metavar="RUN", positional=True)]
@@ -42,7 +42,7 @@ class Settings(Asked):
         )
 
 
-@workflow("reconstruct")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory | Summary]":
     """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
     from lmeasure.pipeline import explained

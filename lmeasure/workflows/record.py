@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import CancelledError, GeometryError, RigError, TrajectoryError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, Start, option
+from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.counting import Progress as State
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     """Takes the state of a recording, and where its poses are, or why there are none."""
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure record` is asked."""
 
     rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
@@ -34,11 +34,11 @@ class Settings(Asked):
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
-        """The recording to look at; that of the bus is never written over, not even by this command."""
+        """The recording to look at. That of the bus needs a folder without a run: nothing in it is ever written over."""
         return Paths(present(self.rerun), (self.rig,))
 
 
-@workflow("record")
+@workflow
 def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[Recorded]":
     """Record a pass. show is told of it all the while, where `live` is asked for. A recording that ends early is kept, and a failure."""
     from lmeasure.acquisition.session import record_session

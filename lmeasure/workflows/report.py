@@ -14,9 +14,9 @@ from lmeasure.workflows.settings import (
     START,
     U_POSITION,
     U_ROTATION,
-    Asked,
     Paths,
     Start,
+    Writing,
     notes_of_file,
     option,
     stated_beside,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lmeasure.rig import Rig
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure report` is asked."""
 
     measured: Annotated[
@@ -56,7 +56,7 @@ class Settings(Asked):
         return Paths(inside(self.out, "trajectory.html"), (*read, *present(self.rig, start, self.align)))
 
 
-@workflow("report")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     """Read or reconstruct the trajectory and write its page."""
     from lmeasure import files

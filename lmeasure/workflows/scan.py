@@ -24,7 +24,7 @@ class Settings(Asked):
         return Paths((), ())
 
 
-@workflow("scan")
+@workflow
 def run(
     settings: Settings, progress: Progress = silent, *, show: "Callable[[float, tuple[Spoken, ...]], None] | None" = None
 ) -> Result[Any]:

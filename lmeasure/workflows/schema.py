@@ -5,10 +5,10 @@ from typing import Annotated
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, option
+from lmeasure.workflows.settings import Paths, Writing, option
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure schema` is asked."""
 
     name: Annotated[
@@ -21,7 +21,7 @@ class Settings(Asked):
         return Paths(present(self.out))
 
 
-@workflow("schema")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[str]:
     """Print or write a schema."""
     from lmeasure import files

@@ -37,11 +37,10 @@ _UNITS = {"mm": "mm", "mm_s": "mm/s", "deg": "deg", "rad": "rad", "s": "s", "n":
 
 
 class Paths(NamedTuple):
-    """Files that a command may write, files that it reads, and folders where it writes by a rule of its own."""
+    """Files that a command may write, and files that it reads."""
 
     outputs: tuple[Path, ...] = ()
     inputs: tuple[Path, ...] = ()
-    folders: tuple[Path, ...] = ()
 
 
 class Asked(BaseModel):
@@ -50,7 +49,7 @@ class Asked(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def paths(self) -> Paths:
-        """What the command may write and what it reads (`lmeasure.written`); nothing where it knows its own files by themselves."""
+        """Return what the command may write and what it reads, for the rule of `lmeasure.workflows.outputs`."""
         return Paths()
 
     @model_validator(mode="wrap")
@@ -78,6 +77,7 @@ def option(
     text: str,
     *,
     flag: str | None = None,
+    short: str | None = None,
     metavar: str | None = None,
     panel: str | None = None,
     unit: str | None = None,
@@ -87,11 +87,12 @@ def option(
     positional: bool = False,
     words: str | None = None,
 ) -> Any:
-    """What is said of an option beside its type and default: help; flag, else `--` and its name; metavar; the panel or group of a form
-    that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage itself checks; words: where
-    the names are that it may be, as module:NAME, for who completes what is typed."""
+    """What is said of an option beside its type and default: help; flag, else `--` and its name; short, a second flag such as -f; metavar;
+    the panel or group of a form that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage
+    itself checks; words: where the names are that it may be, as module:NAME, for who completes what is typed."""
     extra: dict[str, Any] = {
         "flag": flag,
+        "short": short,
         "metavar": metavar,
         "panel": panel,
         "unit": unit,
@@ -101,6 +102,12 @@ def option(
     if within is not None:
         extra |= {"minimum": within[0], "maximum": within[1]} if math.isfinite(within[1]) else {"minimum": within[0]}
     return Field(description=text, ge=ge, le=le, json_schema_extra={key: value for key, value in extra.items() if value is not None})
+
+
+class Writing(Asked):
+    """Settings of a command that writes files."""
+
+    force: Annotated[bool, option("Replace files that exist; inputs and recordings never.", flag="--force", short="-f")] = False
 
 
 def unit_of(name: str, field: FieldInfo) -> str:

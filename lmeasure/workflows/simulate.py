@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+from lmeasure.workflows.settings import RERUN, Paths, Recording, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.simulation import Simulated
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure simulate` is asked."""
 
     scenario: Annotated[Path, option("scenario.toml: rig, motion, noise, reference poses.", metavar="SCENARIO", positional=True)]
@@ -29,7 +29,7 @@ class Settings(Asked):
         return Paths((*in_run_folder(self.out, "truth.parquet"), *counted, *true, *robot, *present(self.rerun)), (self.scenario,))
 
 
-@workflow("simulate")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
     """Simulate and write the folder."""
     from lmeasure.simulation import read_scenario, simulate, write_simulated

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import FileFormatError, SettingsError, StructureError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
@@ -20,7 +20,7 @@ LENGTHS = "Lengths"
 MOST_LEVELS = 50
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure structure` is asked."""
 
     file: Annotated[
@@ -77,7 +77,7 @@ class Settings(Asked):
         return Paths((*present(self.out, self.rerun), *report), present(self.file))
 
 
-@workflow("structure")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     """Describe the links, and write it where that is asked for."""
     from lmeasure import files

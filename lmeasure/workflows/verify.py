@@ -18,7 +18,7 @@ class Settings(Asked):
     public_key: Annotated[Path | None, option("The signature must be by the owner of this key.", metavar="FILE")] = None
 
 
-@workflow("verify")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Verification]":
     """Look at every byte and compute every figure again; the exit code says what came of it."""
     from lmeasure.certification.bundle import opened_zip

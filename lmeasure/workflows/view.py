@@ -18,7 +18,7 @@ class Settings(Asked):
     port: Annotated[int | None, option("Port of 127.0.0.1 for --web; 0 takes a free one. [9090]", ge=0, le=65535)] = None
 
 
-@workflow("view")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[None]:
     """Open the viewer, or serve it until it is ended; progress is told where."""
     if settings.web:

@@ -34,7 +34,7 @@ class Settings(Asked):
         return Paths((), (self.rig,))
 
 
-@workflow("watch")
+@workflow
 def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[State]":
     """Watch until the time is over or somebody ends it; show is told of counts, speeds, faults and the pose all the while."""
     from lmeasure.acquisition.counting import watch

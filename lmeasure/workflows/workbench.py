@@ -35,7 +35,7 @@ class Settings(Asked):
     language: Annotated[Literal["en", "ru"], option("Of what jobs print; pages follow the browser.")] = "en"
 
 
-@workflow("workbench")
+@workflow
 def run(settings: Settings, progress: Progress = silent, *, serve: Serve) -> Result[None]:
     """Serve the pages until Ctrl-C; progress is told where."""
     if settings.within is not None and settings.folder.resolve().parent != settings.within.resolve():

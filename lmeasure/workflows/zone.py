@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import AccuracyError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Pair, Paths, Range, Recording, UnitQuaternion, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Pair, Paths, Range, Recording, UnitQuaternion, Writing, option
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +22,7 @@ COMPUTING = "Computing"
 MORE_THAN_0 = (0.0, math.inf)
 
 
-class Settings(Asked):
+class Settings(Writing):
     """What `lmeasure zone` is asked; see `lmeasure.accuracy.limits.Limits` for the limits and `accuracy.zone.Scan` for the computing."""
 
     rig: Annotated[Path, option("The rig; a linked calibration enters the uncertainty.", metavar="RIG.toml", positional=True)]
@@ -80,7 +80,7 @@ class Settings(Asked):
         return Paths((self.out, *present(self.rerun), *beside, *report), (self.rig, *present(self.bodies, self.path)))
 
 
-@workflow("zone")
+@workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]":
     """Scan the box and write the zone, with its page, its recording and a program held against it where they are asked for."""
     from lmeasure import files

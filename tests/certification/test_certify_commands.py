@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from lmeasure.cli import app, main
 from lmeasure.errors import LMeasureError
-from lmeasure.written import LEDGER
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +175,7 @@ def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, mo
     box = ("--x", "0:100", "--y", "0:100", "--z", "0:100", "--tests", "pose", "--out", tmp_path)
     assert run("program", *box, "--cycles", "pose=2")[0] == 0
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert set(before) == {"program.toml", "commands.csv", "robodk.csv", LEDGER}
+    assert set(before) == {"program.toml", "commands.csv", "robodk.csv"}
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")

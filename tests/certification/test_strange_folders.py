@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from lmeasure.certification.again import compare
+from lmeasure.certification.again import FIGURES, Compared, compare
 from lmeasure.certification.bundle import opened_zip
 from lmeasure.certification.canonical import digest
 from lmeasure.certification.certificate import identification
@@ -24,8 +24,11 @@ def test_keys_are_kept_and_refused(tmp_path: Path) -> None:
     path = tmp_path / "k.pem"
     new_key(path)
     assert path.stat().st_mode & 0o077 == 0
-    with pytest.raises(KeyKeptError, match="exists already"):
+    with pytest.raises(KeyKeptError, match="exists; --force replaces the key"):
         new_key(path)
+    before = read_public_key(path.with_name("k.pem.pub"))
+    new_key(path, force=True)
+    assert read_public_key(path.with_name("k.pem.pub")) == read_private_key(path).public_key() != before
     for text in ("", "nothing", path.with_name("k.pem.pub").read_text()):
         (tmp_path / "bad").write_text(text)
         with pytest.raises(CertificationError, match="bad"):
@@ -71,13 +74,13 @@ def test_compare_looks_into_every_entry() -> None:
         "conformity": {"upper": 2.0},
     }
     base: dict[str, Any] = {"characteristics": [figure], "excluded": [], "notes": []}
-    stated = base | {"figures_sha256": digest([]), "id": identification(base | {"figures_sha256": digest([])})}
-    assert compare(stated, stated, exact=True) == ([], 0.0)
+    base |= {"figures_sha256": digest({key: base.get(key) for key in FIGURES})}
+    stated = base | {"id": identification(base)}
+    assert compare(stated, stated) == Compared(())
     other = stated | {"characteristics": [figure | {"conformity": {"upper": 2.0 + 1e-9}}]}
-    assert [d.what for d in compare(stated, other, exact=True)[0]] == ["AP_p of P1"]
-    assert compare(stated, other, exact=False)[0] == []
-    assert compare(stated, stated | {"excluded": [{"kind": "pose", "name": "P1"}]}, exact=False)[0] != []
+    assert (compare(stated, other).differences, compare(stated, other).moved) == ((), True)
+    assert compare(stated, stated | {"excluded": [{"kind": "pose", "name": "P1"}]}).differences
     # a table that later versions write is not missed in an earlier certificate, nor let go in one of this version
-    assert compare(stated, stated | {"program": {}}, exact=False)[0] == []
-    assert compare(stated, stated | {"program": {}}, exact=True)[0] != []
-    assert compare(stated | {"program": {}}, stated, exact=False)[0] != []
+    assert not compare(stated, stated | {"program": {}}, other_version=True).differences
+    assert compare(stated, stated | {"program": {}}).differences
+    assert compare(stated | {"program": {}}, stated, other_version=True).differences

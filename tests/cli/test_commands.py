@@ -121,12 +121,6 @@ def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
         np.testing.assert_array_equal(shown, counts.of("ch4"))
 
 
-def test_a_demo_is_written_over_nothing_but_a_demo() -> None:
-    done = lmeasure("demo", "--out", Path(__file__).parent)
-    assert done.returncode == 2
-    assert "holds other files and no demo.json of an earlier demo" in done.stderr
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -24,7 +24,7 @@ from lmeasure.workflows import COMMANDS, JOBS
 from lmeasure.workflows.flow import Result
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
-KEYS = ["schema", "command", "exit_code", "error", "summary", "figures", "warnings", "files", "left_over", "notes", "made"]
+KEYS = ["schema", "command", "exit_code", "error", "summary", "figures", "warnings", "files", "notes", "made"]
 
 
 def called(words: list[object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any], str]:

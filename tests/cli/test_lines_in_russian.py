@@ -235,7 +235,10 @@ SAID = [
     ("  c2: 0.126 mm, 2.01 mm; 0.0616 mm", "  c2: 0,126 мм, 2,01 мм; 0,0616 мм"),
     ("  c3: 0.126 mm, none; 0.0616 mm", "  c3: 0,126 мм, нет; 0,0616 мм"),
     ("  c4: none, none; none", "  c4: нет, нет; нет"),
-    ("computed with numpy 2.4.5, here 2.4.6", "вычислено с numpy 2.4.5, здесь 2.4.6"),
+    (
+        "figures differ in their last digits, by 1.1e-09 at most; up to 1e-06 is no difference",
+        "величины различаются в последних знаках, не более чем на 1,1e-09; до 1e-06 это не различие",
+    ),
     (
         "note: a frame was fitted in some: what moved the whole robot or instrument is not seen",
         "примечание: в некоторых подобрана система координат: общее смещение робота или прибора не видно",

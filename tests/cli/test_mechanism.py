@@ -109,7 +109,7 @@ def test_a_table_of_poses_becomes_joints_and_completions(tmp_path: Path) -> None
     np.testing.assert_allclose(table.numbers("way_mm"), [-30.0, 0.0, 25.0], atol=1e-6)
     assert (table.numbers("kept") == 1.0).all()
     for kind in ("line", "plane", "point-on-a-line"):
-        run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "c.csv", "--complete", kind)
+        run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "c.csv", "--complete", kind, "--force")
         done = files.read_table(tmp_path / "c.csv")
         found = done.matrix(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"))
         # the pose itself completes what it tells

@@ -1,199 +1,214 @@
-"""Nothing is lost: no command writes over what it reads, a recording, another command's output or a person's file."""
+"""A command writes over nothing that exists; with --force over its own outputs alone; over an input or a recording never."""
 
-import json
+import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
+from desk import LONG, RECORDINGS, SHORT, set_up
 from typer.testing import CliRunner
 
 from lmeasure.cli import app
-from lmeasure.errors import OverwriteError
-from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
+from lmeasure.errors import LMeasureError, OverwriteError
+from lmeasure.workbench.forms import of_words
 from lmeasure.workflows import COMMANDS, load
-from lmeasure.workflows.settings import Asked
-from lmeasure.written import LEDGER, left_over, writing
+from lmeasure.workflows.settings import Asked, Writing
 
-TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
-HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
-SCENARIO = 'schema = "lmeasure.scenario/1"\nseed = 3\nrate_hz = 100.0\n[[waypoint]]\nposition_mm = [20.0, -10.0, 10.0]\n'
+EVERY = SHORT | LONG
+SAME = ("schema", "program", "init", "frames", "dyads", "simulate", "drum", "reconstruct tum")
+"""Quick commands that write the same bytes again."""
 
 
-def run(*words: object) -> int:
-    """Exit code of a command; an error of ours is as `main` ends on it."""
+def run(*words: object) -> tuple[int, str]:
+    """Exit code and error of a command; an error of ours is as `main` ends on it."""
     done = CliRunner().invoke(app, [str(w) for w in words])
     if isinstance(done.exception, OverwriteError):
-        return 2
+        assert len(done.exception.lines) == 1
+        return 2, str(done.exception)
+    if isinstance(done.exception, LMeasureError):
+        return 1, str(done.exception)
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    return done.exit_code
+    return done.exit_code, done.output
 
 
 def snapshot(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file() and p.name != LEDGER}
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    here = tmp_path_factory.mktemp("inputs")
+    set_up(here)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(here)
+        assert run("init", ".", "--template", "six-cables")[0] == 0
+    (here / "measurements.csv").write_text("")
+    return here
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Path:
-    """A run folder, a trajectory of it, and a calibration folder."""
-    shutil.copytree(TRUTH / "cell-run", tmp_path / "run")
-    assert run("reconstruct", tmp_path / "run", "--out", tmp_path / "t.csv") == 0
-    made = simulate_campaign(
-        cell_rig(3), 12, np.random.default_rng(4), centre=HOME, half_mm=(300, 300, 300), tilt_rad=0.3, nominal_shift_mm=5.0
-    )
-    write_campaign(tmp_path / "campaign", made)
-    (tmp_path / "scenario.toml").write_text(SCENARIO)
-    (tmp_path / "notes.txt").write_text("mine")
+def desk(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Its inputs are links to one copy, which no test may change."""
+    for path in inputs.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
     return tmp_path
 
 
-def test_every_command_is_held_to_the_rule() -> None:
-    """But those that write nothing, or only what they know again by themselves: a key is never written over, a demo has a mark."""
-    assert {name for name in COMMANDS if load(name).settings.paths is Asked.paths} == {"key", "demo", "init", "verify", "view", "workbench"}
+def settings_of(line: str) -> Any:
+    words = line.replace("OUT", "out").split()
+    return load(words[0]).settings.model_validate(of_words(words[0], words))
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "reconstruct run --out run/pass1.csv",
-        "reconstruct run --out notes.csv",
-        "reconstruct run --out t2.csv --rerun notes.rrd",
-        "motion t.csv --out t.csv",
-        "motion t.csv --out run/pass1.csv",
-        "simulate scenario.toml --out run",
-        "plan-poses campaign/rig.toml --poses 4 --box -100:100,-100:100,-100:100 --out campaign/reference_poses.csv",
-        "calibrate campaign --out campaign",
-        "calibrate campaign --out run",
-        "zone run/rig.toml --x 0:100:50 --y 0:100:50 --z 0:100:50 --out run/rig.toml",
-        "drum notes.txt --rig run/rig.toml --out run/rig.toml",
-        "import notes.txt --rig run/rig.toml --out run --position-mm 0 0 0 --quaternion-xyzw 0 0 0 1",
-        "record --rig run/rig.toml --bus replay:log.log --fast --out run",
-        "place run/rig.toml --task notes.txt --out run",
-        "program --out program --x 0:100 --y 0:100 --z 0:100",
-        "key --out notes.txt",
-        "certify t.csv --program notes.txt --out run",
-        "certify t.csv --program notes.txt --out notes --zip",
-        "demo --out run",
-    ],
-)
-def test_nothing_is_written_over_what_is_not_the_command_s_own(cell: Path, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(cell)
-    for name in ("notes.csv", "notes.rrd"):
-        (cell / name).write_text("mine")
-    (cell / "notes.zip").write_text("mine")
-    (cell / "program").mkdir()
-    (cell / "program" / "commands.csv").write_text("mine")
-    (cell / "log.log").write_text("(1.0) can0 080#\n" + "".join(f"(1.1) can0 {i:03X}#00000000\n" for i in range(0x181, 0x187)))
-    before = snapshot(cell)
-    assert run(*words.split()) == 2
-    assert snapshot(cell) == before
+def test_every_command_that_writes_takes_force() -> None:
+    """But those that go on with their own folder, or write nothing."""
+    others = {"capture", "play", "scan", "verify", "view", "watch", "workbench"}
+    assert {name for name in COMMANDS if not issubclass(load(name).settings, Writing)} == others
+    assert {name for name in COMMANDS if issubclass(load(name).settings, Writing)} == {line.split()[0] for line in EVERY.values()} | {
+        "record"
+    }
+    assert all(load(name).settings.paths is not Asked.paths for name in COMMANDS if name not in others)
 
 
-def test_a_command_replaces_what_it_wrote_itself(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(cell)
-    for words in (
-        "reconstruct run --out t.csv",
-        "motion t.csv --out m.csv",
-        "simulate scenario.toml --out made",
-        "calibrate campaign --out calibrated",
-        "program --out tests --x 0:100 --y 0:100 --z 0:100",
-    ):
-        assert run(*words.split()) == 0
-        assert run(*words.split()) == 0, words
+@pytest.mark.parametrize("name", EVERY)
+def test_what_exists_is_refused_in_one_line_before_any_work(name: str, desk: Path) -> None:
+    line = EVERY[name].replace("OUT", "out")
+    if name == "demo":
+        (desk / "out" / "demo").mkdir()
+        (desk / "out" / "demo" / "demo.json").write_text("mine")
+    for path in settings_of(line).paths().outputs:
+        shutil.rmtree(desk / "out")
+        path.parent.mkdir(parents=True)
+        path.write_text("mine")
+        code, said = run(*line.split())
+        assert code == 2, (path, said)
+        assert said.startswith(f"{path}: exists; --force replaces it")
+        assert snapshot(desk / "out") == {os.path.relpath(path, "out"): b"mine"}
 
 
-def test_what_was_changed_since_is_a_person_s(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planned poses become measured ones under the same name and columns."""
-    monkeypatch.chdir(cell)
-    words = ["motion", "t.csv", "--out", "m.csv"]
-    assert run(*words) == 0
-    table = (cell / "m.csv").read_bytes()
-    (cell / "m.csv").write_bytes(table.replace(b"0", b"1", 1))
-    assert run(*words) == 2
-    (cell / "m.csv").write_bytes(table)
-    assert run(*words) == 0
-    for broken in ("", "[]", '{"schema": "lmeasure.written/1", "files": 3}', "{" * 5000):
-        (cell / LEDGER).write_text(broken)
-        assert run(*words) == 2
+@pytest.mark.parametrize("name", SAME)
+def test_with_force_the_result_is_the_same_and_other_files_are_kept(name: str, desk: Path) -> None:
+    words = EVERY[name].replace("OUT", "out").split()
+    assert run(*words)[0] == 0
+    made = snapshot(desk / "out")
+    strangers = {path.parent / "notes.txt": b"mine" for path in (desk / "out").rglob("*") if path.is_file()}
+    for path, content in strangers.items():
+        path.write_bytes(content)
+    assert run(*words)[0] == 2
+    some = desk / "out" / min(made)
+    some.write_bytes(b"half")
+    assert run(*words, "--force")[0] == 0
+    now = snapshot(desk / "out")
+    assert {path: now[path] for path in made} == made
+    assert set(now) == set(made) | {path.relative_to(desk / "out").as_posix() for path in strangers}
+    assert all(path.read_bytes() == content for path, content in strangers.items())
+    shutil.rmtree(desk / "out")
+    for folder in {path.parent for path in strangers}:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "notes.txt").write_text("mine")
+    assert run(*words)[0] == 0, "a folder of other files is no obstacle"
 
 
-def test_exit_code_and_one_line(cell: Path) -> None:
-    path = cell / "t.csv"
-    done = subprocess.run([sys.executable, "-m", "lmeasure", "motion", path, "--out", path], capture_output=True, text=True)
+@pytest.mark.parametrize("name", [name for name in EVERY if name not in ("schema", "key", "mechanism", "init", "program", "demo")])
+@pytest.mark.parametrize("link", [os.symlink, os.link])
+def test_an_input_is_no_output_by_any_name(name: str, link: Any, desk: Path) -> None:
+    line = EVERY[name].replace("OUT", "out")
+    outputs, inputs = settings_of(line).paths()
+    for read in (path for path in inputs if path.is_file()):
+        before = read.read_bytes()
+        for path in outputs:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            link(read.resolve(), path)
+            code, said = run(*line.split(), "-f")
+            assert code == 2, (path, said)
+            assert said.startswith(f"{path}: is an input of this command, which is never written over, not even with --force")
+            assert path.read_bytes() == before
+            path.unlink()
+
+
+def test_what_an_input_names_is_an_input_too(desk: Path) -> None:
+    """The scenario's rig would be written over by the rig of its run."""
+    for path in ("rig.toml", "scenario.toml"):
+        (desk / path).unlink()
+        shutil.copy((desk / "drums.toml").resolve().with_name(path), desk)
+    before = (desk / "rig.toml").read_bytes()
+    code, said = run("simulate", "scenario.toml", "--out", ".", "--force")
+    assert (code, said.partition(",")[0]) == (2, "rig.toml: is an input of this command")
+    assert (desk / "rig.toml").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["record", "capture"])
+def test_a_recording_is_never_replaced(name: str, desk: Path) -> None:
+    line = RECORDINGS[name].replace("OUT", "out")
+    assert run(*line.split())[0] == (0 if name == "record" else 1)
+    before = snapshot(desk / "out")
+    assert before
+    if name == "record":
+        for word in ((), ("--force",)):
+            code, said = run(*line.split(), *word)
+            assert (code, said.partition(":")[0]) == (2, "out/recorded/run.toml")
+            assert "not even with --force: give --out another folder" in said
+        for words in ("simulate scenario.toml --out out/recorded", f"{SHORT['import'].partition(' --out')[0]} --out out/recorded"):
+            code, said = run(*words.split(), "--force")
+            assert code == 2
+            assert "is part of a recording, which is never written over" in said
+        assert run("motion", "sealed/inputs/trajectory.parquet", "--out", "out/recorded/pass1.csv", "-f")[0] == 2
+    else:
+        (desk / "out" / "campaign" / "counts.csv").write_text("counted")
+        before = snapshot(desk / "out")
+        assert run("plan-poses", "rig.toml", "--poses", "3", "--out", "out/campaign/counts.csv", "-f")[0] == 2
+    assert snapshot(desk / "out") == before
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe"])
+def test_what_is_no_file_is_never_replaced(kind: str, desk: Path) -> None:
+    path = desk / "out" / "rig.json"
+    path.mkdir() if kind == "folder" else os.mkfifo(path)
+    code, said = run("schema", "rig", "--out", "out/rig.json", "--force")
+    assert (code, said.partition(", where")[0]) == (2, f"out/rig.json: is {'a folder' if kind == 'folder' else 'no regular file'}")
+
+
+def test_a_link_that_leads_nowhere_is_replaced_itself(desk: Path) -> None:
+    (desk / "out" / "rig.json").symlink_to(desk / "elsewhere.json")
+    assert run("schema", "rig", "--out", "out/rig.json")[0] == 2
+    assert run("schema", "rig", "--out", "out/rig.json", "-f")[0] == 0
+    assert not (desk / "out" / "rig.json").is_symlink()
+    assert not (desk / "elsewhere.json").exists()
+
+
+def test_a_demo_without_a_folder_makes_a_fresh_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def demo(out: Path, *_: object) -> None:
+        made.append(out)
+        out.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lmeasure.chains.demo", demo)
+    monkeypatch.chdir(tmp_path)
+    for _ in range(3):
+        run("demo")
+    assert made == [Path("lmeasure-demo"), Path("lmeasure-demo-2"), Path("lmeasure-demo-3")]
+
+
+def test_exit_code_and_one_line(desk: Path) -> None:
+    (desk / "out" / "rig.json").write_text("mine")
+    done = subprocess.run([sys.executable, "-m", "lmeasure", "schema", "rig", "--out", "out/rig.json"], capture_output=True, text=True)
     assert done.returncode == 2
-    assert done.stderr == f"lmeasure: {path}: is read by this command, which does not write over what it reads; give --out another name\n"
+    assert done.stderr == "lmeasure: out/rig.json: exists; --force replaces it, or give another name\n"
 
 
-def test_the_ledger_forgets_what_is_gone_and_keeps_what_was_written_before_an_error(tmp_path: Path) -> None:
-    first, second = tmp_path / "a.csv", tmp_path / "b.csv"
-    with pytest.raises(KeyError), writing("motion", [first, second]):  # noqa: PT012 - what stands before the error is the point
-        first.write_text("whole")
-        raise KeyError
-    assert list(json.loads((tmp_path / LEDGER).read_text())["files"]) == ["a.csv"]
-    first.unlink()
-    with writing("motion", [first, second]):
-        second.write_text("whole")
-    assert list(json.loads((tmp_path / LEDGER).read_text())["files"]) == ["b.csv"]
-    with pytest.raises(OverwriteError, match=r"b\.csv: is there already, and not as `lmeasure zone` wrote it"), writing("zone", [second]):
-        pass
-
-
-def test_what_a_killed_command_left_is_named(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(cell)
+def test_what_killed_processes_left_of_an_output_is_removed(desk: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    left = [cell / f".m.csv.{gone.pid}.part.csv", cell / f".certificate.{gone.pid}.part"]
-    left[0].write_text("half")
-    left[1].mkdir()
-    (cell / ".m.csv.1.part.csv").write_text("of a process that runs")
-    (cell / ".hidden.part").write_text("a person's")
-    assert left_over([cell, cell]) == sorted(left)
-    done = CliRunner().invoke(app, ["motion", "t.csv", "--out", "m.csv"])
-    assert done.exit_code == 0
-    for path in left:
-        assert f"note: {path.name} was left by a command that was broken off; nothing needs it" in done.stderr
-
-
-AT_ONCE = """
-import sys
-from pathlib import Path
-from lmeasure.written import writing
-
-folder, name = Path(sys.argv[1]), sys.argv[2]
-print("ready", flush=True)
-sys.stdin.readline()
-for i in range(25):
-    with writing("zone", [folder / f"{name}-{i}"]):
-        (folder / f"{name}-{i}").write_text("here")
-"""
-
-
-def test_commands_that_end_at_one_moment_are_all_entered(tmp_path: Path) -> None:
-    """Processes that write into one folder: none loses another's entries, and a lock that a killed one left stops nobody for good."""
-    started = [
-        subprocess.Popen([sys.executable, "-c", AT_ONCE, str(tmp_path), name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        for name in "abc"
-    ]
-    for process in started:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-    for process in started:
-        assert process.stdin is not None
-        process.stdin.write("\n")
-        process.stdin.flush()
-    for process in started:
-        assert process.communicate()[0] == ""
-        assert process.returncode == 0
-    assert len(json.loads((tmp_path / LEDGER).read_text())["files"]) == 75
-    assert sorted(p.name for p in tmp_path.iterdir() if p.name.startswith(".")) == [LEDGER]
-
-
-def test_a_lock_that_was_left_stops_nobody_for_good(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.written.WAIT_S", 0.05)
-    (tmp_path / f"{LEDGER}.lock").touch()
-    with writing("zone", [tmp_path / "z.nc"]):
-        (tmp_path / "z.nc").write_text("here")
-    assert list(json.loads((tmp_path / LEDGER).read_text())["files"]) == ["z.nc"]
-    assert not (tmp_path / f"{LEDGER}.lock").exists()
+    out = desk / "out"
+    (out / f".rig.json.{gone.pid}.part.json").write_text("half")
+    kept = {".rig.json.1.part.json", f".other.json.{gone.pid}.part.json", ".hidden.part"}  # of a process that runs, of another output
+    for name in kept:
+        (out / name).write_text("half")
+    assert run("schema", "rig", "--out", "out/rig.json")[0] == 0
+    assert set(snapshot(out)) == {"rig.json"} | kept

@@ -1,0 +1,131 @@
+"""Decide what a command may write: nothing that exists, unless `--force` is given; an input or a recording never.
+
+The rule is one of commands. Functions of the Python package write where the caller tells them, except `certify`, which has `force` too.
+"""
+
+import os
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from lmeasure.errors import CancelledError, LMeasureError, OverwriteError
+from lmeasure.files import abandoned, read_toml
+from lmeasure.recorded import recording_at
+
+
+@contextmanager
+def writing(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, force: bool = False) -> Iterator[list[Path]]:
+    """Refuse, before any work is done, what must not be written; yield the list of files that the block has written.
+
+    Parameters
+    ----------
+    outputs
+        Files that the command may write.
+    inputs
+        Files that it reads.
+    force
+        Replace outputs that exist.
+
+    Raises
+    ------
+    OverwriteError
+        An output exists and force is not given; or it is an input, a part of a recording, or no regular file.
+    LMeasureError
+        A folder cannot be written to.
+    """
+    candidates = list(dict.fromkeys(map(Path, outputs)))
+    read = with_named(inputs) if any(map(os.path.lexists, candidates)) else []
+    there = [path for path in candidates if _refused(path, read)]
+    if there and not force:
+        others = f" (and {len(there) - 1} more of its files)" if len(there) > 1 else ""
+        raise OverwriteError(f"{there[0]}: exists{others}; --force replaces it, or give another name")
+    _clear(candidates)
+    before = {path: _stamp(path) for path in candidates}
+    done: list[Path] = []
+    try:
+        yield done
+    except BaseException as error:
+        # broken off, or out of room: a part of its files would only stand in the way of the same command
+        if isinstance(error, CancelledError | KeyboardInterrupt) or isinstance(error.__cause__, OSError):
+            for path in (one for one in candidates if before[one] is None):
+                with suppress(OSError):
+                    path.unlink()
+        raise
+    done.extend(path for path in candidates if _stamp(path) not in (None, before[path]))
+
+
+def _refused(path: Path, inputs: Iterable[Path]) -> bool:
+    """Return whether an output exists and may be replaced; OverwriteError where it never may."""
+    try:
+        path.lstat()
+        mode = path.stat().st_mode if path.exists() else stat.S_IFREG  # a link that leads nowhere is replaced itself
+    except (OSError, ValueError):  # not there, or no name at all, which the writer reports
+        _writable(path)
+        return False
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+        raise OverwriteError(f"{path}: is {kind}, where this command writes a file; give another name")
+    if any(_is(path, one) for one in inputs):
+        raise OverwriteError(f"{path}: is an input of this command, which is never written over, not even with --force; give another name")
+    if recording_at(path):
+        raise OverwriteError(f"{path}: is part of a recording, which is never written over, not even with --force; give another name")
+    _writable(path)
+    return True
+
+
+def with_named(inputs: Iterable[Path]) -> list[Path]:
+    """Return the inputs and the files that they name: the rig of a run or a scenario, the calibration or the DBC file of a rig."""
+    found = list(dict.fromkeys(map(Path, inputs)))
+    for path in found:  # grows by what is named
+        if path.suffix == ".toml":
+            with suppress(LMeasureError, OSError, ValueError):
+                named = [path.parent / text for text in _texts(dict(read_toml(path)))]
+                found += [one for one in named if one.is_file() and one not in found]
+    return found
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield the texts of a TOML document that may be names of files."""
+    if isinstance(value, str) and 0 < len(value) < 256 and "\n" not in value:
+        yield value
+    elif isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _texts(one)
+
+
+def _is(path: Path, read: Path) -> bool:
+    """Return whether two names are one file, by links too."""
+    with suppress(OSError, ValueError):
+        return read.samefile(path)
+    return False
+
+
+def _writable(path: Path) -> None:
+    """Raise LMeasureError where the file's folder, or the one in which that is made, may not be written to."""
+    with suppress(OSError, ValueError):
+        folder = next(one for one in path.parents if one.exists())
+        if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
+            raise LMeasureError(f"{path}: cannot be written: no permission in {folder}; give a folder that you may write to")
+
+
+def _clear(outputs: Iterable[Path]) -> None:
+    """Remove the unfinished files of these outputs that killed processes have left."""
+    names: dict[Path, set[str]] = {}
+    for path in outputs:
+        names.setdefault(path.parent, set()).add(path.name)
+    for folder, own in names.items():
+        for left in abandoned(folder):
+            if left.name in own and left.path.is_file():
+                with suppress(OSError):
+                    left.path.unlink()
+
+
+def _stamp(path: Path) -> tuple[int, ...] | None:
+    """Return what is different once a file was written again; None where there is none."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return (found.st_ino, found.st_mtime_ns, found.st_size) if stat.S_ISREG(found.st_mode) else None
