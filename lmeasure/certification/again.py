@@ -2,11 +2,12 @@
 
 import math
 import re
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from lmeasure.certification.bundle import CERTIFICATE, Difference
-from lmeasure.certification.canonical import canonical
+from lmeasure.certification.canonical import canonical, digest
 from lmeasure.certification.certificate import identification
 from lmeasure.certification.characteristic import key_of
 from lmeasure.certification.environment import LIBRARIES
@@ -15,14 +16,19 @@ from lmeasure.certification.printed import with_u95
 from lmeasure.findings import in_todays_words
 
 RELATIVE = 1e-6
-"""Another processor or other versions may change the last digits: up to this part of the figure or of its U95, whichever is larger."""
+"""Two figures of one method agree when they differ by at most this part of their size, see `size_of`. Another kernel of BLAS or another
+processor adds in another order: differences of about 1e-12, up to 1e-7 where a least-squares problem is badly conditioned."""
 ROUNDED, RELATIVE_ROUNDED = 5, 1e-5
 """Up to this method errors were drawn along what had been rounded off a covariance too, which is another number on each processor: figures
 of means of dwells that vibrate differ by up to so much."""
 SMALLEST = 1e-9
-"""What is smaller than so much [mm, deg, s] is the same as nothing: means and frames."""
+"""Differences up to this [mm, deg, s, %] are last digits too: positions of 1000 mm are computed to about 1e-10 mm, and AP_p is a difference
+of two."""
 INDEPENDENT = ("schema", "kind", "details", "measurement", "inputs", "program")
 """Tables of a certificate that do not depend on how figures are computed."""
+FIGURES = ("characteristics", "excluded", "base_from_program")
+"""Tables whose digest is figures_sha256."""
+UNCERTAINTIES = ("u95", "u_random", "u_systematic")
 _NUMBER = re.compile(r"([-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)")
 _VERSION = re.compile(r"[\w.+()-]+(?: [\w.+()-]+)?", re.ASCII)
 SOURCES = "lmeasure sources"
@@ -39,38 +45,89 @@ def allowed_of(method: int) -> float:
     return RELATIVE if method > ROUNDED else RELATIVE_ROUNDED
 
 
-def compare(stated: dict[str, Any], again: dict[str, Any], *, exact: bool) -> tuple[list[Difference], float]:
-    """Where a certificate is not the one its inputs give by the same method, figure by figure, and the largest relative difference of one.
+@dataclass(frozen=True)
+class Compared:
+    """The result of a comparison.
 
-    exact: every digit counts; else numbers may differ by `RELATIVE`, figures of early methods by `RELATIVE_ROUNDED`.
+    differences: what is not as the inputs give it. largest: largest difference of a figure within the tolerance, as a part of its size.
+    moved: whether anything differs in its last digits. skipped: what could not be compared, and why.
+    """
+
+    differences: tuple[Difference, ...]
+    largest: float = 0.0
+    moved: bool = False
+    skipped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A place where two tables differ: in last digits, by a part of the size; in the last printed digit of a text; or otherwise."""
+
+    where: str
+    kind: Literal["digits", "printed", "other"]
+    part: float = 0.0
+
+
+def size_of(key: str, figure: Mapping[str, Any]) -> float:
+    """Return the size against which the difference of an entry of a figure is compared, from the figure as it is computed today.
+
+    A relative difference means nothing near zero: AP_x of a good robot may be 1e-5 mm with a U95 of 0.01 mm, and its last digits change
+    with the rounding of positions of 1000 mm. A change that is small against U95 changes no conclusion. So the value, and the limit that
+    is a part of it, are compared with the larger of value and U95. Uncertainties are compared with U95 alone: else a large value
+    would hide a forged U95. All others, such as coverage factors, are compared with themselves. Nothing stated by the certificate itself
+    is used, so a forger cannot widen the tolerance.
+    """
+    u95 = abs(figure.get("u95") or 0.0)
+    if key in UNCERTAINTIES:
+        return u95
+    return max(abs(figure["value"]), u95) if key in ("value", "limit_u95") else 0.0
+
+
+def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: bool = False) -> Compared:
+    """Compare a certificate with the one that its inputs give by the same method.
+
+    Numbers may differ by `RELATIVE`. other_version: tables that another version of this program did not write are named, not compared.
     """
     out: list[Difference] = []
-    allowed = 0.0 if exact else allowed_of(method_of(stated))
-    largest = 0.0
+    allowed = allowed_of(method_of(stated))
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
     out += [Difference(name, "is certified, but the inputs do not give it") for name in old if name not in new]
     out += [Difference(name, "is not certified, but the inputs give it") for name in new if name not in old]
+    largest, moved, skipped = 0.0, False, []
     for name, figure in old.items():
         other = new.get(name, figure)
         for key in sorted({*figure, *other}):
             a, b = figure.get(key), other.get(key)
-            part = _relative(a, b, max(abs(figure["value"]), abs(figure["u95"] or 0.0))) if canonical(a) != canonical(b) else 0.0
-            largest = max(largest, part)
-            if part > allowed:
+            steps = list(_steps(a, b, key, size_of(key, other), allowed))
+            if any(step.kind == "other" for step in steps):
                 out.append(Difference(name, f"{key} is certified as {_shown(a)}, computed again {_shown(b)}"))
-    # tables that an earlier version did not write; and which of the texts, compared where they stand, it had codes for
-    later = set() if exact else {*again} - {*stated} | {"findings"}
-    out += _tables(stated, again, {*stated, *again} - {"characteristics", "figures_sha256", "id"} - later, exact=exact)
+            else:
+                largest = max([largest, *(step.part for step in steps)])
+            moved |= bool(steps)
+            skipped += [f"{name}: {step.where}: {_PRINTED}" for step in steps if step.kind == "printed"]
+    later = {*again} - {*stated} | {"findings"} if other_version else set()
+    for key in sorted({*stated, *again} - {"characteristics", "figures_sha256", "id"}):
+        a, b = stated.get(key), again.get(key)
+        steps = list(_steps(a, b, key, 0.0, RELATIVE))
+        moved |= bool(steps)
+        if steps and key in later:
+            skipped.append(f"{CERTIFICATE}: {key}: another version of this program wrote it, in another form")
+        elif any(step.kind == "other" for step in steps):
+            out.append(Difference(CERTIFICATE, f"{key} is {_shown(a)}, computed again {_shown(b)}"))
+        skipped += [f"{CERTIFICATE}: {step.where}: {_PRINTED}" for step in steps if step.kind == "printed"]
     out += has_its_id(stated)
-    if exact and not out and stated["figures_sha256"] != again["figures_sha256"]:
+    if not out and stated["figures_sha256"] != digest({key: stated.get(key) for key in FIGURES}):
         out.append(Difference(CERTIFICATE, "figures_sha256 is not that of its figures"))
-    return out, largest if math.isfinite(largest) else 0.0
+    return Compared(tuple(out), largest, moved, tuple(skipped))
+
+
+_PRINTED = "a printed number differs in its last digit, which may be another rounding"
 
 
 def beside(stated: dict[str, Any], again: dict[str, Any]) -> tuple[list[Difference], tuple[str, ...]]:
     """Of a certificate by another method: where what does not depend on the method is not what the inputs give, and its figures with those
     of today, a line each."""
-    out = _tables(stated, again, {key for key in INDEPENDENT if key in stated}, exact=True) + has_its_id(stated)
+    out = _tables(stated, again, {key for key in INDEPENDENT if key in stated}) + has_its_id(stated)
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
     lines = [f"{name}: sealed {_figure(old.get(name))}, today {_figure(new.get(name))}" for name in {**old, **new}]
     return out, (f"figures by method {method_of(stated)}, as sealed, beside those by method {METHOD}:", *lines)
@@ -95,29 +152,51 @@ def of_environment(stated: Mapping[str, Any], here: Mapping[str, str]) -> list[D
     return out
 
 
-def _tables(stated: dict[str, Any], again: dict[str, Any], keys: set[str], *, exact: bool) -> list[Difference]:
+def _tables(stated: dict[str, Any], again: dict[str, Any], keys: set[str]) -> list[Difference]:
     out = []
     for key in sorted(keys):
         a, b = stated.get(key), again.get(key)
-        if canonical(a) != canonical(b) and (exact or not _alike(a, b)):
+        if canonical(a) != canonical(b):
             out.append(Difference(CERTIFICATE, f"{key} is {_shown(a)}, computed again {_shown(b)}"))
     return out
 
 
-def _alike(a: Any, b: Any) -> bool:
-    """Whether two tables say the same but for the last digits of their numbers, those in texts included."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        return set(a) == set(b) and all(_alike(a[k], b[k]) for k in a)
-    if isinstance(a, list) and isinstance(b, list):
-        return len(a) == len(b) and all(map(_alike, a, b))
-    if isinstance(a, str) and isinstance(b, str):
-        one, other = _NUMBER.split(in_todays_words(a)), _NUMBER.split(in_todays_words(b))
-        return len(one) == len(other) and all(
-            x == y or (i % 2 == 1 and _printed_alike(x, y)) for i, (x, y) in enumerate(zip(one, other, strict=True))
-        )
-    if all(isinstance(x, int | float) and not isinstance(x, bool) for x in (a, b)):
-        return math.isclose(a, b, rel_tol=RELATIVE, abs_tol=SMALLEST)
-    return bool(a == b)
+def _steps(a: Any, b: Any, where: str, size: float, allowed: float) -> Iterator[_Step]:
+    """Yield where two tables differ, b being the one of today. size: against which numbers are compared, at least their own."""
+    if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
+        for key in a:
+            yield from _steps(a[key], b[key], f"{where}.{key}", size, allowed)
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        if "covariance" in where:  # what is not on its diagonal may be zero but for rounding
+            size = max([size, *(abs(v) for v in _numbers(b))])
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            yield from _steps(x, y, f"{where}[{i}]", size, allowed)
+    elif isinstance(a, float) and isinstance(b, float) and math.isfinite(a):
+        if a != b:
+            scale = max(size, abs(b))
+            within = abs(a - b) <= max(allowed * scale, SMALLEST if "covariance" not in where else 0.0)
+            yield _Step(where, "digits" if within else "other", abs(a - b) / scale if scale else math.inf)
+    elif isinstance(a, str) and isinstance(b, str):
+        if a != b and in_todays_words(a) != in_todays_words(b):
+            yield _Step(where, "printed" if _texts_alike(in_todays_words(a), in_todays_words(b)) else "other")
+    elif type(a) is not type(b) or a != b:
+        yield _Step(where, "other")
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, list):
+        for one in value:
+            yield from _numbers(one)
+    elif isinstance(value, float):
+        yield value
+
+
+def _texts_alike(a: str, b: str) -> bool:
+    """Return whether two texts are one but for the last digits of printed numbers."""
+    one, other = _NUMBER.split(a), _NUMBER.split(b)
+    return len(one) == len(other) and all(
+        x == y or (i % 2 == 1 and _printed_alike(x, y)) for i, (x, y) in enumerate(zip(one, other, strict=True))
+    )
 
 
 def _printed_alike(a: str, b: str) -> bool:
@@ -125,16 +204,6 @@ def _printed_alike(a: str, b: str) -> bool:
     last = [10.0 ** -len(x.lower().split("e")[0].partition(".")[2]) for x in (a, b)]
     whole = "." not in a and "." not in b and "e" not in (a + b).lower()
     return not whole and abs(float(a) - float(b)) <= max(RELATIVE * abs(float(a)), 1.001 * max(last))
-
-
-def _relative(a: Any, b: Any, size: float) -> float:
-    """Difference of two entries as a part of the figure's size; infinite where they are no numbers."""
-    if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
-        return max((_relative(a[k], b[k], size) for k in a), default=0.0)
-    if all(isinstance(x, int | float) and not isinstance(x, bool) for x in (a, b)):
-        return abs(a - b) / max(size, abs(a)) if a != b else 0.0
-    same = _alike(a, b) if isinstance(a, str) else a == b
-    return 0.0 if same else math.inf
 
 
 def _figure(figure: Mapping[str, Any] | None) -> str:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lmeasure.certification.again import RELATIVE, allowed_of, beside, compare, label, of_environment
-from lmeasure.certification.bundle import CERTIFICATE, INPUTS, SIGNATURE, Difference, Seal, check_seal, entries, regular_bytes
+from lmeasure.certification.again import RELATIVE, SOURCES, Compared, allowed_of, beside, compare, label, of_environment
+from lmeasure.certification.bundle import CERTIFICATE, INPUTS, SIGNATURE, UNSIGNED, Difference, Seal, check_seal, entries, regular_bytes
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import LANGUAGES, certificate
 from lmeasure.certification.environment import environment
@@ -25,11 +25,12 @@ PROGRAM = ("lmeasure", "lmeasure sources")
 @dataclass(frozen=True)
 class Printer:
     """How a file that people read comes from a certificate, and the text that they read in its bytes. text: ValueError when they cannot
-    be read. needed: `certify` writes it always."""
+    be read. needed: `certify` writes it always. close: whether two of them are the same but for the last digits of numbers."""
 
     write: Callable[[dict[str, Any], Measured], bytes]
     text: Callable[[bytes], str]
     needed: bool = True
+    close: Callable[[bytes, bytes], bool] = bytes.__eq__
 
     def __call__(self, content: dict[str, Any], measured: Measured) -> bytes:
         """The file's bytes."""
@@ -68,9 +69,13 @@ def verify(
 ) -> Verification:
     """Look at every byte, compute every figure again from the inputs, and print again what people read.
 
-    public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate; their bytes are
-    compared where the environment is the same, else their texts, which another program may word otherwise. Figures by another method are
-    not compared but listed beside those of today. CertificationError when there is no certificate to look at.
+    public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate. They are printed again
+    and compared byte for byte; where only last digits or another environment can be the reason of other bytes, by their texts, and the
+    file is named as not compared beyond them. The environment is a claim of the certificate: what is not that of this machine is named as
+    not compared. Figures by another method are not compared but listed beside those of today.
+
+    All of this starts from the inputs in the folder. Whether they are those of a measurement shows only a signature: whoever changes the
+    inputs of an unsigned folder can make a new certificate of them. CertificationError when there is no certificate to look at.
     """
     folder = Path(folder)
     seal = check_seal(folder, public_key)
@@ -82,11 +87,13 @@ def verify(
         stated = read_certificate(folder / CERTIFICATE)
     except LMeasureError as error:
         return _not_computed(folder, seal, error)
-    own = {key: value for key, value in environment().items() if stated["environment"].get(key) != value}
+    here = environment()
+    own = {key: value for key, value in here.items() if stated["environment"].get(key) != value}
+    own |= {key: "none" for key in stated["environment"] if key not in here}
     method = method_of(stated)
     other = not (SAME_FOR_ONE_PASS <= method <= METHOD)
     told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
-    out = [*seal.differences, *of_environment(stated["environment"], environment())]
+    out = [*seal.differences, *of_environment(stated["environment"], here)]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
     try:
@@ -111,21 +118,25 @@ def verify(
         method=METHOD if other else method,
     )
     lines: tuple[str, ...] = ()
-    skipped, largest, figures = [], 0.0, 0
+    skipped, figures, compared = [], 0, Compared(())
+    if own:
+        skipped.append(f"environment: {'; '.join(told)}: what the certificate states cannot be checked here")
     if other:
         found, lines = beside(stated, again)
+        out += found
         skipped.append(f"figures: made by method {method}, today's is {METHOD}")
     else:
-        found, largest = compare(stated, again, exact=not own)
+        compared = compare(stated, again, other_version=SOURCES in own)
+        out += compared.differences
+        skipped += compared.skipped
         figures = len(stated["characteristics"])
-    out += found
     for name, printer in (printers or {}).items():
         if any(d.what == name for d in seal.differences):
             continue
-        found, why_not = _page(folder, name, printer, stated=stated, measured=measured, own=own, other=other)
+        found, why_not = _page(folder, name, printer, stated=stated, measured=measured, own=own, other=other, moved=compared.moved)
         out += found
         skipped += why_not
-    return Verification(stated["id"], tuple(out), figures, seal.signer, told, largest, tuple(skipped), lines, allowed_of(method))
+    return Verification(stated["id"], tuple(out), figures, seal.signer, told, compared.largest, tuple(skipped), lines, allowed_of(method))
 
 
 def _not_computed(folder: Path, seal: Seal, error: Exception) -> Verification:
@@ -145,27 +156,38 @@ def _strangers(seal: Seal, inputs: set[str], printers: Mapping[str, Printer] | N
 
 
 def _page(
-    folder: Path, name: str, printer: Printer, *, stated: dict[str, Any], measured: Measured, own: Mapping[str, str], other: bool
+    folder: Path,
+    name: str,
+    printer: Printer,
+    *,
+    stated: dict[str, Any],
+    measured: Measured,
+    own: Mapping[str, str],
+    other: bool,
+    moved: bool,
 ) -> tuple[list[Difference], list[str]]:
-    """Where a file that people read says otherwise than the certificate, and why it could not be compared."""
+    """Return where a file that people read is not what its certificate prints, and what of it could not be compared.
+
+    moved: figures differ in their last digits, which are in the pictures too.
+    """
     if not (folder / name).exists():
         return [], [f"{name}: is not in the folder"] if printer.needed else []
     why_not = [f"{name}: what it prints, since another version of this program prints other texts"]
     if other:
         return [], why_not
     content, expected = regular_bytes(folder / name), printer(stated, measured)
-    if content == expected:
+    if content == expected or (moved and printer.close(content, expected)):
         return [], []
-    if own:
+    if own or moved:
         try:
             if printer.text(content) == printer.text(expected):
-                return [], []
+                return [], [f"{name}: compared by its text only; what it draws, and how, was not"]
         except ValueError as error:
             return [Difference(name, f"cannot be read: {error}")], []
     # other sources may say the same in other words: no difference, but nothing that was compared
     if any(key in own for key in PROGRAM):
         return [], why_not
-    return [Difference(name, "does not print what certificate.json says")], []
+    return [Difference(name, "is not what certificate.json prints")], []
 
 
 def read_certificate(path: Path) -> dict[str, Any]:
@@ -213,28 +235,27 @@ def _refuse(constant: str) -> float:
 
 
 def told(found: Verification, *, asked: bool) -> list[str]:
-    """What a person is told: differences first. asked: whether the signature was held against a key."""
-    out = [str(d) for d in found.differences]
-    out += found.beside
-    out += [f"not compared: {text}" for text in found.skipped]
+    """Return the lines for a person: who signed it, then differences. asked: whether the signature was compared with a key."""
+    out = []
     if found.signer is not None:
         whose = (
             "the key asked for" if asked and not any(d.what == SIGNATURE for d in found.differences) else "a key nobody vouches for here"
         )
         out.append(f"signed by {found.signer[:16]}: {whose}")
-    elif not any(d.what == SIGNATURE for d in found.differences):
-        out.append("not signed: who made this folder is not shown by it")
-    if found.environment:
-        out += [f"computed with {text}" for text in found.environment]
-        if found.figures:
-            out.append(f"largest relative difference of a figure {found.largest:.2g}, allowed here {found.allowed:g}")
-    digit = "to the digit" if not found.environment else f"within {found.allowed:g}"
+    elif not any(d.what == SIGNATURE and d.text != UNSIGNED for d in found.differences):
+        out.append("unsigned: origin not proved")
+    out += [str(d) for d in found.differences]
+    out += found.beside
+    out += [f"not compared: {text}" for text in found.skipped]
+    if found.largest > 0.0:
+        out.append(f"figures differ in their last digits, by {found.largest:.2g} at most; up to {found.allowed:g} is no difference")
+    digit = f"within {found.allowed:g}" if found.largest > 0.0 else "to the digit"
     computed = f", all {found.figures} figures computed again and the same {digit}" if found.figures else ""
     if found.differences:
         number = len(found.differences)
         out.append(f"{found.certificate or 'certificate'}: {number} difference{'s' if number > 1 else ''}")
     elif found.skipped:
-        out.append(f"{found.certificate}: every byte as sealed{computed}; {len(found.skipped)} not compared, named above")
+        out.append(f"{found.certificate}: hashes as sealed{computed}; {len(found.skipped)} not compared, named above")
     else:
         out.append(f"{found.certificate}: every byte as sealed{computed}")
     return out
