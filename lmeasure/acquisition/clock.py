@@ -123,7 +123,7 @@ class Clock:
 
     def _line(self, frames: Frames, rows: IntArray, last: bool) -> "_Line":
         name = frames.buses[frames.channel[rows[0]]]
-        return _Line(self._fields, self._sync_id, self._buses.get(name, _Bus()), frames.take(rows), last)
+        return _Line(self._fields, self._sync_id, self._buses.get(name, _Bus()), frames.take(rows), last=last)
 
     def _certain(self, frames: Frames, lines: dict[int, IntArray], found: dict[int, "_Line"], certain: int) -> Frames:
         """Move the state of each bus on to the first frame that is not certain, and hold that and those behind it."""
@@ -168,7 +168,7 @@ def _keys(frames: Frames) -> Keys:
 class _Line:
     """The frames of one bus in a batch, in the order of reception, behind the latest ones of the batches before."""
 
-    def __init__(self, fields: tuple[CounterField, ...], sync_id: int | None, bus: _Bus, frames: Frames, last: bool) -> None:
+    def __init__(self, fields: tuple[CounterField, ...], sync_id: int | None, bus: _Bus, frames: Frames, *, last: bool) -> None:
         self._fields, self._sync_id, self._frames, self._last = fields, sync_id, frames, last
         self._log = frames.timestamp_source == "log"
         self._known, self._earlier = len(bus.time_s), bus.frames

@@ -28,6 +28,14 @@ ERROR_STATE = 1 << 5
 """FD: the sender was error passive."""
 SENT = 1 << 6
 """Sent by the recording side, not received."""
+CLASSED = 1 << 7
+"""Of an error frame: its identifier and data are a class of SocketCAN with its data (linux/can/error.h)."""
+
+BUS_OFF, CONTROLLER, COUNTERS = 0x40, 0x04, 0x200
+"""Classes of SocketCAN: bus-off; state of the controller in byte 1; error counters (sent, received) in bytes 6 and 7."""
+LARGEST_CLASS = 0x3FF
+PASSIVE, WARNING = (128, 0x20, 0x10), (96, 0x08, 0x04)
+"""States of a controller by ISO 11898-1: error counter from which on, and the bits of byte 1 of its counters (sent, received)."""
 
 CLASSIC_BYTES = 8
 FD_BYTES = 64
@@ -107,8 +115,17 @@ def join(parts: Sequence[Frames]) -> Frames:
     )
 
 
-def frames_from_messages(messages: Iterable["can.Message"], timestamp_source: TimestampSource = "host", source: str = "frames") -> Frames:
-    """Frames of python-can messages, in their order."""
+def controller_state(state: tuple[int, int, int], counters: tuple[int, int] = (0, 0)) -> tuple[int, bytes]:
+    """Return the class and the data of SocketCAN for a controller that is PASSIVE or at its WARNING limit; counters (0, 0): not stated."""
+    limit, *bits = state
+    which = sum(bit for bit, count in zip(bits, counters, strict=True) if count >= limit) or sum(bits)
+    return CONTROLLER | (COUNTERS if any(counters) else 0), bytes([0, which, 0, 0, 0, 0, *counters])
+
+
+def frames_from_messages(
+    messages: Iterable["can.Message"], timestamp_source: TimestampSource = "host", source: str = "frames", *, classes: bool = True
+) -> Frames:
+    """Return the frames of python-can messages, in their order; classes: identifiers of error frames are classes of SocketCAN."""
     kept = list(messages)
     n = len(kept)
     if n == 0:
@@ -124,7 +141,7 @@ def frames_from_messages(messages: Iterable["can.Message"], timestamp_source: Ti
     return Frames(
         np.array([m.timestamp for m in kept], np.float64),
         np.array([m.arbitration_id for m in kept], np.uint32),
-        np.array([flags_of(m) for m in kept], np.uint8),
+        np.array([flags_of(m) | (CLASSED if classes and is_classed(m) else 0) for m in kept], np.uint8),
         np.array([m.dlc for m in kept], np.uint8),
         data,
         np.array([place[name] for name in names], np.int16),
@@ -145,6 +162,11 @@ def flags_of(message: "can.Message") -> int:
         | (ERROR_STATE if message.error_state_indicator else 0)
         | (0 if message.is_rx else SENT)
     )
+
+
+def is_classed(message: "can.Message") -> bool:
+    """Return whether the identifier of an error frame may be a class of SocketCAN."""
+    return message.is_error_frame and message.arbitration_id <= LARGEST_CLASS
 
 
 def each(frames: Frames) -> Iterator[tuple[float, int, int, int, NDArray[np.uint8], int]]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, each
+from lmeasure.acquisition.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, each
 from lmeasure.acquisition.samples import Samples
 
 ERROR_FLAG, BUS_ERROR = 0x20000000, 0x80
@@ -20,7 +20,7 @@ def candump_lines(frames: Frames) -> bytes:
     for t, identifier, flags, length, data, channel in each(frames):
         if flags & ERROR:
             # without a class the one that python-can takes for an error frame
-            shown = ERROR_FLAG | (identifier & 0x1FFFFFFF or BUS_ERROR)
+            shown = ERROR_FLAG | (identifier if flags & CLASSED and identifier else BUS_ERROR)
             lines.append(f"({t:.6f}) {names[channel]} {shown:08X}#{data[:length].tobytes().hex().upper()}\n")
             continue
         arbitration = f"{identifier:08X}" if flags & EXTENDED else f"{identifier:03X}"

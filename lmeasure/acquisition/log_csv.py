@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from lmeasure.acquisition.frames import CLASSIC_BYTES, ERROR, EXTENDED, FD, REMOTE, SENT, Frames
+from lmeasure.acquisition.frames import CLASSED, CLASSIC_BYTES, ERROR, EXTENDED, FD, LARGEST_CLASS, REMOTE, SENT, Frames
 from lmeasure.acquisition.log_common import COMMENT, HEADER, LARGEST_STANDARD, LogReport
 from lmeasure.acquisition.log_lines import Line, data_bytes, decimal_number, hexadecimal, line_batches, whole_number
 from lmeasure.acquisition.log_text import blocks_of_lines
@@ -90,6 +90,8 @@ def _python_can_line(cells: list[str], at: dict[str, int]) -> Line:
         data = base64.b64decode(cells[at["data"]], validate=True)
     except binascii.Error as error:
         raise ValueError(f"data: {error}") from error
+    if flags & ERROR and 0 < identifier <= LARGEST_CLASS and len(data) == CLASSIC_BYTES:  # only error frames of SocketCAN have 8 bytes
+        flags |= CLASSED
     return Line(float(time), identifier, flags | (FD if length > CLASSIC_BYTES else 0), length, data, "0")
 
 

@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames
+from lmeasure.acquisition.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, LARGEST_CLASS, REMOTE, SENT, Frames
 from lmeasure.acquisition.log_common import COMMENT, COMMENT_SIGNS, LARGEST_IDENTIFIER, UNKNOWN_LINE, LogReport, UnreadableError
 from lmeasure.acquisition.log_lines import Line, data_bytes, decimal_number, line_batches
 from lmeasure.acquisition.log_text import blocks_of_lines
@@ -25,6 +25,11 @@ SCREEN_LINE = re.compile(
 )
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 ERROR_FLAG = 0x20000000
+EXPLANATION = re.compile(
+    r"(tx-timeout|lost-arbitration|controller-problem|protocol-violation|transceiver-status|no-acknowledgement-on-tx|bus-off|bus-error"
+    r"|restarted-after-bus-off|error-counter-tx-rx)\b.*"
+)
+"""Lines that `candump -e` writes behind an error frame."""
 DATE_FORMAT = "%Y-%m-%d %H:%M:%S.%f"
 SINCE_1970_S = 1e8
 """Earlier times count from the first frame or from the one before."""
@@ -82,6 +87,8 @@ class _Screen:
         if line.startswith(COMMENT_SIGNS):
             return COMMENT
         found = SCREEN_LINE.fullmatch(_plain(line))
+        if found is None and EXPLANATION.fullmatch(_plain(line)):
+            return "explanation of an error frame"
         if found is None:
             raise UnreadableError("not as candump shows it", UNKNOWN_LINE)
         if found["time"] is None:
@@ -94,8 +101,10 @@ class _Screen:
         length = int(found["length"])
         time_s = _seconds(found["time"])
         if flags & EXTENDED and identifier & ERROR_FLAG:
-            data = data_bytes(rest.split()[:length])
-            return Line(time_s, identifier & LARGEST_IDENTIFIER, ERROR | EXTENDED, len(data), data, found["bus"])
+            shown, _, _ = rest.partition("ERRORFRAME")
+            identifier &= LARGEST_IDENTIFIER
+            flags |= ERROR | (CLASSED if identifier <= LARGEST_CLASS else 0)
+            return Line(time_s, identifier, flags, length, _data(shown, length), found["bus"])
         if rest == "remote request":
             return Line(time_s, identifier, flags | REMOTE, length, b"", found["bus"])
         return Line(time_s, identifier, flags, length, _data(rest, length), found["bus"])

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 import numpy as np
 
-from lmeasure.acquisition.frames import CLASSIC_BYTES, ERROR, FD_BYTES, Frames, frames_from_messages, join
+from lmeasure.acquisition.frames import (
+    BUS_OFF,
+    CLASSIC_BYTES,
+    ERROR,
+    FD_BYTES,
+    PASSIVE,
+    WARNING,
+    Frames,
+    controller_state,
+    frames_from_messages,
+    join,
+)
 from lmeasure.acquisition.log_common import (
     BLANK,
     BLOCK_BYTES,
@@ -44,6 +55,9 @@ USUAL_LINE = 30
 
 CANDUMP_LINE = re.compile(r"\(-?[0-9]+[.,]?[0-9]*\)\s+\S+\s+[0-9a-f]{1,8}#(#[0-9])?(r[0-9]*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE)
 
+CANDUMP_ERROR = re.compile(r"\s[2367abef][0-9a-f]{7}#", re.IGNORECASE)
+"""Identifiers with the error flag (bit 29)."""
+
 ASC_DATE = re.compile(r"date\s+\w+\s+(.+)", re.IGNORECASE)
 ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 ASC_INTERNAL = re.compile(r"(no)?\s*internal\s+events", re.IGNORECASE)
@@ -59,7 +73,6 @@ EVENT_KINDS = (
     "system variable",
     "test step",
     "transport protocol",
-    "bus status",
     *("frame of another bus",) * 5,
     "GPS",
     *("comment or marker",) * 2,
@@ -73,7 +86,7 @@ ASC_EVENTS: tuple[tuple[str, re.Pattern[str]], ...] = (
         re.compile(r"(start|end|stop) of measurement|log (direct )?(start|stop)|(log )?trigger", re.IGNORECASE),
     ),
     ("statistics", re.compile(r"\d+\s+statistic:", re.IGNORECASE)),
-    ("bus status", re.compile(r"can(fd)?\s+\d+\s+(status|txerr|rxerr)", re.IGNORECASE)),
+    ("bus status", re.compile(r"can\s|canfd\s+\d+\s+(status|txerr|rxerr)", re.IGNORECASE)),
     ("overload frame", re.compile(r"\d+\s+overloadframe", re.IGNORECASE)),
     ("request to send", re.compile(r"(\d+\s+\S+|canfd\s+\d+)\s+txrq\b", re.IGNORECASE)),
     ("environment variable", re.compile(r"\S+\s*:=")),
@@ -81,6 +94,12 @@ ASC_EVENTS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("frame of another bus", re.compile(r"(l\d+|li|fr|m\d+|most\w*|eth|afdx|a429|wlan|k-?line|j1587|j1708|j1939tp)\s", re.IGNORECASE)),
 )
 """Events that are no frames, by what is behind their time."""
+ASC_STATE = re.compile(
+    r"can(?:fd)?\s+(\d+)\s+status\s*:\s*chip status (bus ?off|error passive|warning (?:level|limit))"
+    r"(?:\s*-\s*txerr:\s*(\d+)\s+rxerr:\s*(\d+))?",
+    re.IGNORECASE,
+)
+"""Statuses of a controller that are errors: `CAN 1 Status:chip status error passive - TxErr: 132 RxErr: 0`."""
 # English and German names, as CANoe writes them
 MONTHS = {name: i for i, name in enumerate(["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"], 1)}
 MONTHS |= {"Mär": 3, "Mai": 5, "Okt": 10, "Dez": 12}
@@ -197,7 +216,7 @@ def _by_library(reader: Callable[[io.StringIO], Iterable["can.Message"]], text: 
         raise UnreadableError("neither a frame nor a known event", UNKNOWN_LINE)
     if any(m.arbitration_id > LARGEST_STANDARD and not m.is_extended_id for m in messages):
         raise ValueError(f"{messages[0].arbitration_id:X} is no identifier of 11 bits")
-    return frames_from_messages(messages, "log", str(path))
+    return frames_from_messages(messages, "log", str(path), classes=False)
 
 
 class _Candump:
@@ -223,6 +242,13 @@ class _Candump:
             return COMMENT
         if not CANDUMP_LINE.fullmatch(text):
             raise UnreadableError("not as candump writes it", UNKNOWN_LINE)
+        plain = " ".join(text.replace(",", ".", 1).split())
+        if CANDUMP_ERROR.search(plain):  # python-can drops the class and the data of most
+            columns = new_columns(1, CLASSIC_BYTES)
+            count, _, _ = self.scan(np.frombuffer(f"{plain}\n".encode(), np.uint8), columns, np.zeros(1, np.int64))
+            if not count:
+                raise ValueError("its error frame is not as candump writes it")
+            return frames_of(columns, count, self.names(), self.path)
         return _by_library(CanutilsLogReader, text.replace(",", ".", 1), self.path)
 
 
@@ -257,10 +283,11 @@ class _Asc:
         if self.relative:
             self.since_ns += round(offset_s * 1e9)
             offset_s = self.since_ns / 1e9
-        for kind, pattern in ASC_EVENTS:
+        state = ASC_STATE.match(rest)
+        for kind, pattern in ASC_EVENTS if state is None else ():
             if pattern.match(rest):
                 return kind
-        frames = self._frames(rest)
+        frames = self._frames(rest) if state is None else _state(state, self.path)
         frames.time_s[:] = offset_s + self.start_s
         return frames
 
@@ -305,6 +332,18 @@ class _Asc:
         if stated and not frames.flags[0] & ERROR and frames.identifier[0] != int(stated[1]):
             raise ValueError(f"its identifier is not the one that it states as ID = {stated[1]}")
         return frames
+
+
+def _state(found: re.Match[str], path: Path) -> Frames:
+    """Return a controller's status as an error frame of SocketCAN."""
+    from can import Message
+
+    channel, state, *counts = found.groups()
+    counters = min(int(counts[0] or 0), 255), min(int(counts[1] or 0), 255)
+    words = state.lower()
+    error = (BUS_OFF, b"") if words.startswith("bus") else controller_state(PASSIVE if words.startswith("error") else WARNING, counters)
+    message = Message(arbitration_id=error[0], data=error[1], is_error_frame=True, channel=int(channel) - 1)
+    return frames_from_messages([message], "log", str(path))
 
 
 def _moment(text: str) -> float | None:

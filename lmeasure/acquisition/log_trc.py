@@ -11,7 +11,24 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import BinaryIO
 
-from lmeasure.acquisition.frames import BITRATE_SWITCH, CLASSIC_BYTES, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames
+from lmeasure.acquisition.frames import (
+    BITRATE_SWITCH,
+    BUS_OFF,
+    CLASSED,
+    CLASSIC_BYTES,
+    CONTROLLER,
+    COUNTERS,
+    ERROR,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    PASSIVE,
+    REMOTE,
+    SENT,
+    WARNING,
+    Frames,
+    controller_state,
+)
 from lmeasure.acquisition.log_common import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, LogReport, UnreadableError
 from lmeasure.acquisition.log_lines import (
     FD_LENGTHS,
@@ -48,8 +65,16 @@ KINDS = {
 }
 """Message types from 2.0 on that are frames."""
 STATUS = "status or error of the adapter"
-STATES = ("Warng", "Warn", "Error", "ST", "EC", "ER", "EV", "MK")
+OF_ADAPTER = ("Warng", "Warn", "Error", "ST", "EC", "ER", "EV", "MK")
 """Directions of the versions before, and types from 2.0 on, of lines that are no frames."""
+OVERRUN, LIGHT, HEAVY, OFF, BUS_PASSIVE = 0x42, 0x04, 0x08, 0x10, 0x40000
+"""Bits of the status, as TPCANStatus has them. Heavy is error-passive with some adapters and the warning limit with others: the error
+counters decide, where the log has them."""
+RECEIVE_OVERFLOW = 0x01
+PROTOCOL, TRANSMITTED = 0x88, 0x80
+"""SocketCAN's class for errors of a frame, and the bit of byte 2 for one that was sent; bits 0 to 2 there are PEAK's: bit, form, stuff."""
+DIRECTION = re.compile(r"\s[RT]x\s")
+BYTE = re.compile(r"[0-9A-Fa-f]{2}")
 NEEDED = ("O", "T", "I", "d")
 
 
@@ -64,6 +89,8 @@ class _Trc:
         self.version = "1.0"
         self.start_s = 0.0
         self.columns: dict[str, int] = PLACES["1.0"]
+        self.counters: dict[str, tuple[int, int]] = {}
+        """Error counters (sent, received) by bus."""
 
     def read(self, line: str) -> Line | str:
         if line.startswith(";"):
@@ -91,25 +118,29 @@ class _Trc:
         cells, at = line.split(), self.columns
         direction = cells[at["d"]] if "d" in at else "Rx"
         identifier = cells[at["I"]]
-        if direction in STATES or identifier == NO_IDENTIFIER:
-            return STATUS
+        bus = cells[at["B"]] if "B" in at else "1"
+        behind = cells[at["L"] + 1 :]
+        error = direction == "Error" or behind[:1] == ["ERROR"]
+        if error or direction in OF_ADAPTER or identifier == NO_IDENTIFIER:
+            shown = [cell for cell in behind if BYTE.fullmatch(cell)][:4]
+            return self._of_adapter(cells[at["O"]], bus, "ER" if error else "ST", [identifier, *shown] if error else shown)
         if direction not in ("Rx", "Tx"):
             raise UnreadableError(f"{direction[:20]!r} is neither Rx nor Tx", UNKNOWN_LINE)
-        length, rest = whole_number(cells[at["L"]]), cells[at["L"] + 1 :]
-        if rest[:1] == ["ERROR"]:
-            return STATUS
-        remote = rest[:1] == ["RTR"]
+        length = whole_number(cells[at["L"]])
+        remote = behind[:1] == ["RTR"]
         flags = (REMOTE if remote else 0) | (SENT if direction == "Tx" else 0)
-        data = b"" if remote else data_bytes(announced(rest, length))
-        return self._line(cells[at["O"]], identifier, flags, length, data, cells[at["B"]] if "B" in at else "1")
+        data = b"" if remote else data_bytes(announced(behind, length))
+        return self._line(cells[at["O"]], identifier, flags, length, data, bus)
 
     def _frame_2(self, line: str) -> Line | str:
         at = self.columns
         if not at:
             raise FileFormatError(f"{self.path}: has no line ;$COLUMNS= before its frames")
         cells = line.split(maxsplit=len(at) - 1)
-        if cells[at["T"]] in STATES:
-            return STATUS
+        bus = cells[at["B"]] if "B" in at else "1"
+        if cells[at["T"]] in OF_ADAPTER:  # cells that they have not are blank or '-'
+            shown = [cell for cell in DIRECTION.split(line)[-1].split() if BYTE.fullmatch(cell)]
+            return self._of_adapter(cells[at["O"]], bus, cells[at["T"]], shown)
         flags = KINDS.get(cells[at["T"]])
         if flags is None:
             raise UnreadableError(f"{cells[at['T']][:20]!r} is no type of a line", UNKNOWN_LINE)
@@ -121,7 +152,39 @@ class _Trc:
             stated = CLASSIC_BYTES
         flags |= SENT if cells[at["d"]] == "Tx" else 0
         data = data_bytes(announced(shown, stated))
-        return self._line(cells[at["O"]], cells[at["I"]], flags, stated, data, cells[at["B"]] if "B" in at else "1")
+        return self._line(cells[at["O"]], cells[at["I"]], flags, stated, data, bus)
+
+    def _of_adapter(self, offset: str, bus: str, kind: str, shown: list[str]) -> Line | str:
+        """Return an error frame, a state or a loss as an error frame of SocketCAN; others are known lines."""
+        cells = [int(cell, 16) for cell in shown]
+        if kind == "EC" and len(cells) == 2:
+            self.counters[bus] = cells[1], cells[0]
+        if kind == "ER" and len(cells) == 5:
+            error, received, place, *counters = cells
+            self.counters[bus] = counters[1], counters[0]
+            if not error:  # a change of the counters only
+                return STATUS
+            data = bytes([0, 0, error & 0x07 | (0 if received else TRANSMITTED), place & 0x1F, 0, 0, *self.counters[bus]])
+            found = PROTOCOL | COUNTERS, data
+        elif kind == "ER":
+            found = 0, b""
+        elif kind == "ST" and len(cells) == 4 and (state := self._state(int.from_bytes(bytes(cells), "big"), bus)):
+            found = state
+        else:
+            return STATUS
+        flags = ERROR | (CLASSED if found[0] else 0)
+        return Line(decimal_number(offset) / 1000 + self.start_s, found[0], flags, len(found[1]), found[1], str(whole_number(bus)))
+
+    def _state(self, status: int, bus: str) -> tuple[int, bytes] | None:
+        """Return class and data of a status; None where it is no error."""
+        counters = self.counters.get(bus, (0, 0))
+        if status & OFF:
+            return BUS_OFF, b""
+        if status & BUS_PASSIVE or (status & HEAVY and max(counters) >= PASSIVE[0]):
+            return controller_state(PASSIVE, counters)
+        if status & (HEAVY | LIGHT):
+            return controller_state(WARNING, counters)
+        return (CONTROLLER, bytes([0, RECEIVE_OVERFLOW, *[0] * 6])) if status & OVERRUN else None
 
     def _line(self, offset: str, identifier: str, flags: int, length: int, data: bytes, bus: str) -> Line:
         extended = EXTENDED if len(identifier) > STANDARD_DIGITS else 0

@@ -77,7 +77,8 @@ def read_frames(log: Path | str) -> tuple[Frames, LogReport]:
     frames
         Arrays of n frames in the order of the file: time_s (n,) [s] as the log states it, identifier (n,), flags (n,) as in
         `lmeasure.acquisition.frames`, length (n,) [bytes], data (n, 8) or (n, 64), channel (n,), an index into buses. Error frames are
-        among them, with the class and data that the log states.
+        among them, with the class and data that the log states, and bus-off, error-passive and warning states of controllers: as
+        error frames of SocketCAN (flag CLASSED).
     report
         frames + known + unread = total, the number of lines (unit "lines") or BLF objects ("objects"); known_kinds and unread_kinds by
         name; first_unread with its line or object; ended_early: why reading stopped before the end, or None.
@@ -120,7 +121,7 @@ def _mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Fram
         if not batch:
             break
         report.total += len(batch)
-        yield frames_from_messages(batch, "log", str(path))
+        yield frames_from_messages(batch, "log", str(path), classes=False)
     if broken and importlib.util.find_spec("asammdf") is None:
         raise FileFormatError(f"{path}: MF4 needs the package asammdf: {how_to_install('mf4')}")
     if broken and report.frames == 0:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.acquisition.decoders import CounterField
-from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.frames import BUS_OFF, CLASSED, CONTROLLER, ERROR, EXTENDED, PASSIVE, REMOTE, Frames
 
 EMERGENCY, HEARTBEAT = 0x80, 0x700
 OTHERS = 0x780
@@ -46,11 +46,6 @@ PROFILE_ERROR = 0x20
 """Bit of the error register (1001h): device profile specific."""
 ADDRESS_CLAIM, ADDRESS_CLAIM_MASK = 0x00EEFF00, 0x03FFFF00
 ADDRESS = 0xFF
-# classes of SocketCAN's error frames, and bytes 1 of those of the controller
-BUS_OFF_CLASS, CONTROLLER_CLASS, PASSIVE_BITS = 0x40, 0x04, 0x30
-LARGEST_CLASS = 0x3FF
-WITHOUT_CLASSES = (".blf", ".asc", ".trc", ".mf4", ".csv", ".db")
-"""Logs whose error frames have the identifier of the frame in error, or none, where those of SocketCAN have their class."""
 ERROR_NAMES = {
     0x01: "transmit timeout",
     0x02: "lost arbitration",
@@ -61,6 +56,7 @@ ERROR_NAMES = {
     0x40: "bus-off",
     0x80: "bus error",
     0x100: "controller restarted",
+    0x200: "error counters",
 }
 
 
@@ -103,13 +99,11 @@ class NetworkWatch:
         looked = self._wanted[np.minimum(frames.identifier, OTHERS)] & plain & ~extended
         if self._addresses:
             looked |= plain & extended & ((frames.identifier & ADDRESS_CLAIM_MASK) == ADDRESS_CLAIM)
-        classes = not frames.source.lower().removesuffix(".gz").endswith(WITHOUT_CLASSES)
         out = []
         for row in np.flatnonzero(looked | errors).tolist():
             identifier, data = int(frames.identifier[row]), frames.data[row, : frames.length[row]].tobytes()
-            word = (
-                _error(row, identifier if classes else 0, data) if errors[row] else self._word(row, identifier, bool(extended[row]), data)
-            )
+            classed = bool(frames.flags[row] & CLASSED)
+            word = _error(row, identifier, data, classed) if errors[row] else self._word(row, identifier, bool(extended[row]), data)
             if word is not None:
                 out.append(word)
         return out
@@ -164,13 +158,12 @@ class NetworkWatch:
         return Word(row, "nmt", f"{RESETS[command]}, {f'node {node}' if node else 'all nodes'}", of, LOST)
 
 
-def _error(row: int, identifier: int, data: bytes) -> Word:
-    """An error frame: its class and data, as far as the interface or the log has them."""
-    identifier = identifier if identifier <= LARGEST_CLASS else 0  # other logs have other numbers there
-    passive = identifier & CONTROLLER_CLASS and len(data) > 1 and data[1] & PASSIVE_BITS
-    kind = "bus_off" if identifier & BUS_OFF_CLASS else "error_passive" if passive else "bus_error"
-    if not identifier:
-        return Word(row, kind, "error frame")
+def _error(row: int, identifier: int, data: bytes, classed: bool) -> Word:
+    """Return the event of an error frame: its class and data, as far as the interface or the log has them."""
+    shown = f", data {data.hex().upper()}" if data else ""
+    if not classed or not identifier:
+        return Word(row, "bus_error", f"error frame{f' with identifier {identifier:X}h' if identifier else ''}{shown}")
+    passive = identifier & CONTROLLER and len(data) > 1 and data[1] & sum(PASSIVE[1:])
+    kind = "bus_off" if identifier & BUS_OFF else "error_passive" if passive else "bus_error"
     names = ", ".join(name for bit, name in ERROR_NAMES.items() if identifier & bit)
-    text = f"error frame of class {identifier:03X}h{f' ({names})' if names else ''}" + (f", data {data.hex().upper()}" if data else "")
-    return Word(row, kind, text)
+    return Word(row, kind, f"error frame of class {identifier:03X}h ({names}){shown}")

@@ -34,6 +34,8 @@ MOST_WAITING = 200_000
 RECEIVE_BUFFER = 1 << 23
 HARDWARE_CLOCKS = ("vector", "pcan", "kvaser", "ixxat", "canalystii", "systec", "etas", "nican", "nixnet", "neovi")
 """Interfaces of python-can whose devices stamp frames by their own clock."""
+SOCKETCAN_ERRORS = ("socketcan", "socketcand", "gs_usb", "virtual", "udp_multicast", "simulated")
+"""Interfaces of python-can whose error frames have the classes and data of SocketCAN; others have codes of their own, or none."""
 KERNEL_CLOCKS = ("socketcan", "socketcand", "udp_multicast")
 SMALLEST_STEP_S = 0.05
 """Of a clock that is set: the latency of a busy host stays below."""
@@ -81,6 +83,7 @@ class BusSource:
         self.timestamp_source: TimestampSource = (
             "hardware" if interface in HARDWARE_CLOCKS else "kernel" if interface in KERNEL_CLOCKS else "host"
         )
+        self._classes = interface in SOCKETCAN_ERRORS
         self._open, self._patience_s = open_bus, patience_s
         self.bus = self._opened()
         self._arrived: deque[_Arrival] = deque()
@@ -141,7 +144,7 @@ class BusSource:
             return None if self._done.is_set() else no_frames(self.name, self.timestamp_source)
         arrived = [self._arrived.popleft() for _ in range(count)]
         taken = [(message, at) for message, at, _ in arrived if message is not None]
-        frames = frames_from_messages((message for message, _ in taken), self.timestamp_source, self.name)
+        frames = frames_from_messages((message for message, _ in taken), self.timestamp_source, self.name, classes=self._classes)
         step = self._clock.correct(frames.time_s, np.array([at for _, at in taken]))
         if step:
             self._notices.append(Notice("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))

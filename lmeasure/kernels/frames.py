@@ -1,7 +1,8 @@
 """Scan of a BLF log's objects into arrays of frames, and extraction of integers from payloads.
 
 The layout of the objects is that of python-can's reader (`can.io.blf`), which follows Vector's binlog.h; what that reader yields, the scan
-yields bit for bit. It also reads CAN_ERROR, CAN_FD_ERROR_64 and objects with headers of version 3 (layout: Wireshark's blf.h, Vector BLF of
+yields bit for bit. It also reads CAN_ERROR, CAN_FD_ERROR_64, CAN_DRIVER_ERROR,
+and objects with headers of version 3 (layout: Wireshark's blf.h, Vector BLF of
 Tobias Lorenz). An object that contradicts itself stops the scan: nothing behind it can be trusted.
 
 Every scan fills the same columns: time [s], identifier, flags (bits of `lmeasure.acquisition.frames`), length in bytes, data (n, 8) or
@@ -22,7 +23,8 @@ Columns = tuple[FloatArray, NDArray[np.uint32], NDArray[np.uint8], NDArray[np.ui
 i64: Any = np.int64  # a byte shifted or added to as it is would stay a byte's kind of number
 u64: Any = np.uint64
 
-EXTENDED, REMOTE, ERROR, FD, BITRATE_SWITCH, ERROR_STATE, SENT = 1, 2, 4, 8, 16, 32, 64
+EXTENDED, REMOTE, ERROR, FD, BITRATE_SWITCH, ERROR_STATE, SENT, CLASSED = 1, 2, 4, 8, 16, 32, 64, 128
+LARGEST_CLASS = 0x3FF
 
 DONE = 0
 """All whole objects or lines were read."""
@@ -34,6 +36,8 @@ ODD = 3
 """A line or an object that the scan does not know."""
 
 CAN_MESSAGE, CAN_ERROR, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64, CAN_FD_ERROR_64 = 1, 2, 73, 86, 100, 101, 104
+DRIVER_ERRORS = (31, 74)
+"""CAN_DRIVER_ERROR and CAN_DRIVER_ERROR_EXT."""
 OTHER_OBJECTS = 132
 """Kinds of objects below are those that binlog.h names; 10 is the container, which no container holds."""
 SMALLEST_FRAME_OBJECT = 36
@@ -95,6 +99,17 @@ def _copy(b: Bytes, start: int, count: int, data: Bytes, row: int) -> None:
         data[row, k] = byte(b, start + k)
 
 
+@inline
+def _driver_error(data: Bytes, row: int) -> None:
+    """Data of SocketCAN from channel (2 bytes), counters (sent, received) and code (4 bytes); the code comes into bytes 2 to 5."""
+    sent, received = data[row, 2], data[row, 3]
+    data[row, 0] = 0
+    data[row, 1] = (0x20 if sent >= 128 else 0x08 if sent >= 96 else 0) | (0x10 if received >= 128 else 0x04 if received >= 96 else 0)
+    for k in range(2, 6):
+        data[row, k] = data[row, k + 2]
+    data[row, 6], data[row, 7] = sent, received
+
+
 @kernel
 def scan_blf(
     b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], places_used: int, known: IntArray
@@ -126,6 +141,10 @@ def scan_blf(
         if following > end:
             return n, pos, DONE, places_used
         is_frame = kind in (CAN_MESSAGE, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64, CAN_ERROR_EXT, CAN_ERROR, CAN_FD_ERROR_64)
+        if kind in DRIVER_ERRORS and 0 < version < 4:
+            i = at + (40 if version == 2 else 32)
+            # counters (sent, received) and the code of the driver; all zero: the controller is well
+            is_frame = i + 8 <= following and (byte(b, i + 2) | byte(b, i + 3) | _u32(b, i + 4)) != 0
         if not is_frame and 0 < kind < OTHER_OBJECTS and kind != 10:
             known[kind] += 1
             pos = following
@@ -143,6 +162,8 @@ def scan_blf(
             needed = 40
         elif kind == CAN_ERROR_EXT:
             needed = 32
+        elif kind in DRIVER_ERRORS:
+            needed = 8
         else:
             needed = 16
         if i + needed > following:
@@ -199,6 +220,15 @@ def scan_blf(
             mark |= ERROR
             valid = min(wanted, 8)
             start, count = i + 24, valid
+            # no flag: nothing of Vector's is valid, and the identifier of SocketCAN's error frames (of 8 bytes) is their class
+            if _u32(b, i + 4) == 0 and wanted == 8 and 0 < raw & 0x1FFFFFFF <= LARGEST_CLASS:
+                mark |= CLASSED
+        elif kind in DRIVER_ERRORS:
+            number = _u16(b, i)
+            raw = i64(0x204)  # state of the controller, counters
+            mark |= ERROR | CLASSED
+            valid = wanted = count = i64(8)
+            start = i
         else:
             number = _u16(b, i)
             wanted = i64(byte(b, i + 3))
@@ -224,6 +254,8 @@ def scan_blf(
         length[n] = valid
         channel[n] = places[number]
         _copy(b, start, count, data, n)
+        if kind in DRIVER_ERRORS:
+            _driver_error(data, n)
         n += 1
         pos = following
 

@@ -46,7 +46,7 @@ from lmeasure.kernels.log_text import (
 LARGEST_CHANNEL = 65535
 LARGEST_STANDARD = 0x7FF
 TICKS = 10 ** np.arange(9, -1, -1)  # nanoseconds of the last digit
-EVENTS = ("SV:", "TFS:", "J1939TP", "CAN", "ETH", "Li", "L1", "L2", "Fr", "GPS-Event:", "GMMarker", "Comment:", "AL:")
+EVENTS = ("SV:", "TFS:", "J1939TP", "ETH", "Li", "L1", "L2", "Fr", "GPS-Event:", "GMMarker", "Comment:", "AL:")
 """Words behind the time of an event that is no frame; the scan counts them as known[2 + place]."""
 LONGEST_EVENT = max(map(len, EVENTS))
 EVENT_WORDS = np.array([list(word.encode().ljust(LONGEST_EVENT, b" ")) for word in EVENTS], np.uint8)

@@ -9,11 +9,13 @@ from lmeasure.arrays import IntArray
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.frames import (
     BITRATE_SWITCH,
+    CLASSED,
     DONE,
     ERROR,
     ERROR_STATE,
     EXTENDED,
     FD,
+    LARGEST_CLASS,
     LATEST_S,
     ODD,
     REMOTE,
@@ -167,7 +169,7 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: 
             if not is_line_end(byte(b, i)):
                 return n, line, ODD, used
         if raw & ERROR_FLAG:
-            mark |= ERROR
+            mark |= ERROR | (CLASSED if raw & 0x1FFFFFFF <= LARGEST_CLASS else 0)
         time[n] = seconds
         identifier[n] = raw & 0x1FFFFFFF
         flags[n] = mark

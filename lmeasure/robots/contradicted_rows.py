@@ -29,7 +29,7 @@ def of_all(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatArray
     at, square = problem.linearised(fit.theta), np.zeros(len(rows))
     for of in problem.stays:
         if of.shape[1] == 1:
-            square[of[:, 0]] = distances(fit, problem, at, of, used[of[:, 0]].astype(np.float64))
+            square[of[:, 0]] = distances(fit, problem, at, of, counts=used[of[:, 0]].astype(np.float64))
         else:
             for one in of:
                 square[one] = _within(fit, problem, at, one, used[one])
@@ -70,7 +70,7 @@ def _contradicted_stays(fit: Fit[R], rows: Measurements, used: BoolArray, fits: 
             part = one[fits[one]]
             if len(part) < 2:
                 continue
-            square = distances(fit, problem, at, part[None], np.array([float(used[part].all())]))[0]
+            square = distances(fit, problem, at, part[None], counts=np.array([float(used[part].all())]))[0]
             out[part] = square > chi2.isf(OUTLYING / len(rows), int(rows.known[part].sum())) * scale
     return out
 

@@ -289,13 +289,13 @@ def stay_distances(fit: Fit[R]) -> tuple[FloatArray, IntArray, BoolArray]:
     problem, n = fit.problem, len(fit.problem.rows)
     square, components, first = np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros(n, np.bool_)
     for of in problem.stays:
-        square[of] = distances(fit, problem, fit.at, of, problem.counts[of[:, 0]])[:, None]
+        square[of] = distances(fit, problem, fit.at, of, counts=problem.counts[of[:, 0]])[:, None]
         components[of] = problem.rows.known[of].sum(axis=(1, 2))[:, None]
         first[of[:, 0]] = True
     return square, components, first
 
 
-def distances(fit: Fit[R], problem: Problem[R], at: Linear, of: IntArray, counts: FloatArray) -> FloatArray:
+def distances(fit: Fit[R], problem: Problem[R], at: Linear, of: IntArray, *, counts: FloatArray) -> FloatArray:
     """(S,) squared distance of the residuals of rows (S, m) of stays of a problem, seen at the fit's optimum, from nothing in their own
     covariance, that of the prediction included; as in a fit without them where they counted (S,) in this one."""
     known = problem.rows.known[of].reshape(len(of), -1)
