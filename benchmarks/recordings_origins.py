@@ -1,18 +1,15 @@
-"""Recordings in which encoders start again or send values that are no counts, written by python-can: what becomes of the counts.
+"""Recordings in which encoders start again, send values that are no counts, or the bus has errors: what becomes of counts and events.
 
-    python benchmarks/recordings_origins.py [--reboots 1000] [--seed 1] [--write]
+    python benchmarks/recordings_origins.py [--write]
 
-Part one: inputs of a kind each, with the right cells known. Part two: random reboots of one of six encoders, with and without a boot-up
-frame, behind gaps of 1 to 60 samples and without one, of counters of 16, 24 and 32 bits, at rest and moving, live batches and whole logs.
-A cell is wrong when it holds a count that differs from the true one. No wrong cell may be off by more than the step that the events
-state for the gap behind which it stands; what a device said of itself leaves no wrong cell at all.
+Inputs of a kind each, written by python-can or by own bytes, with the right cells and events known. A cell is wrong when it holds a count
+that differs from the true one. Random restarts: recordings_study.py.
 """
 
 import argparse
-import re
+import struct
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +18,10 @@ from typing import Any
 import can
 import numpy as np
 
-from lmeasure.acquisition.assembly import counts_from_frames
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.frames import frames_from_messages
-from lmeasure.acquisition.import_log import Imported, import_logs
+from lmeasure.acquisition.import_log import Imported, import_logs, write_import
+from lmeasure.acquisition.logfiles import read_frames
+from lmeasure.acquisition.network import NetworkWatch
+from lmeasure.files import read_table
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
 
@@ -308,92 +305,124 @@ def cases() -> tuple[list[str], int]:
     return lines, wrong
 
 
-def motion(rng: np.random.Generator, rows: int) -> np.ndarray:
-    """(rows, 6) counts of smooth motions with rests: accelerations of up to 3 m/s^2, 0.012 mm a count."""
-    t = np.arange(rows) * PERIOD_S
-    out = np.zeros((rows, NODES))
-    for n in range(NODES):
-        for _ in range(3):
-            f, size = rng.uniform(0.05, 0.5), rng.uniform(2.0, 80.0)
-            out[:, n] += min(size, 3000.0 / (2 * np.pi * f) ** 2 / 3) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6.3))
-    rest = np.maximum.accumulate(t - 0.8 * np.floor(rng.uniform(0, 2)) * (t > 1.0))
-    return np.rint((out - out[0]) * np.minimum(rest / 0.5, 1.0)[:, None] ** 2 / 0.012)
+TRC_1 = ";$FILEVERSION=1.1\n;$STARTTIME=45000.5\n"
+TRC_2 = ";$FILEVERSION=2.1\n;$STARTTIME=45000.5\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+ASC = "date Fri Nov 17 10:00:00.000 2023\nbase hex  timestamps absolute\nno internal events logged\n"
+BIT, OFF, PASSIVE = "bus_error", "bus_off", "error_passive"
+Errors = tuple[str, str | bytes | list[Message], list[tuple[str, float]]]
 
 
-STATED = re.compile(r"a step below (\d+) units")
+def blf(*objects: tuple[int, bytes]) -> bytes:
+    """A BLF file of so many objects (kind, body) outside containers, one each 10 ms."""
+    body = b""
+    for k, (kind, content) in enumerate(objects, 1):
+        header = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(content), kind, 2, 0, 0, k * 10_000_000)
+        body += header + content + bytes(-len(content) % 4)
+    head = struct.pack("<4sLBBBBBBBBQQLL", b"LOGG", 144, 0, 0, 0, 0, 2, 6, 8, 1, 144 + len(body), 144 + len(body), len(objects), 0)
+    return (head + struct.pack("<8H8H", *(2023, 11, 5, 17, 10, 0, 0, 0) * 2)).ljust(144, b"\0") + body
 
 
-def reboot(rng: np.random.Generator) -> tuple[str, int, bool]:
-    """One random reboot: its kind, by how many counts the worst cell is beyond the stated step, whether a word left a wrong one."""
-    rows, bits = 240, int(rng.choice([16, 24, 32]))
-    true = motion(rng, rows)
-    node, at = int(rng.integers(NODES)), int(rng.integers(40, 200))
-    gap = int(rng.choice([0, 1, 2, 5, 10, 30, 60], p=[0.1, 0.15, 0.15, 0.2, 0.2, 0.1, 0.1]))
-    gap = min(gap, at - 20)
-    word = str(rng.choice(["boot", "nmt", "none"])) if gap else "boot"
-    first = int(rng.choice([0, 1, int(rng.integers(-5000, 5000)), int(rng.integers(-(2**15), 2**15))]))
-    sent = true.copy()
-    sent[at:, node] += first - true[at, node]
-    gone = rng.random((rows, NODES)) < 0.002
-    gone[at - gap : at, node] = True
-    messages = []
-    for r in range(rows):
-        t = r * PERIOD_S
-        if r == at and word != "none":
-            said = frame(t - 0.001, 0x701 + node, b"\0") if word == "boot" else frame(t - 0.001, 0, bytes([0x81, node + 1]))
-            messages.append(said)
-        messages.append(frame(t, 0x80))
-        for n in range(NODES):
-            if not gone[r, n]:
-                messages.append(frame(t + 0.0002 * (n + 1), 0x181 + n, (int(sent[r, n]) % 2**bits).to_bytes(bits // 8, "little")))
-    table = {"decoder": "raw", "channel": [{"channel": f"ch{n + 1}", "id": 0x181 + n, "bits": bits} for n in range(NODES)]}
-    one = rig(table, max_cable_speed_mm_s=2000.0)
-    frames = frames_from_messages(messages, "log")
-    cuts = np.sort(rng.integers(0, len(frames), 6)).tolist() if rng.random() < 0.5 else []
-    pieces = [frames.take(slice(a, b)) for a, b in zip([0, *cuts], [*cuts, len(frames)], strict=True)]
-    got = counts_from_frames(one, pieces, counter_fields(one))
-    worst, stated = 0.0, np.zeros((rows, NODES))
-    for event in got.events.kept:
-        if event.kind == "gap_step" and (found := STATED.search(event.text)):
-            j = int(event.channel[2:]) - 1
-            stated[event.sample :, j] += float(found[1])
-    cells = got.counts.recorded
-    off = np.abs(np.nan_to_num(cells - (true - true[0])))
-    worst = float((off - stated).max())
-    said_wrong = bool(word != "none" and (off[:, node] > 0).any())
-    kind = "none" if off[:, node].max() == 0 and np.isnan(cells[at:, node]).all() else "hidden" if off[:, node].max() else "kept"
-    return f"{word}, {'lost' if kind == 'none' else kind}", int(max(worst, 0.0)), said_wrong
+def error_frames() -> list[Errors]:
+    """Errors of the bus: name of a file, its content, kinds of events and their times [s] behind a frame at 0."""
+    coded = ((0x40, bytes(8)), (0x204, b"\0\x20\0\0\0\0\x84\0"), (0x204, b"\0\x04\0\0\0\0\0\x60"), (0x88, b"\0\0\x08\x19" + bytes(4)))
+    said = [frame(0.02 * k, i, data, error=True) for k, (i, data) in enumerate(coded)]
+    kinds = [(OFF, 0.0), (PASSIVE, 0.02), (BIT, 0.04), (BIT, 0.06)]
+    lines = "".join(f"({m.timestamp:.6f}) can0 {0x20000000 | m.arbitration_id:08X}#{m.data.hex()}\n" for m in said)
+    screen = "".join(f" ({m.timestamp:.6f})  can0  {0x20000000 | m.arbitration_id:08X}   [8]  {m.data.hex(' ').upper()}   ERRORFRAME\n\t"
+                     "bus-off\n" for m in said)  # fmt: skip
+    ext = struct.Struct("<HHLBBBxLLH2x8s")
+    return [
+        ("python-can.blf", said, kinds),
+        ("python-can.csv", said, kinds),
+        ("plain.log", lines, kinds),
+        ("comma.log", lines.replace(".", ","), kinds),
+        ("screen.txt", screen, kinds),
+        ("python-can.log", said, [(BIT, t) for _, t in kinds]),
+        ("python-can.asc", said, [(BIT, t) for _, t in kinds]),
+        ("status.asc", f"{ASC}0.01 1 181 Rx d 1 00\n0.02 CAN 1 Status:chip status error passive - TxErr: 132 RxErr: 0\n"
+         "0.03 CAN 1 Status:chip status busoff\n0.04 CAN 1 Status:chip status error active\n"
+         "0.05 1  Statistic: D 0 R 0 XD 0 XR 0 E 9 O 0 B 0%\n"
+         "0.06 CAN 1 Status:chip status warning level\n"
+         "0.07 1 ErrorFrame Flags = 0xe CodeExt = 0x20a2 Code = 0x82 ID = 40 DLC = 0 Position = 5\n",
+         [(PASSIVE, 0.01), (OFF, 0.02), (BIT, 0.05), (BIT, 0.06)]),
+        ("one.trc", f"{TRC_1} 1) 10.0 Rx 0181 1 00\n 2) 20.0 Warng FFFFFFFF 4 00 00 00 08 BUSHEAVY\n 3) 30.0 Error 0004 4 00 19 08 88\n"
+         " 4) 40.0 Warng FFFFFFFF 4 00 00 00 08 BUSHEAVY\n 5) 50.0 Warng FFFFFFFF 4 00 00 00 10 BUSOFF\n"
+         " 6) 60.0 Warng FFFFFFFF 4 00 00 00 00\n",
+         [(BIT, 0.01), (BIT, 0.02), (PASSIVE, 0.03), (OFF, 0.04)]),
+        ("two.trc", f"{TRC_2} 1 10.0 DT 1 0181 Rx - 1 00\n 2 20.0 ER 1 - Rx - 5 04 00 02 00 00\n 3 30.0 ST 1 - Rx - 4 00 00 00 08\n"
+         " 4 40.0 ST 1 - Rx - 4 00 04 00 00\n 5 50.0 ST 1 - Rx - 4 00 00 00 10\n 6 60.0 EC 1 - Rx - 2 02 02\n",
+         [(BIT, 0.01), (BIT, 0.02), (PASSIVE, 0.03), (OFF, 0.04)]),
+        ("vector.blf", blf((1, struct.pack("<HBBL8s", 1, 0, 1, 0x181, bytes(8))), (2, struct.pack("<HHL", 1, 0, 0)),
+                           (73, ext.pack(1, 0, 1, 0x82, 5, 8, 0, 0x40, 0x20A2, bytes(8))), (31, struct.pack("<HBBL", 1, 132, 0, 7)),
+                           (74, struct.pack("<HBBLLB3x16x", 1, 0, 100, 7, 0, 0)), (31, struct.pack("<HBBL", 1, 0, 0, 0))),
+         [(BIT, 0.01), (BIT, 0.02), (PASSIVE, 0.03), (BIT, 0.04)]),
+    ]  # fmt: skip
 
 
-def study(count: int, seed: int) -> tuple[list[str], int]:
-    """Lines of the table of random reboots, and how many are not right."""
-    rng = np.random.default_rng(seed)
-    kinds: Counter[str] = Counter()
-    beyond = said = 0
-    for _ in range(count):
-        kind, worst, wrong = reboot(rng)
-        kinds[kind] += 1
-        beyond += worst > 0
-        said += wrong
-    lines = ["| word of the device, origin | reboots |", "|---|---|", *(f"| {k} | {n} |" for k, n in sorted(kinds.items()))]
-    lines += ["", f"Of {count} reboots {beyond} leave a count that is wrong by more than the step that the events state for that gap;"]
-    lines += [f"{said} leave a wrong count behind a word of the device."]
-    return lines, beyond + said
+def errors_of(name: str, content: str | bytes | list[Message]) -> tuple[list[tuple[str, float]], list[str]]:
+    """Kinds and times [s] of the errors in a log of this content, and their texts, as the program has them."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        if isinstance(content, list):
+            with can.Logger(str(path)) as logger:
+                for m in content:
+                    logger(m)
+        else:
+            path.write_bytes(content.encode() if isinstance(content, str) else content)
+        frames, report = read_frames(path)
+    assert report.unread == 0
+    words = NetworkWatch((), 0x80).words(frames)
+    return [(w.kind, round(float(frames.time_s[w.row] - frames.time_s[0]), 6)) for w in words], [w.text for w in words]
+
+
+def beside_counts() -> list[tuple[str, str]]:
+    """Names of recordings, and how the events of their imports miss the samples and times of pass1.csv."""
+    off = frame(0, 0x40, bytes(8), error=True)
+    given = [
+        (f"{name}, first sample {begin}", begin, at, Recording(count, others=((at, other),)).messages()[7 * begin :])
+        for begin in (0, 7)
+        for name, at, count, other in (
+            ("bus-off", 30, even, off),
+            ("boot-up", 30, even, boot(3)),
+            ("emergency", 22, even, frame(0, 0x83, bytes([0, 0x73, 0x81, 0, 0, 0, 0, 0]))),
+        )
+    ]
+    out = []
+    for name, begin, at, messages in given:
+        with tempfile.TemporaryDirectory() as folder:
+            write_import(Path(folder) / "run", read(rig(), messages, ".blf"))
+            counts, found = (read_table(Path(folder) / "run" / f"pass1{end}.csv") for end in ("", ".events"))
+            times, samples, events_s = counts.numbers("time_s"), found.numbers("sample"), found.numbers("time_s")
+        row = at - begin
+        good = row in samples and all(abs(events_s[samples == row] - times[row]) <= PERIOD_S / 2)
+        out.append((name, "" if good else f"samples {samples.tolist()}, times {events_s.tolist()}"))
+    return out
+
+
+def events() -> tuple[list[str], int]:
+    """Lines of the table of errors and events, and how many inputs are not right."""
+    lines, wrong = ["| input | events | text of each |", "|---|---|---|"], 0
+    for name, content, told in error_frames():
+        found, texts = errors_of(name, content)
+        wrong += found != told
+        lines.append(f"| {name} | {'right' if found == told else found} | {'; '.join(texts)} |")
+    for name, said in beside_counts():
+        wrong += bool(said)
+        lines.append(f"| {name} | {said or 'right'} | |")
+    return lines, wrong
 
 
 def main() -> int:
     """Print the tables; 1 where something is not right."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--reboots", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--write", action="store_true")
     settings = parser.parse_args()
     table, wrong = cases()
-    drawn, bad = study(settings.reboots, settings.seed)
+    more, bad = events()
     text = "\n".join(
-        ["# Recordings whose origins are in question", "", f"`python benchmarks/recordings_origins.py --reboots {settings.reboots}`", ""]
+        ["# Recordings whose origins are in question, and events", "", "`python benchmarks/recordings_origins.py`", ""]
         + ["Inputs written by python-can; cells: whether each has the true count or is rightly empty.", "", *table, ""]
-        + ["Random reboots of one of six encoders; lost: its cells are empty from there on.", "", *drawn, ""]
+        + ["Errors of the bus as written by python-can or by own bytes, and events of imports beside pass1.csv.", "", *more, ""]
     )
     print(text)
     if settings.write:

@@ -103,8 +103,8 @@ def test_trc_as_the_library_reads_it(tmp_path: Path, version: str) -> None:
     assert report.notes() == []
 
 
-def test_trc_1_2_and_what_is_no_frame(tmp_path: Path) -> None:
-    """Version 1.2, which python-can refuses, warnings and errors of the adapter in every version."""
+def test_trc_1_2_and_errors_of_the_adapter(tmp_path: Path) -> None:
+    """Version 1.2, which python-can refuses, warnings and errors of the adapter in every version: error frames with SocketCAN's data."""
     path = tmp_path / "log.trc"
     path.write_text(
         ";$FILEVERSION=1.2 \n;$STARTTIME=39878.6772258947;\n"
@@ -116,6 +116,8 @@ def test_trc_1_2_and_what_is_no_frame(tmp_path: Path) -> None:
     assert [(f[1], f[REMOTE], f[LENGTH], f[DATA], f[BUS]) for f in found] == [
         (0x300, False, 7, b"\0\0\0\0\4\0\0", "1"),
         (0x400, False, 2, b"\0\1", "2"),
+        (0x004, False, 8, b"\0\x0c\0\0\0\0\0\0", "1"),
+        (0x288, False, 8, b"\0\0\x80\x19\0\0\x08\x08", "1"),
         (0x100, True, 3, b"", "1"),
     ]
     assert report.notes() == []
@@ -124,7 +126,7 @@ def test_trc_1_2_and_what_is_no_frame(tmp_path: Path) -> None:
         " 2 2.0 EV 1 text\n 6 1334.522 ER 1 - Rx - 5 04 00 02 00 00\n 7 1334.5 ST 1 - Rx - 4 00 00 00 08\n 8 1334.643 EC 1 - Rx - 2 02 02\n"
     )
     found, report = read_rows(path)
-    assert len(found) == 1
+    assert [(f[1], f[DATA]) for f in found[1:]] == [(0x288, b"\0\0\x84\2\0\0\0\0"), (0x004, b"\0\x0c\0\0\0\0\0\0")]
     assert report.notes() == []
 
 

@@ -21,6 +21,7 @@ CASES = Path(__file__).parents[1] / "authorities"
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 import recordings_origins as inputs  # noqa: E402
+from recordings_study import study  # noqa: E402
 
 
 def imported(case: str, log: str, folder: Path) -> tuple[np.ndarray, Any, Any]:
@@ -68,8 +69,15 @@ def test_inputs_of_an_independent_writer(name: str) -> None:
 
 
 def test_random_reboots_leave_no_count_wrong_by_more_than_the_stated_step() -> None:
-    lines, wrong = inputs.study(15, seed=7)
+    lines, wrong = study(40, seed=2)
     assert wrong == 0, "\n".join(lines)
+
+
+@pytest.mark.parametrize(("name", "content", "told"), inputs.error_frames(), ids=[name for name, _, _ in inputs.error_frames()])
+def test_states_of_controllers_are_told_apart_in_every_dialect(
+    name: str, content: str | bytes | list[can.Message], told: list[Any]
+) -> None:
+    assert inputs.errors_of(name, content)[0] == told
 
 
 def test_a_restart_is_recorded_live_as_it_is_imported(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import lmeasure as lm
 from lmeasure import files
 from lmeasure.acquisition.canopen_objects import DataSheet
-from lmeasure.acquisition.frames import ERROR, EXTENDED
+from lmeasure.acquisition.frames import CLASSED, ERROR, EXTENDED
 from lmeasure.cli import app
 from lmeasure.errors import FileFormatError
 from lmeasure.rig import write_rig
@@ -261,7 +261,7 @@ def test_numbers_as_other_computers_write_them(tmp_path: Path, name: str, text: 
 def test_lines_of_trc_that_are_no_frames_are_named(tmp_path: Path) -> None:
     lines = " 1 1.0 DT 1 0300 Rx - 1 05\n 2 1.5 ST 1 - Rx - 4 00 00 00 08\n 3 2 XX 1 0300 Rx - 1 05\n 4 3 DT 1 0300 Rx - 1 05 06\n"
     _, report = read(tmp_path / "log.trc", f"{TRC_2}; text\n{lines}")
-    assert (report.frames, report.known, report.unread) == (1, 5, 2)
+    assert (report.frames, report.known, report.unread) == (2, 4, 2)
     assert report.unread_kinds == {"unknown": 1, "broken": 1}
 
 
@@ -269,11 +269,16 @@ def test_error_frames_of_candump_keep_class_and_data(tmp_path: Path) -> None:
     """Bus-off is class 40h, the controller's state is in data byte 1 of class 4, a bus error has bit 80h."""
     lines = {
         "log.log": "(1.0) can0 2000008C#0010000000000060\n",
+        "odd.log": "(1,0)  can0\t2000008C#0010000000000060\n",
         "screen.txt": " (1.0)  can0  2000008C   [8]  00 10 00 00 00 00 00 60   ERRORFRAME\n",
     }
     for name, line in lines.items():
         frames, _ = read(tmp_path / name, line)
-        assert (frames.identifier[0], frames.flags[0], frames.data[0].tobytes().hex()) == (0x8C, ERROR | EXTENDED, "0010000000000060")
+        assert (frames.identifier[0], frames.flags[0], frames.data[0].tobytes().hex()) == (
+            0x8C,
+            ERROR | EXTENDED | CLASSED,
+            "0010000000000060",
+        )
 
 
 @pytest.mark.parametrize("suffix", [".csv"])
