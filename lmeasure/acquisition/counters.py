@@ -279,8 +279,10 @@ class CounterState:
         lengths = [(one, 0.0) for one in (pause.least_s, max(stamped_s, 0.0), pause.most_s)]
         if int(piece.gone[i]) == 1 and pause.least_s < pause.most_s:
             lengths.append((pause.least_s, self.unit.hard))  # stamps alone say that there is a gap
+        bands = []
         for pause_s, hard in lengths:
             low, high = self.line.band(pause, pause_s, hard)
+            bands.append((low, high))
             if high - low < modulus < NO_RANGE:
                 turns = modulus * round(((low + high) / 2 - int(totals[i])) / modulus)
             total = int(totals[i]) + turns
@@ -297,6 +299,8 @@ class CounterState:
                 piece.even[i:] += pause_s - pause.least_s
             if int(piece.gone[i]) > 1 or (piece.gaps[i] and pause_s > pause.least_s):
                 self._state_step(piece, i, width, events)
+            elif piece.gaps[i] and hard:  # late without a gap by a hard stop, or missing readings: nobody knows
+                self._state_step(piece, i, max(high for _, high in bands) - min(low for low, _ in bands), events)
             return turns
         why = "the device may have started anew at zero" if restart else f"{low - before:.0f} to {high - before:.0f} follow from its motion"
         text = f"{total - before:+d} units in {most_s:.3g} s: {why}"
