@@ -48,11 +48,12 @@ def drawn(rng: np.random.Generator) -> tuple[Recording, tuple[int, int, str] | N
     """Return a random recording; place, sample and word of a restart; and its faults."""
     bits = int(rng.choice([16, 16, 24, 32]))
     one = recorded(rng, str(rng.choice(["sync", "sync", "free"])), bits, float(rng.choice([50.0, 500.0, 2500.0])))
-    names, restart = [], None
+    names: list[str] = []
+    restart: tuple[int, int, str] | None = None
     if rng.random() < 0.6:
-        one, *found = restarted(rng, one)
-        restart = (found[0], found[1], found[2])
-        names.append(f"restart, {found[2]}")
+        one, channel, at, word = restarted(rng, one)
+        restart = channel, at, word
+        names.append(f"restart, {word}")
     if rng.random() < 0.5:
         one = held((rng.uniform(0.5, 4.0), float(10.0 ** rng.uniform(-2.0, 0.0))))(rng, one)
         names.append("late stamps")

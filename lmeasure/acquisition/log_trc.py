@@ -2,7 +2,7 @@
 
 The times are those of python-can's reader: the offset behind the start that the header states, taken as UTC; numbers may have a decimal
 comma. The column L of CAN FD frames holds the length code (9 means 12 bytes). Some programs write the length there: the number of bytes
-behind it decides.
+behind it decides. Errors and states of the adapter are error frames with the classes and data of SocketCAN.
 """
 
 import re

@@ -252,7 +252,7 @@ def test_frames_of_nobody_are_no_recording(tmp_path: Path) -> None:
 def test_nothing_is_written_over_a_recording(tmp_path: Path) -> None:
     record_frames(RIG, FRAMES.take(slice(70)), tmp_path / "run")
     before = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
-    with pytest.raises(AcquisitionError, match="nothing is written over a recording"):
+    with pytest.raises(AcquisitionError, match="a recording replaces no run"):
         record_frames(RIG, FRAMES.take(slice(70)), tmp_path / "run")
     assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == before
 

@@ -17,7 +17,7 @@ from lmeasure import files
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
 from lmeasure.cli import main
-from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError, RecordedError
+from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
 from lmeasure.files import read_table
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_run
@@ -52,8 +52,9 @@ def test_a_recording_is_not_written_over_and_faults_of_an_earlier_import_go(tmp_
     table = files.read_toml(tmp_path / "run" / "run.toml")
     table["recording"][0]["frames"] = "pass1.log"
     files.write_toml(tmp_path / "run" / "run.toml", table)
-    with pytest.raises(RecordedError, match=r"run\.toml: is there already; nothing is written over a recording"):
-        write_import(tmp_path / "run", import_logs([path], six_cables(), START_POSE))
+    write_rig(tmp_path / "rig.toml", six_cables())
+    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--force")
+    assert (done.returncode, "is part of a recording, which is never written over" in done.stderr) == (2, True)
 
 
 def test_the_start_file_states_its_uncertainty_too(tmp_path: Path) -> None:
