@@ -179,7 +179,7 @@ def test_the_command(tmp_path: Path) -> None:
     rig = read_rig(tmp_path / "out.toml")
     assert rig.point("B1").drum.tangent_length_mm == pytest.approx(149.756507, abs=1e-6)
     assert rig.point("B2").drum.tangent_length_mm == 0
-    assert CliRunner().invoke(app, arguments).exit_code == 0
+    assert CliRunner().invoke(app, [*arguments, "--force"]).exit_code == 0
     assert read_rig(tmp_path / "out.toml").point("B2").drum.axial_offset_mm == pytest.approx(20)
     assert CliRunner().invoke(app, ["drum"]).exit_code == 2
 
@@ -244,5 +244,5 @@ def test_a_rig_without_drums_gets_them_and_keeps_its_comments(tmp_path: Path) ->
     assert [c for c in comments if f"# {c}" not in text] == []
     (tmp_path / "drums.toml").write_text(tomli_w.dumps({"schema": "lmeasure.drum/1", "drum": [values(point="B2")]}))
     with pytest.raises(RigError, match=r"rig.toml:6: \[observation_point B1\].drum: is missing"):
-        CliRunner().invoke(app, arguments, catch_exceptions=False)
+        CliRunner().invoke(app, [*arguments, "--force"], catch_exceptions=False)
     assert read_rig(tmp_path / "out.toml") == rig

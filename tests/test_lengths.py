@@ -152,7 +152,7 @@ def test_a_foreign_value_and_an_unsure_counter() -> None:
     r = rig(counter_bits=16, max_cable_speed_mm_s=20000.0)
     recorded = np.zeros((6, 3))
     recorded[2, 0] = 70_000
-    t = np.array([0, 0.001, 0.002, 0.003, 0.003 + 0.03, 0.034])
+    t = np.array([0, 0.001, 0.002, 0.003, 0.003 + 0.04, 0.044])
     lengths = lengths_from_counts(run_of(recorded, r, t))
     assert lengths.flags.tolist() == [0, 0, Status.JUMP, 0, Status.GAP, Status.GAP]
     assert "a value that a counter of 16 bits does not have" in str(lengths.cause[2])

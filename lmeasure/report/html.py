@@ -412,8 +412,9 @@ def _in_sections(body: Iterable[str]) -> list[str]:
     for part in body:
         sections += [[]] if part.startswith("<h2") else []
         (sections[-1] if sections else head).append(part)
+    script = [f"<script>{_SCRIPT_OF_PAGE}</script>"] if sections or any("plotly-graph-div" in part for part in head) else []
     own = [line for section in sections for line in ("<section>", *section, "</section>")]
-    return ["<header>", *head, "</header>", *(["<main>", *own, "</main>"] if own else []), f"<script>{_SCRIPT_OF_PAGE}</script>"]
+    return ["<header>", *head, "</header>", *(["<main>", *own, "</main>"] if own else []), *script]
 
 
 def write_page(path: Path, title: str, body: Iterable[str], language: str = "en") -> None:

@@ -59,8 +59,12 @@ def _figures(record: dict[str, Any], before: FloatArray, after: FloatArray, say:
         rows.append((whose, say.number(held["mean_mm"], ".4f"), say.number(held["max_mm"], ".4f")))
     parts = [html.table((say("errors, mm"), say("mean"), say("worst")), rows)]
     used = sum(row["used"] for row in record["residuals"])
-    about = "{rows} rows at {stays} stays of the robot. What the robot adds at a stay counts once, however many rows the stay has."
-    parts.append(html.paragraph(say(about, rows=used, stays=record["stays"])))
+    told = say(
+        "{rows} rows at {stays} stays of the robot. What the robot adds at a stay counts once, however many rows the stay has.",
+        rows=used,
+        stays=record["stays"],
+    )
+    parts.append(html.paragraph(told))
     noise = record["noise"]["position_mm"]
     if noise is None:
         parts.append(html.paragraph(say("The measurements are too few to tell by how much robot and instrument scatter.")))
@@ -73,14 +77,15 @@ def _figures(record: dict[str, Any], before: FloatArray, after: FloatArray, say:
         parts.append(html.paragraph(told))
     reading = record["noise"]["reading_mm"]
     if reading is not None:
-        about = "One reading scatters by {mm:.4f} mm in each coordinate about the mean of its stay (standard deviation)."
-        parts.append(html.paragraph(say(about, mm=reading)))
+        told = say("One reading scatters by {mm:.4f} mm in each coordinate about the mean of its stay (standard deviation).", mm=reading)
+        parts.append(html.paragraph(told))
     if record["beyond"]["factor"]:
-        about = (
+        told = say(
             "Far from the measured joint values U95 grows faster: parts of the measurements predict each other worse than their "
-            "covariance says (factor {factor:.1f})."
+            "covariance says (factor {factor:.1f}).",
+            factor=record["beyond"]["factor"],
         )
-        parts.append(html.paragraph(say(about, factor=record["beyond"]["factor"])))
+        parts.append(html.paragraph(told))
     if held is not None:
         percent = 100 * held["within_u95"]
         parts.append(html.paragraph(say("{percent:.1f} % of the rows held out lie within the U95 predicted for them.", percent=percent)))

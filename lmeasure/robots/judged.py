@@ -240,13 +240,15 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
 
 def _left(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> float:
     """Chi-squared that is left of a target by least squares with priors about nothing."""
-    normal = jacobian.T @ jacobian + np.diag(prior)
-    pull = jacobian.T @ target
-    return float(target @ target - pull @ np.linalg.solve(normal, pull))
+    return float(target @ target - (jacobian.T @ target) @ _step(jacobian, target, prior))
 
 
 def _step(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.solve(jacobian.T @ jacobian + np.diag(prior), jacobian.T @ target))
+    """Return the least-squares unknowns of a target; 0 for those that nothing determines, as the place of an axis that slides."""
+    normal = jacobian.T @ jacobian + np.diag(prior)
+    size = np.sqrt(np.diagonal(normal))
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(normal / np.outer(size, size), (jacobian.T @ target) / size, rcond=1e-14)[0] / size)
 
 
 def _by_stays(more: FloatArray, jacobian: FloatArray, residuals: FloatArray, stay: IntArray, *, count: int) -> float:

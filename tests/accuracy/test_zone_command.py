@@ -65,11 +65,11 @@ def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> No
         assert nodes[-1] >= max(points[:, axis].max(), 0.0)
         assert 5 < len(nodes) < 40
     # what it says is what does it again
-    again = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *written.split(), "--out", str(out)])
+    again = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *written.split(), "--force", "--out", str(out)])
     assert result.output.splitlines()[1:3] == again.output.splitlines()[:2]
     assert "no range" not in again.output
     some = written.split()[:2]
-    part = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *some, "--out", str(out)])
+    part = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *some, "--force", "--out", str(out)])
     assert part.output.startswith(f"no range was given for --y, --z: the box is {' '.join(written.split()[2:])}, around the rig\n")
 
 
@@ -147,7 +147,7 @@ def test_every_limit_and_way_of_computing_by_options(rig_file: Path) -> None:
     assert "refined_volume_mm3" in zone.attrs
     assert zone.attrs["limit_clearance_mm"] == 5.0
     # the kept chunks give the same again
-    second = CliRunner().invoke(app, arguments)
+    second = CliRunner().invoke(app, [*arguments, "--force"])
     assert second.output == first.output
     assert read_zone(folder / "zone.nc").attrs["result_sha256"] == zone.attrs["result_sha256"]
 
@@ -189,6 +189,6 @@ def test_a_broken_chunk_is_named(rig_file: Path) -> None:
     assert CliRunner().invoke(app, words).exit_code == 0
     for content in (b"", b"garbage", (kept / "chunk-000000.npz").read_bytes()[:300]):
         (kept / "chunk-000000.npz").write_bytes(content)
-        result = CliRunner().invoke(app, words)
+        result = CliRunner().invoke(app, [*words, "--force"])
         assert isinstance(result.exception, LMeasureError)
         assert "chunk-000000.npz: is no chunk of a scan" in str(result.exception)

@@ -160,10 +160,10 @@ def test_a_program_is_corrected_where_the_map_reaches(sample: tuple[SerialRobot,
     assert np.linalg.norm(off[:, :3], axis=1).mean() < 0.4 * np.linalg.norm(true_errors(robot, targets)[:, :3], axis=1).mean()
     assert all(row["error_left_mm"] < 1e-6 for row in record[:20])
     # another tool than the one that was measured
-    other = CliRunner().invoke(app, [*given, "--tool", "0,0,100"])
+    other = CliRunner().invoke(app, [*given, "--force", "--tool", "0,0,100"])
     assert "0 of 22 targets corrected" in other.output
     assert "its tool tool is not the one that the map was measured with" in other.output
-    small = CliRunner().invoke(app, [*given, "--most-mm", "0.2", "--clip"])
+    small = CliRunner().invoke(app, [*given, "--force", "--most-mm", "0.2", "--clip"])
     clipped = json.loads((tmp_path / "out" / "corrections.json").read_text())["targets"][:20]
     assert small.exit_code == 0
     assert all(row["size_mm"] <= 0.2 + 1e-9 for row in clipped)

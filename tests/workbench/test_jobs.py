@@ -50,7 +50,7 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
         until(lambda: asked.get(f"/api/jobs/{again}").json()["state"] != "running")
         failed = asked.get(f"/api/jobs/{again}").json()
         assert failed["state"] == "failed"
-        assert "never writes over a file" in failed["result"]["error"]
+        assert "rig.toml: exists" in failed["result"]["error"]
         assert "Put in its dimensions" not in asked.get(f"/jobs/{again}").text
     files = sorted(p.relative_to(by_hand) for p in by_hand.rglob("*") if p.is_file())
     assert len(files) > 5

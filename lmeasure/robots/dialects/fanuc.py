@@ -53,7 +53,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
             continue
         by, registers = _BY_DIFFERENCE.search(m[2]), list(_NAMED.finditer(m[2]))
         if not registers:
-            leave(m.start(1), f"{m[1]} {m[2].split()[0]}: a position that is computed")
+            leave(m.start(1), f"{m[1]} {m[2].strip().partition(' ')[0]}: a position that is computed")
         for register in registers:
             number = register[2].strip()
             if m[2][register.end() :].lstrip().startswith("="):
