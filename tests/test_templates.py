@@ -98,7 +98,7 @@ def test_every_template_is_whole_and_serves_its_cube(name: str, tmp_path: Path) 
 
 def test_nothing_is_ever_written_over(tmp_path: Path) -> None:
     (tmp_path / "drums.toml").write_text("mine")
-    with pytest.raises(OverwriteError, match=r"drums.toml: is there already"):
+    with pytest.raises(OverwriteError, match=r"drums.toml: exists"):
         CliRunner().invoke(app, ["init", str(tmp_path), "--template", "six-cables"], catch_exceptions=False)
     assert [p.name for p in tmp_path.iterdir()] == ["drums.toml"]
     one = tmp_path / "one.toml"

@@ -157,7 +157,7 @@ def test_command_prints_the_table_and_writes_it_into_the_page(tmp_path: Path) ->
     runner = CliRunner()
     assert runner.invoke(app, ["calibrate", str(tmp_path / "a"), "--out", str(tmp_path / "old")]).exit_code == 0
     for old in (tmp_path / "old", tmp_path / "old" / "calibration.json"):
-        result = runner.invoke(app, ["calibrate", str(tmp_path / "b"), "--out", str(tmp_path / "new"), "--compare", str(old)])
+        result = runner.invoke(app, ["calibrate", str(tmp_path / "b"), "--force", "--out", str(tmp_path / "new"), "--compare", str(old)])
         assert result.exit_code == 0, result.output
         assert f"compared with {old}: something moved" in result.output
         moved = [line.split()[0] for line in result.output.splitlines() if line.endswith(" moved")]
