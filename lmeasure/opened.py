@@ -125,8 +125,7 @@ def unpack(archive: zipfile.ZipFile, folder: Path, name_of: Callable[[str], str]
     """Write the files of an archive from `open_zip` into a folder, each under the name that `name_of` gives its own; none where that is
     empty."""
     for entry in archive.infolist():
-        name = name_of(entry.filename)
-        if entry.is_dir() or not name:
+        if entry.is_dir() or not (name := name_of(entry.filename)):
             continue
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,7 @@ def packed(folder: Path, *, tampered: str = "") -> bytes:
     """A zip of a certificate's folder; tampered: a file that gets a byte more."""
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w") as archive:
+        archive.mkdir("given")  # as most programs write folders
         for path in sorted(folder.rglob("*")):
             if path.is_file():
                 name = path.relative_to(folder).as_posix()
