@@ -224,7 +224,7 @@ def test_motion_of_places_alone(tmp_path: Path) -> None:
     made = pd.read_csv(tmp_path / "m.csv")
     assert made["speed_mm_s"].to_numpy() == pytest.approx(100.0 * time_s, abs=1e-6)
     assert made[["u_speed_mm_s", "wx_rad_s", "qx"]].isna().all(axis=None)
-    assert run(["motion", str(tmp_path / "seen.csv"), *U[:2], "--half-width-s", "0.1", "--out", str(tmp_path / "m.csv")]) == 0
+    assert run(["motion", str(tmp_path / "seen.csv"), *U[:2], "--half-width-s", "0.1", "--force", "--out", str(tmp_path / "m.csv")]) == 0
     assert (pd.read_csv(tmp_path / "m.csv")["u_speed_mm_s"] > 0.0).all()
 
 
@@ -283,7 +283,7 @@ def test_motion_says_what_times_and_windows_do_not_fit(said: Said, tmp_path: Pat
     assert not out.exists()
     fast = said("motion", made("mm.tum", time_s, places), "--half-width-s", "0.1", "--out", out)
     assert (fast[0], fast[1]["warnings"]) == (0, ["note: no robot moves at 500 m/s: places or times are in other units than stated"])
-    right = said("motion", tmp_path / "t.tum", "--half-width-s", "0.1", "--out", out)
+    right = said("motion", tmp_path / "t.tum", "--half-width-s", "0.1", "--force", "--out", out)
     assert (right[0], right[1]["warnings"]) == (0, [])
 
 
