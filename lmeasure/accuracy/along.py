@@ -12,7 +12,7 @@ from lmeasure.causes import Cause
 from lmeasure.errors import TrajectoryError
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
-from lmeasure.trajectory.motion import FULL, HALF_WIDTH_S, Motion, motion_of
+from lmeasure.trajectory.motion import FULL, WIDEST_S, Motion, motion_of
 
 MOST_ROWS = 12_000
 MOST_STRETCHES = 2_000
@@ -98,8 +98,8 @@ def _turned(poses: FloatArray) -> FloatArray:
 def _motion(trajectory: Trajectory) -> tuple[Motion | None, str]:
     """The motion, or why there is none."""
     try:
-        half = HALF_WIDTH_S if len(trajectory.time_s) < 2 else max(HALF_WIDTH_S, FULL * float(np.median(np.diff(trajectory.time_s))))
-        return motion_of(trajectory, half), ""
+        needed = FULL * float(np.median(np.diff(trajectory.time_s))) if len(trajectory.time_s) > 1 else 0.0
+        return motion_of(trajectory, needed if needed > WIDEST_S else None), ""
     except TrajectoryError as error:
         return None, str(error)
 

@@ -22,6 +22,7 @@ from lmeasure.saying import Say
 from lmeasure.status import WORDS
 from lmeasure.trajectory import Trajectory
 from lmeasure.trajectory.budget import RESTORED_ORIGIN
+from lmeasure.trajectory.spectrum import Vibration
 
 DOMAIN = "trajectory"
 MOST_LINES = 100
@@ -119,9 +120,21 @@ def summary(found: Along, language: str) -> list[tuple[str, str]]:
         told = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [number(speed)]
         rows.append((words["speed"], f"{' ± '.join(told)} {words['mm/s']}"))
         rows.append((words["path"], f"{number(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
+        rows.extend((words["vibration"].format(axis=v.axis.upper()), _vibration(v, language)) for v in found.motion.vibration)
     else:
         rows.append((words["speed"], words["no speed"].format(why=found.no_motion)))
     return rows
+
+
+def _vibration(v: Vibration, language: str) -> str:
+    """Return frequency, amplitude and its velocity with their U95."""
+    pairs = {
+        "hz": (v.frequency_hz, v.u95_frequency_hz),
+        "um": (1e3 * v.amplitude_mm, 1e3 * v.u95_amplitude_mm),
+        "speed": (v.speed_mm_s, v.u95_speed_mm_s),
+    }
+    values = {name: " ± ".join(decimal(language, one) for one in with_u95(*pair)) for name, pair in pairs.items()}
+    return texts(DOMAIN, language)["vibration.value"].format(**values)
 
 
 def _left_out(found: Along, language: str) -> list[str]:
@@ -177,6 +190,8 @@ def _known(found: Along, language: str) -> Iterable[str]:
     if found.motion is not None:
         said = words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
         yield f"{said} {words['smoothed.band']}" if _banded(trajectory) else said
+        if np.isfinite(found.motion.highest_hz):
+            yield words["highest"].format(highest=decimal(language, f"{found.motion.highest_hz:.4g}"))
         for note in found.motion.stamps.notes:
             yield note.text(language)
 

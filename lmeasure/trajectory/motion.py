@@ -260,7 +260,7 @@ def write_motion(path: Path, motion: Motion) -> None:
     notes = motion.stamps.notes
     about = {"half_width_s": repr(motion.half_width_s), "highest_hz": repr(motion.highest_hz)}
     if motion.vibration:
-        about["vibration"] = json.dumps([line.values() for line in motion.vibration])
+        about["vibration"] = json.dumps([{"axis": v.axis} | v.values() for v in motion.vibration])
     if notes:
         about["note"] = "; ".join(map(str, notes))
     files.write_table(path, motion.columns(), about)

@@ -69,10 +69,9 @@ class Vibration:
         apart = self.frequency_hz * self.u95_amplitude_mm, self.amplitude_mm * self.u95_frequency_hz
         return 2.0 * math.pi * math.hypot(*apart)
 
-    def values(self) -> dict[str, float | str]:
+    def values(self) -> dict[str, float]:
         """Return names with units, and values."""
         return {
-            "axis": self.axis,
             "frequency_hz": self.frequency_hz,
             "u95_frequency_hz": self.u95_frequency_hz,
             "amplitude_mm": self.amplitude_mm,

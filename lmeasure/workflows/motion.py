@@ -21,6 +21,7 @@ from lmeasure.workflows.settings import (
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.motion import Motion
+    from lmeasure.trajectory.spectrum import Vibration
 
 
 FASTEST_MM_S = 1e5
@@ -38,7 +39,7 @@ class Settings(Writing):
     angles: Annotated[str | None, ANGLES] = None
     align: Annotated[Path | None, ALIGN] = None
     half_width_s: Annotated[
-        float | None, option("Half width of the window of the local cubics. [0.02, or what the sampling needs]", within=(0.0, 60.0))
+        float | None, option("Half width of the window of the local cubics. [chosen by the data, at most 0.02 or what the sampling needs]", within=(0.0, 60.0))
     ] = None
 
     def paths(self) -> Paths:
@@ -72,12 +73,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     largest, u95 = found.largest_speed()
     way = float(np.nanmax(found.path_mm))
     told = f"{len(found.time_s)} samples, window +-{found.half_width_s:g} s: path {way:.3f} mm, speed up to {largest:.3f}"
-    figures = {"path_mm": way, "largest_speed_mm_s": largest}
+    figures = {"path_mm": way, "largest_speed_mm_s": largest, "half_width_s": found.half_width_s, "highest_hz": found.highest_hz}
+    figures |= {f"vibration_{i}_{v.axis}_{name}": value for i, v in enumerate(found.vibration, 1) for name, value in v.values().items()}
     if "position" in trajectory.absent:
         told += " mm/s; no uncertainty is stated: state it by columns or --u-position-mm"
     else:
         u = np.nanmedian(np.linalg.norm(found.u_velocity[:, 3:], axis=1))
-        told += f" +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s, of independent errors)"
+        told += f" +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s)"
         figures["u95_mm_s"] = u95
     turned = not np.isnan(found.poses[:, 3:]).all()
     lines, warnings = notes_of_file((*trajectory.notes, *found.stamps.notes))
@@ -90,4 +92,18 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         named = f"{', '.join(QUATERNION_COLUMNS[:-1])} and {QUATERNION_COLUMNS[-1]}, or the angles of a controller"
         notes.append(f"the orientation is not measured, or not under known names ({named}): nothing is said of rotations")
     more = tuple(f"note: {note}" for note in notes)
-    return Result(found, (told, *lines, *more), figures, (*warnings, *more))
+    return Result(found, (told, *map(_line, found.vibration), _above(found), *lines, *more), figures, (*warnings, *more))
+
+
+def _line(v: "Vibration") -> str:
+    """Return one vibration in words."""
+    return (
+        f"vibration along {v.axis}: {v.frequency_hz:.3f} +- {v.u95_frequency_hz:.3f} Hz, amplitude {1e3 * v.amplitude_mm:.2f} +- "
+        f"{1e3 * v.u95_amplitude_mm:.2f} um, {v.speed_mm_s:.3f} +- {v.u95_speed_mm_s:.3f} mm/s (U95)"
+    )
+
+
+def _above(found: "Motion") -> str:
+    """Return the highest frequency that the samples show, in words."""
+    none = "" if found.vibration else "no vibration found; "
+    return f"{none}the samples show vibration up to {found.highest_hz:.4g} Hz, and nothing is stated about faster motion"
