@@ -238,18 +238,18 @@ def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None
 def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], *, excluded: Exclusions, stamps: Stamps) -> Characteristic:
     """The figure with the larger of the uncertainties that the laws of errors give."""
     worst = max(spreads, key=lambda s: s.u95)
-    u = float(np.hypot(worst.u_random, worst.u_systematic))
+    u, u95 = float(np.hypot(worst.u_random, worst.u_systematic)), float(np.hypot(worst.u95, figure.between))
     found = Characteristic(
         **figure.key._asdict(),
         clause=figure.clause,
         value=value,
         unit=figure.unit,
-        u95=worst.u95,
+        u95=u95,
         capable=False,
         cycles=figure.cycles,
         u_random=worst.u_random,
         u_systematic=worst.u_systematic,
-        coverage_factor=worst.u95 / u if u > 0 else None,
+        coverage_factor=u95 / u if u > 0 else None,
         angles=figure.angles,
         extension=figure.extension,
         excluded=excluded.reason(figure.needs),

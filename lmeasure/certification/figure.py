@@ -41,7 +41,8 @@ class OfInstants(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class Figure:
     """A characteristic yet without its value: function of the states of subjects. needs: what may exclude it; vector: the figure whose
-    verdict a component takes; instants: what the instants of samples add to it, by its value, where its states do not hold that."""
+    verdict a component takes; instants: what the instants of samples add to it, by its value, where its states do not hold that; between:
+    how far it may be off by what lies between samples."""
 
     key: CharacteristicKey
     clause: str
@@ -53,6 +54,7 @@ class Figure:
     angles: str | None = None
     extension: bool = False
     instants: Callable[[float], OfInstants] | None = None
+    between: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

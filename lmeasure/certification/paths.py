@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.certification.between import Between, between, joined
 from lmeasure.certification.passages import passage
 from lmeasure.errors import CertificationError
 from lmeasure.kernels.polyline import follow
@@ -101,7 +102,8 @@ class Crossings:
     they were crossed time_s (m, n) and how fast pace_mm_s (m, n), and the nearest samples (m, n).
 
     A crossing is read from the four samples about it, of which it has the weights (m, n, 4); step (m, n, 6) from the one
-    before it to the one behind, rotation [rad] and position [mm]; scatter (m, 6, 6): covariance of the nearest samples' poses over cycles.
+    before it to the one behind, rotation [rad] and position [mm]; hidden (m n): how far the path may lie
+    off between those; scatter (m, 6, 6): covariance of the nearest samples' poses over cycles.
     cycles: the runs themselves; angle_deg: worst pressure angle on them.
     """
 
@@ -118,6 +120,7 @@ class Crossings:
     scatter: FloatArray
     cycles: tuple[Cycle, ...]
     angle_deg: float
+    hidden: Between | None = None
 
     @property
     def stretch(self) -> IntArray:
@@ -173,9 +176,11 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     about = {"commanded": commanded, "tangent": tangent, "bounds": bounds[[behind - 1, behind]]}
     crossed = [_cross(cycle, ways, f"path {path.name}, cycle {j}", **about) for j, cycle in enumerate(cycles, 1)]
     every = _Crossed(*(np.stack(columns, axis=1) for columns in zip(*crossed, strict=True)))
+    hidden = joined([between(c.time_s, c.poses[:, :3])[before] for c, before in zip(cycles, every.before.T, strict=True)])
     near = frame.of(trajectory.poses[every.samples.ravel()]).reshape(m, -1, 7)
     return Crossings(
-        **every._asdict(),
+        **{name: values for name, values in every._asdict().items() if name != "before"},
+        hidden=hidden,
         line=line,
         way_mm=ways,
         commanded=commanded,
@@ -199,7 +204,7 @@ def _runs_along(cycle: Cycle, length: float, what: str) -> None:
 
 class _Crossed(NamedTuple):
     """One cycle of `Crossings`: poses (m, 7), times (m,), speeds (m,), nearest samples (m,), weights (m, 4) of those about each,
-    and the step (m, 6) from the one before it to the one behind."""
+    the step (m, 6) from the one before it to the one behind, and the number of the one before in its cycle (m,)."""
 
     attained: FloatArray
     time_s: FloatArray
@@ -207,6 +212,7 @@ class _Crossed(NamedTuple):
     samples: IntArray
     weights: FloatArray
     step: FloatArray
+    before: IntArray
 
 
 def _cross(cycle: Cycle, ways: FloatArray, what: str, *, commanded: FloatArray, tangent: FloatArray, bounds: FloatArray) -> _Crossed:
@@ -231,4 +237,4 @@ def _cross(cycle: Cycle, ways: FloatArray, what: str, *, commanded: FloatArray, 
     about = np.clip(ways + ABOUT_MM * np.array([[-1.0], [1.0]]), forward[0], forward[-1])
     pace = np.diff(about, axis=0)[0] / np.diff(np.interp(about, forward, cycle.time_s), axis=0)[0]
     nearest = np.where(times - cycle.time_s[before] < cycle.time_s[after] - times, before, after)
-    return _Crossed(pose, times, pace, cycle.samples[nearest], weights, moved(other, one))
+    return _Crossed(pose, times, pace, cycle.samples[nearest], weights, moved(other, one), before)

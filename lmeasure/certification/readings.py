@@ -35,6 +35,8 @@ FINER_THAN = 0.25
 """Of a limit: a step is no longer, so that no passage of it is missed."""
 WITHOUT_HALF = 7.0
 """Times as far off as the spline is that of every other sample, by its third derivatives."""
+FEWER_ERR = 2.0
+"""U95 by which a figure of every other sample may differ by errors of counts alone."""
 SMOOTHED, DEGREE = 9, 4
 """Samples and degree of the polynomials by which roundings are taken out of a stretch."""
 MARGIN = 12
@@ -150,11 +152,13 @@ class Reading:
 @dataclass(frozen=True)
 class Told:
     """Figures (n, q) of n cycles, how far the splines that they are read from may be off (n, q), and by each law that the errors may have
-    what the figures of a likely motion are without errors (n, q) and with them (trials, n, q)."""
+    what the figures of a likely motion are without errors (n, q) and with them (trials, n, q).
+    unresolved: as between (n, q), where the samples do not resolve the motion."""
 
     values: FloatArray
     between: FloatArray
     laws: tuple[tuple[FloatArray, FloatArray], ...]
+    unresolved: FloatArray | None = None
 
     @property
     def reached(self) -> BoolArray:
@@ -175,7 +179,12 @@ class Told:
                 square = ((base[alike] - mean) ** 2).sum() / freedom
                 of_robot[alike] = mean + reduction(square, errors[:, alike].var(axis=0).mean(), freedom) * (base[alike] - mean)
             out.append(float(np.quantile(np.abs(over(of_robot + errors, axis=1) - over(of_robot)), COVERAGE)))
-        return float(np.hypot(max(out), self.between[:, i].max()))
+        lost = self.between[:, i]
+        if self.unresolved is not None:
+            # errors of counts alone, whatever the samples resolve, differ by as much as they are
+            of_counts = FEWER_ERR * max(out) * np.sqrt(len(lost))
+            lost = np.where(WITHOUT_HALF * lost > of_counts, np.maximum(self.unresolved[:, i], lost), lost)
+        return float(np.hypot(max(out), lost.max()))
 
     def characteristic(
         self, i: int, key: CharacteristicKey, *, clause: str, unit: str, note: Finding, over: Callable[..., FloatArray] = np.mean,
@@ -231,7 +240,7 @@ class Motion:
 
     def read(self, cycles: Sequence[Stretch], reading: Reading) -> Told:
         """What a reading tells of cycles."""
-        values, halves, found = [], [], []
+        values, halves, quarters, found = [], [], [], []
         # of each place by each law, at all cycles
         laws = [
             self._errors(np.array([s.samples[at[0]] for s, at in zip(cycles, at_place, strict=True)])) for at_place in _by_place(cycles)
@@ -240,13 +249,17 @@ class Motion:
         reach = FAR * float(np.sqrt(2.0 * max(np.linalg.eigvalsh(c[:, 3:, 3:]).max() for c in random)))
         for stretch in cycles:
             finer = stretch.finer(reading.limit_mm)
-            vectors, of_half = (_vectors(stretch.poses[:, :3], stretch, finer, reading.origin, every) for every in (1, 2))
+            vectors, of_half, of_quarter = (_vectors(stretch.poses[:, :3], stretch, finer, reading.origin, every) for every in (1, 2, 4))
             values.append(reading.of(finer.time_s, *vectors))
             halves.append(reading.told(reading.of(finer.time_s, *of_half)))
+            quarters.append(reading.told(reading.of(finer.time_s, *of_quarter)))
             found.append((finer, finer.near([reading.size(v) for v in vectors], reading.limit_mm, reach, largest=reading.largest)))
-        between = np.abs(np.array(values) - np.array(halves)) / WITHOUT_HALF
+        by_half, by_quarter = (np.abs(np.array(a) - np.array(b)) for a, b in ((values, halves), (halves, quarters)))
+        nearer = np.divide(by_half, by_quarter, out=np.ones_like(by_half), where=by_quarter > by_half)
+        # where leaving out samples once more changes a figure by hardly more, they do not resolve it, and all of the change may be left
+        unresolved = by_half * np.clip(nearer / np.maximum(1.0 - nearer, 1e-9), 1.0 / WITHOUT_HALF, 1.0)
         by_law = tuple(self._drawn(cycles, found, of_places, reading) for of_places in zip(*laws, strict=True))
-        return Told(np.array(values), between, by_law)
+        return Told(np.array(values), by_half / WITHOUT_HALF, by_law, unresolved)
 
     def _drawn(
         self, cycles: Sequence[Stretch], found: Sequence[tuple[Finer, IntArray]], laws: Sequence[PoseErrors], reading: Reading

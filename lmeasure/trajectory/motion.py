@@ -101,7 +101,8 @@ class Motion:
 
 def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps: Stamps | None = None) -> Motion:
     """Motion of a trajectory by cubics over +- half_width_s, or wider where even times found for stamps that jitter need it; by default
-    as `_chosen` finds, at most `HALF_WIDTH_S` or what the usual interval needs. None goes over a gap. stamps: as judged already, else by the motion itself.
+    as `_chosen` finds, at most `HALF_WIDTH_S` or what the usual interval needs. None goes over a gap.
+    stamps: as judged already, else by the motion itself.
 
     Where the orientation is not measured, nothing is said of rotations; where no uncertainty is stated, none is said. TrajectoryError when
     no window is full.
@@ -186,9 +187,9 @@ def _parts(poses: FloatArray, stretch: IntArray | None) -> list[slice]:
 
 def _chosen(time_s: FloatArray, poses: FloatArray, u: FloatArray, stamps: Stamps, parts: list[slice], widest_s: float) -> float:
     """The half width, at most widest_s, whose velocities err least by noise and by bias together; the widest where none is much better."""
-    if not np.isfinite(u[:, 3:]).any() or not parts:
+    if not np.isfinite(u[:, 3:]).any() or max((p.stop - p.start for p in parts), default=0) < 2:
         return widest_s
-    narrowest = FULL * float(np.median(np.concatenate([np.diff(time_s[p]) for p in parts] or [[np.inf]])))
+    narrowest = FULL * float(np.median(np.concatenate([np.diff(time_s[p]) for p in parts])))
     widths = widest_s / NARROWER ** np.arange(int(max(np.log(widest_s / narrowest) / np.log(NARROWER), 0.0)) + 1)
     if len(widths) < 2:
         return widest_s

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from scipy.ndimage import binary_dilation, median_filter
+from scipy.ndimage import binary_dilation, convolve1d, median_filter
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.kernels.motion import TERMS
@@ -121,10 +121,10 @@ def smoothing_bias(left: FloatArray, u: FloatArray, step_s: float, half_width_s:
 def _excess(left: FloatArray, u: FloatArray, starts: np.ndarray, size: int, step_s: float, half_width_s: float) -> FloatArray:
     """(b, 4, c) mean squares of the bias in blocks of so many samples from each start (b,)."""
     window = scipy.signal.get_window("hann", size)
-    hz = np.fft.rfftfreq(size, step_s)
+    hz = np.asarray(np.fft.rfftfreq(size, step_s), dtype=np.float64)
     gain, lost = _gain(half_width_s, step_s, hz)
     # the window spreads each frequency over its neighbours
-    lost = np.sqrt(scipy.ndimage.convolve1d(lost**2, [1 / 6, 2 / 3, 1 / 6], mode="mirror"))
+    lost = np.sqrt(convolve1d(lost**2, [1 / 6, 2 / 3, 1 / 6], mode="mirror"))
     double = np.where((hz == 0.0) | (2 * np.arange(len(hz)) == size), 1.0, 2.0)
     out = np.zeros((len(starts), TERMS, left.shape[1]))
     at_once = max(1, 2**20 // size)
@@ -169,12 +169,14 @@ def vibrations(time_s: FloatArray, positions: FloatArray, stretches: Sequence[sl
     if not stretches:
         return ()
     longest = max(s.stop - s.start for s in stretches)
-    step_s = float(np.median([np.median(np.diff(time_s[s])) for s in stretches if s.stop - s.start > 1] or [np.nan]))
-    if longest < 2 * SHORTEST or not step_s > 0.0:
+    if longest < 2 * SHORTEST:
+        return ()
+    step_s = float(np.median([float(np.median(np.diff(time_s[s]))) for s in stretches if s.stop - s.start > 1]))
+    if not step_s > 0.0:
         return ()
     size = int(min(longest, max(2 * SHORTEST, round(LINE_S / step_s))))
     blocks = [positions[start : start + size] for s in stretches for start in range(s.start, s.stop - size + 1, size)]
-    hz = np.fft.rfftfreq(PADDED * size, step_s)
+    hz = np.asarray(np.fft.rfftfreq(PADDED * size, step_s), dtype=np.float64)
     window = scipy.signal.get_window("hann", size)
     powers = np.linspace(-1.0, 1.0, size)[:, None] ** np.arange(4)
     trend = np.linalg.qr(powers)[0]

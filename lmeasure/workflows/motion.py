@@ -39,7 +39,11 @@ class Settings(Writing):
     angles: Annotated[str | None, ANGLES] = None
     align: Annotated[Path | None, ALIGN] = None
     half_width_s: Annotated[
-        float | None, option("Half width of the window of the local cubics. [chosen by the data, at most 0.02 or what the sampling needs]", within=(0.0, 60.0))
+        float | None,
+        option(
+            "Half width of the window of the local cubics. [chosen by the data, at most 0.02 or what the sampling needs]",
+            within=(0.0, 60.0),
+        ),
     ] = None
 
     def paths(self) -> Paths:

@@ -1,5 +1,6 @@
 """What is as likely as the attained cycles of a path, by the errors of each of its waves written out, and how errors move it."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,8 @@ def part_of(which: str, scale: float) -> tuple[PathPart, PoseErrors]:
     program = program_of(path | {"quaternion_xyzw": tuple(COMMANDED.as_quat())}, windows)
     stamps = sound(trajectory.time_s)
     crossed = attained(trajectory, program, Settings(planes=24), stamps, rig_angles=None).paths[which]
+    # the noise is more than is stated: that would look like corners
+    crossed = replace(crossed, hidden=None)
     k, units = crossed.time_s.size, np.repeat([3e-4, 0.03], 3)[:, None]
     own, local, shared = (scale * by * units * rng.normal(size=(k, 6, 2)) for by in (1.0, 0.3, 0.3))
     errors = PoseErrors(own, local, np.arange(k) % 7, shared)

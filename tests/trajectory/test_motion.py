@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.motion import local_cubics
-from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory import read_trajectory, reconstruct
 from lmeasure.trajectory.motion import motion_of, write_motion
 
 FloatArray = NDArray[np.float64]
@@ -100,3 +100,45 @@ def test_what_cannot_be_fitted_is_refused(tmp_path: Path) -> None:
     write_motion(tmp_path / "m.csv", motion_of(trajectory))
     table = pd.read_csv(tmp_path / "m.csv")
     assert {"speed_mm_s", "path_mm", "vx_mm_s", "u_vx_mm_s", "wz_rad_s", "ax_mm_s2", "jx_mm_s3", "u_betaz_rad_s3"} <= set(table.columns)
+
+
+def shaken(path: Path, rate_hz: float, swings: list[tuple[int, float, float]], u_mm: float = 0.003) -> tuple[FloatArray, FloatArray]:
+    """Write a table of a tool that moves slowly and swings along axes by (axis, Hz, mm/s); its true velocity and acceleration (n, 3)."""
+    rng, t = np.random.default_rng(3), np.arange(round(4.0 * rate_hz)) / rate_hz
+    w = 2.0 * np.pi * np.array([0.31, 0.43, 0.37])
+    place = 60.0 * np.sin(np.outer(t, w))
+    velocity, acceleration = 60.0 * w * np.cos(np.outer(t, w)), -60.0 * w**2 * np.sin(np.outer(t, w))
+    for axis, hz, speed in swings:
+        turned, phase = 2.0 * np.pi * hz, rng.uniform(0.0, 2.0 * np.pi)
+        place[:, axis] += speed / turned * np.sin(turned * t + phase)
+        velocity[:, axis] += speed * np.cos(turned * t + phase)
+        acceleration[:, axis] -= speed * turned * np.sin(turned * t + phase)
+    table = np.column_stack([t, place + u_mm * rng.normal(size=place.shape), np.full((len(t), 3), u_mm)])
+    pd.DataFrame(table, columns=["time_s", "x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm"]).to_csv(path, index=False)
+    return velocity, acceleration
+
+
+@pytest.mark.parametrize(("rate_hz", "hz"), [(1000.0, 5.0), (1000.0, 18.8), (1000.0, 50.0), (1000.0, 100.0), (200.0, 18.8), (200.0, 70.0)])
+def test_velocities_of_a_vibrating_tool_are_as_uncertain_as_stated(tmp_path: Path, rate_hz: float, hz: float) -> None:
+    velocity, acceleration = shaken(tmp_path / "t.csv", rate_hz, [(0, hz, 8.0), (1, hz, 3.0), (2, hz, 5.0)])
+    found = motion_of(read_trajectory(tmp_path / "t.csv"))
+    for values, true, u in ((found.velocity, velocity, found.u_velocity), (found.acceleration, acceleration, found.u_acceleration)):
+        assert np.mean(np.abs(values[:, 3:] - true) <= 2.0 * u[:, 3:]) >= 0.93
+    assert found.highest_hz == pytest.approx(0.35 * rate_hz)
+
+
+def test_frequencies_and_amplitudes_of_vibration(tmp_path: Path) -> None:
+    shaken(tmp_path / "t.csv", 1000.0, [(0, 18.8, 8.0), (1, 25.0, 1.0)])
+    found = motion_of(read_trajectory(tmp_path / "t.csv")).vibration
+    assert [v.axis for v in found] == ["x", "y"]
+    for v, hz, speed in zip(found, (18.8, 25.0), (8.0, 1.0), strict=True):
+        assert abs(v.frequency_hz - hz) <= 1.5 * v.u95_frequency_hz < 0.05
+        assert abs(v.amplitude_mm - speed / (2.0 * np.pi * hz)) <= 1.5 * v.u95_amplitude_mm < 0.1 * v.amplitude_mm
+        assert v.speed_mm_s == pytest.approx(speed, rel=0.05)
+    # a tool that moves without vibration has none, and uncertainties of noise alone
+    shaken(tmp_path / "t.csv", 1000.0, [])
+    still = motion_of(read_trajectory(tmp_path / "t.csv"))
+    assert still.vibration == ()
+    assert still.half_width_s == 0.02
+    _, _, factors = local_cubics(still.time_s, still.poses, 0.02)
+    np.testing.assert_allclose(np.median(still.u_velocity[:, 3:]), 0.003 * np.median(factors[:, 1]), rtol=1e-3)

@@ -16,6 +16,8 @@ from scipy.stats import norm
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.attainment import Attainment
+from lmeasure.certification.between import Between, between, with_hidden
+from lmeasure.certification.between import at_corner as read_at_corner
 from lmeasure.certification.figure import Figure, Maker, Subject
 from lmeasure.certification.iso9283.path import DOUBT_OF_MEAN
 from lmeasure.certification.iso_test import IsoTest, SampleErrors
@@ -84,9 +86,13 @@ def corners_of(crossings: Crossings) -> list[Corner]:
 
 @dataclass(frozen=True)
 class Passing:
-    """How a cycle passes a corner: nearest (3,) from the corner to the nearest point of the path, at part of the step between two samples;
-    behind: its samples from the one before the nearest point on, half way to the next corner; beyond (k,) [mm]: how far they, or the means
-    of so many neighbours each, lie beyond the second line, in steps of step_mm between samples."""
+    """How a cycle passes a corner.
+
+    nearest (3,) from the corner to the nearest point of the path, at part of the step between two samples; behind: its samples from the one
+    before the nearest point on, half way to the next corner; beyond (k,) [mm]: how far they, or the means of so many neighbours each, lie
+    beyond the second line, in steps of step_mm between samples. hidden: the steps from the one before the nearest point on; lines (k, 3)
+    [mm]: where on these the path may turn, from the corner; about_mm: the largest step next to the nearest point.
+    """
 
     nearest: FloatArray
     part: float
@@ -94,6 +100,23 @@ class Passing:
     beyond: FloatArray
     neighbours: int
     step_mm: float
+    hidden: Between | None = None
+    lines: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    about_mm: float = 0.0
+
+    def unseen(self, corner: Corner, variance: float) -> tuple[FloatArray, float]:
+        """How far (3,) [mm] the nearest point may be off along its direction from the corner, and how far beyond its samples [mm] the path
+        may go behind the second line, by samples whose squared errors are so large on average [mm^2]."""
+        if self.hidden is None or len(self.lines) == 0:
+            return np.zeros(3), 0.0
+        bound = self.hidden.bound(variance)
+        distance = float(np.linalg.norm(self.nearest))
+        known = read_at_corner(distance, self.about_mm, float(corner.incoming @ corner.outgoing))
+        off = max(float(np.linalg.norm(bound[:3], axis=1).max()), known)
+        apex = (self.lines + bound) @ corner.side
+        there = np.linalg.norm(bound, axis=1) > 0.0
+        beyond = float(apex[there].max(initial=-np.inf)) - max(float(self.beyond.max()), 0.0)
+        return self.nearest / max(distance, 1e-300) * off, max(beyond, 0.0)
 
 
 def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
@@ -116,9 +139,23 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     whole = len(after) // size * size
     beyond = (after[:whole] @ corner.side).reshape(-1, size).mean(axis=1)
     step = float(np.median(np.linalg.norm(np.diff(after, axis=0), axis=1)))
-    between = (nearest + float(part[nearest])) % FINER / FINER
+    part_of_step = (nearest + float(part[nearest])) % FINER / FINER
     behind = slice(int(near[0]) + i, int(near[-1]) + 1)
-    return Passing(nearest=feet[nearest], part=between, behind=behind, beyond=beyond, neighbours=size, step_mm=step)
+    times = cycle.time_s[near[0] : near[-1] + 1]
+    begin, last = max(i - 1, 0), len(positions) - 1
+    every = np.linalg.norm(np.diff(positions[max(i - 2, 0) : i + 4], axis=0), axis=1)
+    hidden = between(times, positions)[np.arange(begin, last)]
+    return Passing(
+        nearest=feet[nearest],
+        part=part_of_step,
+        behind=behind,
+        beyond=beyond,
+        neighbours=size,
+        step_mm=step,
+        hidden=hidden,
+        lines=positions[begin:-1] + hidden.where[:, None] * np.diff(positions[begin:], axis=0),
+        about_mm=float(every.max()),
+    )
 
 
 def passings(crossings: Crossings) -> Iterator[tuple[Corner, tuple[Passing, ...]]]:
@@ -220,7 +257,11 @@ class CornerPart:
         of_one = np.concatenate([share(np.array([p.part for p in self.passed])), np.repeat(np.array(self._share), k)])
         # means of several roundings are nearly normal, and have longer tails than one
         single = all(p.neighbours == 1 for p in self.passed)
-        return replace(every, own=np.sqrt(of_one)[:, None, None] * every.own, rounded=every.rounded and single)
+        read = replace(every, own=np.sqrt(of_one)[:, None, None] * every.own, rounded=every.rounded and single)
+        variances = np.einsum("nii->n", self.of_cycles.random[:, 3:, 3:])
+        unseen = [p.unseen(self.corner, float(v)) for p, v in zip(self.passed, variances, strict=True)]
+        beyond = np.repeat([b for _, b in unseen], k)[:, None] * self.corner.side
+        return with_hidden(read, np.zeros((len(read), 3)), np.concatenate([np.array([off for off, _ in unseen]), beyond]))
 
     def state(self, errors: FloatArray, reduced: bool) -> tuple[FloatArray, FloatArray]:
         """See `uncertainty.Part`."""

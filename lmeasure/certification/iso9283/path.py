@@ -12,6 +12,7 @@ from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.angles import angle_rates, angles_deg
 from lmeasure.certification.attainment import Attainment
+from lmeasure.certification.between import with_hidden
 from lmeasure.certification.figure import ANGLES, Figure, Maker, Subject
 from lmeasure.certification.instants import of_crossing
 from lmeasure.certification.iso9283_pose import wrapped
@@ -127,7 +128,11 @@ class PathPart:
     @cached_property
     def errors(self) -> PoseErrors:
         """See `uncertainty.Part`."""
-        return of_crossing(self.places, self.crossings, self.stamps)
+        timed = of_crossing(self.places, self.crossings, self.stamps)
+        if self.crossings.hidden is None:
+            return timed
+        bound = self.crossings.hidden.bound(np.einsum("nii->n", timed.random[:, 3:, 3:]))
+        return with_hidden(timed, bound, bound)
 
     def __post_init__(self) -> None:
         c = self.crossings

@@ -1,7 +1,7 @@
 """Weaving deviations (clause 11), from the strokes that each cycle makes across its path."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from lmeasure.certification.attainment import Attainment
 from lmeasure.certification.figure import Figure, Maker, OfInstants, Subject
 from lmeasure.certification.iso_test import IsoTest, SampleErrors
 from lmeasure.certification.passages import FINER, finer
-from lmeasure.certification.paths import Crossings
+from lmeasure.certification.paths import Crossings, Cycle
+from lmeasure.certification.readings import WITHOUT_HALF
 from lmeasure.certification.uncertainty import Part
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
@@ -23,6 +24,8 @@ FAR = 0.1
 """Of what a cycle sways, or of the commanded stroke: an excursion to a side, not noise about the middle."""
 ABOUT, PART = 7, 6
 """Samples on either side of the farthest that may be the farthest in truth: so many at most, and a sixth of the stroke's."""
+RESOLVED = 3.0
+"""Percent that every other sample takes off a stroke at most, where the samples resolve it."""
 SEEN = 3
 """Samples on either side of the farthest by which what lies between them is told, where it may be at fewer."""
 
@@ -151,11 +154,12 @@ class WeavePart:
 
 @dataclass(frozen=True, kw_only=True)
 class WeaveTest(IsoTest):
-    """WS of a weave on a path, WF where a speed is commanded."""
+    """WS of a weave on a path, WF where a speed is commanded. fewer: its cycles by every other sample; None where those show no weave."""
 
     path: CommandedPath
     cycles: tuple[Weave, ...]
     stamps: Stamps
+    fewer: tuple[Weave, ...] | None = None
 
     @property
     def key(self) -> Subject:
@@ -176,7 +180,8 @@ class WeaveTest(IsoTest):
         assert stroke is not None
         assert distance is not None
         make = Maker(cycles=len(self.cycles), needs=(self.subject,), path=key.name)
-        out = [make.one("WS", "11", "%", lambda s: iso.weaving_stroke_error(_strokes(s[key][0]), stroke))]
+        between = self._between_percent(stroke)
+        out = [make.one("WS", "11", "%", lambda s: iso.weaving_stroke_error(_strokes(s[key][0]), stroke), between=between)]
         if self.path.speed_mm_s is not None:
             commanded = self.path.speed_mm_s / distance
             of = make.one(
@@ -184,6 +189,15 @@ class WeaveTest(IsoTest):
             )
             out.append(of)
         return out
+
+    def _between_percent(self, stroke_mm: float) -> float:
+        """How far WS [%] may be off by crests between samples: what leaving out every other sample makes of strokes, by the cubics' own
+        order where that is little of them."""
+        if self.fewer is None:
+            return 100.0
+        every, half = (float(iso.weaving_stroke_error(_strokes(_farthest(c)), stroke_mm)) for c in (self.cycles, self.fewer))
+        apart = abs(every - half)
+        return apart / WITHOUT_HALF if apart < RESOLVED else apart
 
     def _rates(self, times: list[FloatArray]) -> FloatArray:
         """(..., n) weaves per second of cycles that cross the middle first and last at times (..., 2)."""
@@ -196,6 +210,21 @@ class WeaveTest(IsoTest):
         return OfInstants(float((100.0 + value) * np.hypot(of_ends, self.stamps.u_rate)))
 
 
+def _farthest(cycles: tuple[Weave, ...]) -> list[FloatArray]:
+    """Farthest places (q,) of each cycle's rows, as measured."""
+    part = WeavePart(cycles, PoseErrors.of(np.zeros((0, 6, 0)), np.zeros((0, 6, 0))))
+    return part.state(np.zeros((sum(c.y.size + 4 for c in cycles), 6)), reduced=False)[0]
+
+
+def _of_every_other(crossed: Crossings, stroke_mm: float) -> tuple[Weave, ...] | None:
+    """The weaves that every other sample of each cycle shows."""
+    cycles = tuple(Cycle(c.samples[::2], c.time_s[::2], c.poses[::2], c.way_mm[::2]) for c in crossed.cycles)
+    try:
+        return tuple(weaves(replace(crossed, cycles=cycles), stroke_mm))
+    except CertificationError:
+        return None
+
+
 def _strokes(far: list[FloatArray]) -> FloatArray:
     """(..., n) mean stroke [mm] of each cycle, from the farthest places of its strokes."""
     return np.stack([np.abs(np.diff(f[..., :-2], axis=-1)).mean(axis=-1) for f in far], axis=-1)
@@ -206,4 +235,5 @@ def tests(attained: Attainment) -> Iterator[WeaveTest]:
     for path in attained.program.path:
         if path.weave_stroke_mm is not None and path.name in attained.paths:
             cycles = tuple(weaves(attained.paths[path.name], path.weave_stroke_mm))
-            yield WeaveTest(subject=Subject("path", path.name), path=path, cycles=cycles, stamps=attained.stamps)
+            fewer = _of_every_other(attained.paths[path.name], path.weave_stroke_mm)
+            yield WeaveTest(subject=Subject("path", path.name), path=path, cycles=cycles, stamps=attained.stamps, fewer=fewer)
