@@ -1,4 +1,4 @@
-"""Does U95 hold where the robot vibrates while it rests, and where it turns corners without any error?
+"""Does U95 hold where the robot vibrates while it rests or moves, and where it turns corners without any error?
 
 python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--keep vibration.jsonl] [--before earlier.jsonl]
 
@@ -7,6 +7,9 @@ amplitude in a direction that is drawn for each pose, of a phase that is drawn f
 known exactly and its counters were set to zero exactly, so that nothing but the dwells themselves can be wrong. The truth is taken in two
 ways: where the robot rests, about which it swings, and the mean of its true motion over the window. Corners: a robot without any error
 runs a rectangle.
+`vibrating at F Hz, R/s`: velocity and acceleration of a tool that moves slowly and swings at 1 to 8 mm/s, known to 0.003 mm; U95 is two
+standard uncertainties. `arc of R mm, F/s`: CR and AT of a robot that rounds a corner at 240 mm/s, sampled at a phase that is drawn, against
+the true path.
 Of each campaign --keep holds case, seed, figure, reading, error, U95; with --before those of an earlier program stand beside them.
 """
 
@@ -30,6 +33,7 @@ from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.simulation import cell_rig
 from lmeasure.trajectory import Reconstruction, Trajectory
+from lmeasure.trajectory.motion import motion_of
 
 FloatArray = NDArray[np.float64]
 
@@ -66,7 +70,18 @@ CASES = {
     "0.02 mm, locked": Case(0.02, locked=True),
     "0.05 mm, 0.15 s": Case(0.05, window_s=0.15),
 }
+SHAKEN = {
+    f"vibrating at {hz:g} Hz, {rate:g}/s": (hz, rate)
+    for rate in (200.0, 1000.0)
+    for hz in (5.0, 18.8, 25.0, 50.0, 70.0, 100.0)
+    if hz <= 0.35 * rate
+}
+ARCS = {f"arc of {radius:g} mm, {rate:g}/s": (radius, rate) for radius in (0.0, 2.0, 5.0) for rate in (80.0, 250.0, 1000.0)}
+KNOWN_MM = 0.003
+EVERY = 10
+"""Samples of a vibrating tool from one that is judged to the next."""
 CORNERS = {"corners, 250 Hz": 250.0, "corners, 1 kHz": 1000.0}
+EVERY_CASE = [*CASES, *CORNERS, *SHAKEN, *ARCS]
 
 
 def known(seed: int) -> Rig:
@@ -157,8 +172,68 @@ def corners(rate_hz: float, seed: int) -> tuple[Evaluation, dict[str, Evaluation
     return evaluate(trajectory, program, run=run, settings=settings), {"path": truth}
 
 
+def shaken(hz: float, rate_hz: float, seed: int) -> list[dict[str, object]]:
+    """Errors of velocity and acceleration of a tool that vibrates."""
+    rng, t = np.random.default_rng(seed), np.arange(round(4.0 * rate_hz)) / rate_hz
+    w, turned = 2.0 * np.pi * np.array([0.31, 0.43, 0.37]), 2.0 * np.pi * hz
+    swing = rng.normal(size=3)
+    swing *= rng.uniform(1.0, 8.0) / np.linalg.norm(swing)
+    phase = turned * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 3)
+    place = 60.0 * np.sin(np.outer(t, w)) + swing / turned * np.sin(phase)
+    true = {
+        "velocity": 60.0 * w * np.cos(np.outer(t, w)) + swing * np.cos(phase),
+        "acceleration": -60.0 * w**2 * np.sin(np.outer(t, w)) - swing * turned * np.sin(phase),
+    }
+    measured = trajectory_of(t, posed(place + KNOWN_MM * rng.normal(size=place.shape), np.zeros((len(t), 3))))
+    found = motion_of(replace(measured, random=np.tile(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * KNOWN_MM**2, (len(t), 1, 1))))
+    told = {"velocity": (found.velocity, found.u_velocity), "acceleration": (found.acceleration, found.u_acceleration)}
+    rows = range(0, len(t), EVERY)
+    return [
+        {"figure": name, "where": f"{'xyz'[a]} {i}", "reading": "sample", "error": v[i, 3 + a] - true[name][i, a], "u95": 2.0 * u[i, 3 + a]}
+        for name, (v, u) in told.items()
+        for a in range(3)
+        for i in rows
+    ]
+
+
+def arc(radius: float, rate_hz: float, seed: int) -> list[dict[str, object]]:
+    """Errors of CR and AT of a robot that rounds a corner of a right angle without any other error."""
+    rng, step = np.random.default_rng(seed), 240.0 / rate_hz
+
+    def places(way: FloatArray) -> FloatArray:
+        turn = np.clip(way / radius if radius > 0.0 else np.where(way < 0.0, 0.0, np.inf), 0.0, np.pi / 2)
+        behind = np.maximum(way - radius * np.pi / 2, 0.0)
+        return np.column_stack([np.minimum(way, 0.0) - radius * (1.0 - np.sin(turn)), radius * (1.0 - np.cos(turn)) + behind, 0.0 * way])
+
+    def run(steps: float, noise_mm: float) -> Evaluation:
+        times, rows, windows, now = [], [], [], 0.0
+        for _ in range(3):
+            way = np.arange(-105.0, 105.0, steps) + steps * rng.random()
+            times.append(now + np.arange(len(way)) * steps / 240.0)
+            rows.append(posed(places(way) + noise_mm * rng.normal(size=(len(way), 3)), np.zeros((len(way), 3))))
+            windows.append((float(times[-1][0]), float(times[-1][-1])))
+            now = windows[-1][1] + 1.0
+        path = {"name": "angle", "kind": "points", "points_mm": [(-100.0, 0, 0), (0.0, 0, 0), (0.0, 100.0, 0)], "windows_s": windows}
+        program = Program.model_validate({"schema": "lmeasure.program/1", "path": [path]})
+        time_s = np.concatenate(times)
+        exact = trajectory_of(time_s, np.concatenate(rows))
+        random = np.tile(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * noise_mm**2, (len(time_s), 1, 1))
+        settings = Settings(trials=TRIALS, seed=seed, limit_angle_deg=None, planes=30)
+        return evaluate(replace(exact, random=random, absent=()), program, None if noise_mm else NoErrors(), settings=settings)
+
+    found, truth = run(step, KNOWN_MM), run(0.01, 0.0)
+    return [
+        {"figure": c.name, "where": c.where, "reading": "path", "error": c.value - t.value, "u95": c.u95}
+        for c, t in zip(found.characteristics, truth.characteristics, strict=True)
+        if c.name in ("CR", "AT_p")
+    ]
+
+
 def lines_of(case: str, seed: int) -> list[dict[str, object]]:
     """The lines of a campaign."""
+    if case in SHAKEN or case in ARCS:
+        own = shaken(*SHAKEN[case], seed) if case in SHAKEN else arc(*ARCS[case], seed)
+        return [{"case": case, "seed": seed} | line for line in own]
     found, truths = corners(CORNERS[case], seed) if case in CORNERS else dwells(CASES[case], seed)
     out: list[dict[str, object]] = []
     for reading, truth in truths.items():
@@ -173,7 +248,8 @@ def lines_of(case: str, seed: int) -> list[dict[str, object]]:
 SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
     "rest": {"AP_p": ("AP_p",), "AP_x, y, z": ("AP_x", "AP_y", "AP_z"), "RP_l": ("RP_l",)},
     "mean": {"AP_p": ("AP_p",), "AP_x, y, z": ("AP_x", "AP_y", "AP_z"), "RP_l": ("RP_l",)},
-    "path": {"CO": ("CO",), "CR": ("CR",)},
+    "path": {"CO": ("CO",), "CR": ("CR",), "AT_p": ("AT_p",)},
+    "sample": {"velocity, mm/s": ("velocity",), "acceleration, mm/s²": ("acceleration",)},
 }
 
 
@@ -190,7 +266,7 @@ def table(data: pd.DataFrame, before: pd.DataFrame | None) -> list[str]:
         *(["before"] if before is not None else []),
     ]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    for case in [*CASES, *CORNERS]:
+    for case in EVERY_CASE:
         for reading, figures in SHOWN.items():
             for name, members in figures.items():
                 own, old = (chosen(d, case, reading, members) for d in (data, data if before is None else before))
@@ -211,12 +287,10 @@ def chosen(data: pd.DataFrame, case: str, reading: str, members: tuple[str, ...]
 def main() -> None:
     """Run campaigns, each kept as soon as it is done, and print what is kept."""
     parser = options(__doc__, "campaigns", 200, writes=False)
-    parser.add_argument("--case", default="all", choices=["all", *CASES, *CORNERS])
+    parser.add_argument("--case", default="all", choices=["all", *EVERY_CASE])
     parser.add_argument("--before", type=Path)
     asked = parser.parse_args()
-    every = itertools.product(
-        range(asked.first, asked.first + asked.campaigns), [*CASES, *CORNERS] if asked.case == "all" else [asked.case]
-    )
+    every = itertools.product(range(asked.first, asked.first + asked.campaigns), EVERY_CASE if asked.case == "all" else [asked.case])
     found = run_all(asked, ((f"{case} {seed}", partial(lines_of, case, seed)) for seed, case in every))
     now, before = (pd.DataFrame(list(itertools.chain(*lines))) for lines in (found, kept(asked.before)))
     print("\n".join(table(now, before if asked.before else None)))

@@ -11,8 +11,8 @@ step h, a h^2 / 2 at a steady acceleration a, and nothing on a straight line. Ev
 triangles.
 
 A motion that the samples resolve is known far better, by cubics: its samples lie on the cubics through their neighbours. Where an apex
-hides between them, they lie off by at least a third of its height (`OF_KINK`), and by at least a tenth of the bend there (`OF_BEND`). Where they
-lie off no farther than they err, nothing is added.
+hides between them, they lie off by at least a third of its height (`OF_KINK`), and by at least a tenth of the bend there (`OF_BEND`).
+Where they lie off no farther than they err, nothing is added.
 
 The corner of a program is known beforehand to be one. A path that passes it at a distance c, rounding it, has
 
@@ -115,6 +115,11 @@ def joined(cycles: Sequence[Between]) -> Between:
     """The steps (m,) of each of n cycles as one of m n, step by step."""
     every = (np.stack(each, axis=1) for each in zip(*(b.values for b in cycles), strict=True))
     return Between(*(each.reshape(-1, *each.shape[2:]) for each in every))
+
+
+def of_samples(errors: PoseErrors) -> FloatArray:
+    """(n,) squared errors of single samples [mm^2] on average, of their own and of their place, by which they lie off a smooth path."""
+    return np.asarray((errors.own[:, 3:] ** 2).sum(axis=(1, 2)) + (errors.local[:, 3:] ** 2).sum(axis=(1, 2)))
 
 
 def with_hidden(errors: PoseErrors, own: FloatArray, common: FloatArray) -> PoseErrors:

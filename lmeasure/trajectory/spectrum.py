@@ -136,7 +136,8 @@ def _excess(left: FloatArray, u: FloatArray, starts: np.ndarray, size: int, step
         noise = (u[rows] ** 2).mean(axis=1)[:, None, :] * (double * lost**2 / size)[:, None]
         together = (power / (noise + LEAST_POWER)).reshape(*power.shape[:2], -1, AXES).sum(axis=3) > limit
         over = np.repeat(binary_dilation(together, np.ones((1, 5, 1), np.bool_)), AXES, axis=2)
-        excess = np.where(over, np.maximum(power - noise, 0.0), 0.0)
+        # along an axis that swings little, noise hides how much: all of the power there counts
+        excess = np.where(over, power, 0.0)
         # noise that is not white, as counts of a slow cable are, has lines as well, and less power beside them
         rest, expected = (_of_axes(np.where(over, 0.0, each).sum(axis=1)) for each in (power, noise))
         bins = np.maximum(_of_axes((~over).sum(axis=1)), 1.0)

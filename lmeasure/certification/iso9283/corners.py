@@ -16,7 +16,7 @@ from scipy.stats import norm
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.attainment import Attainment
-from lmeasure.certification.between import Between, between, with_hidden
+from lmeasure.certification.between import Between, between, of_samples, with_hidden
 from lmeasure.certification.between import at_corner as read_at_corner
 from lmeasure.certification.figure import Figure, Maker, Subject
 from lmeasure.certification.iso9283.path import DOUBT_OF_MEAN
@@ -258,8 +258,7 @@ class CornerPart:
         # means of several roundings are nearly normal, and have longer tails than one
         single = all(p.neighbours == 1 for p in self.passed)
         read = replace(every, own=np.sqrt(of_one)[:, None, None] * every.own, rounded=every.rounded and single)
-        variances = np.einsum("nii->n", self.of_cycles.random[:, 3:, 3:])
-        unseen = [p.unseen(self.corner, float(v)) for p, v in zip(self.passed, variances, strict=True)]
+        unseen = [p.unseen(self.corner, float(v)) for p, v in zip(self.passed, of_samples(self.of_cycles), strict=True)]
         beyond = np.repeat([b for _, b in unseen], k)[:, None] * self.corner.side
         return with_hidden(read, np.zeros((len(read), 3)), np.concatenate([np.array([off for off, _ in unseen]), beyond]))
 

@@ -12,7 +12,7 @@ from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.angles import angle_rates, angles_deg
 from lmeasure.certification.attainment import Attainment
-from lmeasure.certification.between import with_hidden
+from lmeasure.certification.between import of_samples, with_hidden
 from lmeasure.certification.figure import ANGLES, Figure, Maker, Subject
 from lmeasure.certification.instants import of_crossing
 from lmeasure.certification.iso9283_pose import wrapped
@@ -131,7 +131,7 @@ class PathPart:
         timed = of_crossing(self.places, self.crossings, self.stamps)
         if self.crossings.hidden is None:
             return timed
-        bound = self.crossings.hidden.bound(np.einsum("nii->n", timed.random[:, 3:, 3:]))
+        bound = self.crossings.hidden.bound(of_samples(timed))
         return with_hidden(timed, bound, bound)
 
     def __post_init__(self) -> None:
