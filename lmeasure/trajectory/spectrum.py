@@ -29,6 +29,8 @@ SHORTEST = 32
 LONGER = 8
 """Times as many samples as the block before, for blocks that show weaker vibration."""
 SCALES = 4
+LASTING = 0.2
+"""Of a block, in which shorter blocks show vibration that the whole block is then taken to have."""
 AXES = 3
 LEAST_POWER = 1e-18
 """mm^2 or rad^2: less is nothing."""
@@ -109,8 +111,10 @@ def smoothing_bias(left: FloatArray, u: FloatArray, step_s: float, half_width_s:
         for start, own in zip(starts.tolist(), found, strict=True):
             if own.any():
                 part = slice(start, start + size)
-                # vibration that shorter blocks show is where they show it
-                weaker[part] = np.maximum(weaker[part], np.maximum(own - square[part].mean(axis=0), 0.0))
+                # vibration that shorter blocks show is where they show it, unless they show it in much of the block
+                shown = square[part]
+                lasting = shown.any(axis=(1, 2)).mean() > LASTING
+                weaker[part] = np.maximum(weaker[part], np.maximum(own - (shown if lasting else shown.mean(axis=0)), 0.0))
         square += weaker
         if size == n:
             break
