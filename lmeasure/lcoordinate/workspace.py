@@ -18,6 +18,7 @@ from lmeasure.errors import StructureError
 from lmeasure.lcoordinate.bounds import Bounds
 
 ON_MM = 1e-6  # of the reach: the last step onto the boundary but one, after which the error is its square
+NOISE_MM = 1e-8  # of the reach: steps that small may stay as large as they are, where a limit is so flat that rounding moves its edge
 STILL_MM = 1e-10  # of the reach: the last step to a corner, and one that need be no smaller than that before
 MARCH = 400  # steps along a ray to the window's edge, before a change of sign is halved
 MOST = 5_000  # points of one boundary
@@ -183,7 +184,7 @@ def _onto(bounds: Bounds, plane: Slice, places: FloatArray, which: int | IntArra
             step = -(value / (rate**2).sum(axis=1))[:, None] * rate
         size, last = np.linalg.norm(step, axis=1), before[going] <= ON_MM * plane.reach_mm
         # too far, or no nearer than before, as on a cliff
-        step[~(size <= plane.reach_mm) | (last & (size > np.maximum(0.1 * before[going], STILL_MM * plane.reach_mm)))] = np.nan
+        step[~(size <= plane.reach_mm) | (last & (size > np.maximum(0.1 * before[going], NOISE_MM * plane.reach_mm)))] = np.nan
         out[going] += step
         before[going] = size
         going = going[~(last | np.isnan(step[:, 0]))]
