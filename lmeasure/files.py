@@ -5,7 +5,6 @@ A file that a function here has written survives a power failure: its bytes and 
 
 import ctypes
 import errno
-import hashlib
 import os
 import re
 import sys
@@ -24,6 +23,7 @@ import tomli_w
 from lmeasure.arrays import TextArray
 from lmeasure.errors import FileFormatError, LMeasureError
 from lmeasure.opened import read_regular
+from lmeasure.opened import sha256 as sha256
 from lmeasure.tables import Table as Table
 from lmeasure.tables import read_table as read_table
 from lmeasure.tables import read_table_in_pieces as read_table_in_pieces
@@ -168,15 +168,6 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
 def read_bytes(path: Path) -> bytes:
     """The file's bytes; FileFormatError when it cannot be read, or is no regular file."""
     return read_regular(path)
-
-
-def sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of the file's bytes."""
-    try:
-        with Path(path).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except (OSError, ValueError):
-        return hashlib.sha256(read_bytes(path)).hexdigest()  # says what is wrong with it
 
 
 def read_toml(path: Path) -> Document:

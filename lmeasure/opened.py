@@ -60,10 +60,13 @@ def no_folder(path: Path, holds: str) -> str:
     return f", which holds {holds}"
 
 
-def sha256_of(path: Path) -> str:
-    """Hexadecimal SHA-256 of a regular file of any size."""
+def sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file of any size, opened as `open_regular` does."""
     with open_regular(path) as file:
-        return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
+        try:
+            return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def inside(folder: Path, name: str, what: str, place: str) -> Path:

@@ -1,5 +1,6 @@
 """Files: read with the row and column of what is wrong, written whole or not at all, every double as it was."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -208,6 +209,13 @@ def test_where_nothing_can_be_written(tmp_path: Path) -> None:
 def test_digest_is_that_of_the_bytes(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"abc")
     assert files.sha256(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes have no names there")
+def test_no_digest_waits_for_a_pipe(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a")
+    with pytest.raises(FileFormatError, match=r"a: cannot be read: it is no regular file"):
+        files.sha256(tmp_path / "a")
 
 
 def test_toml_round_trip(tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, pasted
 from lmeasure.extras import version_of
-from lmeasure.opened import sha256_of
 from lmeasure.rig import Rig
 from lmeasure.run import Run, write_run
 
@@ -169,7 +168,7 @@ def _import_log(
             raise AcquisitionError(f"{log}: channel {one.channel}: {told}")
     start_s = float(assembled.counts.time_s[0])
     counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
-    digest = sha256_of(log)
+    digest = files.sha256(log)
     return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events, fields)
 
 

@@ -178,19 +178,10 @@ def _only_regular(path: Path) -> None:
         raise CertificationError(f"{path}: is no regular file")
 
 
-def file_sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file of any size; CertificationError when it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise CertificationError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
 def entries(folder: Path, names: list[str]) -> list[dict[str, Any]]:
     """{file, bytes, sha256} of files of a folder, hashed side by side."""
     with ThreadPoolExecutor(max_workers=4) as pool:
-        digests = list(pool.map(lambda name: file_sha256(folder / name), names))
+        digests = list(pool.map(lambda name: files.sha256(folder / name), names))
     return [{"file": name, "bytes": (folder / name).stat().st_size, "sha256": value} for name, value in zip(names, digests, strict=True)]
 
 
@@ -306,7 +297,7 @@ def _check_files(folder: Path, found: set[str], listed: list[dict[str, Any]]) ->
         size = path.stat().st_size
         if size != entry["bytes"]:
             return f"was changed: {size} bytes instead of {entry['bytes']}"
-        return None if file_sha256(path) == entry["sha256"] else "was changed: its SHA-256 is another"
+        return None if files.sha256(path) == entry["sha256"] else "was changed: its SHA-256 is another"
 
     present = [entry for entry in listed if entry["file"] in found]
     with ThreadPoolExecutor(max_workers=4) as pool:
@@ -323,7 +314,7 @@ def write_zip(path: Path, folder: Path, progress: Callable[[int, int], None] | N
         with temporary.open("wb") as out:
             for piece in zip_pieces(folder, sorted(found_files(folder)), progress):
                 out.write(piece)
-        value = file_sha256(temporary)
+        value = files.sha256(temporary)
     files.write_text(sidecar(path), f"{value}  {path.name}\n")
 
 
@@ -340,7 +331,7 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
     """
     path = Path(path)
     _only_regular(path.resolve())
-    actual = file_sha256(path)
+    actual = files.sha256(path)
     if sidecar(path).exists():
         words = regular_bytes(sidecar(path).resolve()).split()
         if not words or words[0] != actual.encode("ascii"):

@@ -17,7 +17,6 @@ from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
 from lmeasure.checked import checked
 from lmeasure.drum import DrumsFile
 from lmeasure.errors import LMeasureError
-from lmeasure.opened import sha256_of
 from lmeasure.rig import rig_from_dict
 from lmeasure.workbench.project import LARGEST_TEXT, OutsideError, schema_of
 
@@ -174,7 +173,7 @@ def kind_of(path: Path) -> str:
 
 def digest(path: Path) -> str:
     """SHA-256 of the file."""
-    return sha256_of(path)
+    return files.sha256(path)
 
 
 def parts(document: Mapping[str, Any]) -> list[tuple[Thing, list[Leaf]]]:

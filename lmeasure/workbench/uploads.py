@@ -22,7 +22,7 @@ LEFT_FREE = 2**28
 _NAME = re.compile(r"[^\W.][\w .+()\-]{0,120}(?<![ .])", re.UNICODE)
 DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices."""
-BY_PRODUCTS = re.compile(r"\.DS_Store|\._.*|__MACOSX|Thumbs\.db|\.lmeasure-written\.json")
+BY_PRODUCTS = re.compile(r"\.DS_Store|\._.*|__MACOSX|Thumbs\.db")
 """Names of what systems leave in folders by themselves: it is passed over."""
 Uploads = Sequence[tuple[str, Any]]
 """Names of files, and the files."""
