@@ -139,7 +139,7 @@ class _Writer:
         self._table = self._manifest(start, devices, beside)
         self.counting = Counting(rig, source, fields, passage)
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            files.make_folder(self.folder)
             self._log = self._begun(f"pass{passage}.log")
             self._csv = self._begun(f"pass{passage}.csv")
             extra = ["sync"] * (rig.can_table.start_input is not None)

@@ -232,8 +232,8 @@ def existing(command: str, given: Mapping[str, Any], folder: Path) -> str:
     settings = load(command).settings
     paths = {o.name for o in options_of(settings) if o.kind == "path"}
     asked = settings.model_validate({n: str(folder / v) if n in paths and isinstance(v, str) else v for n, v in given.items()})
-    there = () if not isinstance(asked, Writing) or asked.force else asked.paths().outputs
-    return next((os.path.relpath(path, folder) for path in there if os.path.lexists(path)), "")
+    there = () if not isinstance(asked, Writing) or asked.force else asked.paths().outputs  # from the project, too, where nobody named it
+    return next((os.path.relpath(folder / path, folder) for path in there if os.path.lexists(folder / path)), "")
 
 
 def _confined(option: Option, text: str, folder: Path) -> None:

@@ -280,7 +280,13 @@ def test_a_forged_environment_is_named_as_not_compared(copy: Path) -> None:
     assert [text.partition(", here ")[0] for text in found.skipped] == ["environment: numpy 9.9"]
 
 
-KERNELS = ("OPENBLAS_CORETYPE=Prescott", "OPENBLAS_CORETYPE=Sandybridge", "NUMBA_CPU_NAME=generic", "OPENBLAS_NUM_THREADS=2")
+KERNELS = (
+    "OPENBLAS_CORETYPE=Prescott",
+    "OPENBLAS_CORETYPE=Sandybridge",
+    "OPENBLAS_CORETYPE=Nehalem",
+    "NUMBA_CPU_NAME=generic",
+    "OPENBLAS_NUM_THREADS=2",
+)
 
 
 @pytest.mark.parametrize("kernel", [KERNELS[0], *(pytest.param(kernel, marks=pytest.mark.slow) for kernel in KERNELS[1:])])

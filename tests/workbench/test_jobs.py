@@ -45,7 +45,7 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
         page = asked.get("/jobs/1").text
         assert "/look/rig.toml" in page
         assert "Put in its dimensions" in page
-        # once more: it never writes over a file, and says so
+        # once more: it writes over no file, and says so
         again = asked.post("/api/jobs", json={"command": "init", "settings": {"template": "six-cables"}}).json()["number"]
         until(lambda: asked.get(f"/api/jobs/{again}").json()["state"] != "running")
         failed = asked.get(f"/api/jobs/{again}").json()
@@ -59,6 +59,25 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
     # another server finds both, as they ended
     with client(by_page) as asked:
         assert [job["state"] for job in asked.get("/api/jobs").json()["jobs"]] == ["failed", "done"]
+
+
+def test_what_exists_is_said_on_the_form_before_a_job_begins(tmp_path: Path) -> None:
+    (tmp_path / "scenario.toml").write_text("mine")
+    asked_for = {"_form": "1", "template": "six-cables"}
+    with client(tmp_path) as asked:
+        for named in ({"out": "."}, {}):
+            answer = asked.post("/run/init", data=asked_for | named)
+            assert answer.status_code == 422
+            (wrong,) = re.findall(r'<div class="field wrong">(.*?)</div>', answer.text, re.DOTALL)
+            assert 'type="checkbox" id="init-force"' in wrong
+            assert "scenario.toml exists: tick this to replace it, or give another name." in wrong
+            assert answer.text.count("<details open>") == 1, "it is seen"
+        assert asked.get("/api/jobs").json()["jobs"] == []
+        assert (tmp_path / "scenario.toml").read_text() == "mine"
+        assert asked.post("/run/init", data=asked_for | {"force": "1"}).headers["location"] == "/jobs/1"
+        until(lambda: asked.get("/api/jobs/1").json()["state"] != "running")
+        assert asked.get("/api/jobs/1").json()["state"] == "done"
+    assert (tmp_path / "scenario.toml").read_text() != "mine"
 
 
 def test_a_job_that_finds_no_room_is_said_on_its_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
