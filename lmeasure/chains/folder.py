@@ -25,9 +25,14 @@ def fresh(name: str) -> Path:
 
 
 def existing(out: Path, names: Sequence[str]) -> list[Path]:
-    """Return the files that exist under these names of a folder, those in folders included."""
+    """Return the files that exist under these names of a folder, those in folders included, and those that killed processes left
+    unfinished, under the names that they were to get."""
     every = [one for name in names for one in (out / name, *sorted((out / name).rglob("*")))]
-    return [one for one in every if os.path.lexists(one) and (one.is_symlink() or not one.is_dir())]
+    folders = [out, *(one for one in every if one.is_dir() and not one.is_symlink())]
+    left = [one for folder in folders for one in files.abandoned(folder) if folder != out or one.name in names]
+    there = [one for one in every if os.path.lexists(one) and (one.is_symlink() or not one.is_dir())]
+    unfinished = {one.path for one in left}
+    return [*(one for one in there if one not in unfinished), *(one.path.with_name(one.name) for one in left if one.path.is_file())]
 
 
 def mark(out: Path, table: Sequence[object] | None) -> None:

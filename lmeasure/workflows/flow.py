@@ -10,6 +10,7 @@ from typing import Concatenate, Generic, ParamSpec, TypeVar, cast
 
 from lmeasure.catalogue import plain
 from lmeasure.errors import CancelledError, LMeasureError
+from lmeasure.files import abandoned
 from lmeasure.workflows.outputs import writing
 from lmeasure.workflows.settings import Asked, Writing
 
@@ -99,6 +100,7 @@ def inside(folder: Path, *names: str) -> tuple[Path, ...]:
 def in_run_folder(folder: Path, *more: str) -> tuple[Path, ...]:
     """What a run folder holds, as far as it is there: which passes a command will write it does not know yet."""
     there = [path for pattern in ("pass[0-9]*.csv", "pass[0-9]*.parquet", "pass[0-9]*.log") for path in sorted(folder.glob(pattern))]
+    there += [folder / left.name for left in abandoned(folder) if left.name.startswith("pass")]
     first = inside(folder, "pass1.csv", "pass1.parquet", "pass1.events.csv")
     return (*inside(folder, "run.toml", "rig.toml", "calibration.json", *more), *first, *there)
 

@@ -195,6 +195,27 @@ def test_a_demo_without_a_folder_makes_a_fresh_one(tmp_path: Path, monkeypatch: 
     assert made == [Path("lmeasure-demo"), Path("lmeasure-demo-2"), Path("lmeasure-demo-3")]
 
 
+def test_what_killed_processes_left_of_files_whose_names_are_not_known_before_is_removed(
+    desk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    monkeypatch.setattr("lmeasure.chains.demo", interrupted)
+    left = ("demo/.demo.rrd.{}.part.rrd", "demo/run/.pass1.csv.{}.part.csv", "simulated/.pass2.csv.{}.part.csv")
+    for name in left:
+        path = desk / "out" / name.format(gone.pid)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("half")
+    run("demo", "--out", "out/demo")
+    assert snapshot(desk / "out" / "demo") == {}
+    assert run(*SHORT["simulate"].replace("OUT", "out").split())[0] == 0
+    assert not [name for name in snapshot(desk / "out") if ".part" in name]
+
+
+def interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def test_exit_code_and_one_line(desk: Path) -> None:
     (desk / "out" / "rig.json").write_text("mine")
     done = subprocess.run([sys.executable, "-m", "lmeasure", "schema", "rig", "--out", "out/rig.json"], capture_output=True, text=True)
