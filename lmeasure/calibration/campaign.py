@@ -48,6 +48,8 @@ class Campaign(Shown):
     """Whether the play that the rig states has been taken off the counts, as off those of a run."""
     counted: IntArray | None = None
     """(n, m) when each cable was counted at a pose: rows of its file; None where that is the poses' order."""
+    angles: FloatArray | None = None
+    """(n, 3) the angles of the poses as their file has them; None where it has quaternions, or nobody kept them."""
 
     def about(self) -> dict[str, str]:
         """Of which rig, how many poses and counts, and how well the poses are known."""
@@ -153,6 +155,18 @@ def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
     return replace(campaign, counts=counts)
 
 
+def with_counts_of(campaign: Campaign, whole: Campaign, names: tuple[str, ...]) -> Campaign:
+    """Return the campaign with the counts of the named poses of another one, whose channels it may decode in another way."""
+    counts, rows = campaign.counts.copy(), np.isin(campaign.poses.names, names)
+    place = {(c.channel, c.passage): j for j, c in enumerate(whole.cables)}
+    for j, c in enumerate(campaign.cables):
+        i = place[c.channel, c.passage]
+        before, now = whole.rig.counter(whole.cables[i]), campaign.rig.counter(c)
+        decoded = (now.count_sign / now.scale) / (before.count_sign / before.scale)
+        counts[rows, j] = whole.counts[rows, i] * (1.0 if decoded == 1.0 else decoded)
+    return replace(campaign, counts=counts)
+
+
 def of_cables(campaign: Campaign, keep: list[int]) -> Campaign:
     """The campaign with some of its cables only."""
 
@@ -191,4 +205,5 @@ def extended(
         reference=np.concatenate([campaign.reference_of, n + np.arange(k)]),
         u_visit=np.vstack(visits),
         counted=None,
+        angles=None,
     )

@@ -109,6 +109,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
         zero_variance=at_zero if dwelt else None,
         u_visit=_repeatability(stated),
         counted=counted,
+        angles=_angles(stated, conventions.convention(rig.angles).columns),
     )
     return _unwrapped(_checked(_with_visits(campaign, again), path))
 
@@ -172,8 +173,14 @@ def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
         poses=every,
         reference=order,
         u_visit=None if own is None else own[order],
+        angles=None if campaign.angles is None else campaign.angles[order],
         notes=(*campaign.notes, note),
     )
+
+
+def _angles(table: files.Table, columns: tuple[str, ...]) -> FloatArray | None:
+    """(n, 3) the angles as the table has them, or None without them."""
+    return np.column_stack([table.numbers(name) for name in columns]) if set(columns) <= set(table.columns) else None
 
 
 def _column(table: files.Table, name: str) -> FloatArray | None:

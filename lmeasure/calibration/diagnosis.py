@@ -1,7 +1,9 @@
-"""Is something wrong with the data? Each suspicion is a hypothesis with its evidence, never a repair.
+"""Is something wrong with a campaign's files or with the rig's? Hypotheses compete, and one that is certain is applied.
 
-A hypothesis is another reading of the same files: a channel decoded at another scale or sign, two channels swapped, a cable tied to another
-attachment point, another angle convention. It is named when it raises the posterior of the points it concerns by far.
+A hypothesis is another reading of the same files: a channel at another scale or sign, two swapped channels, a cable tied to another
+attachment point, another angle convention, exchanged poses, or a pose, a reading or a counter that is wrong and is set aside. It is certain
+when it raises the posterior by far, for any level of the noise. Then the campaign and the rig are corrected by it. What cannot be
+corrected, or leaves gross residuals, is a reason to refuse the rig.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,22 +12,24 @@ from itertools import combinations
 
 import numpy as np
 import scipy.stats
-from scipy.spatial.transform import Rotation
 
-from lmeasure import conventions, se3
 from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.file_slips import Hypothesis, misread_poses, set_aside
+from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration.validation import outlier_poses, outlier_readings, slipped_counters
 from lmeasure.calibration_record import Finding
 from lmeasure.estimation import Fit
-from lmeasure.rig import Cable
+from lmeasure.estimation.explanations import CHANCE, improbable
+from lmeasure.rig import Cable, Observed, Rig
 
-Judge = Callable[[Campaign, str], Fit]
-"""The best fit of one observation point to a campaign, with the prior on every direction."""
+Judge = Callable[[Campaign], Fit]
+"""The best fit of all observation points to a campaign, with the prior on every direction."""
 
 SCALES = (0.25, 0.5, 2.0, 4.0)
 """Decoding slips that occur: quadrature edges counted once, twice or four times, a shifted bit."""
 
 EVIDENCE = 16.0
-"""Smallest gain in twice the log posterior that names another hypothesis: odds of e^8."""
+"""Smallest gain in twice the log posterior that makes another hypothesis certain: odds of e^8."""
 
 ALARM = 1e-4
 """Probability under which a misfit is no chance."""
@@ -34,75 +38,112 @@ SCREENED = 6
 """Hypotheses that are fitted in full, of those that a linear guess prefers."""
 
 MOST_SLIPS = 3
-"""Slips of one campaign that are named where all are judged together."""
+"""Slips of one campaign that are found, one after another."""
 
 GROSS_MM = 1.0
 """Residuals that no reference pose or rounding makes, but a slip of this kind does."""
 
+AGREES = 3.0
+"""How many times the stated noise residuals may be that what was applied leaves over."""
+
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """Another reading of the campaign: code and text of its finding, the observation points it concerns, the campaign as it would be."""
+class Diagnosis:
+    """The campaign as it is to be read, what was found, and why no rig may be made of it, if it is so."""
 
-    code: str
-    text: str
-    points: tuple[str, ...]
     campaign: Campaign
-    channel: str | None = None
-    value: float | None = None
+    findings: tuple[Finding, ...] = ()
+    refused: str | None = None
 
 
 def gross(fit: Fit) -> bool:
-    """Whether a slip is worth asking for: residuals of millimetres, or nominal values pulled far beyond their priors.
+    """Return whether a slip is likely: residuals of millimetres, or nominal values pulled far beyond their priors.
 
     fit has the prior on every direction. Prior and data together are chi-squared with one degree of freedom per equation.
     """
-    if float(np.sqrt(np.mean(fit.residuals**2))) > GROSS_MM:
+    if residual_rms(fit) > GROSS_MM and improbable(fit):
         return True
-    return bool(scipy.stats.chi2.sf(fit.objective / _noise([fit]), len(fit.residuals)) < ALARM)
+    return bool(scipy.stats.chi2.sf(fit.objective / max(1.0, fit.chi2 / max(fit.freedom, 1)), len(fit.residuals)) < ALARM)
 
 
-def diagnose(campaign: Campaign, stated: dict[str, Fit], judge: Judge) -> list[Finding]:
-    """Findings about the channels and the pose file that explain gross misfits; stated are the points' fits to the campaign as it is."""
-    suspects = [name for name, fit in stated.items() if gross(fit)]
-    if not suspects:
-        return []
+def residual_rms(fit: Fit) -> float:
+    """Return the root mean square of the residuals [mm]."""
+    return float(np.sqrt(np.mean(fit.residuals**2)))
+
+
+def contradicted(model: Model, fit: Fit) -> bool:
+    """Return whether a pose, a reading or a counter contradicts all others beyond chance, whatever the noise level is."""
+    tests = [*outlier_poses(model, fit), *outlier_readings(model, fit), *slipped_counters(model, fit)]
+    return min((t.log_probability for t in tests), default=0.0) < np.log(CHANCE)
+
+
+def diagnose(
+    campaign: Campaign,
+    judge: Judge,
+    screen: Callable[[Campaign], float],
+    stated: Fit,
+    *,
+    poses_known: bool,
+    places_known: bool,
+    aside: bool,
+) -> Diagnosis:
+    """Return the campaign corrected by all hypotheses that are certain, one after another.
+
+    stated: its fit as it is. screen: a cheap guess of `Fit.objective`, by which the hypotheses that are worth a fit are chosen.
+    poses_known: whether the reference poses are trusted, and may be misread; places_known: whether at least their positions are; aside:
+    whether readings may be set aside.
+    """
     findings: list[Finding] = []
-    explained: set[str] = set()
-    # what explains everything at once goes before what explains a channel
-    for hypotheses in (_conventions(campaign, suspects, list(stated)), _swaps(campaign, suspects)):
-        tested = sorted(((_gain(stated, h, judge), h) for h in hypotheses if not explained & set(h.points)), key=lambda pair: -pair[0])
-        for gain, h in tested:
-            if gain > EVIDENCE and not explained & set(h.points):
-                findings.append(_finding(h, gain))
-                explained |= set(h.points)
-    for name in suspects:
-        if name in explained:
-            continue
-        gain, best = max(((_gain(stated, h, judge), h) for h in _channels(campaign, name)), key=lambda pair: pair[0])
-        if gain > EVIDENCE:
-            findings.append(_finding(best, gain))
-    return findings
-
-
-def diagnose_together(
-    campaign: Campaign, stated: Fit, judge: Callable[[Campaign], Fit], screen: Callable[[Campaign], float], *, places_known: bool
-) -> list[Finding]:
-    """`diagnose` where points cannot be judged one by one, because the poses are unknown: one slip after another, each judged by the fit of
-    everything. screen: a cheap guess of `Fit.objective`, by which the hypotheses that are worth a fit are chosen. places_known: whether
-    stated positions may be to blame for residuals. Poses' angles take no part: they are not known, or not trusted."""
     points = list(dict.fromkeys(c.from_point for c in campaign.cables))
-    findings: list[Finding] = []
-    while (gross(stated) or not (places_known or _credible(stated))) and len(findings) < MOST_SLIPS:
-        hypotheses = [*_swaps(campaign, points), *(h for name in points for h in _channels(campaign, name))]
-        best = sorted(hypotheses, key=lambda h: screen(h.campaign))[:SCREENED]
-        tested = [(h, fit, (stated.objective - fit.objective) / _noise([fit])) for h, fit in ((h, judge(h.campaign)) for h in best)]
-        h, fit, gain = max(tested, key=lambda each: each[2])
-        if gain <= EVIDENCE:
+    for _ in range(MOST_SLIPS):
+        model = stated.problem
+        assert isinstance(model, Model)
+        wrong = gross(stated) or not (places_known or _credible(stated))
+        if not (wrong or (aside and improbable(stated) and contradicted(model, stated))):
             break
-        findings.append(_finding(h, gain))
-        campaign, stated = h.campaign, fit
-    return findings
+        fitted = []
+        if wrong:
+            whole = [*_swaps(campaign), *(h for name in points for h in _channels(campaign, name)), *_other_pass(campaign)]
+            if poses_known:
+                fitted += sorted(misread_poses(campaign), key=lambda h: screen(h.campaign))[:SCREENED]
+            fitted += sorted(whole, key=lambda h: screen(h.campaign))[:SCREENED]
+        if aside:
+            fitted += set_aside(model, stated.theta, SCREENED)
+        tested = [(h, judge(h.campaign)) for h in fitted]
+        before = len(stated.residuals)
+        best, fit = min(tested, key=lambda each: _loss(each[1], before, each[0]), default=(None, stated))
+        if best is None:
+            break
+        gain = _loss(stated, before) - _loss(fit, before, best)
+        left = fit.problem
+        assert isinstance(left, Model)
+        if gain <= EVIDENCE or (best.removed and aside and not _explains(left, fit)):
+            break
+        findings.append(Finding(code=best.code, channel=best.channel, pose=best.pose, value=best.value, text=_text(best, gain)))
+        if not best.curable:
+            return Diagnosis(campaign, tuple(findings), f"{best.text}; correct that and calibrate again")
+        campaign, stated = best.campaign, fit
+    if findings and not _agrees(stated):
+        named = ", ".join(f.channel or f.pose or f.code for f in findings)
+        left = f"residuals of {residual_rms(stated):.3g} mm rms are left"
+        why = f"the files contradict each other: {left} when what was found ({named}) is corrected"
+        return Diagnosis(campaign, tuple(findings), why)
+    return Diagnosis(campaign, tuple(findings))
+
+
+def _text(h: Hypothesis, gain: float) -> str:
+    done = "set aside" if h.removed else "applied" if h.curable else "not applied"
+    return f"{h.text}; this was {done} (evidence {gain:.3g} in twice the log odds)"
+
+
+def _agrees(fit: Fit) -> bool:
+    """Return whether no gross misfit is left."""
+    return residual_rms(fit) <= GROSS_MM or not improbable(fit) or fit.chi2 <= AGREES**2 * max(fit.freedom, 1)
+
+
+def _explains(model: Model, fit: Fit) -> bool:
+    """Return whether what was set aside explains all: the rest agrees with the noise, or at least with itself."""
+    return not gross(fit) and (not improbable(fit) or not contradicted(model, fit))
 
 
 def _credible(fit: Fit) -> bool:
@@ -112,68 +153,80 @@ def _credible(fit: Fit) -> bool:
     return bool(scipy.stats.chi2.sf(fit.objective, freedom) >= ALARM)
 
 
-def _finding(h: Hypothesis, gain: float) -> Finding:
-    text = f"{h.text}; nothing was repaired (evidence {gain:.3g} in twice the log odds)"
-    return Finding(code=h.code, channel=h.channel, value=h.value, text=text)
+def _loss(fit: Fit, equations: int, h: Hypothesis | None = None) -> float:
+    """Return twice the negative log posterior at the likeliest noise level, at least the stated one; what is set aside counts as noise of
+    its own."""
+    nuisances = len(fit.theta) - len(fit.s)
+    level = max(1.0, fit.objective / max(len(fit.residuals) - nuisances, 1))
+    return (equations - nuisances) * float(np.log(level)) + fit.objective / level + (0.0 if h is None else float(h.removed))
 
 
-def _noise(fits: list[Fit]) -> float:
-    """Variance of the residuals in units of the stated one, at least 1."""
-    freedom = sum(f.freedom for f in fits)
-    return max(1.0, sum(f.chi2 for f in fits) / max(freedom, 1))
-
-
-def _gain(stated: dict[str, Fit], h: Hypothesis, judge: Judge) -> float:
-    """How much better a hypothesis explains the data of its points, in units of its own noise."""
-    others = [judge(h.campaign, name) for name in h.points]
-    return (sum(stated[name].objective for name in h.points) - sum(f.objective for f in others)) / _noise(others)
-
-
-def _conventions(campaign: Campaign, suspects: list[str], points: list[str]) -> Iterator[Hypothesis]:
-    if set(suspects) != set(points):
-        return
-    own = campaign.rig.angles
-    angles = conventions.angles_from_rotation(own, campaign.poses.rotation)
-    for name, other in conventions.CONVENTIONS.items():
-        if name == own or other.axes == "rotvec" or conventions.convention(own).axes == "rotvec":
-            continue
-        rotation: Rotation = conventions.rotation_from_angles(name, angles)
-        rows = se3.pose(campaign.poses.rows[:, :3], rotation)
-        poses = replace(campaign.poses, rows=rows)
-        text = f"the reference poses fit when their angles are read as {name}, not as the rig's {own}"
-        yield Hypothesis("angles", text, tuple(points), replace(campaign, poses=poses))
-
-
-def _swaps(campaign: Campaign, suspects: list[str]) -> Iterator[Hypothesis]:
-    cables = [j for j, c in enumerate(campaign.cables) if c.from_point in suspects]
-    for i, j in combinations(cables, 2):
+def _swaps(campaign: Campaign) -> Iterator[Hypothesis]:
+    for i, j in combinations(range(len(campaign.cables)), 2):
         a, b = campaign.cables[i], campaign.cables[j]
         # a drum's counts and an encoder's codes are nothing alike
         if a.passage != b.passage or isinstance(a, Cable) != isinstance(b, Cable):
             continue
-        counts = campaign.counts.copy()
-        counts[:, [i, j]] = counts[:, [j, i]]
+        counts, unit = campaign.counts.copy(), [campaign.rig.counter(c).count_sign / campaign.rig.counter(c).scale for c in (a, b)]
+        counts[:, [i, j]] = counts[:, [j, i]] * np.array([unit[0] / unit[1], unit[1] / unit[0]])
         text = f"channels {a.channel} and {b.channel}: the counts fit when the two are swapped"
-        points = tuple(dict.fromkeys((a.from_point, b.from_point)))
-        yield Hypothesis("swapped", text, points, replace(campaign, counts=counts), a.channel)
+        curable = isinstance(a, Cable)
+        other = replace(campaign, counts=counts)
+        if curable:
+            channels = {a.channel: b.channel, b.channel: a.channel}
+            other = _with_cables(other, lambda c, channels=channels: {"channel": channels.get(c.channel, c.channel)})
+        yield Hypothesis("swapped", text, other, a.channel, curable=curable)
 
 
 def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
-    for j, c in enumerate(campaign.cables):
+    for c in campaign.cables:
         if c.from_point != point:
             continue
         # codes that are modulo a revolution have no other scale
         drawn = isinstance(c, Cable)
         for factor in (*SCALES, -1.0, *(-s for s in SCALES)) if drawn else (-1.0,):
             counts = campaign.counts.copy()
-            counts[:, j] /= factor
+            own = [k for k, each in enumerate(campaign.cables) if each.channel == c.channel]
+            counts[:, own] /= factor
             read = f"at scale {factor:g}, not at the rig's" if factor > 0 else "with the other sign"
             read += f" and scale {-factor:g}" if factor < 0 and factor != -1 else ""
             text = f"channel {c.channel}: its counts fit when it is decoded {read}"
-            yield Hypothesis("scale" if factor > 0 else "sign", text, (point,), replace(campaign, counts=counts), c.channel, factor)
-        for other in campaign.rig.tool:
-            if isinstance(c, Cable) and other != c.to_point:
-                cables = list(campaign.cables)
-                cables[j] = c.model_copy(update={"to_point": other})
-                text = f"channel {c.channel}: its counts fit when cable {c.name} is tied to {other}, not to {c.to_point}"
-                yield Hypothesis("attachment", text, (point,), replace(campaign, cables=tuple(cables)), c.channel)
+            other = replace(campaign, counts=counts, rig=_decoded(campaign.rig, point, factor) if drawn else campaign.rig)
+            yield Hypothesis("scale" if factor > 0 else "sign", text, other, c.channel, value=factor, curable=drawn)
+        for other_point in campaign.rig.tool:
+            if isinstance(c, Cable) and other_point != c.to_point:
+                tied = _with_cables(campaign, lambda each, c=c, to=other_point: {"to_point": to} if each.name == c.name else {})
+                text = f"channel {c.channel}: its counts fit when cable {c.name} is tied to {other_point}, not to {c.to_point}"
+                yield Hypothesis("attachment", text, tied, c.channel)
+
+
+def _other_pass(campaign: Campaign) -> Iterator[Hypothesis]:
+    """Yield the campaign as one of another pass, whose cables use the same channels."""
+    own = {c.passage for c in campaign.cables}
+    for passage in sorted({c.passage for c in campaign.rig.cable} - own) if len(own) == 1 else ():
+        there = {c.channel: c for c in campaign.rig.cable if c.passage == passage}
+        if all(c.channel in there for c in campaign.cables) and len(there) == len(campaign.cables):
+            cables = tuple(there[c.channel] for c in campaign.cables)
+            text = f"the counts fit when they are those of pass {passage}, not of pass {min(own)}"
+            yield Hypothesis("pass", text, replace(campaign, cables=cables))
+
+
+def _decoded(rig: Rig, point: str, factor: float) -> Rig:
+    """Return the rig whose counts of one drum mean 1/factor of what they meant."""
+    points = []
+    for p in rig.observation_point:
+        if p.name == point:
+            sign = p.drum.count_sign if factor > 0 else -p.drum.count_sign
+            p = p.model_copy(update={"drum": p.drum.model_copy(update={"count_sign": sign, "scale": p.drum.scale * abs(factor)})})
+        points.append(p)
+    return rig.model_copy(update={"observation_point": tuple(points)})
+
+
+def _with_cables(campaign: Campaign, changed: Callable[[Observed], dict[str, str]]) -> Campaign:
+    """Return the campaign with cables changed, in the rig too."""
+
+    def new(c: Observed) -> Observed:
+        return c.model_copy(update=changed(c)) if isinstance(c, Cable) else c
+
+    rig = campaign.rig.model_copy(update={"cable": tuple(new(c) for c in campaign.rig.cable)})
+    return replace(campaign, cables=tuple(new(c) for c in campaign.cables), rig=rig)

@@ -5,14 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
+from lmeasure.calibration.diagnosis import GROSS_MM, residual_rms
 from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Fit
 from lmeasure.estimation.deletion import Deletion
+from lmeasure.estimation.explanations import improbable
 
 SIGNIFICANT = 1e-3
 """Probability under which a rig that predicts no worse than the nominal one would look as bad by chance."""
 
 LEAST = 5  # poses
+
+BETTER = 3.0
+"""How many times better than the nominal rig's the predictions must be of a rig whose residuals are gross."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +29,17 @@ class AgainstNominal:
     nominal_mm: float
     poses: int
     p_worse: float
+    misfit: bool = False
+    """Whether residuals of millimetres, beyond the noise, are put down to errors."""
 
     @property
     def worse(self) -> bool:
-        """Whether the calibrated rig is significantly worse."""
-        return self.p_worse < SIGNIFICANT
+        """Whether the calibrated rig is significantly worse, or counts and poses contradict each other and it is hardly better.
+
+        The comparison uses the campaign's own poses. Where these are wrong, both rigs err by what is wrong with them, and a rig that
+        follows wrong poses looks as good as the nominal one.
+        """
+        return self.p_worse < SIGNIFICANT or (self.misfit and self.rms_mm > self.nominal_mm / BETTER)
 
     def text(self) -> str:
         """In words."""
@@ -38,9 +49,9 @@ class AgainstNominal:
         )
 
 
-def against_nominal(model: Model, found: Fit) -> AgainstNominal | None:
+def against_nominal(model: Model, found: Fit, first: Fit) -> AgainstNominal | None:
     """The comparison of a fit with its nominal rig; None with too few poses that others tell, and where poses are unknown, for which the
-    nominal rig predicts nothing.
+    nominal rig predicts nothing. first: the fit under the stated noise.
 
     Each pose is predicted from all others, under the covariance of the residuals: the zero pose errs in both rigs' predictions and does not
     speak for either. The errors at one pose are one observation: cables share the pose's own error. A one-sided t test of the logarithms
@@ -57,5 +68,6 @@ def against_nominal(model: Model, found: Fit) -> AgainstNominal | None:
     own, nominal = (np.array([np.mean(errors**2) for errors in each]) for each in ([e for _, e in left_out], drawn))
     if not (np.isfinite(own).all() and (own > 0).all() and (nominal > 0).all()):
         return None
+    gross = residual_rms(found) > GROSS_MM and improbable(first)
     test = scipy.stats.ttest_1samp(np.log(own / nominal), 0.0, alternative="greater")
-    return AgainstNominal(float(np.sqrt(own.mean())), float(np.sqrt(nominal.mean())), len(own), float(test.pvalue))
+    return AgainstNominal(float(np.sqrt(own.mean())), float(np.sqrt(nominal.mean())), len(own), float(test.pvalue), gross)

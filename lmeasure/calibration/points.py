@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.calibration import diagnosis
 from lmeasure.calibration.campaign import Campaign, of_cables
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
+from lmeasure.calibration.diagnosis import EVIDENCE
 from lmeasure.calibration.known_lengths import Distance
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.residuals import Frame, unknowns_of
@@ -101,7 +101,7 @@ def solve_point(campaign: Campaign, name: str, settings: Settings, roughly: bool
         (fit(model, model.zeros_begun(start), settings.prior, roughly=roughly) for start in _distinct(starts, unknowns.width)),
         key=lambda f: f.objective,
     )
-    rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]
+    rivals = [f for f in others if f.objective < best.objective + EVIDENCE and _apart(best, f, unknowns.width) > APART]
     if best.rank < len(unknowns.names):
         rivals = []  # the priors decide there, which is said
     return Point(name, coarse, boxes, best, model, rivals)

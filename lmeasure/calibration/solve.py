@@ -5,8 +5,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from lmeasure.calibration import diagnosis, observability
-from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration import observability
+from lmeasure.calibration.campaign import Campaign, all_visits, with_counts_of, without_poses
+from lmeasure.calibration.diagnosis import Diagnosis, diagnose
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
 from lmeasure.calibration.effects_named import named_effects
 from lmeasure.calibration.effects_solved import solved_effects
@@ -62,12 +64,12 @@ class Calibration(Shown):
 
 @dataclass(frozen=True)
 class _Begun:
-    """Where the least squares of everything begin: the problem and its first fit, findings of gross slips, single points' solutions, and
+    """Where the least squares of everything begin: the problem and its first fit, slips in the files, single points' solutions, and
     the boxes in which a result is no surprise."""
 
     model: Model
     first: Fit
-    gross: list[Finding]
+    diagnosis: Diagnosis
     points: list[Point]
     searched: dict[str, list[Box]]
 
@@ -84,11 +86,11 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     zeroed, names = campaign.poses.rows[campaign.zero[: len(campaign.drums)]], unknowns_of(campaign, settings.solve).names
     campaign = replace(campaign, rig=phased(campaign.rig, names, zeroed, campaign.drums))
     result, compared = _calibrated(campaign, settings, progress)
-    if compared is None or not compared.worse:
+    if result.refused is not None or compared is None or not compared.worse:
         return result
     if not settings.prior:
         again, then = _calibrated(campaign, replace(settings, prior=True), progress)
-        if then is not None and not then.worse:
+        if again.refused is None and then is not None and not then.worse:
             text = f"without priors {compared.text()}: the nominal rig was kept as a prior everywhere, with which {then.text()}"
             kept = Finding(code="kept_nominal", text=text, value=compared.rms_mm / compared.nominal_mm)
             return replace(again, record=again.record.model_copy(update={"warnings": (kept, *again.record.warnings)}))
@@ -104,10 +106,11 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     campaign = without_poses(whole, kept_out)
     steps = 3 if free else len({c.from_point for c in campaign.drums}) + 2
     begun = _begun_jointly(campaign, settings, free) if free else _begun(campaign, settings, progress, steps)
-    campaign = begun.model.campaign
+    campaign, wrong = begun.model.campaign, begun.diagnosis
+    whole = with_counts_of(campaign, whole, kept_out)
     if progress:
         progress(steps - 1, steps)
-    blamed = [w.channel or w.code for w in begun.gross]
+    blamed = [w.channel or w.code for w in wrong.findings] if wrong.refused else []
     explained = explain_misfit(begun.model, begun.first, blamed)
     misfits, weights = explained.findings, None
     if settings.robust:
@@ -121,9 +124,9 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     misfits = [*misfits, *of_lengths]
     where = regions(found, settings.seed, found.freedom if explained.estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
-    findings += [*poses_findings(model, found), *begun.gross, *misfits]
+    findings += [*poses_findings(model, found), *wrong.findings, *misfits]
     # by the stated noise: what explains residuals as noise would hide the law that they follow
-    named, shown = ([], ()) if begun.gross else named_effects(begun.model, begun.first)
+    named, shown = ([], ()) if blamed else named_effects(begun.model, begun.first)
     findings += named
     findings += shape_findings(campaign, model.parameters, found, begun.points, searched=begun.searched)
     if where.bend > BENT and not len(found.silent):
@@ -132,7 +135,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
             "that; lengths are told better than the values suggest"
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
-    compared = against_nominal(model, found)
+    compared = against_nominal(model, found, begun.first)
     judged = _held_out(whole, model, found, kept_out, settings.seed)
     campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
     dimensions = dimensions_of(model, found)
@@ -172,11 +175,34 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     )
     if progress:
         progress(steps, steps)
-    return Calibration(rig, record, campaign, predicted), compared
+    return Calibration(rig, record, campaign, predicted, wrong.refused), compared
 
 
 def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, steps: int) -> _Begun:
-    """Each point alone first, at the reference poses: coarse solutions, LP-search, descent."""
+    """Each point alone first, at the reference poses: coarse solutions, LP-search, descent. Again where the files were corrected."""
+    begun = _from_points(campaign, settings, progress, steps)
+
+    def judge(other: Campaign) -> Fit:
+        model = model_of(other, unknowns_of(other, settings.solve))
+        start = model.start
+        # where nobody measured the nominal values the search begins
+        for name in dict.fromkeys(n.split(".")[0] for n in other.rig.assumed):
+            if any(c.from_point == name for c in other.drums):
+                start = _started(model, start, [solve_point(other, name, replace(settings, prior=True), roughly=True)])
+        return fit(model, model.zeros_begun(start), prior_everywhere=True, roughly=True)
+
+    def screen(other: Campaign) -> float:
+        return linear_objective(model_of(other, unknowns_of(other, settings.solve)))
+
+    stated = min((fit(begun.model, begun.first.theta, prior_everywhere=True), judge(campaign)), key=lambda f: f.objective)
+    found = diagnose(campaign, judge, screen, stated, poses_known=True, places_known=True, aside=not settings.robust)
+    if found.campaign is not campaign:
+        begun = _from_points(found.campaign, settings, progress, steps)
+    return replace(begun, diagnosis=found)
+
+
+def _from_points(campaign: Campaign, settings: Settings, progress: Progress | None, steps: int) -> _Begun:
+    """The fit of a campaign as it is, from the solutions of its single points."""
     model = model_of(campaign, unknowns_of(campaign, settings.solve))
     points: list[Point] = []
     for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.drums)):
@@ -185,33 +211,39 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
         points.append(solve_point(campaign, name, settings))
     if progress:
         progress(len(points), steps)
-    everywhere = replace(settings, prior=True)
-    stated = {p.name: fit(p.model, p.fit.theta, prior_everywhere=True) for p in points}
-    gross = diagnosis.diagnose(campaign, stated, lambda other, name: solve_point(other, name, everywhere, roughly=True).fit)
-    start = model.start
-    for point in points:
-        for value, name in zip(point.fit.theta, point.model.names, strict=True):
-            start[model.names.index(name)] = value
-    start = model.zeros_begun(start)
-    return _Begun(model, fit(model, start, settings.prior), gross, points, {p.name: p.boxes for p in points})
+    start = model.zeros_begun(_started(model, model.start, points))
+    return _Begun(model, fit(model, start, settings.prior), Diagnosis(campaign), points, {p.name: p.boxes for p in points})
+
+
+def _started(model: Model, start: FloatArray, points: list[Point]) -> FloatArray:
+    """A start (P,) with the values of solved points."""
+    known = {name: value for point in points for name, value in zip(point.model.names, point.fit.theta, strict=True)}
+    return np.array([known.get(name, value) for name, value in zip(model.names, start, strict=True)])
 
 
 def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]) -> _Begun:
     """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
-    model, first = solve_jointly(campaign, settings.solve, settings.prior, free, frame=settings.frame, seed=settings.seed)
+
+    def solved(campaign: Campaign) -> tuple[Model, Fit]:
+        return solve_jointly(campaign, settings.solve, settings.prior, free, frame=settings.frame, seed=settings.seed)
+
+    model, first = solved(campaign)
 
     def judge(other: Campaign) -> Fit:
-        return begun_jointly(replace(other, poses=campaign.poses), model.parameters, free, settings.frame, seed=settings.seed)[1]
+        own = unknowns_of(other, settings.solve)
+        return begun_jointly(replace(other, poses=campaign.poses), own, free, settings.frame, seed=settings.seed)[1]
 
     def screen(other: Campaign) -> float:
-        return linear_objective(model_of(other, model.parameters, free, model.frame))
+        return linear_objective(model_of(other, unknowns_of(other, settings.solve), free, model.frame))
 
     stated = fit(model, first.theta, prior_everywhere=True)
-    gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, places_known=model.places_known)
+    found = diagnose(model.campaign, judge, screen, stated, poses_known=False, places_known=model.places_known, aside=False)
+    if found.findings:
+        model, first = solved(replace(found.campaign, poses=campaign.poses))
     names = dict.fromkeys(c.from_point for c in campaign.drums)
     # nearest to the reference poses the whole may lie anywhere
-    searched = {} if model.frame == "poses" else {name: [box_of(campaign, name, settings)] for name in names}
-    return _Begun(model, first, gross, [], searched)
+    searched = {} if model.frame == "poses" else {name: [box_of(model.campaign, name, settings)] for name in names}
+    return _Begun(model, first, found, [], searched)
 
 
 def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...], seed: int) -> list[HeldOut]:

@@ -85,6 +85,20 @@ def outlier_poses(model: Model, fit: Fit) -> list[Suspect]:
     return sorted(out, key=lambda s: s.log_probability)
 
 
+def outlier_readings(model: Model, fit: Fit) -> list[Suspect]:
+    """Return single readings that all others contradict, least likely by chance first."""
+    out, campaign, deletion = [], model.campaign, Deletion(fit)
+    for e, (i, j) in enumerate(zip(model.pose_index, model.cable_index, strict=True)):
+        column = np.zeros(len(fit.residuals))
+        column[e] = 1.0
+        step = deletion.step(column)
+        tested = None if step is None else deletion.test(step[1], 1)
+        if tested:
+            probability = min(0.0, tested[1] + math.log(campaign.counts.size))
+            out.append(Suspect("outlier", campaign.poses.names[i], campaign.cables[j].channel, tested[0], probability))
+    return sorted(out, key=lambda s: s.log_probability)
+
+
 def slipped_counters(model: Model, fit: Fit) -> list[Suspect]:
     """Channels whose counts are shifted by one constant from some pose on, in the order the poses were counted."""
     out, campaign, deletion = [], model.campaign, Deletion(fit)
