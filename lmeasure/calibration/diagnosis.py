@@ -20,7 +20,7 @@ from lmeasure.calibration.validation import outlier_poses, outlier_readings, sli
 from lmeasure.calibration_record import Finding
 from lmeasure.estimation import Fit
 from lmeasure.estimation.explanations import CHANCE, improbable
-from lmeasure.rig import Cable, Observed, Rig
+from lmeasure.rig import Cable, Rig
 
 Judge = Callable[[Campaign], Fit]
 """The best fit of all observation points to a campaign, with the prior on every direction."""
@@ -54,6 +54,8 @@ class Diagnosis:
     campaign: Campaign
     findings: tuple[Finding, ...] = ()
     refused: str | None = None
+    doubtful: bool = False
+    """Whether counts, poses and the nominal rig still contradict each other."""
 
 
 def gross(fit: Fit) -> bool:
@@ -94,6 +96,7 @@ def diagnose(
     whether readings may be set aside.
     """
     findings: list[Finding] = []
+    before_aside: tuple[Campaign, Fit, list[Finding]] | None = None
     points = list(dict.fromkeys(c.from_point for c in campaign.cables))
     for _ in range(MOST_SLIPS):
         model = stated.problem
@@ -115,20 +118,23 @@ def diagnose(
         if best is None:
             break
         gain = _loss(stated, before) - _loss(fit, before, best)
-        left = fit.problem
-        assert isinstance(left, Model)
-        if gain <= EVIDENCE or (best.removed and aside and not _explains(left, fit)):
+        if gain <= EVIDENCE:
             break
+        if best.removed and before_aside is None:
+            before_aside = campaign, stated, list(findings)
         findings.append(Finding(code=best.code, channel=best.channel, pose=best.pose, value=best.value, text=_text(best, gain)))
         if not best.curable:
             return Diagnosis(campaign, tuple(findings), f"{best.text}; correct that and calibrate again")
         campaign, stated = best.campaign, fit
+    if before_aside is not None and not _explains(stated):
+        # what was set aside does not explain all: then it is no slip of single numbers
+        campaign, stated, findings = before_aside
     if findings and not _agrees(stated):
         named = ", ".join(f.channel or f.pose or f.code for f in findings)
         left = f"residuals of {residual_rms(stated):.3g} mm rms are left"
         why = f"the files contradict each other: {left} when what was found ({named}) is corrected"
         return Diagnosis(campaign, tuple(findings), why)
-    return Diagnosis(campaign, tuple(findings))
+    return Diagnosis(campaign, tuple(findings), doubtful=gross(stated))
 
 
 def _text(h: Hypothesis, gain: float) -> str:
@@ -141,8 +147,10 @@ def _agrees(fit: Fit) -> bool:
     return residual_rms(fit) <= GROSS_MM or not improbable(fit) or fit.chi2 <= AGREES**2 * max(fit.freedom, 1)
 
 
-def _explains(model: Model, fit: Fit) -> bool:
+def _explains(fit: Fit) -> bool:
     """Return whether what was set aside explains all: the rest agrees with the noise, or at least with itself."""
+    model = fit.problem
+    assert isinstance(model, Model)
     return not gross(fit) and (not improbable(fit) or not contradicted(model, fit))
 
 
@@ -155,10 +163,10 @@ def _credible(fit: Fit) -> bool:
 
 def _loss(fit: Fit, equations: int, h: Hypothesis | None = None) -> float:
     """Return twice the negative log posterior at the likeliest noise level, at least the stated one; what is set aside counts as noise of
-    its own."""
+    its own, and costs two a reading: one that chance has, one for another number that is taken from the data."""
     nuisances = len(fit.theta) - len(fit.s)
     level = max(1.0, fit.objective / max(len(fit.residuals) - nuisances, 1))
-    return (equations - nuisances) * float(np.log(level)) + fit.objective / level + (0.0 if h is None else float(h.removed))
+    return (equations - nuisances) * float(np.log(level)) + fit.objective / level + (0.0 if h is None else 2.0 * h.removed)
 
 
 def _swaps(campaign: Campaign) -> Iterator[Hypothesis]:
@@ -173,8 +181,8 @@ def _swaps(campaign: Campaign) -> Iterator[Hypothesis]:
         curable = isinstance(a, Cable)
         other = replace(campaign, counts=counts)
         if curable:
-            channels = {a.channel: b.channel, b.channel: a.channel}
-            other = _with_cables(other, lambda c, channels=channels: {"channel": channels.get(c.channel, c.channel)})
+            own, to = [c for c in campaign.rig.cable if c.passage == a.passage], {a.channel: b.channel, b.channel: a.channel}
+            other = _with_cables(other, {c.name: {"channel": to[c.channel]} for c in own if c.channel in to})
         yield Hypothesis("swapped", text, other, a.channel, curable=curable)
 
 
@@ -195,7 +203,7 @@ def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
             yield Hypothesis("scale" if factor > 0 else "sign", text, other, c.channel, value=factor, curable=drawn)
         for other_point in campaign.rig.tool:
             if isinstance(c, Cable) and other_point != c.to_point:
-                tied = _with_cables(campaign, lambda each, c=c, to=other_point: {"to_point": to} if each.name == c.name else {})
+                tied = _with_cables(campaign, {c.name: {"to_point": other_point}})
                 text = f"channel {c.channel}: its counts fit when cable {c.name} is tied to {other_point}, not to {c.to_point}"
                 yield Hypothesis("attachment", text, tied, c.channel)
 
@@ -222,11 +230,11 @@ def _decoded(rig: Rig, point: str, factor: float) -> Rig:
     return rig.model_copy(update={"observation_point": tuple(points)})
 
 
-def _with_cables(campaign: Campaign, changed: Callable[[Observed], dict[str, str]]) -> Campaign:
-    """Return the campaign with cables changed, in the rig too."""
+def _with_cables(campaign: Campaign, changes: dict[str, dict[str, str]]) -> Campaign:
+    """Return the campaign with cables changed, by their names, in the rig too."""
 
-    def new(c: Observed) -> Observed:
-        return c.model_copy(update=changed(c)) if isinstance(c, Cable) else c
+    def new(c: Cable) -> Cable:
+        return c.model_copy(update=changes.get(c.name, {}))
 
-    rig = campaign.rig.model_copy(update={"cable": tuple(new(c) for c in campaign.rig.cable)})
-    return replace(campaign, cables=tuple(new(c) for c in campaign.cables), rig=rig)
+    rig = campaign.rig.model_copy(update={"cable": tuple(map(new, campaign.rig.cable))})
+    return replace(campaign, cables=tuple(new(c) if isinstance(c, Cable) else c for c in campaign.cables), rig=rig)

@@ -168,9 +168,9 @@ def set_aside(model: Model, theta: FloatArray, most: int) -> list[Hypothesis]:
     for at in (model.start, theta):
         J = model.jacobian(at)
         along = J * model.parameters.width
-        P = np.linalg.inv(model.covariance(at) + along @ along.T)
+        P = np.asarray(np.linalg.inv(model.covariance(at) + along @ along.T), dtype=np.float64)
         seen = P @ (model.residuals(at) - J @ (at - model.parameters.nominal))
-        left = [_fall(P, seen, columns) - removed for columns, removed, _ in candidates]
+        left = [_fall(P, seen, columns) - 2.0 * removed for columns, removed, _ in candidates]
         best |= dict.fromkeys(np.argsort(left)[::-1][:most].tolist())
     return [candidates[i][2]() for i in best]
 

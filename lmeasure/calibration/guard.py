@@ -41,6 +41,12 @@ class AgainstNominal:
         """
         return self.p_worse < SIGNIFICANT or (self.misfit and self.rms_mm > self.nominal_mm / BETTER)
 
+    def refusal(self) -> str:
+        """Return why the rig must not be used."""
+        if self.p_worse < SIGNIFICANT:
+            return f"the calibrated rig is worse than the nominal one: {self.text()}"
+        return f"counts and poses contradict each other, and nothing explains why: {self.text()}"
+
     def text(self) -> str:
         """In words."""
         return (

@@ -94,7 +94,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
             text = f"without priors {compared.text()}: the nominal rig was kept as a prior everywhere, with which {then.text()}"
             kept = Finding(code="kept_nominal", text=text, value=compared.rms_mm / compared.nominal_mm)
             return replace(again, record=again.record.model_copy(update={"warnings": (kept, *again.record.warnings)}))
-    return replace(result, refused=f"the calibrated rig is worse than the nominal one: {compared.text()}")
+    return replace(result, refused=compared.refusal())
 
 
 def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | None) -> tuple[Calibration, AgainstNominal | None]:
@@ -175,7 +175,10 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     )
     if progress:
         progress(steps, steps)
-    return Calibration(rig, record, campaign, predicted, wrong.refused), compared
+    refused = wrong.refused
+    if refused is None and compared is None and wrong.doubtful and not free:
+        refused = "counts, poses and nominal rig contradict each other, and the poses are too few to show which of them is wrong"
+    return Calibration(rig, record, campaign, predicted, refused), compared
 
 
 def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, steps: int) -> _Begun:
