@@ -12,7 +12,7 @@ import csv
 import math
 import sys
 import tempfile
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,6 @@ from lmeasure.rig import Rig, rig_from_dict, write_rig  # noqa: E402
 FloatArray = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results" / "campaign_slips.md"
 POSES = (8, 12, 20)
-ANGLES = ("ZYX", "XYZ", "xyz")
 
 
 class World:
@@ -84,7 +83,8 @@ def _typo(value: float, kind: str, rng: np.random.Generator) -> float:
 def slipped(world: World, slip: str) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, Any], str]:
     """Positions, angles, counts, rig as a dictionary, and what a finding must name: with one slip of the files or of the rig."""
     rng = np.random.default_rng([world.seed, sum(map(ord, slip))])
-    places, angles, counts = world.places.copy(), world.angles(), world.counts.copy()
+    places, counts = world.places.copy(), world.counts.copy()
+    angles: FloatArray = world.angles()
     rig, named = world.nominal.to_dict() | {"angles": "kuka-abc"}, ""
     i, j = int(rng.integers(world.n)), int(rng.integers(6))
     what, _, how = slip.partition(": ")
@@ -92,7 +92,7 @@ def slipped(world: World, slip: str) -> tuple[FloatArray, FloatArray, FloatArray
         if how == "order CBA":
             angles = angles[:, ::-1]
         elif how == "radians":
-            angles = np.round(np.radians(angles), 5)
+            angles = np.asarray(np.round(np.radians(angles), 5), dtype=np.float64)
         elif how == "puma-oat":
             angles = np.round(world.turns.as_euler("ZYZ", degrees=True) - [-90.0, 90.0, 0.0], 4)
         elif how == "rotation vector":
@@ -154,7 +154,6 @@ SLIPS = (
     *(f"channel: {how}" for how in ("swapped", "sign", "scale", "attachment", "slip", "pass")),
     "inches",
 )
-TYPED = ("coordinate", "angle", "count")
 
 
 def campaign_folder(folder: Path, world: World, slip: str) -> str:
@@ -182,8 +181,8 @@ def study(world: World, slip: str) -> dict[str, Any]:
         out = {"seed": world.seed, "slip": slip, "poses": world.n, "nominal_mm": world.error_mm(world.nominal), "error_mm": None}
         try:
             result = calibrate(without_slips(read_campaign(folder), "reference_poses.csv"))
-        except LMeasureError as error:
-            return out | {"codes": [str(error)[-200:]], "named": named == "refused", "refused": True}
+        except LMeasureError as refusal:
+            return out | {"codes": [str(refusal)[-200:]], "named": named == "refused", "refused": True}
     codes = [" ".join(filter(None, (w.code, w.pose, w.channel))) for w in result.record.warnings]
     right = not named or any(code == named or code.split()[0] == named for code in codes)
     error = None if result.refused else world.error_mm(result.rig)
@@ -196,8 +195,12 @@ def main() -> None:
     parser.add_argument("--slip", action="append", choices=SLIPS)
     asked = parser.parse_args()
     world = lru_cache(1)(World)
+
+    def one(seed: int, slip: str) -> dict[str, Any]:
+        return study(world(seed), slip)
+
     every = [(s, slip) for s in range(asked.first, asked.first + asked.campaigns) for slip in _of(s, asked.slip)]
-    found = run_all(asked, ((f"{s} {slip}", lambda s=s, slip=slip: study(world(s), slip)) for s, slip in every))
+    found = run_all(asked, ((f"{s} {slip}", partial(one, s, slip)) for s, slip in every))
     show(asked, table(pd.DataFrame(found)) + "\n", RESULTS)
 
 

@@ -30,6 +30,8 @@ def test_half_scale_channel_is_named_and_no_other() -> None:
     result = calibrate(campaign)
     named = [(w.channel, w.value) for w in result.record.warnings if w.code == "scale"]
     assert named == [("ch3", 0.5)]
+    assert result.refused is None
+    assert result.rig.point("B3").drum.scale == 0.5
     assert not [w for w in result.record.warnings if w.code in {"sign", "outlier"}]
 
 
@@ -49,16 +51,19 @@ def test_reversed_channel_is_named() -> None:
     campaign = zeroed_exactly(read_campaign(TRUTH / "cell-12-poses"))
     counts = campaign.counts.copy()
     counts[:, 1] *= -1
-    named = [(w.code, w.channel) for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code in {"sign", "scale"}]
-    assert named == [("sign", "ch2")]
+    result = calibrate(replace(campaign, counts=counts))
+    assert [(w.code, w.channel) for w in result.record.warnings if w.code in {"sign", "scale"}] == [("sign", "ch2")]
+    assert result.rig.point("B2").drum.count_sign == -campaign.rig.point("B2").drum.count_sign
 
 
 def test_swapped_channels_are_named() -> None:
     campaign = zeroed_exactly(read_campaign(TRUTH / "cell-12-poses"))
     counts = campaign.counts.copy()
     counts[:, [1, 4]] = counts[:, [4, 1]]
-    named = [w for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code in {"swapped", "sign", "scale", "attachment"}]
+    result = calibrate(replace(campaign, counts=counts))
+    named = [w for w in result.record.warnings if w.code in {"swapped", "sign", "scale", "attachment"}]
     assert [w.code for w in named] == ["swapped"]
+    assert [c.channel for c in result.rig.cable] == ["ch1", "ch5", "ch3", "ch4", "ch2", "ch6"]
     assert "ch2 and ch5" in named[0].text
 
 
@@ -68,11 +73,9 @@ def test_cable_at_another_attachment_point_is_named() -> None:
     assert data["cable"][3]["to"] == "P2"
     data["cable"][3]["to"] = "P3"
     rig = rig_from_dict(data)
-    named = [
-        w
-        for w in calibrate(replace(campaign, rig=rig, cables=rig.cable)).record.warnings
-        if w.code in {"swapped", "sign", "scale", "attachment"}
-    ]
+    result = calibrate(replace(campaign, rig=rig, cables=rig.cable))
+    assert result.rig.cable[3].to_point == "P2"
+    named = [w for w in result.record.warnings if w.code in {"swapped", "sign", "scale", "attachment"}]
     assert [(w.code, w.channel) for w in named] == [("attachment", "ch4")]
     assert "tied to P2, not to P3" in named[0].text
 
@@ -86,3 +89,5 @@ def test_wrong_angle_convention_is_named() -> None:
     named = [w for w in result.record.warnings if w.code in {"angles", "swapped", "sign", "scale", "attachment"}]
     assert [w.code for w in named] == ["angles"]
     assert "staubli-xyz" in named[0].text
+    error = held_out_errors(result.rig, true_rig(campaign.rig, TRUTH / "cell-12-poses"))
+    assert np.sqrt(np.mean(error**2)) < 0.02
