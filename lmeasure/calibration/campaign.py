@@ -158,9 +158,11 @@ def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
 def with_counts_of(campaign: Campaign, whole: Campaign, names: tuple[str, ...]) -> Campaign:
     """Return the campaign with the counts of the named poses of another one, whose channels it may decode in another way."""
     counts, rows = campaign.counts.copy(), np.isin(campaign.poses.names, names)
+    by_channel = {c.channel: j for j, c in enumerate(whole.cables)}
     place = {(c.channel, c.passage): j for j, c in enumerate(whole.cables)}
     for j, c in enumerate(campaign.cables):
-        i = place[c.channel, c.passage]
+        # a campaign that was read as one of another pass has each channel once
+        i = place.get((c.channel, c.passage), by_channel[c.channel])
         before, now = whole.rig.counter(whole.cables[i]), campaign.rig.counter(c)
         decoded = (now.count_sign / now.scale) / (before.count_sign / before.scale)
         counts[rows, j] = whole.counts[rows, i] * (1.0 if decoded == 1.0 else decoded)
