@@ -102,14 +102,12 @@ def diagnose(
         model = stated.problem
         assert isinstance(model, Model)
         wrong = gross(stated) or not (places_known or _credible(stated))
-        if not (wrong or (aside and improbable(stated) and contradicted(model, stated))):
+        if not (wrong or (poses_known and improbable(stated) and contradicted(model, stated))):
             break
-        fitted = []
-        if wrong:
-            whole = [*_swaps(campaign), *(h for name in points for h in _channels(campaign, name)), *_other_pass(campaign)]
-            if poses_known:
-                fitted += sorted(misread_poses(campaign), key=lambda h: screen(h.campaign))[:SCREENED]
-            fitted += sorted(whole, key=lambda h: screen(h.campaign))[:SCREENED]
+        whole = [*_swaps(campaign), *(h for name in points for h in _channels(campaign, name)), *_other_pass(campaign)]
+        fitted = sorted(whole, key=lambda h: screen(h.campaign))[:SCREENED]
+        if poses_known:
+            fitted += sorted(misread_poses(campaign), key=lambda h: screen(h.campaign))[:SCREENED]
         if aside:
             fitted += set_aside(model, stated.theta, SCREENED)
         tested = [(h, judge(h.campaign)) for h in fitted]
@@ -199,8 +197,9 @@ def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
             read = f"at scale {factor:g}, not at the rig's" if factor > 0 else "with the other sign"
             read += f" and scale {-factor:g}" if factor < 0 and factor != -1 else ""
             text = f"channel {c.channel}: its counts fit when it is decoded {read}"
-            other = replace(campaign, counts=counts, rig=_decoded(campaign.rig, point, factor) if drawn else campaign.rig)
-            yield Hypothesis("scale" if factor > 0 else "sign", text, other, c.channel, value=factor, curable=drawn)
+            rig = _decoded(campaign.rig, point, factor) if drawn else _reversed(campaign.rig, c.channel)
+            other = replace(campaign, counts=counts, rig=rig)
+            yield Hypothesis("scale" if factor > 0 else "sign", text, other, c.channel, value=factor)
         for other_point in campaign.rig.tool:
             if isinstance(c, Cable) and other_point != c.to_point:
                 tied = _with_cables(campaign, {c.name: {"to_point": other_point}})
@@ -228,6 +227,15 @@ def _decoded(rig: Rig, point: str, factor: float) -> Rig:
             p = p.model_copy(update={"drum": p.drum.model_copy(update={"count_sign": sign, "scale": p.drum.scale * abs(factor)})})
         points.append(p)
     return rig.model_copy(update={"observation_point": tuple(points)})
+
+
+def _reversed(rig: Rig, channel: str) -> Rig:
+    """Return the rig whose angle encoder of a channel counts the other way."""
+    swivels, leaning = (
+        tuple(e.model_copy(update={"count_sign": -e.count_sign}) if e.channel == channel else e for e in of)
+        for of in (rig.swivel, rig.inclination)
+    )
+    return rig.model_copy(update={"swivel": swivels, "inclination": leaning})
 
 
 def _with_cables(campaign: Campaign, changes: dict[str, dict[str, str]]) -> Campaign:

@@ -13,7 +13,7 @@ from lmeasure import conventions, se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.unknowns import Model
-from lmeasure.calibration.validation import shifted_lengths
+from lmeasure.calibration.validation import poses_and_visits, shifted_lengths
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.lengths import counts_from_poses
 from lmeasure.rig import Cable
@@ -39,8 +39,13 @@ class Hypothesis:
 
 
 def misread_poses(campaign: Campaign) -> Iterator[Hypothesis]:
-    """Yield other readings of the whole file of poses: angles in another convention, poses in another order."""
+    """Yield other readings of the whole file of poses: angles in another convention, columns or rows in another
+    order."""
     yield from _conventions(campaign)
+    for order in [o for o in itertools.permutations(range(3)) if o != (0, 1, 2)]:
+        text = f"the reference poses fit when their coordinates are read in the order {', '.join('xyz'[i] for i in order)}"
+        rows = campaign.poses.rows[:, [*order, 3, 4, 5, 6]]
+        yield Hypothesis("columns", text, replace(campaign, poses=replace(campaign.poses, rows=rows)))
     yield from _exchanged(campaign)
 
 
@@ -164,15 +169,19 @@ def set_aside(model: Model, theta: FloatArray, most: int) -> list[Hypothesis]:
     """Return the campaigns without one pose, one reading or the readings of a counter before or after a slip, those that a linear fit
     prefers: linearised at the nominal rig, and at theta."""
     candidates = [*_poses_aside(model), *_readings_aside(model), *_counters_aside(model)]
-    best: dict[int, None] = {}
+    best: dict[int, float] = {}
     for at in (model.start, theta):
         J = model.jacobian(at)
         along = J * model.parameters.width
         P = np.asarray(np.linalg.inv(model.covariance(at) + along @ along.T), dtype=np.float64)
         seen = P @ (model.residuals(at) - J @ (at - model.parameters.nominal))
         left = [_fall(P, seen, columns) - 2.0 * removed for columns, removed, _ in candidates]
-        best |= dict.fromkeys(np.argsort(left)[::-1][:most].tolist())
-    return [candidates[i][2]() for i in best]
+        for i in np.argsort(left)[::-1][:most].tolist():
+            first = candidates[i][0][:, 0]
+            best[i] = float(first @ seen / (first @ P @ first))
+    every = [(candidates[i][2](), size) for i, size in best.items()]
+    # modelled less measured: a counter that lost counts reads less than the model
+    return [replace(h, value=-size) if h.code == "slip" else h for h, size in every]
 
 
 def _fall(P: FloatArray, seen: FloatArray, columns: FloatArray) -> float:
@@ -186,11 +195,10 @@ _Candidate = tuple[FloatArray, int, "partial[Hypothesis]"]
 
 def _poses_aside(model: Model) -> Iterator[_Candidate]:
     campaign = model.campaign
-    for i in np.unique(campaign.reference_of):
-        visits = campaign.reference_of == i
-        which = visits[:, None] & np.isfinite(campaign.counts)
-        columns = shifted_lengths(model, np.flatnonzero(visits))
-        name = campaign.poses.names[i]
+    for visits in poses_and_visits(campaign):
+        which = np.isin(np.arange(len(campaign.counts)), visits)[:, None] & np.isfinite(campaign.counts)
+        columns = shifted_lengths(model, visits)
+        name = campaign.poses.names[visits[0]]
         text = f"pose {name}: the other poses contradict it, and agree without it"
         if columns.shape[1] and _left(campaign, which):
             yield columns, int(which.sum()), partial(_without, campaign, which, "outlier", text, pose=name)

@@ -192,12 +192,14 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
         for name in dict.fromkeys(n.split(".")[0] for n in other.rig.assumed):
             if any(c.from_point == name for c in other.drums):
                 start = _started(model, start, [solve_point(other, name, replace(settings, prior=True), roughly=True)])
-        return fit(model, model.zeros_begun(start), prior_everywhere=True, roughly=True)
+        # the nominal rig may lie in another valley than the solutions of single points, and these may follow what is wrong
+        starts = (start, begun.first.theta)
+        return min((fit(model, model.zeros_begun(s), prior_everywhere=True, roughly=True) for s in starts), key=lambda f: f.objective)
 
     def screen(other: Campaign) -> float:
         return linear_objective(model_of(other, unknowns_of(other, settings.solve)))
 
-    stated = min((fit(begun.model, begun.first.theta, prior_everywhere=True), judge(campaign)), key=lambda f: f.objective)
+    stated = judge(campaign)
     found = diagnose(campaign, judge, screen, stated, poses_known=True, places_known=True, aside=not settings.robust)
     if found.campaign is not campaign:
         begun = _from_points(found.campaign, settings, progress, steps)

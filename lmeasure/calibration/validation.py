@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Fit
 from lmeasure.estimation.deletion import Deletion
@@ -71,11 +72,16 @@ def deletion_residuals(model: Model, fit: Fit) -> list[tuple[str, float]]:
     return [(campaign.poses.names[campaign.reference_of[at[rows[0]]]], float(np.sqrt(np.mean(e**2)))) for rows, e in left_out]
 
 
+def poses_and_visits(campaign: Campaign) -> list[IntArray]:
+    """Return the indices of each reference pose with all its visits, and of each single visit of poses that have several."""
+    together = [np.flatnonzero(campaign.reference_of == pose) for pose in np.unique(campaign.reference_of)]
+    return together + [np.array([visit]) for visits in together if len(visits) > 1 for visit in visits]
+
+
 def outlier_poses(model: Model, fit: Fit) -> list[Suspect]:
     """Reference poses with all their visits, and single visits, that the others contradict, least likely by chance first."""
     out, campaign, deletion = [], model.campaign, Deletion(fit)
-    together = [np.flatnonzero(campaign.reference_of == pose) for pose in np.unique(campaign.reference_of)]
-    every = together + [np.array([visit]) for visits in together if len(visits) > 1 for visit in visits]
+    every = poses_and_visits(campaign)
     for poses in every:
         judged = deletion.shift(shifted_lengths(model, poses))
         tested = deletion.test(judged.square, judged.freedom) if judged else None

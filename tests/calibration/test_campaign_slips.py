@@ -15,7 +15,7 @@ from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
-SLIPS = {"outlier", "exchanged_poses", "angles", "sign", "scale", "swapped", "attachment", "slip", "pass"}
+SLIPS = {"columns", "outlier", "exchanged_poses", "angles", "sign", "scale", "swapped", "attachment", "slip", "pass"}
 
 
 @cache
@@ -90,6 +90,13 @@ def test_angles_in_another_order_are_applied() -> None:
     assert [code for code, _, _ in named(result)] == ["angles"]
     assert "in the order c_deg, b_deg, a_deg" in next(str(w.text) for w in result.record.warnings if w.code == "angles")
     assert error_mm(result.rig, world) < 1.01 * sound_mm(12, False)
+
+
+def test_coordinates_in_another_order_are_applied() -> None:
+    world = made(8, True)
+    result = calibrate(moved(world.campaign, world.campaign.poses.rows[:, [1, 2, 0, 3, 4, 5, 6]]))
+    assert [code for code, _, _ in named(result)] == ["columns"]
+    np.testing.assert_allclose(result.campaign.poses.rows, world.campaign.poses.rows)
 
 
 def test_a_contradiction_that_nothing_explains_is_refused() -> None:
