@@ -3,7 +3,10 @@
 The screw method for other schemes than six cables to a body. A scheme says which of the six components of the twist (omega; v), base
 axes, can change: all six, only v (several cables to one point), omega_z, v_x, v_y (a planar stage) or omega_z and v (a tool that stays
 vertical). Each of these sets is a group of displacements, so a finite twist of such components stays within it. With more cables than
-free components the step is Gauss and Newton's, lengths weighted by their uncertainty, and what remains tells whether the cables agree.
+free components the step is Gauss and Newton's, readings weighted by their uncertainty, and what remains tells whether the channels agree.
+
+Whether a pose is singular is a matter of geometry. So it is judged by rows of about unit size, an angle's taken as the length by which it
+is seen, whatever the readings weigh: readings that are hardly known make a pose uncertain, not singular.
 
 Where just as many channels count as components are free, two poses of the same readings meet at a singular one, as with six cables
 (`screw.resume`): what cannot be told from it is refused, and from there on everything until more channels count.
@@ -14,7 +17,7 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import kernel
+from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.cable import orientation, seen_at, vec, way_round
 from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS
 from lmeasure.kernels.screw import (
@@ -27,6 +30,7 @@ from lmeasure.kernels.screw import (
     ON_THE_WAY_MM,
     OTHER_ASSEMBLY,
     SINGULAR,
+    SINGULAR_PIVOT,
     STRIDE_MM,
     copy,
     displace,
@@ -40,6 +44,7 @@ STEP_MM = 1e-11  # a step below it moves nothing that a length could show
 FALLING_MM = 1e-4  # from which on steps tell how they go on falling
 LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
 NEAR_SPEED = 1.0 / math.cos(NEAR_SINGULAR)
+HARDLY_KNOWN = 1e-14  # pivot of the weighted normal equations down to which rounding leaves them sound
 
 
 @kernel
@@ -82,6 +87,34 @@ def normal(A: FloatArray, N: FloatArray) -> None:
 
 
 @kernel
+def alike(cables: FloatArray, pose: FloatArray, weights: FloatArray, size: float, units: FloatArray) -> None:
+    """What is moved about per unit of each reading that counts [mm], into units (m,): by it rows are of about unit size; else 0."""
+    for j in range(cables.shape[0]):
+        units[j] = 0.0
+        if weights[j] > 0.0:
+            units[j] = reach_of(cables[j], pose, size)
+
+
+@inline
+def reach_of(cable: FloatArray, pose: FloatArray, size: float) -> float:
+    """What is moved about per unit of a channel's reading [mm]."""
+    if cable[KIND] == CABLE:
+        return 1.0
+    return size if cable[KIND] == INCLINATION else 1.0 / norm(seen_at(cable, pose)[2])
+
+
+@kernel
+def determined(cables: FloatArray, pose: FloatArray, weights: FloatArray, free: IntArray, size: float) -> bool:
+    """Whether the channels that count determine the pose, however well they are known."""
+    m, f = cables.shape[0], len(free)
+    A, r, N, units = np.zeros((m, f)), np.zeros(m), np.empty((f, f)), np.empty(m)
+    alike(cables, pose, weights, size, units)
+    fill(cables, pose, np.zeros(m), units, free, size, A, r)
+    normal(A, N)
+    return eliminate(N, np.zeros((f, 1))) != 0.0
+
+
+@kernel
 def _solve(
     cables: FloatArray, pose: FloatArray, targets: FloatArray, weights: FloatArray, free: IntArray, size: float, tolerance: float
 ) -> tuple[int, int]:
@@ -92,14 +125,19 @@ def _solve(
     for iteration in range(1, MAX_ITERATIONS + 1):
         if not fill(cables, pose, targets, weights, free, size, A, r):
             return NOT_CONVERGED, iteration
-        normal(A, N)
-        for c in range(f):
-            s = 0.0
-            for j in range(m):
-                s += A[j, c] * r[j]
-            b[c, 0] = s
-        if eliminate(N, b) == 0.0:
-            return SINGULAR, iteration
+        least = SINGULAR_PIVOT
+        while True:
+            normal(A, N)
+            for c in range(f):
+                s = 0.0
+                for j in range(m):
+                    s += A[j, c] * r[j]
+                b[c, 0] = s
+            if eliminate(N, b, least) != 0.0:
+                break
+            if least == HARDLY_KNOWN or not determined(cables, pose, weights, free, size):
+                return SINGULAR, iteration
+            least = HARDLY_KNOWN
         step = 0.0
         for c in range(f):
             twist[free[c]] = b[c, 0]
@@ -131,12 +169,17 @@ def length_twists(
     m, f = cables.shape[0], len(free)
     A, N, B = np.zeros((m, f)), np.empty((f, f)), np.empty((f, m))
     fill(cables, pose, targets, weights, free, size, A, r)
-    normal(A, N)
-    for c in range(f):
-        for j in range(m):
-            B[c, j] = A[j, c] * weights[j]
-    if eliminate(N, B) == 0.0:
-        return False
+    least = SINGULAR_PIVOT
+    while True:
+        normal(A, N)
+        for c in range(f):
+            for j in range(m):
+                B[c, j] = A[j, c] * weights[j]
+        if eliminate(N, B, least) != 0.0:
+            break
+        if least == HARDLY_KNOWN or not determined(cables, pose, weights, free, size):
+            return False
+        least = HARDLY_KNOWN
     for j in range(m):
         r[j] = r[j] / weights[j] if weights[j] > 0.0 else math.nan
         for c in range(6):
@@ -148,10 +191,11 @@ def length_twists(
 
 @kernel
 def _determinant(cables: FloatArray, pose: FloatArray, weights: FloatArray, free: IntArray, size: float) -> float:
-    """Of the weighted rows of those channels that count, as many as components are free; 0 where they are singular."""
+    """Of the rows of those channels that count, of about unit size, as many as components are free; 0 where they are singular."""
     m, f = cables.shape[0], len(free)
-    A, r, square, used = np.zeros((m, f)), np.empty(m), np.empty((f, f)), 0
-    fill(cables, pose, np.zeros(m), weights, free, size, A, r)
+    A, r, square, used, units = np.zeros((m, f)), np.empty(m), np.empty((f, f)), 0, np.empty(m)
+    alike(cables, pose, weights, size, units)
+    fill(cables, pose, np.zeros(m), units, free, size, A, r)
     for j in range(m):
         if weights[j] > 0.0:
             copy(A[j], square[used])
@@ -201,6 +245,14 @@ def fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
             moved *= norm(seen_at(cables[j], pose)[2])
         largest = max(largest, moved)
     return largest
+
+
+@kernel
+def _lost(cables: FloatArray, pose: FloatArray, weights: FloatArray, free: IntArray, size: float, targets: FloatArray) -> bool:
+    """Whether channels that count move a point without end, were all known alike: then no assembly can be told from the other."""
+    units, G, r = np.empty(len(weights)), np.empty((6, len(weights))), np.empty(len(weights))
+    alike(cables, pose, weights, size, units)
+    return not length_twists(cables, pose, units, free, size, targets, G, r) or fastest(cables, pose, G) > LOST_SPEED
 
 
 @kernel
@@ -279,9 +331,8 @@ def follow(
     G, r, lengths = np.empty((6, m)), np.empty(m), np.empty(m)
     smallest = math.inf
     for j in range(m):
-        targets[j], _, e = seen_at(cables[j], start)
-        # what is moved about per unit of it [mm]
-        reach[j] = 1.0 if cables[j, KIND] == CABLE else size if cables[j, KIND] == INCLINATION else 1.0 / norm(e)
+        targets[j] = seen_at(cables[j], start)[0]
+        reach[j] = reach_of(cables[j], start, size)
         smallest = min(smallest, u[j] * reach[j])
     probe = np.empty(POSE_COLUMNS)
     for i in range(n):
@@ -325,7 +376,7 @@ def follow(
             outcome = OTHER_ASSEMBLY
         if outcome == OK:
             speed = fastest(cables, pose, G)
-            if speed > LOST_SPEED:
+            if speed > LOST_SPEED and _lost(cables, pose, weights, free, size, targets):
                 outcome = SINGULAR
             else:
                 angle[i] = math.acos(1.0 / speed)

@@ -62,8 +62,8 @@ def _fill(cables: FloatArray, pose: FloatArray, targets: FloatArray, J: FloatArr
 
 
 @kernel
-def eliminate(A: FloatArray, B: FloatArray) -> float:
-    """Solve A X = B in place by elimination with row pivots (X in B); the determinant of A, or 0 when a pivot vanishes."""
+def eliminate(A: FloatArray, B: FloatArray, least: float = SINGULAR_PIVOT) -> float:
+    """Solve A X = B in place by elimination with row pivots (X in B); the determinant of A, or 0 when a pivot is least or less."""
     n, m = A.shape[0], B.shape[1]
     det = 1.0
     for i in range(n):
@@ -78,7 +78,7 @@ def eliminate(A: FloatArray, B: FloatArray) -> float:
                 B[i, c], B[best, c] = B[best, c], B[i, c]
             det = -det
         pivot = A[i, i]
-        if not abs(pivot) > SINGULAR_PIVOT:
+        if not abs(pivot) > least:
             return 0.0
         det *= pivot
         for k in range(i + 1, n):

@@ -38,6 +38,7 @@ from lmeasure.trajectory.sources import (
     PassClock,
     Situation,
     Source,
+    is_rough,
     own_lengths,
     unknown_start,
     unknown_zeros,
@@ -146,6 +147,8 @@ class Budget:
         """The sources of what the channels count from."""
         self.every = (*(source for source in every if source not in self.origins), *self.origins)
         """All sources of systematic error, the origins last."""
+        self.supposed = np.zeros(len(self.origin_names))
+        """(o,) what the variables of the origins are taken for until a run has told them."""
         bends = second_order.variables(self._rough.shape[1])
         self.sources = (*(name for source in self.every for name in source.names), *(ZERO,) * bends)
         self.uniform = (*(source.uniform for source in self.every for _ in source.names), *(False,) * bends)
@@ -162,6 +165,7 @@ class Budget:
 
         source = Source((RESTORED,), ("restored origins",), lengths)
         self.origins, self.every = (*self.origins, source), (*self.every, source)
+        self.supposed = np.append(self.supposed, 0.0)
         self.restored = (*self.restored, (cable, after_s, until_s))
         self.use(None)
 
@@ -208,9 +212,20 @@ class Budget:
 
     def offsets(self, time_s: FloatArray) -> FloatArray:
         """(n, m) by which readings at times (n,) are too large by what the run told of its origins."""
+        mean = self.supposed if self.told is None else self.told.mean
+        return np.asarray(self.origin_lengths(time_s) @ mean) if mean.any() else np.zeros((1, len(self.scheme.rows)))
+
+    def told_offsets(self, time_s: FloatArray) -> FloatArray:
+        """(n, m) by which readings at times (n,), less what was supposed, are too large by what the run told of its origins."""
         if self.told is None:
             return np.zeros((1, len(self.scheme.rows)))
-        return np.asarray(self.origin_lengths(time_s) @ self.told.mean)
+        return np.asarray(self.origin_lengths(time_s) @ (self.told.mean - self.supposed))
+
+    def suppose(self, zeros: FloatArray) -> None:
+        """Take rough zeros (k,), of `rough_columns`, in standard uncertainties, for these from the beginning."""
+        columns = zero_columns(self.rig, self._calibration)[0]
+        of_zeros = np.flatnonzero([name == ZERO for name in self.origin_names])
+        self.supposed[of_zeros[is_rough(columns)]] = zeros
 
     @property
     def calibrated(self) -> bool:

@@ -63,7 +63,8 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
         known = np.isfinite(poses[:, 0])
         if not known.any():
             return None
-        information, towards = np.eye(len(budget.sources)), np.zeros(len(budget.sources))
+        # the epochs are less what is supposed of the origins
+        information, towards = np.eye(len(budget.sources)), np.concatenate([np.zeros(len(whole) - o), -budget.supposed])
         total, freedom = 0.0, 0
         for begin in range(0, len(epochs), CHUNK):
             part = np.flatnonzero(known[begin : begin + CHUNK]) + begin
@@ -86,7 +87,7 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
         step, mean = np.abs(new - mean), new
         if (step <= SETTLED * np.sqrt(np.diag(C)[-o:])).all():
             break
-    told = Told(mean, _mixed(C, o), total, freedom, poses, C, whole[:-o])
+    told = Told(budget.supposed + mean, _mixed(C, o), total, freedom, poses, C, whole[:-o])
     reconstruction.use(told)
     return told
 

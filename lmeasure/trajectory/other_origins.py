@@ -96,7 +96,7 @@ def _errors(
     redundancy = reconstruction.redundancy
     assert redundancy is not None
     told = learn(reconstruction, without)
-    offsets = reconstruction.budget.offsets(epochs.time_s)
+    offsets = reconstruction.budget.told_offsets(epochs.time_s)
     poses = reconstruction.solve_from_told(without.change_mm - offsets)
     lost = np.isnan(poses[:, 0])
     if lost.any():

@@ -8,10 +8,10 @@ least squares over samples spread over the run, from many poses that fit the fir
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import scipy.optimize
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
@@ -40,18 +40,18 @@ FITS = 1e-3
 """Angles [rad] up to which a drawn pose fits the first readings."""
 LOST = 1e4
 """Of a residual, in standard uncertainties, where a run cannot be followed."""
-STEP_MM = 1e-3
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A pose (7,) at which a run may have begun, chi-squared of the run's readings and their degrees of freedom, and the largest standard
-    uncertainty [mm] of a direction of the start, turns as ways about the tool's size."""
+    """A pose (7,) at which a run may have begun, chi-squared of the run's readings and their degrees of freedom, the largest standard
+    uncertainty [mm] of a direction of the start, turns as ways about the tool's size, and (k,) the zeros in standard uncertainties."""
 
     pose: FloatArray
     chi_squared: float
     freedom: int
     u_mm: float
+    zeros: FloatArray
 
     @property
     def sound(self) -> bool:
@@ -59,19 +59,73 @@ class Begun:
         return self.chi_squared <= SOUND * self.freedom
 
 
-def starts(rows: FloatArray, changes: FloatArray, *, u: FloatArray, absolute: BoolArray, near: FloatArray) -> list[Begun]:
-    """Poses at the first of n samples of a run that fit all of them, changes (n, m) [mm, rad] of channels with rows (m, columns), of
-    standard uncertainties u (m,), absolute (m,) readings among them; best first. They are sought from poses (k, 7) that may be near."""
-    used = np.isfinite(changes[0])
-    rows, changes, u, absolute = np.ascontiguousarray(rows[used]), np.ascontiguousarray(changes[:, used]), u[used], absolute[used]
-    size = platform_size(rows)
-    residuals = partial(_residuals, rows, changes, u, absolute)
-    chi = [float((residuals(pose) ** 2).sum()) for pose in near]
-    freedom = max(int(np.isfinite(changes).sum()) - 6 * len(changes) - int((~absolute).sum()), 1)
+@dataclass(frozen=True)
+class Motion:
+    """Samples of a run: rows (m, columns) of its channels, their changes (n, m) [mm, rad], standard uncertainties u (m,) of readings,
+    absolute (m,) readings among them, and zeros (m, k): what one standard deviation of each uncertain zero makes of the readings."""
+
+    rows: FloatArray
+    changes: FloatArray
+    u: FloatArray
+    absolute: BoolArray
+    zeros: FloatArray
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of chi-squared."""
+        return max(int(np.isfinite(self.changes).sum()) - 6 * len(self.changes) - int((~self.absolute).sum()), 1)
+
+    def at(self, index: NDArray[np.intp]) -> "Motion":
+        """Some samples of it, and what is read at the first of them."""
+        changes = self.changes[index]
+        used = np.isfinite(changes[0])
+        rows, changes = np.ascontiguousarray(self.rows[used]), np.ascontiguousarray(changes[:, used])
+        return Motion(rows, changes, self.u[used], self.absolute[used], self.zeros[used])
+
+    def residuals(self, pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n m + k,) residuals, in standard uncertainties, of a run that began at a pose with zeros z (k,), those of the zeros last, zero
+        where nothing is read; and (n, 7) the poses of the run."""
+        seen = span_lengths(self.rows, pose[None])[0]
+        if not np.isfinite(seen).all():
+            return np.full(self.changes.size + len(z), LOST), np.full((len(self.changes), 7), np.nan)
+        changes = self.changes - self.zeros @ z
+        zero = np.where(self.absolute, 0.0, seen - changes[0])
+        state = np.concatenate([pose, np.where(self.absolute, seen, changes[0]), [0.0]])
+        flags = np.full(len(changes), Status.GAP, np.int64)
+        poses = least_squares.follow(self.rows, pose, zero, state, changes, flags, self.u, np.arange(6))[0]
+        lost = ~np.isfinite(poses[:, 0])
+        off = changes - (span_lengths(self.rows, np.where(lost[:, None], pose, poses)) - zero)
+        angles = self.rows[:, KIND] != CABLE
+        off[:, angles] -= 2.0 * np.pi * np.round(off[:, angles] / (2.0 * np.pi))
+        off = np.nan_to_num(off / self.u)
+        off[lost] = LOST
+        return np.concatenate([off.ravel(), z]), poses
+
+    def slopes(self, pose: FloatArray, poses: FloatArray, size: float) -> FloatArray:
+        """(n m + k, 6 + k) derivatives of the residuals by a motion of the start pose, turns at the tool's size, and by the zeros; zero at
+        samples that have no pose."""
+        n, k = len(poses), self.zeros.shape[1]
+        units = np.repeat([1.0 / size, 1.0], 3)
+        of_start = np.where(self.absolute[:, None], 0.0, span_rows_of(self.rows, pose[None])[0] * units)
+        D = np.column_stack([of_start, np.where(self.absolute[:, None], -self.zeros, 0.0)])
+        used, there = np.isfinite(self.changes), np.isfinite(poses[:, 0])
+        A = np.nan_to_num(span_rows_of(self.rows, np.where(there[:, None], poses, pose)))
+        reach = 1.0 / np.maximum(np.abs(span_rows_of(self.rows, pose[None])[0] * units).max(axis=1), 1e-9)
+        weights = np.where(used, (self.u * reach).min() / self.u, 0.0)
+        G = np.nan_to_num(least_squares.twists(self.rows, np.ascontiguousarray(poses), weights, np.arange(6)))
+        moved = np.where((used & there[:, None])[:, :, None], (D - A @ (G @ D)) / self.u[:, None], 0.0)
+        return np.concatenate([moved.reshape(n * len(self.u), 6 + k), np.eye(k, 6 + k, 6)])
+
+
+def starts(motion: Motion, near: FloatArray, zeros: FloatArray) -> list[Begun]:
+    """Poses at the first of some samples of a run that fit all of them, best first, sought from poses near (k, 7) and
+    zeros (k, q) that may be near."""
+    size = platform_size(motion.rows)
+    chi = [float((motion.residuals(pose, z)[0] ** 2).sum()) for pose, z in zip(near, zeros, strict=True)]
     found: list[Begun] = []
     met: list[int] = []
     for k in np.argsort(chi, kind="stable")[:TRIED]:
-        begun = _nearest(residuals, near[k], size, freedom)
+        begun = nearest(motion, near[k], zeros[k])
         if begun is None:
             continue
         i = next((i for i, other in enumerate(found) if _apart(begun.pose, other.pose, size) < APART_MM), len(found))
@@ -86,34 +140,19 @@ def starts(rows: FloatArray, changes: FloatArray, *, u: FloatArray, absolute: Bo
     return sorted(found, key=lambda other: other.chi_squared)
 
 
-def _residuals(rows: FloatArray, changes: FloatArray, u: FloatArray, absolute: BoolArray, pose: FloatArray) -> FloatArray:
-    """(n m,) residuals, in standard uncertainties, of a run that began at a pose; zero where nothing is read."""
-    seen = span_lengths(rows, pose[None])[0]
-    if not np.isfinite(seen).all():
-        return np.full(changes.size, LOST)
-    zero = np.where(absolute, 0.0, seen - changes[0])
-    state = np.concatenate([pose, np.where(absolute, seen, changes[0]), [0.0]])
-    flags = np.full(len(changes), Status.GAP, np.int64)
-    poses = least_squares.follow(rows, pose, zero, state, changes, flags, u, np.arange(6))[0]
-    lost = ~np.isfinite(poses[:, 0])
-    off = changes - (span_lengths(rows, np.where(lost[:, None], pose, poses)) - zero)
-    angles = rows[:, KIND] != CABLE
-    off[:, angles] -= 2.0 * np.pi * np.round(off[:, angles] / (2.0 * np.pi))
-    off = np.nan_to_num(off / u)
-    off[lost] = LOST
-    return np.asarray(off.ravel())
-
-
-def fitting(rows: FloatArray, readings: FloatArray, seed: int = 0) -> FloatArray:
-    """(k, 7) poses, drawn anywhere and moved no farther than they must, at which angles with rows (n, columns) read readings (n,)."""
+def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+    """(k, 7) poses, drawn anywhere and moved no farther than they must, at which angles with rows (n, columns) read readings (n,) less what
+    drawn zeros make of them, zeros (n, q) by one standard deviation, and (k, q) these."""
     rng, size = np.random.default_rng(seed), platform_size(rows)
     middle, wide = rows[:, BASE_XYZ].mean(axis=0), float(np.linalg.norm(np.ptp(rows[:, BASE_XYZ], axis=0)))
     wide = max(wide, 2.0 * float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max()), 1000.0)
     poses = se3.pose(middle + wide * rng.uniform(-1.0, 1.0, (DRAWN, 3)), Rotation.random(DRAWN, rng=rng))
+    drawn = rng.standard_normal((DRAWN, zeros.shape[1]))
+    aims = readings - drawn @ zeros.T
     fit = np.zeros(DRAWN, np.bool_)
     for _ in range(STEPS):
         far = np.flatnonzero(~fit)
-        off = readings - span_lengths(rows, poses[far])
+        off = aims[far] - span_lengths(rows, poses[far])
         off -= 2.0 * np.pi * np.round(off / (2.0 * np.pi))
         fit[far] = (np.abs(off) < FITS).all(axis=1)  # none of what is NaN
         far, off = far[~fit[far]], off[~fit[far]]
@@ -123,24 +162,46 @@ def fitting(rows: FloatArray, readings: FloatArray, seed: int = 0) -> FloatArray
         step *= np.minimum(1.0, 200.0 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
         step[:, :3] /= size
         poses[far] = se3.displaced(poses[far], step)
-    return np.ascontiguousarray(poses[fit])
+    return np.ascontiguousarray(poses[fit]), drawn[fit]
 
 
-def _nearest(residuals: "partial[FloatArray]", pose: FloatArray, size: float, freedom: int) -> Begun | None:
-    """The start that is found from a pose; None where the run cannot be followed from it."""
+def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray | None = None) -> Begun | None:
+    """The start that is found from a pose and zeros z (k,); the pose is known to u_start (6,) [rad; mm], nothing where it is exact, or not at all; None where
+    the run cannot be followed from it."""
+    size = platform_size(motion.rows)
+    units, k = np.repeat([1.0 / size, 1.0], 3), motion.zeros.shape[1]
+    u = np.full(6, np.inf) if u_start is None else u_start / units
+    free = np.append(u > 0.0, np.ones(k, np.bool_))
+    prior = np.eye(6 + k)[:6] / np.where(u > 0.0, u, 1.0)[:, None]
+    prior = prior[np.isfinite(u) & (u > 0.0)]
+    last: list[FloatArray] = []
+
+    def whole(x: FloatArray) -> FloatArray:
+        out = np.zeros(6 + k)
+        out[free] = x
+        return out
 
     def moved(x: FloatArray) -> FloatArray:
-        return np.asarray(se3.displaced(pose[None], np.concatenate([x[:3] / size, x[3:]])[None])[0])
+        return np.asarray(se3.displaced(pose[None], (whole(x)[:6] * units)[None])[0])
+
+    def residuals(x: FloatArray) -> FloatArray:
+        left, poses = motion.residuals(moved(x), whole(x)[6:])
+        last[:] = [x.copy(), poses]
+        return np.concatenate([left, prior @ whole(x)])
 
     def slopes(x: FloatArray) -> FloatArray:
-        ways = STEP_MM * np.eye(6)
-        return np.array([(residuals(moved(x + way)) - residuals(moved(x - way))) / (2.0 * STEP_MM) for way in ways]).T
+        if not np.array_equal(last[0], x):
+            residuals(x)
+        return np.asarray(np.concatenate([motion.slopes(moved(x), last[1], size), prior])[:, free])
 
-    found = scipy.optimize.least_squares(lambda x: residuals(moved(x)), np.zeros(6), slopes, max_nfev=STEPS)
+    begin = np.concatenate([np.zeros(6), z])[free]
+    found = scipy.optimize.least_squares(residuals, begin, slopes, max_nfev=STEPS)
     if (np.abs(found.fun) >= LOST).any():
         return None
-    size_of = np.linalg.svd(found.jac, compute_uv=False)
-    return Begun(moved(found.x), 2.0 * float(found.cost), freedom, float(1.0 / max(size_of[-1], 1e-12)))
+    of_start = int(free[:6].sum())
+    inverse = np.linalg.pinv(found.jac, rcond=1e-12)[:of_start]
+    u_mm = float(np.linalg.svd(inverse, compute_uv=False)[0]) if of_start else 0.0
+    return Begun(moved(found.x), 2.0 * float(found.cost), motion.freedom, u_mm, whole(found.x)[6:])
 
 
 def _apart(a: FloatArray, b: FloatArray, size: float) -> float:

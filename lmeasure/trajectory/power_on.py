@@ -9,22 +9,25 @@ the run contradicts itself was not it. What is left over are assemblies that the
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels.damped import search
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL
+from lmeasure.kernels.cable import span_lengths
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.run import known
 from lmeasure.trajectory.origins import learn
-from lmeasure.trajectory.over_motion import SAMPLES, SOUND, Begun, fitting, starts
+from lmeasure.trajectory.over_motion import SAMPLES, SOUND, Begun, Motion, fitting, nearest, starts
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import LOOSE_RAD, Told, zeros_of
+from lmeasure.trajectory.sources import LOOSE_RAD, Told, rough_columns, zeros_of
 
 STARTS = 4000
 MET = 3
@@ -46,8 +49,9 @@ LEAST = 0.5
 TRIAL = 400
 """Samples by which beginnings are judged."""
 
-Make = Callable[[FloatArray, FloatArray], tuple[Reconstruction, Epochs | None]]
-"""A reconstruction from a start pose (7,) and the changes (m,) there, and the epochs of the run by it, None without redundancy."""
+Make = Callable[[FloatArray, FloatArray, FloatArray | None], tuple[Reconstruction, Epochs | None]]
+"""A reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and the epochs of
+the run by it, None without redundancy."""
 
 
 def absolute_channels(rig: Rig) -> FloatArray:
@@ -127,22 +131,27 @@ def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstru
     resolution = np.array([rig.counter(o).per_count for o in rig.observed]) / np.sqrt(12.0)
     u = np.hypot(resolution, np.nan_to_num(zero_u))
     poses = np.empty((0, 7))
+    zeros: list[FloatArray | None] = []
     if used.sum() >= len(FREEDOMS):
         poses, _ = assemblies(rows[used], lengths.change_mm[i, used], u[used])
+        zeros = [None] * len(poses)
     if not len(poses):
-        poses = _over_motion(rows, lengths, i, u, np.isfinite(zero_u), source)
+        found = _over_motion(motion_of(rig, lengths, i), float(lengths.time_s[i]), source)
+        poses, zeros = np.array([begun.pose for begun in found]).reshape(-1, 7), [begun.zeros for begun in found]
     if rig.side is not None and len(poses):
         from lmeasure.assemblies import by_side
 
-        poses = by_side(poses, rig.cable_rows(), np.array(rig.side))
+        kept = by_side(poses, rig.cable_rows(), np.array(rig.side))
+        zeros = [z for pose, z in zip(poses, zeros, strict=True) if (pose == kept).all(axis=1).any()]
+        poses = kept
     if not len(poses):
         raise TrajectoryError(f"{source}: no pose was found at which the absolute channels read what they do at {lengths.time_s[i]:.6g} s")
     begun = np.where(np.isfinite(lengths.change_mm[i]), lengths.change_mm[i], 0.0)
     made: list[tuple[Reconstruction, Epochs | None]] = []
     failed: Exception | None = None
-    for pose in poses:
+    for pose, z in zip(poses, zeros, strict=True):
         try:
-            made.append(make(pose, begun))
+            made.append(make(pose, begun, z))
         except (GeometryError, TrajectoryError) as error:
             failed = error
     tried: list[tuple[Reconstruction, Told | None]] = []
@@ -172,26 +181,54 @@ def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstru
     return left[0]
 
 
-def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usable: BoolArray, source: str) -> FloatArray:
-    """(k, 7) poses at sample i that fit the readings of the run behind it, channels rows (m, columns) with standard uncertainties u (m,),
-    those that are usable (m,) absolute."""
-    changes = lengths.change_mm[i:]
-    used = usable & np.isfinite(changes[0])
-    anywhere = fitting(rows[used], changes[0, used])
+def motion_of(rig: Rig, lengths: Lengths, first: int = 0, record: CalibrationRecord | None = None) -> Motion:
+    """A run from a sample on, with the zeros of its absolute encoders that are uncertain by more than first order allows as unknowns."""
+    zero_u = absolute_channels(rig)
+    columns = rough_columns(rig, record)
+    resolution = np.array([rig.counter(o).per_count for o in rig.observed]) / np.sqrt(12.0)
+    u = np.hypot(resolution, np.where(columns.any(axis=1), 0.0, np.nan_to_num(zero_u)))
+    usable = np.isfinite(zero_u)
+    return Motion(rig.cable_rows(rig.observed), lengths.change_mm[first:], np.where(usable, u, np.sqrt(2.0) * u), usable, columns)
 
-    def of(share: float, near: FloatArray) -> list[Begun]:
-        last = max(int(share * (len(changes) - 1)), 1)
-        some = np.unique(np.linspace(0, last, min(SAMPLES, last + 1)).round().astype(np.intp))
-        return starts(rows, changes[some], u=np.where(usable, u, np.sqrt(2.0) * u), absolute=usable, near=near)
+
+def evenly(n: int, share: float) -> NDArray[np.intp]:
+    """`SAMPLES` of n samples at most, spread over a share of them from the first on."""
+    last = max(int(share * (n - 1)), 1)
+    return np.unique(np.linspace(0, last, min(SAMPLES, last + 1)).round().astype(np.intp))
+
+
+def zeros_by_motion(motion: Motion, start: FloatArray, u_start: FloatArray) -> FloatArray | None:
+    """(k,) the rough zeros of a run that began at a stated pose (7,) known to u_start (6,) [rad; mm], in standard uncertainties; None where
+    the motion contradicts all that it can be followed from."""
+    off = motion.changes[0] - span_lengths(motion.rows, start[None])[0]
+    off = np.where(motion.absolute & np.isfinite(off), np.angle(np.exp(1j * off)), 0.0)
+    z = np.linalg.pinv(motion.zeros) @ off
+    for share in BEGINNINGS:
+        begun = nearest(motion.at(evenly(len(motion.changes), share)), start, z, u_start)
+        if begun is not None and begun.sound:
+            return begun.zeros
+    return None
+
+
+def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
+    """Where the run may be at the first sample of a motion, which is at a time, by all of its readings."""
+    changes, usable = motion.changes, motion.absolute
+    used = usable & np.isfinite(changes[0])
+    anywhere, zeros = fitting(motion.rows[used], changes[0, used], motion.zeros[used])
+
+    def of(share: float, near: FloatArray, z: FloatArray) -> list[Begun]:
+        return starts(motion.at(evenly(len(changes), share)), near, z)
 
     every: list[Begun] = []
     longest = 0.0
     for k, share in enumerate(BEGINNINGS):
-        found = of(share, anywhere)
+        found = of(share, anywhere, zeros)
         every = every or found
         # over a short way a start is found from farther off; whether it is one the longer ones say
         for longer in (share, *reversed(BEGINNINGS[:k])):
-            found = found if longer == share else of(longer, np.array([begun.pose for begun in found if begun.sound]))
+            if longer != share:
+                sound = [begun for begun in found if begun.sound]
+                found = of(longer, np.array([begun.pose for begun in sound]), np.array([begun.zeros for begun in sound]))
             if not found or not found[0].sound:
                 break
             if longer > longest:
@@ -199,7 +236,7 @@ def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usab
         if longest >= LEAST:
             break
     if not every:
-        return np.empty((0, 7))
+        return []
     best = every[0]
     least, told = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0), ""
     if longest < LEAST:
@@ -209,11 +246,11 @@ def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usab
         told += ": move the tool farther, or turn it"
     if told:
         raise TrajectoryError(
-            f"{source}: the start pose of this run is not known, and its motion from {lengths.time_s[i]:.6g} s on, with "
+            f"{source}: the start pose of this run is not known, and its motion from {time_s:.6g} s on, with "
             f"{int(usable.sum())} of its channels absolute, {told}; {STATE}"
         )
     limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
-    return np.array([begun.pose for begun in every if begun.chi_squared <= limit])
+    return [begun for begun in every if begun.chi_squared <= limit]
 
 
 def _contradicted(tried: list[tuple[Reconstruction, Told | None]]) -> tuple[FloatArray, int]:

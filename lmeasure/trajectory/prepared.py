@@ -16,12 +16,12 @@ from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts, Shift
 from lmeasure.trajectory.origins import learn
 from lmeasure.trajectory.other_origins import moved
 from lmeasure.trajectory.passes import Alignment
-from lmeasure.trajectory.power_on import find_start
+from lmeasure.trajectory.power_on import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.reliability import of_run, said, said_apart
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.slips import Slip, slip
-from lmeasure.trajectory.sources import ANYWHERE, UNKNOWN_MM, PassClock, Told
+from lmeasure.trajectory.sources import ANYWHERE, LIGHT_RAD, UNKNOWN_MM, PassClock, Told, needed_zero, zeros_of
 
 STEPPED = "origin.stepped"
 RESTORED = ("origin.restored.length", "origin.restored.angle")
@@ -57,9 +57,9 @@ def prepare(
     Raises what `Reconstruction` and `find_start` raise.
     """
 
-    def made(start: FloatArray, begun: FloatArray | None = None) -> Reconstruction:
+    def made(start: FloatArray, begun: FloatArray | None = None, zeros: FloatArray | None = None) -> Reconstruction:
         u_start = run.u_start if begun is None else (0.0, 0.0)
-        return Reconstruction(
+        reconstruction = Reconstruction(
             rig,
             start,
             run.calibration,
@@ -70,9 +70,16 @@ def prepare(
             temperature_c=run.temperature_c,
             begun=begun,
         )
+        if begun is None and needed_zero(zeros_of(rig, run.calibration), len(reconstruction.scheme.free)) > LIGHT_RAD:
+            # the poses that such zeros leave lie too far off for first order: where the motion puts them it begins
+            at = motion_of(rig, reconstruction.corrected(next(iter(pieces(doubts)))), record=run.calibration)
+            zeros = zeros_by_motion(at, reconstruction.start, np.repeat([u_start[1], u_start[0]], 3))
+        if zeros is not None and reconstruction.scheme.redundancy:
+            reconstruction.budget.suppose(zeros)
+        return reconstruction
 
-    def tried(start: FloatArray, begun: FloatArray) -> tuple[Reconstruction, Epochs | None]:
-        reconstruction = made(start, begun)
+    def tried(start: FloatArray, begun: FloatArray, zeros: FloatArray | None) -> tuple[Reconstruction, Epochs | None]:
+        reconstruction = made(start, begun, zeros)
         return reconstruction, None if reconstruction.redundancy is None else collected(reconstruction, pieces(doubts))[0]
 
     given = run.start

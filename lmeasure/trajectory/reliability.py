@@ -102,7 +102,7 @@ def of_run(reconstruction: Reconstruction, epochs: Epochs) -> Reliability | None
         return None
     epochs = epochs.at(np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), PLACES)).round().astype(np.intp)))
     found = reliability(
-        reconstruction, epochs, reconstruction.solve_from_told(epochs.change_mm - reconstruction.budget.offsets(epochs.time_s))
+        reconstruction, epochs, reconstruction.solve_from_told(epochs.change_mm - reconstruction.budget.told_offsets(epochs.time_s))
     )
     return found if len(found.time_s) else None
 

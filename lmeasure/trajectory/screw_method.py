@@ -187,7 +187,7 @@ class Reconstruction:
     def corrected(self, lengths: Lengths, state: FloatArray | None = None) -> Lengths:
         """The lengths without the effects of temperature, stretch and sag that the rig states; state is where the run has got to, by
         default its start."""
-        if self.budget.told is not None:
+        if self.budget.told is not None or self.budget.supposed.any():
             lengths = replace(lengths, change_mm=lengths.change_mm - self.budget.offsets(lengths.time_s))
         if self.correction is None:
             return lengths

@@ -46,7 +46,7 @@ def slip(reconstruction: Reconstruction, epochs: Epochs, told: Told) -> Slip | N
     m, K = epochs.change_mm.shape[1], len(told.covariance)
     known = np.flatnonzero(np.isfinite(told.poses[:, 0]))
     variance = epochs.variance_mm2 * repeats(epochs.gone_on_mm)
-    changes = epochs.change_mm - budget.origin_lengths(epochs.time_s) @ told.mean
+    changes = epochs.change_mm - budget.told_offsets(epochs.time_s)
     score, own, common = np.zeros((len(known), m)), np.zeros((len(known), m)), np.zeros((len(known), m, K))
     for begin in range(0, len(known), CHUNK):
         part = known[begin : begin + CHUNK]

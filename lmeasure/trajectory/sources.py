@@ -28,7 +28,7 @@ LOOSE_RAD = 0.1
 NEAR_RAD = 3e-4
 """To which a zero leaves poses near enough for first order: 0.5 mm at 1.5 m bend by 0.5^2 / (2 * 1500) mm, a hundredth of a count."""
 LIGHT_RAD = 2e-3
-"""As which a zero weighs that poses need, or its row vanishes beside those of counts and the pose seems singular."""
+"""As which a zero weighs that poses need, or its row is lost in the rounding of those of counts."""
 UNKNOWN_MM = 1000.0
 """Standard uncertainty of a length against a guess that came from angles."""
 LENGTHS = "lengths of their own"
@@ -134,11 +134,28 @@ def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
 
     A reading that weighs by its rounding, but is off by its zero, leads the pose away from where the others have it, where what channels
     say of each other is no longer of first order. So it weighs as it is known; where fewer than the free components (their number) of the
-    pose are told by others, all are taken for better known by one factor, for the least-squares solution must not seem singular.
+    pose are told by others, all are taken for better known by one factor, for normal equations square what readings weigh.
     """
     u = np.where(zeros < NEAR_RAD, 0.0, zeros)
-    needed = float(np.sort(u)[free - 1])
+    needed = needed_zero(u, free)
     return np.asarray((u * min(1.0, LIGHT_RAD / max(needed, LIGHT_RAD))) ** 2)
+
+
+def needed_zero(zeros: FloatArray, free: int) -> float:
+    """Standard uncertainty [rad] of the zero that is known worst of as many channels as there are free components, those known best."""
+    return float(np.sort(zeros)[free - 1])
+
+
+def rough_columns(rig: Rig, record: CalibrationRecord | None) -> FloatArray:
+    """(m, k) of `zero_columns`, those of zeros that first order does not reach but poses may be found by, in their order."""
+    columns = zero_columns(rig, record)[0]
+    return columns[:, is_rough(columns)]
+
+
+def is_rough(columns: FloatArray) -> BoolArray:
+    """(K,) whether a zero of `zero_columns` is one of `rough_columns`."""
+    u = columns.max(axis=0, initial=0.0)
+    return np.asarray((u > NEAR_RAD) & (u <= LOOSE_RAD))
 
 
 def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArray:
