@@ -20,6 +20,7 @@ STEP_MM = 1e-11  # a step below it moves nothing that a reading could show
 FLOOR_MM = 1e-9  # below it a step that no longer falls is rounding
 LARGEST_TURN = 0.5  # rad of one step
 SINGULAR = 1e-7  # of the largest singular value of the rows: the pose is not determined
+ROUNDING = 1e-14  # likewise of rows as they weigh: below it nothing can be worked out
 LOST = np.radians(88.0)
 """Pressure angle beyond which the readings cannot tell one pose from another."""
 
@@ -76,24 +77,35 @@ def towards(channels: Channels, readings: FloatArray, poses: FloatArray, free: I
         return np.einsum("ncm,nm->nc", G, away), determined
 
 
-def twists(channels: Channels, poses: FloatArray, used: BoolArray | None = None, free: IntArray = ALL) -> FloatArray:
+def twists(
+    channels: Channels, poses: FloatArray, used: BoolArray | None = None, free: IntArray = ALL, *, weighted: bool = True
+) -> FloatArray:
     """(n, 6, m) motion (omega; v) of (n, 7) poses per unit of each reading, by least squares over those used (n, m), all by default; zero
-    in what is not free and for what is not used, NaN where the pose is NaN or not determined."""
+    in what is not free and for what is not used, NaN where the pose is NaN or not determined. weighted: by what readings are known to,
+    else all count alike, in rows of one size."""
     out = np.full((len(poses), 6, len(channels)), np.nan)
     known = np.isfinite(poses).all(axis=1)
-    G, determined = _inverse(channels, poses[known], np.ones(out[known, 0].shape, np.bool_) if used is None else used[known], free)
+    mine = np.ones(out[known, 0].shape, np.bool_) if used is None else used[known]
+    G, determined = _inverse(channels, poses[known], mine, free, weighted)
     out[known] = np.where(determined[:, None, None], G, np.nan)
     return out
 
 
-def _inverse(channels: Channels, poses: FloatArray, used: BoolArray, free: IntArray) -> tuple[FloatArray, BoolArray]:
+def _inverse(channels: Channels, poses: FloatArray, used: BoolArray, free: IntArray, weighted: bool = True) -> tuple[FloatArray, BoolArray]:
     """`twists`, and whether they are determined; NaN where a row is."""
-    weight = np.where(used, 1.0 / np.sqrt(variances(channels)), 0.0)
     scale = np.repeat([1.0 / size_mm(channels), 1.0], 3)
-    scaled = np.where(used[:, :, None], rows(channels, poses), 0.0) * weight[:, :, None] * scale
+    every = rows(channels, poses)
+    by = np.sqrt(variances(channels)) if weighted else np.maximum(np.linalg.norm(every * scale, axis=2), 1e-300)
+    weight = np.where(used, 1.0 / by, 0.0)
+    scaled = np.where(used[:, :, None], every, 0.0) * weight[:, :, None] * scale
     fine = np.isfinite(scaled).all(axis=(1, 2))
     U, s, V = np.linalg.svd(np.where(fine[:, None, None], scaled, 0.0)[:, :, free], full_matrices=False)
     determined = ~fine | (s[:, -1] > SINGULAR * s[:, 0]) & (len(channels) >= len(free))
+    hardly = np.flatnonzero(~determined & (s[:, -1] > ROUNDING * s[:, 0]) & (len(channels) >= len(free)))
+    # readings that are hardly known make a pose uncertain; whether it is singular rows of one size tell
+    size = np.linalg.norm(scaled[hardly], axis=2, keepdims=True)
+    geometry = np.linalg.svd((scaled[hardly] / np.where(size > 0.0, size, 1.0))[:, :, free], compute_uv=False)
+    determined[hardly] = geometry[:, -1] > SINGULAR * geometry[:, 0]
     s = np.where((fine & determined)[:, None], s, np.inf)
     out = np.zeros((len(used), 6, len(channels)))
     out[:, free] = np.swapaxes(V, 1, 2) @ (np.swapaxes(U, 1, 2) / s[:, :, None]) * weight[:, None, :]
@@ -140,6 +152,9 @@ def _judged(channels: Channels, readings: FloatArray, poses: FloatArray, status:
     G = twists(channels, there, used, free)
     angle = pressure_angles(channels, there, G).max(axis=1)
     clear = angle <= LOST
+    lost = np.flatnonzero(~clear)
+    alike = twists(channels, there[lost], used[lost], free, weighted=False)
+    clear[lost] = pressure_angles(channels, there[lost], alike).max(axis=1) <= LOST
     status[ok[~clear]] = Status.SINGULAR
     own = G * np.sqrt(variances(channels))
     with np.errstate(invalid="ignore"):

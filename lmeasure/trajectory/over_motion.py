@@ -166,8 +166,8 @@ def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int
 
 
 def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray | None = None) -> Begun | None:
-    """The start that is found from a pose and zeros z (k,); the pose is known to u_start (6,) [rad; mm], nothing where it is exact, or not at all; None where
-    the run cannot be followed from it."""
+    """The start that is found from a pose and zeros z (k,); the pose is known to u_start (6,) [rad; mm], nothing where it is exact, or not
+    at all. None where the run cannot be followed from it."""
     size = platform_size(motion.rows)
     units, k = np.repeat([1.0 / size, 1.0], 3), motion.zeros.shape[1]
     u = np.full(6, np.inf) if u_start is None else u_start / units
@@ -199,8 +199,8 @@ def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray
     if (np.abs(found.fun) >= LOST).any():
         return None
     of_start = int(free[:6].sum())
-    inverse = np.linalg.pinv(found.jac, rcond=1e-12)[:of_start]
-    u_mm = float(np.linalg.svd(inverse, compute_uv=False)[0]) if of_start else 0.0
+    _, s, V = np.linalg.svd(found.jac, full_matrices=False)
+    u_mm = float(np.linalg.norm(V[:, :of_start] / np.maximum(s, 1e-12)[:, None], 2)) if of_start else 0.0
     return Begun(moved(found.x), 2.0 * float(found.cost), motion.freedom, u_mm, whole(found.x)[6:])
 
 

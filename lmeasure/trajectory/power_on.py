@@ -16,9 +16,9 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
+from lmeasure.kernels.cable import span_lengths
 from lmeasure.kernels.damped import search
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL
-from lmeasure.kernels.cable import span_lengths
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.run import known
@@ -50,8 +50,8 @@ TRIAL = 400
 """Samples by which beginnings are judged."""
 
 Make = Callable[[FloatArray, FloatArray, FloatArray | None], tuple[Reconstruction, Epochs | None]]
-"""A reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and the epochs of
-the run by it, None without redundancy."""
+"""A reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and the epochs
+of the run by it, None without redundancy."""
 
 
 def absolute_channels(rig: Rig) -> FloatArray:

@@ -11,11 +11,13 @@ from scipy.stats import chi2
 
 from lmeasure import covariances, se3
 from lmeasure.errors import TrajectoryError
+from lmeasure.observation import predictions, solve_poses
+from lmeasure.observation.of_rig import cable_lengths, swivel_angle
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
 from lmeasure.simulation import simulate_run
 from lmeasure.status import Status
-from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory import over_motion, reconstruct
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.sources import LIGHT_RAD, NEAR_RAD, variance_until_told
 
@@ -26,15 +28,21 @@ UNKNOWN: dict[str, Any] = {}
 INCREMENTAL: dict[str, Any] = {"absolute": False}
 
 
-def with_encoders(encoders: dict[int, dict[str, Any]], drums: int = 6, **values: Any) -> Rig:
-    """The first drums of the cell, and encoders at these points."""
+FOUR = (0, 2, 4, 1)
+"""Drums that reach all points of the tool."""
+LEVELS_DEG = (0.01, 0.1, 0.5, 2.0)
+
+
+def with_encoders(encoders: dict[int, dict[str, Any]], drums: int | tuple[int, ...] = 6, **values: Any) -> Rig:
+    """The first drums of the cell, or these, and encoders at these points."""
     data = cell().to_dict()
+    chosen = range(drums) if isinstance(drums, int) else drums
     swivels = [{"point": f"B{i}", "channel": f"sw{i}", "counts_per_revolution": 2**20, **e, **values} for i, e in encoders.items()]
-    return rig_from_dict(data | {"cable": data["cable"][:drums], "swivel": swivels})
+    return rig_from_dict(data | {"cable": [data["cable"][i] for i in chosen], "swivel": swivels})
 
 
 def run_of(
-    encoders: dict[int, dict[str, Any]], seed: int, drums: int = 6, u_start: tuple[float, float] = (0.0, 0.0)
+    encoders: dict[int, dict[str, Any]], seed: int, drums: int | tuple[int, ...] = 6, u_start: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Run, FloatArray]:
     """A run whose true zeros are drawn from what is known of them, and its true poses."""
     rng = np.random.default_rng(seed)
@@ -100,6 +108,41 @@ def test_channels_that_contradict_each_other_are_no_unknown_zero() -> None:
     recorded = counts.recorded[:, [1, 0, 3, 2, *range(4, 9)]]
     found = reconstruct(replace(run, passes=(replace(counts, recorded=recorded),)))
     assert (found.status[1:] == Status.INCONSISTENT).mean() > 0.9
+
+
+@pytest.mark.parametrize("start", ["about", "none"])
+def test_four_drums_and_four_encoders_are_not_singular_for_zeros_known_to_degrees(start: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The geometry is the same whatever is known of the zeros: poses only grow less certain, and the motion tells the start."""
+    monkeypatch.setattr(over_motion, "TRIED", 8)
+    monkeypatch.setattr(over_motion, "DRAWN", 600)
+    u_mm, squares = [], []
+    for u_zero in LEVELS_DEG if start == "about" else LEVELS_DEG[::3]:
+        encoders = {i + 1: {"zero_deg": 20.0, "u_zero_deg": u_zero} for i in FOUR}
+        run, poses = run_of(encoders, 3, FOUR, (0.5, 0.001))
+        found = reconstruct(run if start == "about" else replace(run, start=None, u_start=(0.0, 0.0)))
+        assert (found.status == Status.OK).all()
+        error = se3.displacement(found.poses, poses)[150]
+        both = covariances(found, run)
+        covariance = both.random[150] + both.factors[150] @ both.factors[150].T
+        u_mm.append(float(np.sqrt(np.trace(covariance[3:, 3:]))))
+        squares.append(float(error @ np.linalg.solve(covariance, error)))
+    assert (np.diff(u_mm) > -0.01 * np.array(u_mm[:-1])).all()
+    assert max(u_mm) < 5.0
+    assert max(squares) < chi2.ppf(0.999, 6)
+
+
+def test_a_pose_that_readings_hardly_tell_is_uncertain_and_not_singular() -> None:
+    """Six swivels beside four drums that are known a million times better, in the plain solver: u grows as that of the angles."""
+    rig = with_encoders({})
+    drums = [replace(o, variance=1e-8) for o in cable_lengths(rig, START)[:4]]
+    swivels = [swivel_angle(rig, c.name, c.from_point, c.to_point, counts_per_revolution=2**20) for c in rig.cable]
+    u = []
+    for u_angle in (1e-3, 1e-1, 10.0):
+        known = [*drums, *(replace(o, variance=u_angle**2) for o in swivels)]
+        found = solve_poses(known, predictions(known, START[None]), START)
+        assert found.status[0] == Status.OK
+        u.append(float(np.sqrt(np.trace(found.covariance[0, 3:, 3:]))))
+    np.testing.assert_allclose(np.array(u[1:]) / u[:-1], 100.0, rtol=1e-3)
 
 
 def test_readings_weigh_as_their_zeros_are_known() -> None:

@@ -1,0 +1,130 @@
+"""Four drums and four swivel encoders: does the uncertainty grow with that of the encoders' zeros, and is it right?
+
+    python benchmarks/encoder_zeros.py --rigs 200 --keep zeros.jsonl [--starts about none] [--write]     (goes on from what is kept)
+
+Each draw is a cell of four drums, zeroed anywhere within a count, with absolute encoders of 17 bits on their swivels, and a motion of 5 s
+at 50 Hz; the zeros are drawn from what is stated of them, 0.01 to 2 degrees, at all levels the same draw in units of that. The start is
+stated to 0.5 mm and 1 mrad (about), or not at all (none). Whole: every sample has a pose; in part: some; refused: none. Held: of one sample
+in the middle, whether its pose lies in its 95 % region. u: median of the runs that are whole at all levels, of its place. Not falling: of
+these, runs whose u does not fall by more than 5 % from any level to a higher one.
+"""
+
+import argparse
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from pieces import options, run_all, show
+from scipy.stats import binom, chi2
+
+from lmeasure import se3
+from lmeasure.errors import LMeasureError
+from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.run import Run
+from lmeasure.simulation import cell_rig, simulate_run
+from lmeasure.status import Status
+from lmeasure.trajectory import covariances, reconstruct
+
+RESULTS = Path(__file__).parent / "results" / "encoder_zeros.md"
+HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+TIME_S = np.arange(0.0, 5.0, 0.02)
+LEVELS_DEG = (0.01, 0.05, 0.3, 1.0, 2.0)
+U_START = (0.5, 0.001)
+STARTS = ("about", "none")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What became of a run: share of samples with a pose, and of one its squared error in units of its covariance, and u [mm]."""
+
+    number: int
+    start: str
+    level_deg: float
+    share: float
+    square: float = np.nan
+    u_mm: float = np.nan
+
+
+def rig_with(number: int, zeros_deg: np.ndarray, u_deg: float) -> Rig:
+    """Four drums of a cell, all three points of the tool among them, and their encoders."""
+    rng = np.random.default_rng([number, 5])
+    data = cell_rig(int(rng.integers(1, 1000))).to_dict()
+    data["cable"] = [data["cable"][i] for i in (0, 2, 4, int(rng.choice([1, 3, 5])))]
+    of = [cable["from"] for cable in data["cable"]]
+    data["observation_point"] = [point for point in data["observation_point"] if point["name"] in of]
+    common = {"counts_per_revolution": 2**17, "u_zero_deg": u_deg}
+    swivels = [{"point": p, "channel": f"sw{p}", "zero_deg": float(z), **common} for p, z in zip(of, zeros_deg, strict=True)]
+    return rig_from_dict(data | {"swivel": swivels})
+
+
+def drawn_run(number: int, start: str, u_deg: float) -> tuple[Run, np.ndarray]:
+    """A run and its true poses."""
+    rng = np.random.default_rng([number, 6])
+    zeros, off = rng.uniform(-180.0, 180.0, 4), rng.standard_normal(4)
+    size, way = np.repeat([0.2, 150.0], 3) * rng.uniform(0.4, 1.0, 6), rng.uniform(1.0, 2.5, (2, 6))
+    begin = se3.displaced(HOME, np.repeat([0.1, 80.0], 3) * rng.uniform(-1.0, 1.0, 6))
+    poses = se3.displaced(begin, size * (np.sin(way[0] * TIME_S[:, None]) + 0.4 * np.sin(3.0 * way[1] * TIME_S[:, None])))
+    near = se3.displaced(poses[0], np.repeat(U_START[::-1], 3) * rng.normal(size=6))
+    run = simulate_run(rig_with(number, zeros + u_deg * off, u_deg), TIME_S, poses, noise_mm=0.0, rng=rng).run
+    run = replace(run, rig=rig_with(number, zeros, u_deg), start=None)
+    return (replace(run, start=near, u_start=U_START) if start == "about" else run), poses
+
+
+def draw(number: int, start: str, level_deg: float) -> Drawn:
+    """One run."""
+    run, poses = drawn_run(number, start, level_deg)
+    try:
+        found = reconstruct(run)
+        both = covariances(found, run)
+    except LMeasureError:
+        return Drawn(number, start, level_deg, 0.0)
+    good = np.flatnonzero(found.status == Status.OK)
+    if not len(good):
+        return Drawn(number, start, level_deg, 0.0)
+    k = good[len(good) // 2]
+    covariance = both.random[k] + both.factors[k] @ both.factors[k].T
+    error = se3.displacement(found.poses[k : k + 1], poses[k : k + 1])[0]
+    square, u_mm = float(error @ np.linalg.solve(covariance, error)), float(np.sqrt(np.trace(covariance[3:, 3:])))
+    return Drawn(number, start, level_deg, len(good) / len(poses), square, u_mm)
+
+
+def table(every: list[Drawn]) -> str:
+    """The page of results."""
+    lines = ["# Zeros of encoders that poses need", "", (__doc__ or "").split("\n\n")[2].strip(), ""]
+    lines += ["| start | u of zeros [deg] | runs | whole | in part | refused | samples ok | held | consistent from | u [mm] |"]
+    lines += ["|" + "---|" * 10]
+    ends = []
+    for start in STARTS:
+        by = {(d.number, d.level_deg): d for d in every if d.start == start}
+        numbers = sorted({n for n, _ in by if all((n, level) in by for level in LEVELS_DEG)})
+        whole = [n for n in numbers if all(by[n, level].share == 1.0 for level in LEVELS_DEG)]
+        for level in LEVELS_DEG:
+            own = [by[n, level] for n in numbers]
+            shares = np.array([d.share for d in own])
+            squares = [d.square for d in own if np.isfinite(d.square)]
+            held = sum(s <= chi2.ppf(0.95, 6) for s in squares)
+            low, high = (int(binom.ppf(q, len(squares), 0.95)) for q in (0.005, 0.995))
+            u = np.median([by[n, level].u_mm for n in whole]) if whole else np.nan
+            ended = (shares == 1.0).sum(), ((shares > 0.0) & (shares < 1.0)).sum(), (shares == 0.0).sum()
+            ok = shares.mean() if len(own) else 0.0
+            lines.append(
+                f"| {start} | {level:g} | {len(own)} | {' | '.join(map(str, ended))} | {ok:.1%} | "
+                f"{held} of {len(squares)} | {low} to {high} | {u:.4f} |"
+            )
+        us = np.array([[by[n, level].u_mm for level in LEVELS_DEG] for n in whole]).reshape(-1, len(LEVELS_DEG))
+        ends.append(f"Start {start}: not falling {int((us[:, 1:] >= 0.95 * us[:, :-1]).all(axis=1).sum())} of {len(us)}.")
+    return "\n".join([*lines, "", *ends, ""])
+
+
+def main() -> None:
+    """Each draw is kept as soon as it is done."""
+    parser: argparse.ArgumentParser = options(__doc__, "rigs", 200)
+    parser.add_argument("--starts", choices=STARTS, nargs="+", default=list(STARTS))
+    asked = parser.parse_args()
+    wanted = ((n, s, level) for n in range(asked.first, asked.first + asked.rigs) for s in asked.starts for level in LEVELS_DEG)
+    show(asked, table([Drawn(**d) for d in run_all(asked, ((f"{n} {s} {u}", partial(draw, n, s, u)) for n, s, u in wanted))]), RESULTS)
+
+
+if __name__ == "__main__":
+    main()
