@@ -2,11 +2,11 @@
 
     python benchmarks/encoder_zeros.py --rigs 200 --keep zeros.jsonl [--starts about none] [--write]     (goes on from what is kept)
 
-Each draw is a cell of four drums, zeroed anywhere within a count, with absolute encoders of 17 bits on their swivels, and a motion of 5 s
-at 50 Hz; the zeros are drawn from what is stated of them, 0.01 to 2 degrees, at all levels the same draw in units of that. The start is
-stated to 0.5 mm and 1 mrad (about), or not at all (none). Whole: every sample has a pose; in part: some; refused: none. Held: of one sample
-in the middle, whether its pose lies in its 95 % region. u: median of the runs that are whole at all levels, of its place. Not falling: of
-these, runs whose u does not fall by more than 5 % from any level to a higher one.
+Each draw is a cell of four drums, zeroed anywhere within a count, with absolute encoders of 17 bits on their swivels, and a motion at
+50 Hz, of 5 s, or of 10 s where no start is stated. The zeros are drawn from what is stated of them, 0.01 to 2 degrees, at all levels the
+same draw in units of that. The start is stated to 0.5 mm and 1 mrad (about), or not at all (none). Whole: every sample has a pose; in part:
+some; refused: none. Held: of one sample in the middle, whether its pose lies in its 95 % region. u: median of the runs that are whole at
+all levels, of its place. Not falling: of these, runs whose u does not fall by more than 5 % from any level to a higher one.
 """
 
 import argparse
@@ -28,10 +28,10 @@ from lmeasure.trajectory import covariances, reconstruct
 
 RESULTS = Path(__file__).parent / "results" / "encoder_zeros.md"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-TIME_S = np.arange(0.0, 5.0, 0.02)
+LASTS_S = {"about": 5.0, "none": 10.0}
 LEVELS_DEG = (0.01, 0.05, 0.3, 1.0, 2.0)
 U_START = (0.5, 0.001)
-STARTS = ("about", "none")
+STARTS = tuple(LASTS_S)
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ def rig_with(number: int, zeros_deg: np.ndarray, u_deg: float) -> Rig:
 
 def drawn_run(number: int, start: str, u_deg: float) -> tuple[Run, np.ndarray]:
     """A run and its true poses."""
-    rng = np.random.default_rng([number, 6])
+    rng, time_s = np.random.default_rng([number, 6]), np.arange(0.0, LASTS_S[start], 0.02)
     zeros, off = rng.uniform(-180.0, 180.0, 4), rng.standard_normal(4)
     size, way = np.repeat([0.2, 150.0], 3) * rng.uniform(0.4, 1.0, 6), rng.uniform(1.0, 2.5, (2, 6))
     begin = se3.displaced(HOME, np.repeat([0.1, 80.0], 3) * rng.uniform(-1.0, 1.0, 6))
-    poses = se3.displaced(begin, size * (np.sin(way[0] * TIME_S[:, None]) + 0.4 * np.sin(3.0 * way[1] * TIME_S[:, None])))
+    poses = se3.displaced(begin, size * (np.sin(way[0] * time_s[:, None]) + 0.4 * np.sin(3.0 * way[1] * time_s[:, None])))
     near = se3.displaced(poses[0], np.repeat(U_START[::-1], 3) * rng.normal(size=6))
-    run = simulate_run(rig_with(number, zeros + u_deg * off, u_deg), TIME_S, poses, noise_mm=0.0, rng=rng).run
+    run = simulate_run(rig_with(number, zeros + u_deg * off, u_deg), time_s, poses, noise_mm=0.0, rng=rng).run
     run = replace(run, rig=rig_with(number, zeros, u_deg), start=None)
     return (replace(run, start=near, u_start=U_START) if start == "about" else run), poses
 
