@@ -202,7 +202,7 @@ def zeros_by_motion(motion: Motion, start: FloatArray, u_start: FloatArray) -> F
     the motion contradicts all that it can be followed from."""
     off = motion.changes[0] - span_lengths(motion.rows, start[None])[0]
     off = np.where(motion.absolute & np.isfinite(off), np.angle(np.exp(1j * off)), 0.0)
-    z = np.linalg.pinv(motion.zeros) @ off
+    z = np.asarray(np.linalg.pinv(motion.zeros) @ off, dtype=np.float64)
     for share in BEGINNINGS:
         begun = nearest(motion.at(evenly(len(motion.changes), share)), start, z, u_start)
         if begun is not None and begun.sound:

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from lmeasure import covariances, se3
 from lmeasure.errors import TrajectoryError
-from lmeasure.observation import predictions, solve_poses
+from lmeasure.observation import Observation, predictions, solve_poses
 from lmeasure.observation.of_rig import cable_lengths, swivel_angle
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
@@ -138,7 +138,7 @@ def test_a_pose_that_readings_hardly_tell_is_uncertain_and_not_singular() -> Non
     swivels = [swivel_angle(rig, c.name, c.from_point, c.to_point, counts_per_revolution=2**20) for c in rig.cable]
     u = []
     for u_angle in (1e-3, 1e-1, 10.0):
-        known = [*drums, *(replace(o, variance=u_angle**2) for o in swivels)]
+        known: list[Observation] = [*drums, *(replace(o, variance=u_angle**2) for o in swivels)]
         found = solve_poses(known, predictions(known, START[None]), START)
         assert found.status[0] == Status.OK
         u.append(float(np.sqrt(np.trace(found.covariance[0, 3:, 3:]))))
