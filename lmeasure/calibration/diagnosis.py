@@ -22,8 +22,8 @@ from lmeasure.estimation import Fit
 from lmeasure.estimation.explanations import CHANCE, improbable
 from lmeasure.rig import Cable, Rig
 
-Judge = Callable[[Campaign], Fit]
-"""The best fit of all observation points to a campaign, with the prior on every direction."""
+Judge = Callable[[Campaign], Fit | None]
+"""The best fit of all observation points to a campaign, with the prior on every direction; None where no cable could run so."""
 
 SCALES = (0.25, 0.5, 2.0, 4.0)
 """Decoding slips that occur: quadrature edges counted once, twice or four times, a shifted bit."""
@@ -110,7 +110,7 @@ def diagnose(
             fitted += sorted(misread_poses(campaign), key=lambda h: screen(h.campaign))[:SCREENED]
         if aside:
             fitted += set_aside(model, stated.theta, SCREENED)
-        tested = [(h, judge(h.campaign)) for h in fitted]
+        tested = [(h, fit) for h, fit in ((h, judge(h.campaign)) for h in fitted) if fit is not None]
         before = len(stated.residuals)
         best, fit = min(tested, key=lambda each: _loss(each[1], before, each[0]), default=(None, stated))
         if best is None:

@@ -170,7 +170,7 @@ def set_aside(model: Model, theta: FloatArray, most: int) -> list[Hypothesis]:
     prefers: linearised at the nominal rig, and at theta."""
     candidates = [*_poses_aside(model), *_readings_aside(model), *_counters_aside(model)]
     best: dict[int, float] = {}
-    for at in (model.start, theta):
+    for at in [start for start in (model.start, theta) if np.isfinite(model.residuals(start)).all()]:
         J = model.jacobian(at)
         along = J * model.parameters.width
         P = np.asarray(np.linalg.inv(model.covariance(at) + along @ along.T), dtype=np.float64)

@@ -1,6 +1,7 @@
 """From a campaign to calibrated observation points: coarse solve, LP-search, descent, least squares, and an honest record."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -185,7 +186,7 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
     """Each point alone first, at the reference poses: coarse solutions, LP-search, descent. Again where the files were corrected."""
     begun = _from_points(campaign, settings, progress, steps)
 
-    def judge(other: Campaign) -> Fit:
+    def judge(other: Campaign) -> Fit | None:
         model = model_of(other, unknowns_of(other, settings.solve))
         start = model.start
         # where nobody measured the nominal values the search begins
@@ -193,13 +194,17 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
             if any(c.from_point == name for c in other.drums):
                 start = _started(model, start, [solve_point(other, name, replace(settings, prior=True), roughly=True)])
         # the nominal rig may lie in another valley than the solutions of single points, and these may follow what is wrong
-        starts = (start, begun.first.theta)
-        return min((fit(model, model.zeros_begun(s), prior_everywhere=True, roughly=True) for s in starts), key=lambda f: f.objective)
+        fits = []
+        for each in (start, begun.first.theta):
+            # a reading that no rig can have runs off to where no cable runs: then it is no hypothesis
+            with suppress(ValueError):
+                fits.append(fit(model, model.zeros_begun(each), prior_everywhere=True, roughly=True))
+        return min(fits, key=lambda f: f.objective, default=None)
 
     def screen(other: Campaign) -> float:
         return linear_objective(model_of(other, unknowns_of(other, settings.solve)))
 
-    stated = judge(campaign)
+    stated = judge(campaign) or fit(begun.model, begun.first.theta, prior_everywhere=True)
     found = diagnose(campaign, judge, screen, stated, poses_known=True, places_known=True, aside=not settings.robust)
     if found.campaign is not campaign:
         begun = _from_points(found.campaign, settings, progress, steps)

@@ -70,10 +70,14 @@ def fit(problem: Problem, start: FloatArray, prior: bool, near: bool) -> Fit:
 
 
 def linear_objective(problem: Problem) -> float:
-    """`Fit.objective` of the best fit with the prior everywhere, as the problem linearised at its start has it."""
+    """`Fit.objective` of the best fit with the prior everywhere, as the problem linearised at its start has it; infinite where that cannot
+    be."""
     theta = problem.start
     if problem.nuisance is None:
-        V, r = problem.covariance(theta), problem.residuals(theta)
+        r = problem.residuals(theta)
+        if not np.isfinite(r).all():
+            return float("inf")
+        V = problem.covariance(theta)
         along = problem.jacobian(theta) * problem.parameters.width
         return float(r @ np.linalg.solve(V + along @ along.T, r))
     part = Eliminated(problem, theta, problem.covariance(theta), problem.own)
