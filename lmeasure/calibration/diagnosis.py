@@ -124,8 +124,8 @@ def diagnose(
         if not best.curable:
             return Diagnosis(campaign, tuple(findings), f"{best.text}; correct that and calibrate again")
         campaign, stated = best.campaign, fit
-    if before_aside is not None and not _explains(stated):
-        # what was set aside does not explain all: then it is no slip of single numbers
+    if before_aside is not None and (not _explains(stated) or _repeated(findings[len(before_aside[2]) :])):
+        # what was set aside does not explain all, or more and more of one channel: then it is no slip of single numbers
         campaign, stated, findings = before_aside
     if findings and not _agrees(stated):
         named = ", ".join(f.channel or f.pose or f.code for f in findings)
@@ -150,6 +150,12 @@ def _explains(fit: Fit) -> bool:
     model = fit.problem
     assert isinstance(model, Model)
     return not gross(fit) and (not improbable(fit) or not contradicted(model, fit))
+
+
+def _repeated(findings: list[Finding]) -> bool:
+    """Return whether several findings set numbers of one channel aside: its part follows a law of its own, as a drum with run-out does."""
+    channels = [f.channel for f in findings if f.code in ("outlier", "slip") and f.channel is not None]
+    return len(set(channels)) < len(channels)
 
 
 def _credible(fit: Fit) -> bool:

@@ -136,9 +136,10 @@ def test_limits_of_what_a_counter_shows() -> None:
     most=st.sampled_from([2.0, 3.0, 5.0]),
     zero=st.integers(0, 2),
     least=st.integers(0, 3),
+    longest=st.sampled_from([1.5, np.inf]),
 )
 def test_a_counter_to_which_nothing_happens_runs_on(
-    steps: list[tuple[int, float]], start: int, full: int, most: float, zero: int, least: int
+    steps: list[tuple[int, float]], start: int, full: int, most: float, zero: int, least: int, longest: float
 ) -> None:
     values = start + np.cumsum([0, *(s for s, _ in steps)])
     times = 7.0 + np.cumsum([0.0, *(t for _, t in steps)])
@@ -147,10 +148,11 @@ def test_a_counter_to_which_nothing_happens_runs_on(
     expected = bool(
         (np.abs(step) <= allowed).all()
         and (allowed <= most).all()
+        and (np.diff(times) <= longest).all()
         and (not full or ((step >= -(full // 2)) & (step < full // 2)).all())
         and not ((np.abs(values[1:]) <= zero) & (np.abs(step) > least)).any()
     )
-    assert runs_on(values[1:].astype(np.int64), times[1:], start, 7.0, full, 2.0, most, zero, least) == expected
+    assert runs_on(values[1:].astype(np.int64), times[1:], start, 7.0, full, 2.0, most, zero, least, longest) == expected
 
 
 @pytest.mark.parametrize(("back_s", "again"), [(0.1, FOLLOWED), (0.125, WENT_ON)])

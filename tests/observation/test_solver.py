@@ -309,15 +309,25 @@ def plain(*along: float) -> list[Plain]:
 
 @pytest.mark.parametrize("weak", [1, 4], ids=["a turn", "a shift"])
 @pytest.mark.parametrize("strong", [0, 5], ids=["beside a turn", "beside a shift"])
-def test_a_motion_seen_ten_million_times_less_than_another_is_not_determined(weak: int, strong: int) -> None:
-    """Turns counted at the tool's size; on both sides of the limit."""
-    for part, told in ((0.95e-7, False), (1.05e-7, True)):
-        seen = np.full(6, 0.5)
-        seen[[weak, strong]] = part, 1.0
-        found = twists(plain(*seen), HOME[None])[0]
+def test_a_motion_that_rows_of_one_size_see_ten_million_times_less_is_not_determined(weak: int, strong: int) -> None:
+    """Turns counted at the tool's size; on both sides of the limit. Two rows of one size that differ by p have singular values sqrt(2) and
+    p / sqrt(2)."""
+    for part, told in ((1.9e-7, False), (2.1e-7, True)):
+        seen = np.eye(6)
+        seen[weak, [weak, strong]] = part, 1.0
+        unit = np.repeat([200.0, 1.0], 3)
+        found = twists([Plain(row, np.array([0.0, 200.0, 0.0])) for row in seen * unit], HOME[None])[0]
         assert np.isfinite(found).all() == told
         if told:
-            np.testing.assert_allclose(found, np.diag(1.0 / (seen * np.repeat([200.0, 1.0], 3))), rtol=1e-6)
+            np.testing.assert_allclose(found * unit[:, None], np.linalg.inv(seen), rtol=1e-6, atol=1e-6)
+
+
+def test_a_motion_that_is_seen_little_is_determined_all_the_same() -> None:
+    """A channel that hardly moves, or is hardly known, makes a pose uncertain, not singular."""
+    seen = np.full(6, 0.5)
+    seen[[1, 4]] = 1e-9, 1.0
+    found = twists(plain(*seen), HOME[None])[0]
+    np.testing.assert_allclose(found, np.diag(1.0 / (seen * np.repeat([200.0, 1.0], 3))), rtol=1e-6)
 
 
 def test_no_step_turns_by_more_than_half_a_radian() -> None:
