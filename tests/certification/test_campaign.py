@@ -159,7 +159,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert isinstance(program, Program)
     assert program.distance[0].name == "P2-P4"
     for wrong in (box[2:], [*box, "--zone", "zone.nc"], [*box, "--quaternion", "0,0,1"], [*box, "--cycles", "pose"]):
-        assert CliRunner().invoke(app, ["program", *wrong]).exit_code == 2
+        assert CliRunner().invoke(app, ["program", *wrong, "--force"]).exit_code == 2
 
 
 @pytest.mark.parametrize(

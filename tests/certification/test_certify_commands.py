@@ -160,7 +160,7 @@ def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> Non
 
 
 def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def interrupted(_: Path) -> str:
+    def interrupted(_: Path, **__: object) -> str:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("lmeasure.certification.signature.new_key", interrupted)
@@ -181,7 +181,7 @@ def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, mo
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("lmeasure.certification.command_files.write_robodk", full)
-    code, text = run("program", *box, "--cycles", "pose=3")
+    code, text = run("program", *box, "--cycles", "pose=3", "--force")
     assert code == 1
     assert "robodk.csv: cannot be written: No space left on device" in text
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -58,7 +58,8 @@ def test_speeds_lie_within_their_u95(jitter_s: float, asked: bool) -> None:
     trajectory, program = run(0, jitter_s, asked)
     as_stamped = evaluate(trajectory, program, LAW, settings=Settings(trials=200, planes=40), stamps=sound(trajectory.time_s))
     blind = {c.name: c for c in as_stamped.characteristics}
-    assert blind["FV"].value > 10.0 * blind["FV"].u95
+    # steps that vary by as much as a true motion could are covered as such
+    assert asked or blind["FV"].value > 10.0 * blind["FV"].u95
 
 
 def test_places_and_shapes_do_not_feel_stamps() -> None:
