@@ -96,7 +96,9 @@ COUNTED = [
     "frames_lost",
     "freedoms",
     "identifiers",
+    "known",
     "left_out",
+    "lines",
     "links",
     "minutes",
     "nodes",
@@ -111,6 +113,7 @@ COUNTED = [
     "rigs_tried",
     "samples",
     "unknowns",
+    "unread",
     "with_a_pose",
 ]
 RATIOS = ["largest_relative_difference", "nearness", "positions_inside_95", "rotations_inside_95", "usable_part"]
