@@ -22,6 +22,7 @@ FRAMES = frames_of(RIG, COUNTS).take(slice(0, 100 * PER_SAMPLE))
 FIELDS = counter_fields(RIG)
 
 
+# a dozen frames lost among the first ten may still give one sample more or less, by where a batch ends: other draws find it
 @settings(deadline=None, max_examples=60, derandomize=True)
 @given(st.data())
 def test_where_a_batch_ends_does_not_matter(data: st.DataObject) -> None:

@@ -58,7 +58,7 @@ def test_speeds_lie_within_their_u95(jitter_s: float, asked: bool) -> None:
     trajectory, program = run(0, jitter_s, asked)
     as_stamped = evaluate(trajectory, program, LAW, settings=Settings(trials=200, planes=40), stamps=sound(trajectory.time_s))
     blind = {c.name: c for c in as_stamped.characteristics}
-    # steps that vary by as much as a true motion could are covered as such
+    # U95 of FV is far too wide where stamps are uneven and stated: the bound between samples does not know their uncertainty yet
     assert asked or blind["FV"].value > 10.0 * blind["FV"].u95
 
 
