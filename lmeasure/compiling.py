@@ -1,44 +1,55 @@
-"""Who wants to know that kernels are compiled, which takes long once on a machine: the kernels tell it here, a face listens."""
+"""Progress of compilation, which takes long once on a machine: kernels report it here, and a face shows it."""
 
 import time
 from collections.abc import Callable
-
-begun: Callable[[str], None] | None = None
-"""Is told the name of the next kernel that must be compiled, once."""
-names: list[str] = []
-"""Kernels compiled by this process, in the order in which they were done."""
-seconds = 0.0
-"""Time that this took; what a kernel calls is compiled within its time."""
-_open: list[str] = []
-_since = 0.0
+from dataclasses import dataclass, field
 
 
-def now() -> tuple[str, float] | None:
-    """The kernel that is being compiled, here or by another process that this one waits for, and for how long [s]; None when none is."""
-    return (_open[0], time.perf_counter() - _since) if _open else None
+@dataclass
+class Compilation:
+    """What this process compiles and has compiled.
+
+    Attributes
+    ----------
+    begun
+        Called once with the name of the next kernel that must be compiled.
+    names
+        Kernels compiled by this process, in the order in which they ended.
+    seconds
+        Time that this took; a kernel's time includes that of the kernels that it calls.
+    """
+
+    begun: Callable[[str], None] | None = None
+    names: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    _open: list[str] = field(default_factory=list)
+    _since: float = 0.0
+
+    def now(self) -> tuple[str, float] | None:
+        """The kernel being compiled, here or by another process that this one waits for, and for how long [s]; None when none is."""
+        return (self._open[0], time.perf_counter() - self._since) if self._open else None
+
+    def start(self, name: str) -> None:
+        """Note that a kernel is not kept: it will be compiled, here or by another process."""
+        if not self._open:
+            self._since = time.perf_counter()
+            if self.begun is not None:
+                report, self.begun = self.begun, None
+                report(name)
+        self._open.append(name)
+
+    def by_another(self, name: str) -> None:
+        """Note that another process has compiled it."""
+        del self._open[self._open.index(name) :]
+
+    def end(self, name: str) -> None:
+        """Note that it is compiled. A kernel that was begun after it and never ended has failed."""
+        if name in self._open:
+            del self._open[self._open.index(name) :]
+            self.names.append(name)
+            if not self._open:
+                self.seconds += time.perf_counter() - self._since
 
 
-def start(name: str) -> None:
-    """A kernel is not kept: it will be compiled, here or by another process."""
-    global _since, begun
-    if not _open:
-        _since = time.perf_counter()
-        if begun is not None:
-            tell, begun = begun, None
-            tell(name)
-    _open.append(name)
-
-
-def by_another(name: str) -> None:
-    """Another process has compiled it."""
-    del _open[_open.index(name) :]
-
-
-def end(name: str) -> None:
-    """It is compiled. What was begun after it and never ended has failed."""
-    global seconds
-    if name in _open:
-        del _open[_open.index(name) :]
-        names.append(name)
-        if not _open:
-            seconds += time.perf_counter() - _since
+compilation = Compilation()
+"""Of this process."""

@@ -24,10 +24,14 @@ if TYPE_CHECKING:
     import xarray as xr
     from scipy.spatial.transform import Rotation
 
-    from lmeasure import calibration, certification, simulation, trajectory
     from lmeasure.accuracy.placement import Placed, Placement
     from lmeasure.accuracy.zone import Scan
-    from lmeasure.calibration import planning
+    from lmeasure.calibration import Calibration, Campaign
+    from lmeasure.calibration import Settings as CalibrationSettings
+    from lmeasure.calibration.planning import Plan
+    from lmeasure.calibration.planning import Settings as PlanSettings
+    from lmeasure.certification import Evaluation
+    from lmeasure.certification import Settings as CertificationSettings
     from lmeasure.certification.campaign import Campaign as TestCampaign
     from lmeasure.certification.sealed import Certificate
     from lmeasure.certification.verify import Verification
@@ -37,6 +41,9 @@ if TYPE_CHECKING:
     from lmeasure.linkage.record import Workspace
     from lmeasure.program import Program
     from lmeasure.report.plots import Figure
+    from lmeasure.simulation import Campaign as SimulatedCampaign
+    from lmeasure.simulation import Scenario, Simulated, SimulatedRun
+    from lmeasure.trajectory import Trajectory
     from lmeasure.trajectory.passes import Alignment
     from lmeasure.trajectory.pose_errors import ErrorModel
     from lmeasure.trajectory.screw_method import Reconstruction
@@ -50,11 +57,11 @@ Given = TypeVar("Given")
 
 
 def calibrate(
-    campaign: "calibration.Campaign | simulation.Campaign | simulation.Simulated | File",
-    settings: "calibration.Settings | None" = None,
+    campaign: "Campaign | SimulatedCampaign | Simulated | File",
+    settings: "CalibrationSettings | None" = None,
     progress: Steps | None = None,
     **options: Any,
-) -> "calibration.Calibration":
+) -> "Calibration":
     """Find the observation points of a calibration folder, a campaign that was read, or a simulated one.
 
     options: fields of `CalibrationSettings`, in place of those of the settings. Raises what `calibration.read_campaign` and
@@ -76,16 +83,16 @@ def calibrate(
 
 
 def reconstruct(
-    run: "Run | Alignment | simulation.SimulatedRun | simulation.Simulated | File",
+    run: "Run | Alignment | SimulatedRun | Simulated | File",
     constraint: str | None = None,
     repeatability_mm: float = 0.0,
     trials: int = 0,
     *,
     seed: int = 0,
     progress: Steps | None = None,
-    rig: "Rig | calibration.Calibration | File | None" = None,
+    rig: "Rig | Calibration | File | None" = None,
     covariances: bool = True,
-) -> "trajectory.Trajectory":
+) -> "Trajectory":
     """The trajectory of a run folder or a run; rig, with its calibration, replaces the run's own. See `trajectory.reconstruct`."""
     from lmeasure import trajectory
 
@@ -104,7 +111,7 @@ def explained(reconstruction: "Reconstruction") -> "tuple[Finding, ...]":
 
 
 def zone(
-    rig: "Rig | calibration.Calibration | File",
+    rig: "Rig | Calibration | File",
     x: Span,
     y: Span,
     z: Span,
@@ -174,15 +181,15 @@ def structure(
 
 def plan_poses(
     rig: "Rig | File",
-    settings: "planning.Settings | None" = None,
-    recorded: "calibration.Campaign | File | None" = None,
+    settings: "PlanSettings | None" = None,
+    recorded: "Campaign | File | None" = None,
     progress: Steps | None = None,
     *,
     poses: int = 12,
     box: Iterable[tuple[float, float]] | None = None,
     tilt_deg: float = 15.0,
     **options: Any,
-) -> "planning.Plan":
+) -> "Plan":
     """Which reference poses to measure: settings, or poses, the box [mm] (low and high along x, y, z) in which the tool may be turned by
     tilt_deg about each axis, and other fields of `calibration.planning.Settings`. See `calibration.planning.plan_poses`."""
     from lmeasure import calibration
@@ -218,9 +225,7 @@ def plan_program(
     return campaign(cube, _with("plan_program", Tests(), tests))
 
 
-def simulate(
-    scenario: "simulation.Scenario | Mapping[str, Any] | File | None" = None, *, rig: Rig | None = None, **options: Any
-) -> "simulation.Simulated":
+def simulate(scenario: "Scenario | Mapping[str, Any] | File | None" = None, *, rig: Rig | None = None, **options: Any) -> "Simulated":
     """Counts of an instrument along a motion and at reference poses, with the truth beside them.
 
     scenario: a scenario.toml, or its content; options: keys of it (`seed=1`, `waypoint=[...]`, `reference_poses={"count": 14}`). rig: the
@@ -258,16 +263,16 @@ def read_log(
 
 
 def evaluate(
-    trajectory: "trajectory.Trajectory | File",
+    trajectory: "Trajectory | File",
     program: "Program | File",
     covariances: "ErrorModel | None" = None,
     *,
-    run: "Run | simulation.SimulatedRun | simulation.Simulated | File | None" = None,
-    rig: "Rig | calibration.Calibration | File | None" = None,
-    settings: "certification.Settings | None" = None,
+    run: "Run | SimulatedRun | Simulated | File | None" = None,
+    rig: "Rig | Calibration | File | None" = None,
+    settings: "CertificationSettings | None" = None,
     progress: Steps | None = None,
     **options: Any,
-) -> "certification.Evaluation":
+) -> "Evaluation":
     """The characteristics of ISO 9283 of a program in a trajectory, each with U95 and a verdict.
 
     run, rig: what the trajectory was reconstructed from, for the correlations of its errors; covariances: another model of them. options:
@@ -285,18 +290,18 @@ def evaluate(
 
 
 def certify(
-    trajectory: "trajectory.Trajectory | File",
+    trajectory: "Trajectory | File",
     program: "Program | File",
     out: File,
     *,
-    run: "Run | simulation.SimulatedRun | simulation.Simulated | File | None" = None,
-    rig: "Rig | calibration.Calibration | File | None" = None,
+    run: "Run | SimulatedRun | Simulated | File | None" = None,
+    rig: "Rig | Calibration | File | None" = None,
     details: File | None = None,
     language: str = "en",
     key: File | None = None,
     dcc: bool = False,
     force: bool = False,
-    settings: "certification.Settings | None" = None,
+    settings: "CertificationSettings | None" = None,
     progress: Steps | None = None,
     **options: Any,
 ) -> "Certificate":
@@ -347,7 +352,7 @@ def verify(certificate: "Certificate | File", public_key: File | None = None, pr
     return verify(folder, None if public_key is None else read_public_key(Path(public_key)), PRINTERS, progress)
 
 
-def plot(what: Any, rig: "Rig | calibration.Calibration | File | None" = None) -> "Figure":
+def plot(what: Any, rig: "Rig | Calibration | File | None" = None) -> "Figure":
     """A plotly figure of a rig, poses, counts, lengths, a run, a calibration, a trajectory, a zone, a plan, a placement, a program, an
     evaluation, a certificate, an identification, corrections, a structure or its boundary. rig: drawn with a zone or a trajectory."""
     from lmeasure.report.plots import figure_of
@@ -355,7 +360,7 @@ def plot(what: Any, rig: "Rig | calibration.Calibration | File | None" = None) -
     return figure_of(what, None if rig is None else _linked(rig)[0])
 
 
-def _linked(rig: "Rig | calibration.Calibration | File") -> tuple[Rig, CalibrationRecord | None]:
+def _linked(rig: "Rig | Calibration | File") -> tuple[Rig, CalibrationRecord | None]:
     """A rig and its calibration record, if it has one."""
     if isinstance(rig, Rig):
         return rig, None
@@ -368,9 +373,7 @@ def _linked(rig: "Rig | calibration.Calibration | File") -> tuple[Rig, Calibrati
     return rig.rig, rig.record
 
 
-def _run(
-    run: "Run | Alignment | simulation.SimulatedRun | simulation.Simulated | File", rig: "Rig | calibration.Calibration | File | None"
-) -> Any:
+def _run(run: "Run | Alignment | SimulatedRun | Simulated | File", rig: "Rig | Calibration | File | None") -> Any:
     """A run, that of a simulation, or what was aligned of one; with the rig in place of its own, if one is given."""
     from lmeasure.simulation import Simulated, SimulatedRun
     from lmeasure.trajectory.passes import Alignment

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lmeasure import compiling
 from lmeasure.cli import events
 from lmeasure.cli.interrupts import heeded
 from lmeasure.cli.terminal import TypedLines, columns, fitted, state_line
 from lmeasure.cli.words import retold, said
+from lmeasure.compiling import compilation
 from lmeasure.errors import CancelledError, SettingsError
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
     """Under the table of a recording, where it is asked for."""
     if not settings.live:
         return workflow.run(settings)
-    import lmeasure.accuracy.radius  # noqa: F401 - takes long, and not while frames come
+    from lmeasure.accuracy.radius import radii_95  # noqa: F401 - takes long, and not while frames come
 
     if events.asked():
         return workflow.run(settings, show=events.live)
@@ -184,18 +184,18 @@ def told_of_compiling() -> Iterator[None]:
     def told(name: str) -> None:
         events.tell("compiling", text=name)
 
-    before, since = len(compiling.names), compiling.seconds
+    before, since = len(compilation.names), compilation.seconds
     on_terminal = not events.asked() and sys.stderr is not None and sys.stderr.isatty()
-    compiling.begun = told if events.asked() else begun if on_terminal else None
+    compilation.begun = told if events.asked() else begun if on_terminal else None
     try:
         yield
     finally:
-        done = compiling.names[before:]
+        done = compilation.names[before:]
         if on_terminal and done:
             last = "lmeasure: compiled {count} kernels in {seconds} s, kept for later: {names}"
             names = ", ".join(dict.fromkeys(done))
-            print(said(last, count=len(done), seconds=f"{compiling.seconds - since:.0f}", names=names), file=sys.stderr, flush=True)
-        compiling.begun = None
+            print(said(last, count=len(done), seconds=f"{compilation.seconds - since:.0f}", names=names), file=sys.stderr, flush=True)
+        compilation.begun = None
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from typing import IO, Any
 from numba.core import caching
 from numba.core.registry import cpu_target
 
-from lmeasure import compiling
+from lmeasure.compiling import compilation
 
 try:
     import fcntl
@@ -115,16 +115,16 @@ class KeptCode(_Function):  # type: ignore[misc]
         """The kept code for a signature, or None."""
         kept = self._loaded(sig, target_context)
         if kept is None:
-            compiling.start(self._name)
+            compilation.start(self._name)
             kept = self._loaded(sig, target_context) if self._waited() else None
             if kept is not None:
-                compiling.by_another(self._name)
+                compilation.by_another(self._name)
                 self._end_turn()
         return kept
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep compiled code, if it can be."""
-        compiling.end(self._name)
+        compilation.end(self._name)
         with contextlib.suppress(Exception):
             super().save_overload(sig, data)
         self._end_turn()

@@ -14,10 +14,11 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import StructureError
-from lmeasure.lcoordinate import chain, tetrahedra
+from lmeasure.lcoordinate import chain
 from lmeasure.lcoordinate.around import Around
 from lmeasure.lcoordinate.flat import Tetrahedron, adjusted, clear
 from lmeasure.lcoordinate.structures import LINKS, Incidence, incidence
+from lmeasure.lcoordinate.tetrahedra import closed_form, heights
 from lmeasure.linkage.found import apart_mm, lengths_at
 from lmeasure.linkage.links import Linkage
 
@@ -110,7 +111,7 @@ def _of_one_assembly(linkage: Linkage, found: Incidence, pose: FloatArray | None
         centre, pose, which = _highest(linkage)
     else:
         centre = _lengths_within(linkage, pose)
-        poses, closes = tetrahedra.closed_form(linkage.base, linkage.platform, centre)
+        poses, closes = closed_form(linkage.base, linkage.platform, centre)
         away = np.where(closes, apart_mm(poses, pose, float(np.ptp(linkage.platform, axis=0).max())), np.inf)
         which = int(np.argmin(away))
         if not away[which] < SAME_MM:
@@ -129,8 +130,8 @@ def _highest(linkage: Linkage) -> tuple[FloatArray, FloatArray, int]:
     assert linkage.limits is not None
     low, high = linkage.limits.T
     drawn = np.vstack([(low + high) / 2.0, np.random.default_rng(0).uniform(low, high, (DRAWN, LINKS))])
-    poses, closes = tetrahedra.closed_form(linkage.base, linkage.platform, drawn)
-    height = np.where(closes, tetrahedra.heights(linkage.base, linkage.platform, drawn), -np.inf)
+    poses, closes = closed_form(linkage.base, linkage.platform, drawn)
+    height = np.where(closes, heights(linkage.base, linkage.platform, drawn), -np.inf)
     i, k = np.unravel_index(int(np.argmax(height)), height.shape)
     if not height[i, k] > 0.0:
         raise StructureError(f"design: none of {DRAWN} lengths within the limits can be assembled")

@@ -15,9 +15,10 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import zero_at
-from lmeasure.kernels import least_squares, pose_covariance, screw
+from lmeasure.kernels import least_squares, screw
 from lmeasure.kernels.cable import span_lengths, span_rows_of
 from lmeasure.kernels.layout import CABLE, KIND
+from lmeasure.kernels.pose_covariance import twists
 from lmeasure.lengths import Lengths, count_variance
 from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.observation.parts import PLAY, every_part
@@ -391,7 +392,7 @@ class Budget:
     def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
         """(n, 6, m) what the poses move by per mm of each length."""
         if self.scheme.six:
-            return np.asarray((pose_covariance if compiled else screw_numpy).twists(self.scheme.rows, poses))
+            return np.asarray((twists if compiled else screw_numpy.twists)(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, self.weights)
         if unused is not None:
             weights[unused] = 0.0

@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from lmeasure import compiling
+from lmeasure.compiling import compilation
 from lmeasure.errors import LMeasureError
 from lmeasure.files import read_toml, rewrite_toml
 from lmeasure.opened import open_regular
@@ -222,7 +222,7 @@ async def coarse(request: Request) -> Response:
 
 async def compiled(request: Request) -> Response:
     """Which kernel this server compiles just now, and for how long [s]: why the first coarse zone on a machine takes so long."""
-    now = compiling.now()
+    now = compilation.now()
     return JSONResponse({} if now is None else {"name": now[0], "seconds": now[1]})
 
 

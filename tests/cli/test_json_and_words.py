@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from lmeasure import compiling
 from lmeasure.catalogue import of_terminal as language
 from lmeasure.catalogue import texts
 from lmeasure.cli import app, machine, main
 from lmeasure.cli.commands import command
 from lmeasure.cli.faces import told_of_compiling
 from lmeasure.cli.words import retold, said
+from lmeasure.compiling import compilation
 from lmeasure.schemas import KINDS
 from lmeasure.workflows import COMMANDS, JOBS
 from lmeasure.workflows.flow import Result
@@ -151,18 +151,18 @@ def test_the_language_is_that_of_the_environment(environment: dict[str, str], ex
 
 
 def test_compiling_is_told_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(compiling, "names", [])
+    monkeypatch.setattr(compilation, "names", [])
     for terminal in (False, True):
         monkeypatch.setattr("sys.stderr.isatty", lambda terminal=terminal: terminal, raising=False)
-        compiling.names.clear()
+        compilation.names.clear()
         with told_of_compiling():
-            compiling.start("outer")
-            compiling.start("failed")
-            compiling.start("inner")
-            compiling.end("inner")
-            compiling.end("outer")
+            compilation.start("outer")
+            compilation.start("failed")
+            compilation.start("inner")
+            compilation.end("inner")
+            compilation.end("outer")
         told = capsys.readouterr().err
-        assert compiling.names == ["inner", "outer"]
+        assert compilation.names == ["inner", "outer"]
         assert ("compiling the numerical kernels" in told) == terminal
         assert bool(re.search(r"compiled 2 kernels in \d+ s, kept for later: inner, outer", told)) == terminal
 

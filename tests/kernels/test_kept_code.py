@@ -161,13 +161,13 @@ TOGETHER = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from lmeasure import compiling
+from lmeasure.compiling import compilation
 from lmeasure.kernels.counter import rests
 Path(sys.argv[1]).touch()
 while not all(map(Path.exists, map(Path, sys.argv[1:]))):
     time.sleep(0.001)
 rests(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
-print(*compiling.names)
+print(*compilation.names)
 """
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from bench import client, served
 
-from lmeasure import compiling, workflows
+from lmeasure import workflows
+from lmeasure.compiling import compilation
 from lmeasure.rig import read_rig, write_rig
 from lmeasure.simulation import cell_rig
 from lmeasure.templates import TEMPLATES, Answers, rig_of, rig_text
@@ -150,12 +151,12 @@ def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monk
     done, coarse = threading.Event(), rig_form.coarse
 
     def cold(*asked: Any) -> dict[str, float]:
-        compiling.start("worst_angle")
+        compilation.start("worst_angle")
         assert done.wait(300.0)
-        compiling.end("worst_angle")
+        compilation.end("worst_angle")
         return coarse(*asked)
 
-    monkeypatch.setattr(compiling, "names", [])
+    monkeypatch.setattr(compilation, "names", [])
     monkeypatch.setattr(rig_form, "coarse", cold)
     shown = "document.getElementById('scene-zone').textContent"
     with served(tmp_path) as address, opened(address) as page:
@@ -165,7 +166,7 @@ def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monk
             page.wait(f"new RegExp({json.dumps(told)}).test({shown})")
         done.set()
         page.wait(f"{shown}.includes('m³')")
-    assert compiling.now() is None
+    assert compilation.now() is None
 
 
 def test_drums_and_the_task_of_a_placement_have_forms_too(tmp_path: Path) -> None:
