@@ -103,7 +103,8 @@ class Server:
             pid = found.pop()
             with contextlib.suppress(OSError):
                 status = Path(f"/proc/{pid}/status").read_text()
-                out += int(re.search(r"VmHWM:\s+(\d+)", status)[1]) / 1024  # type: ignore[index]
+                # a process that has just ended has none
+                out += sum(int(size) for size in re.findall(r"VmHWM:\s+(\d+)", status)) / 1024
                 found += [int(one) for task in Path(f"/proc/{pid}/task").iterdir() for one in (task / "children").read_text().split()]
         return out
 

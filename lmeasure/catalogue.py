@@ -3,7 +3,7 @@
 import os
 import re
 import string
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 LANGUAGES = ("en", "ru")
 LOCALE = Path(__file__).parent / "locale"
 DECIMAL_MARK = {"en": ".", "ru": ","}  # GOST R 1.5
+BETWEEN_NUMBERS = {"en": ", ", "ru": "; "}
 NUMBER = r"[-+]?\d[-+\d.e]*|nan|[-+]?inf"
 WORD = "s"
 KINDS = {"": ".+", WORD: r"\S+"}
@@ -56,6 +57,35 @@ def decimal(language: str, printed: str) -> str:
     return plain(printed).replace(".", DECIMAL_MARK[language])
 
 
+LAST_BITS = 1e-9
+"""A length, an angle or a part of a quaternion below this is rounding: no rig measures picometres."""
+
+
+def settled(value: float) -> float:
+    """Return zero instead of the last bits of a computation, which differ between processors: 1e-17 mm."""
+    return 0.0 if abs(value) < LAST_BITS else value
+
+
+def number(language: str, value: float, form: str) -> str:
+    """Return a number in a format, with the decimal mark of the language; a zero has no sign."""
+    # Python's z comes behind fill, alignment and sign
+    whole = form[-1:].lower() not in ("e", "f", "g", "%") or "z" in form
+    return decimal(language, format(value, form if whole else _SIGN.sub(r"\g<0>z", form, count=1)))
+
+
+_SIGN = re.compile(r"^(?:.?[<>=^])?[-+ ]?")
+
+
+def numbers(language: str, values: Iterable[float], form: str) -> str:
+    """Return coordinates or angles in a row, between which the decimal mark of the language does not stand."""
+    return BETWEEN_NUMBERS[language].join(number(language, settled(v), form) for v in values)
+
+
+def typed(values: Iterable[float]) -> str:
+    """Return numbers as people type them into a field or an option, in any language: 0,0,0,0,0,0,1."""
+    return ",".join(number("en", settled(v), ".9g") for v in values)
+
+
 class Writer(string.Formatter):
     """Puts values into the texts of a language: numbers get its decimal mark, values that have words of their own (`text`) those words, and
     several of them stand in a row."""
@@ -71,7 +101,7 @@ class Writer(string.Formatter):
             return str(value.text(self.language))
         if format_spec in ("", WORD):
             return str(value)
-        return decimal(self.language, value if isinstance(value, str) else format(value, format_spec))
+        return decimal(self.language, value) if isinstance(value, str) else number(self.language, value, format_spec)
 
 
 def retold(domain: str, language: str, message: str, inner: Callable[[str], str] = str) -> str | None:

@@ -4,7 +4,7 @@
 import re
 from typing import Any
 
-from lmeasure.catalogue import Writer, decimal, plain, retold, signs, texts
+from lmeasure.catalogue import Writer, number, numbers, plain, retold, signs, texts
 from lmeasure.findings import Finding, recognised
 
 PAGES, TOLD = "pages", "told"
@@ -40,15 +40,12 @@ class Say:
         return powers(self._writer.vformat(said, (), values)) if values else said
 
     def number(self, value: float, form: str) -> str:
-        """A number by itself; what is rounded to nothing has no sign."""
-        signed = form.startswith("+")
-        return powers(
-            decimal(self.language, format(value, f"{'+' * signed}z{form[signed:]}" if form[-1:] == "f" and "z" not in form else form))
-        )
+        """A number by itself; a zero has no sign."""
+        return powers(number(self.language, value, form))
 
     def numbers(self, values: Any, form: str) -> str:
-        """Numbers in a row, between which the decimal mark does not stand."""
-        return (", " if self.language == "en" else "; ").join(self.number(v, form) for v in values)
+        """Coordinates or angles in a row, between which the decimal mark does not stand."""
+        return powers(numbers(self.language, values, form))
 
     def told(self, text: str | Finding) -> str:
         """What a computation said; as it is where the language has no words for it."""

@@ -2,11 +2,13 @@
 
 import math
 
+from lmeasure.catalogue import settled
+
 
 def with_u95(value: float, u95: float) -> tuple[str, str]:
     """A value and its U95, which has two significant digits; the value ends at the same decimal."""
     if not u95 > 0:
-        return f"{value:.6g}", f"{u95:.2g}"
+        return f"{settled(value):.6g}", f"{u95:.2g}"
     decimals = 1 - math.floor(math.log10(u95))
     # 0.0996 rounds to 0.10, not to 0.100
     if round(u95, decimals) >= 10.0 ** (2 - decimals):

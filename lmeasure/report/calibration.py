@@ -5,7 +5,7 @@ from pathlib import Path
 from lmeasure.calibration import Calibration
 from lmeasure.calibration.compare import Comparison, chance
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.catalogue import decimal
+from lmeasure.catalogue import decimal, settled
 from lmeasure.report import html
 from lmeasure.report.calibration_effects import dimensions, effects, effects_shown
 from lmeasure.report.calibration_figures import narrowed_figure, residuals_figure, rig_figure, spectrum_figure, worst_figure
@@ -68,7 +68,7 @@ def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) 
         kind, told = "verdict", say("Calibrated: nothing contradicts it.")
     rows = [
         (say("reference poses compared with the zero pose"), str(len({r.pose for r in record.residuals}))),
-        (say("residuals"), say("{mm:.3g} mm rms", mm=_told_mm(record.noise["residual_rms_mm"]))),
+        (say("residuals"), say("{mm:.3g} mm rms", mm=settled(record.noise["residual_rms_mm"]))),
     ]
     if "position_rms_mm" in record.predicted:
         place = say("{mm:.3g} mm rms", mm=record.predicted["position_rms_mm"])
@@ -100,18 +100,10 @@ HARMLESS = ("assumed_rotation", "assumed_position", "taken_as_exact")
 """Warnings that only say what was taken for what was not stated."""
 
 
-ROUNDING_MM = 1e-9
-"""What arithmetic leaves of nothing: far below what anybody measures."""
-
-
-def _told_mm(value: float) -> float:
-    return value if abs(value) > ROUNDING_MM else 0.0
-
-
 def _residuals(calibration: Calibration, say: Say) -> list[str]:
     record = calibration.record
     parts = [html.heading(say("Residuals")), html.paragraph(say("Measured less modelled change of each cable since its zero pose."))]
-    if all(abs(r.mm) <= ROUNDING_MM for r in record.residuals):
+    if not any(settled(r.mm) for r in record.residuals):
         # a drawing would show how the arithmetic was rounded
         told = say("All are zero: the counts tell as many directions as there are equations, and what fits them says nothing of errors.")
         return [*parts, html.paragraph(told)]
@@ -362,7 +354,7 @@ def _coarse(record: CalibrationRecord, say: Say) -> list[str]:
     roots = {True: say("chosen"), False: say("possible"), None: say("not physical").replace(" ", "\u00a0")}
     rows = (
         (c["point"], c["channel"], *(number(x, ".3f") for x in c["position_mm"]), number(c["first_length_mm"], ".3f"),
-         number(_told_mm(c["rms_mm"]), ".3g"), roots[bool(c["chosen"]) if c["chosen"] or c["physical"] else None])
+         number(settled(c["rms_mm"]), ".3g"), roots[bool(c["chosen"]) if c["chosen"] or c["physical"] else None])
         for c in record.coarse
     )  # fmt: skip
     columns = (say("point"), say("channel"), say("x, mm"), say("y, mm"), say("z, mm"), say("first length, mm"), say("rms, mm"), say("root"))

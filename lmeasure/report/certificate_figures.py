@@ -7,8 +7,7 @@ import plotly.graph_objects as go
 from plotly.colors import qualitative
 
 from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import DECIMAL_MARK
-from lmeasure.catalogue import decimal as number
+from lmeasure.catalogue import DECIMAL_MARK, number
 from lmeasure.certification.evaluate import AttainedPath, Evaluation
 from lmeasure.certification.measure import Measured
 from lmeasure.certification.pictures import magnification, way
@@ -29,7 +28,7 @@ def figures(language: str, measured: Measured) -> list[str]:
     if not evaluation.poses and not evaluation.paths:
         return []
     factor = magnification(evaluation)
-    told = word(language, "space.text", factor=number(language, f"{factor:g}"))
+    told = word(language, "space.text", factor=number(language, factor, "g"))
     drawn = [("space", told, _space(language, measured, factor))]
     if evaluation.poses:
         drawn.append(("drift", "", _drift(language, evaluation)))

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lmeasure.catalogue import decimal as number
+from lmeasure.catalogue import number
 from lmeasure.certification.evaluate import AttainedPath, Evaluation
 from lmeasure.certification.pictures import targets
 from lmeasure.report import certificate_text as say
@@ -54,7 +54,7 @@ def _path(language: str, path: AttainedPath) -> Picture:
 
 
 def _short(language: str, value: float) -> str:
-    return number(language, f"{value:g}")
+    return number(language, value, "g")
 
 
 def errors_in_space(certificate: dict[str, Any]) -> Picture | None:

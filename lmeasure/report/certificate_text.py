@@ -5,11 +5,10 @@ import unicodedata
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from lmeasure.catalogue import decimal as number
-from lmeasure.catalogue import signs, texts
+from lmeasure.catalogue import BETWEEN_NUMBERS, decimal, number, numbers, settled, signs, texts
 from lmeasure.certification.printed import with_u95 as with_u95
 from lmeasure.findings import from_stated, recognised
-from lmeasure.report.words import DOMAIN, characteristic_name, numbers, unit, word
+from lmeasure.report.words import DOMAIN, characteristic_name, unit, word
 
 Rows = list[tuple[str, ...]]
 
@@ -89,7 +88,7 @@ def instrument(certificate: dict[str, Any]) -> list[str]:
         return [word(language, "instrument.file" if certificate["instrument"] is None else "instrument.undescribed")]
 
     def rounded(values: list[float]) -> str:
-        return " \u2026 ".join(dict.fromkeys(number(language, f"{v:.4g}") for v in (values[0], values[-1])))
+        return " \u2026 ".join(dict.fromkeys(number(language, v, ".4g") for v in (values[0], values[-1])))
 
     encoders = {"counts": rounded(told["counts_per_revolution"]), "length": rounded(told["count_length_mm"])}
     passes = [] if told["passes"] == 1 else [word(language, "instrument.passes", passes=told["passes"])]
@@ -100,11 +99,11 @@ def instrument(certificate: dict[str, Any]) -> list[str]:
         lines.append(word(language, "instrument.uncalibrated"))
     else:
         rms = record["residual_rms_mm"]
-        residuals = "" if rms is None else word(language, "instrument.residuals", rms=number(language, f"{rms:.2g}"))
+        residuals = "" if rms is None else word(language, "instrument.residuals", rms=number(language, rms, ".2g"))
         lines.append(word(language, "instrument.calibrated", poses=record["reference_poses"]) + residuals)
     if limit is not None and told["worst_pressure_angle_deg"] is not None:
         angles = {"limit": f"{limit:g}", "largest": f"{told['worst_pressure_angle_deg']:.1f}"}
-        lines.append(word(language, "instrument.zone", **{k: number(language, v) for k, v in angles.items()}))
+        lines.append(word(language, "instrument.zone", **{k: decimal(language, v) for k, v in angles.items()}))
     return lines
 
 
@@ -117,10 +116,10 @@ def _conditions(language: str, conditions: dict[str, Any]) -> str | None:
     parts = []
     if "temperature_c" in conditions:
         spread = f" ± {conditions['temperature_range_c']:g}" if "temperature_range_c" in conditions else ""
-        temperature = number(language, f"{conditions['temperature_c']:g}{spread}")
+        temperature = decimal(language, f"{conditions['temperature_c']:g}{spread}")
         parts.append(f"{word(language, 'conditions.temperature')} {temperature} °C")
     if "humidity_percent" in conditions:
-        humidity = number(language, f"{conditions['humidity_percent']:g}")
+        humidity = number(language, conditions["humidity_percent"], "g")
         parts.append(f"{word(language, 'conditions.humidity')} {humidity} %")
     if "text" in conditions:
         parts.append(visible(conditions["text"]))
@@ -154,7 +153,7 @@ def result(certificate: dict[str, Any], figure: Mapping[str, Any]) -> Result:
     """A figure of the certificate as it is printed, its value never without its U95 and its verdict."""
     language = certificate["language"]
     stated = figure["u95"] is not None
-    value, u95 = with_u95(float(figure["value"]), float(figure["u95"])) if stated else (f"{figure['value']:.6g}", "")
+    value, u95 = with_u95(float(figure["value"]), float(figure["u95"])) if stated else (f"{settled(figure['value']):.6g}", "")
     name = characteristic_name(language, str(figure["name"]))
     extension = f"({word(language, 'extension')})" if figure.get("extension") else ""
     part = part_of(language, figure)
@@ -163,11 +162,11 @@ def result(certificate: dict[str, Any], figure: Mapping[str, Any]) -> Result:
         visible(figure["name"]),
         " ".join(text for text in (", ".join(t for t in (name, part) if t), extension) if text),
         visible(figure.get("clause", "")),
-        number(language, value),
-        f"±\u00a0{number(language, u95)}" if stated else "",
+        decimal(language, value),
+        f"±\u00a0{decimal(language, u95)}" if stated else "",
         unit(language, visible(figure["unit"])),
         str(figure.get("cycles", "")),
-        "" if k is None else number(language, f"{k:.2f}"),
+        "" if k is None else number(language, k, ".2f"),
         verdict(language, figure),
         *tolerance(language, figure.get("conformity"), name_rule=len(rules(certificate)) > 1),
     )
@@ -212,8 +211,8 @@ def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bo
         else f"≤\u00a0{upper:g}"
     )
     rule = f", {word(language, 'rule.' + conformity['rule'])}" if name_rule else ""
-    probability = number(language, _percent(conformity["probability"]))
-    return number(language, limits), f"{word(language, conformity['verdict'])} ({probability}{rule})"
+    probability = decimal(language, _percent(conformity["probability"]))
+    return decimal(language, limits), f"{word(language, conformity['verdict'])} ({probability}{rule})"
 
 
 def _percent(probability: float) -> str:
@@ -246,8 +245,8 @@ def commanded(certificate: dict[str, Any]) -> Rows:
             percent = f"{part['speed_percent']:g}\u00a0%" if "speed_percent" in part else ""
             speed = f"{part['speed_mm_s']:g}\u00a0{unit(language, 'mm/s')}" if "speed_mm_s" in part else ""
             load = part.get("load_kg", program["load_kg"])
-            loaded = "" if load is None else number(language, f"{load:g}\u00a0{unit(language, 'kg')}")
-            said = [numbers(language, (s for s in (speed, percent) if s)), loaded]
+            loaded = "" if load is None else decimal(language, f"{load:g}\u00a0{unit(language, 'kg')}")
+            said = [BETWEEN_NUMBERS[language].join(decimal(language, s) for s in (speed, percent) if s), loaded]
             name = f"{word(language, f'kind.{kind}')} {visible(part['name'])}"
             rows.append((name, told(language, part), *(s or word(language, "not stated") for s in said)))
     return rows
@@ -267,7 +266,7 @@ def _commanded_path(language: str, path: dict[str, Any]) -> str:
     if kind == "linear":
         said = {"start": at(path["start_mm"]), "end": at(path["end_mm"])}
     elif kind == "circular":
-        said = {"centre": at(path["centre_mm"]), "radius": number(language, f"{path['radius_mm']:g}"), "start": at(path["start_mm"])}
+        said = {"centre": at(path["centre_mm"]), "radius": number(language, path["radius_mm"], "g"), "start": at(path["start_mm"])}
     elif kind == "rectangular":
         said = {"corners": ", ".join(map(at, path["corners_mm"]))}
     else:
@@ -276,13 +275,13 @@ def _commanded_path(language: str, path: dict[str, Any]) -> str:
     if "end_quaternion_xyzw" in path:
         parts.append(word(language, "commanded.turning"))
     if "weave_stroke_mm" in path:
-        said = {key: number(language, f"{path[f'weave_{key}_mm']:g}") for key in ("stroke", "distance")}
+        said = {key: number(language, path[f"weave_{key}_mm"], "g") for key in ("stroke", "distance")}
         parts.append(word(language, "commanded.weave", **said))
     return "; ".join(parts)
 
 
 def _seven(language: str, values: list[float]) -> str:
-    return numbers(language, (f"{v:.7g}" for v in values))
+    return numbers(language, values, ".7g")
 
 
 def commanded_header(language: str) -> tuple[str, ...]:
@@ -307,16 +306,16 @@ def uncertainty(certificate: dict[str, Any]) -> list[str]:
     out = [
         word(language, "uncertainty.u95", covers=covers),
         word(language, "uncertainty.k"),
-        word(language, "uncertainty.capable", percent=number(language, f"{100 * settings['capability']:g}")),
+        word(language, "uncertainty.capable", percent=number(language, 100 * settings["capability"], "g")),
         word(language, "uncertainty.signed"),
     ]
     out += [word(language, f"uncertainty.{rule}") for rule in ("simple", "guarded") if rule in rules(certificate)]
     if rules(certificate):
         out.append(word(language, "conformity.percent"))
     if settings.get("limit_angle_deg") is not None:
-        out.append(word(language, "zone.angle", limit=number(language, f"{settings['limit_angle_deg']:g}")))
+        out.append(word(language, "zone.angle", limit=number(language, settings["limit_angle_deg"], "g")))
     if settings.get("limit_u95_mm") is not None:
-        out.append(word(language, "zone.u95", limit=number(language, f"{settings['limit_u95_mm']:g}")))
+        out.append(word(language, "zone.u95", limit=number(language, settings["limit_u95_mm"], "g")))
     return out
 
 
@@ -331,7 +330,7 @@ def notes(certificate: dict[str, Any]) -> list[str]:
             "samples",
             samples=span["samples"],
             ok=span["ok"],
-            **{k: number(language, f"{span[f'{k}_s']:g}") for k in ("start", "end")},
+            **{k: number(language, span[f"{k}_s"], "g") for k in ("start", "end")},
         ),
         word(language, "no run" if instrument is None else "with run"),
     ]
@@ -342,9 +341,9 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     if frame is None:
         out.append(word(language, "frame.none"))
     else:
-        out.append(word(language, "frame.fitted", frame=f"[{numbers(language, (f'{x:.9g}' for x in frame))}]"))
+        out.append(word(language, "frame.fitted", frame=f"[{numbers(language, frame, '.9g')}]"))
     if any(settings["tool_offset_mm"]):
-        out.append(word(language, "tool offset", offset=numbers(language, (f"{x:g}" for x in settings["tool_offset_mm"]))))
+        out.append(word(language, "tool offset", offset=numbers(language, settings["tool_offset_mm"], "g")))
     if any(c.get("angles") for c in figures):
         out.append(word(language, "angles", angles=visible(certificate["angles"])))
     if any(c.get("extension") for c in figures):

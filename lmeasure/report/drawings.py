@@ -11,7 +11,7 @@ import numpy as np
 import segno
 
 from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import decimal
+from lmeasure.catalogue import number, settled
 from lmeasure.certification.pictures import Target, round_scale, round_up
 from lmeasure.report import html
 
@@ -215,9 +215,9 @@ def curves(drawn: Curves, language: str, label: str) -> str:
     parts = []
     for tick in np.linspace(0.0, top, 5)[::2]:
         parts.append(_line([(left, up(tick)), (right, up(tick))], LINE, 0.7))
-        parts.append(_text(left - 4, up(tick) + 3.5, 11, decimal(language, f"{tick:.4g}"), "end", SOFT))
+        parts.append(_text(left - 4, up(tick) + 3.5, 11, number(language, settled(tick), ".4g"), "end", SOFT))
     for tick, anchor in ((first, "start"), (last, "end")):
-        parts.append(_text(across(tick), lower + 14, 11, decimal(language, f"{tick:.4g}"), anchor, SOFT))
+        parts.append(_text(across(tick), lower + 14, 11, number(language, settled(tick), ".4g"), anchor, SOFT))
     for row in values:
         ok = np.isfinite(row)
         for part in np.split(np.arange(len(row)), np.flatnonzero(np.diff(ok.astype(int))) + 1):

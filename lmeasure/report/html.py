@@ -52,10 +52,9 @@ def text(value: object) -> str:
     return value if isinstance(value, Ready) else html.escape(str(value))
 
 
-_UNIT = (
-    r"(?:mm|m|s|ms|deg|rad|mrad|kg|Hz|K|counts|мм|м|с|мс|рад|мрад|кг|Гц|К|отсч\.)(?:/(?:s|N|с|Н))?[²³]?(?!\w)"
-    r"|%|°"
-)  # fmt: skip
+_PLAIN = r"mm|m|s|ms|deg|rad|mrad|kg|Hz|K|counts|мм|м|с|мс|рад|мрад|кг|Гц|К|отсч\."
+_PER = "s|N|mm|m|K|с|Н|мм|м|К"
+_UNIT = rf"(?:{_PLAIN})(?:/(?:{_PER}))?[²³]?(?!\w)|%|°"
 _TOGETHER = re.compile(
     rf"(?<=[\d⁰¹²³⁴-⁹]) (?={_UNIT})"  # a number and its unit,
     r"|(?<=\bp) (?==)|(?<=[=<>]) (?=[-+\d])|(?<=\(u) (?=\d)"  # p = 0.01, < 1, (u 0.2)
@@ -65,6 +64,7 @@ _TOGETHER = re.compile(
 _PLACE = re.compile(r"\([-+\d.,]+(?:[,;] [-+\d.,]+)+\)")
 _WHOLE = re.compile(
     r"(?<![\w&;-])(?:--[a-z][\w-]*(?: \w+:\w+)?|LM-[\dA-F]{8}-[\dA-F]{8}(?![\w-])|\d{4}-\d\d-\d\d(?![\w-]))"  # options, numbers, dates
+    rf"|(?<![\w&;/-])(?:{_PLAIN})/(?:{_PER})[²³]?(?![\w/])"  # units: a browser breaks behind a slash
 )
 _LONG = re.compile(r"[^\s<>&;]{20,}")
 _JOINT = re.compile(r"(?<=[_/])(?=\w)")
@@ -238,7 +238,7 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
     high = _high(drawing) if scene else _high_flat(drawing)
     under = UNDER if drawing.layout.margin.b is None else drawing.layout.margin.b
     beside = ROOM + max(under, _legend_high(drawing) + COLOURS * any(_has_bar(trace) for trace in drawing.data))
-    return f'<div class="scene" style="height:min({given}px, calc({high:.0f}vw + {beside}px))">{ready}</div>'
+    return f'<div class="scene" style="height:min({given / 16:g}rem, calc({high:.0f}vw + {beside}px))">{ready}</div>'
 
 
 def settled(drawing: go.Figure) -> go.Figure:

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from lmeasure import files
-from lmeasure.catalogue import decimal, texts
+from lmeasure.catalogue import number, texts
 from lmeasure.interim.check import Checked, said
 from lmeasure.interim.closures import Closure
 from lmeasure.interim.moved import Cause
@@ -27,7 +27,7 @@ def write_check_page(
         html.paragraph(verdict(found, language), "verdict" if found.passed else "verdict bad"),
         html.paragraph(words["when"].format(when=_when(when), stops=len(found.stops), tests=len(found.closures))) if when else "",
         html.heading(words["closures"]),
-        html.paragraph(words["closures.told"].format(limit=decimal(language, f"{100 * found.limit:.2g}"))),
+        html.paragraph(words["closures.told"].format(limit=number(language, 100 * found.limit, ".2g"))),
         html.figure(closures_figure(found, language), "closures", first=True, language=language),
         html.table([words[f"column.{c}"] for c in ("kind", "name", "value", "u95", "probability")], _rows(found, language)),
         *_agreement(found, language),
@@ -47,7 +47,7 @@ def verdict(found: Checked, language: str) -> str:
     if found.passed:
         return words["passed"]
     if found.astray_mm:
-        return words["astray"].format(mm=decimal(language, f"{found.astray_mm:.3g}"))
+        return words["astray"].format(mm=number(language, found.astray_mm, ".3g"))
     if len(found.causes) == 1:
         only = found.causes[0]
         return words["one.start" if only.kind == "start" else "one"].format(cause=cause_text(only, language))
@@ -60,12 +60,12 @@ def verdict(found: Checked, language: str) -> str:
 def cause_text(c: Cause, language: str) -> str:
     """What may have changed, and by how much."""
     words = texts(DOMAIN, language)
-    size, u = (decimal(language, f"{value:.2g}") for value in (c.size, c.u))
+    size, u = (number(language, value, ".2g") for value in (c.size, c.u))
     return words[f"cause.{c.kind}"].format(name=c.name, size=size, u=u, unit=_unit(c, language))
 
 
 def _chance(language: str, probability: float) -> str:
-    return decimal(language, f"{probability:.2g}") if probability >= 1e-9 else "< 10⁻⁹"
+    return number(language, probability, ".2g") if probability >= 1e-9 else "< 10⁻⁹"
 
 
 def _when(when: str) -> str:
@@ -92,8 +92,8 @@ def _rows(found: Checked, language: str) -> list[tuple[str, ...]]:
         (
             words[f"kind.{c.kind}"],
             _of(c),
-            decimal(language, f"{c.value_mm:.4f}"),
-            decimal(language, f"{c.u95_mm:.4f}"),
+            number(language, c.value_mm, ".4f"),
+            number(language, c.u95_mm, ".4f"),
             _chance(language, c.probability) + (" !" if c in found.failed else ""),
         )
         for c in found.closures
@@ -137,7 +137,7 @@ def _agreement(found: Checked, language: str) -> list[str]:
     if told is None:
         return []
     values = {
-        "chi2": decimal(language, f"{told.chi_squared:.4g}"),
+        "chi2": number(language, told.chi_squared, ".4g"),
         "freedom": told.freedom,
         "probability": _chance(language, told.probability),
     }
@@ -145,8 +145,8 @@ def _agreement(found: Checked, language: str) -> list[str]:
     rows = [
         (
             words[f"cause.{c.kind}"].split("{")[0].strip() + f" {c.name}" if c.kind != "start" else words["start"],
-            *(decimal(language, f"{value:.3g}") + _unit(c, language) for value in (c.size, c.u, c.detectable)),
-            decimal(language, f"{c.rest:.1f}"),
+            *(number(language, value, ".3g") + _unit(c, language) for value in (c.size, c.u, c.detectable)),
+            number(language, c.rest, ".1f"),
         )
         for c in told.causes
     ]

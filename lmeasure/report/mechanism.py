@@ -35,7 +35,7 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
     body = [html.paragraph(told), html.paragraph(near), html.heading(say("In space"))]
     body.append(html.figure(space_figure(file, pose, grid, say), "space", first=True, language=language))
     rows = [
-        (name, say.number(v, "z.3f"), *(say.number(w, "g") for w in record["joint_limits"][name])) for name, v in record["joints"].items()
+        (name, say.number(v, ".3f"), *(say.number(w, "g") for w in record["joint_limits"][name])) for name, v in record["joints"].items()
     ]
     body += [html.heading(say("Joints")), html.table((say("joint"), say("value"), say("lowest"), say("highest")), rows)]
     if "ranges" in record:

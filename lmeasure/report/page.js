@@ -12,12 +12,15 @@
     settle();
   }
   // A plot follows the size of its place, whatever changes that: columns, the window, a fold, zoom. By itself it follows the window alone.
+  // Its letters follow those of the page.
   const plots = document.querySelectorAll('.plotly-graph-div');
+  const wall = matchMedia('(min-width: 190rem)');
   const fit = (plot) => {
-    const drawn = plot._fullLayout;
+    const drawn = plot._fullLayout, size = wall.matches && !document.body.classList.contains('paper') ? 15 : 12;
     if (!drawn || !plot.clientWidth) return;
     const high = drawn.autosize && plot.clientHeight !== Math.round(drawn.height) && plot.closest('.scene');
-    if (high || plot.clientWidth !== Math.round(drawn.width)) Plotly.relayout(plot, { autosize: true }); // at once: `Plots.resize` waits for a tenth of a second
+    if (high || plot.clientWidth !== Math.round(drawn.width) || size !== drawn.font.size)
+      Plotly.relayout(plot, { autosize: true, 'font.size': size }); // at once: `Plots.resize` waits for a tenth of a second
   };
   const places = new ResizeObserver((seen) => seen.forEach(({ target }) => fit(target)));
   for (const plot of plots) places.observe(plot);

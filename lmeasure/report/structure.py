@@ -118,7 +118,7 @@ def _figure(value: float | None, say: Say) -> str:
 
 def _places(at: FloatArray, say: Say) -> tuple[str, ...]:
     """Coordinates without what rounding leaves of them."""
-    return tuple(say.number(round(float(v), 6) + 0.0, "g") for v in at)
+    return tuple(say.number(round(float(v), 6), "g") for v in at)
 
 
 def _links(linkage: Linkage, say: Say) -> list[tuple[str, ...]]:

@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 from lmeasure import files
 from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
 from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import decimal, signs, texts
+from lmeasure.catalogue import decimal, number, settled, signs, texts
 from lmeasure.causes import Cause, is_of
 from lmeasure.certification.printed import with_u95
 from lmeasure.kernels.cable import wrap_geometry
@@ -76,7 +76,7 @@ def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
     samples = len(found.u95_mm)
     bad = sum(s.samples for s in found.stretches if not s.ok)
     if bad:
-        said = words["verdict.bad"].format(bad=bad, samples=samples, percent=decimal(language, f"{100 * bad / samples:.3g}"))
+        said = words["verdict.bad"].format(bad=bad, samples=samples, percent=number(language, 100 * bad / samples, ".3g"))
         return [html.paragraph(said, "warning")]
     fewer = sum(s.samples for s in found.stretches)
     if fewer and all(map(_restored, found.stretches)):
@@ -90,36 +90,36 @@ def summary(found: Along, language: str) -> list[tuple[str, str]]:
     """Names and figures that matter, the first ones of a page or a terminal."""
     words = texts(DOMAIN, language)
 
-    def number(value: float, form: str = ".4g") -> str:
-        return decimal(language, format(value, form))
+    def own(value: float, form: str = ".4g") -> str:
+        return number(language, settled(value), form)
 
     trajectory, say = found.trajectory, Say(language)
     time_s, n = trajectory.time_s, len(trajectory.time_s)
     span = float(time_s[-1] - time_s[0])
     bad = sum(s.samples for s in found.stretches if not s.ok)
-    rate = words["rate"].format(rate=number(1.0 / float(np.median(np.diff(time_s))))) if n > 1 else ""
+    rate = words["rate"].format(rate=own(1.0 / float(np.median(np.diff(time_s))))) if n > 1 else ""
     rows = [
-        (words["duration"], f"{number(span, '.6g')} {words['s']}"),
+        (words["duration"], f"{own(span, '.6g')} {words['s']}"),
         (words["samples"], f"{n}{rate}"),
-        (words["ok"], f"{n - bad} ({number(100.0 * (n - bad) / n)} %)"),
+        (words["ok"], f"{n - bad} ({own(100.0 * (n - bad) / n)} %)"),
     ]
     if found.worst is not None:
         i = found.worst
-        at = words["at"].format(time=number(time_s[i], ".6g"), place=say.numbers(trajectory.poses[i, :3], ".1f"))
-        rows.append((words["worst.place"], f"{number(1e3 * found.u95_mm[i])} {words['um']}{at}"))
+        at = words["at"].format(time=own(time_s[i], ".6g"), place=say.numbers(trajectory.poses[i, :3], ".1f"))
+        rows.append((words["worst.place"], f"{own(1e3 * found.u95_mm[i])} {words['um']}{at}"))
     else:
         rows.append((words["worst.place"], words["not stated"]))
     if not np.isnan(found.u95_rad).all():
-        rows.append((words["worst.turn"], f"{number(np.degrees(np.nanmax(found.u95_rad)))}°"))
+        rows.append((words["worst.turn"], f"{own(np.degrees(np.nanmax(found.u95_rad)))}°"))
     elif np.isnan(trajectory.poses[:, 3]).all():
         rows.append((words["worst.turn"], words["no turn"]))
     if not np.isnan(trajectory.worst_pressure_angle_deg).all():
-        rows.append((words["angle"], f"{number(np.nanmax(trajectory.worst_pressure_angle_deg), '.1f')}°"))
+        rows.append((words["angle"], f"{own(np.nanmax(trajectory.worst_pressure_angle_deg), '.1f')}°"))
     if found.motion is not None:
         speed, u95 = found.motion.largest_speed()
-        told = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [number(speed)]
+        told = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [own(speed)]
         rows.append((words["speed"], f"{' ± '.join(told)} {words['mm/s']}"))
-        rows.append((words["path"], f"{number(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
+        rows.append((words["path"], f"{own(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
         rows.extend((words["vibration"].format(axis=v.axis.upper()), _vibration(v, language)) for v in found.motion.vibration)
     else:
         rows.append((words["speed"], words["no speed"].format(why=found.no_motion)))
@@ -148,7 +148,7 @@ def _left_out(found: Along, language: str) -> list[str]:
     rows = []
     for (_, cause, cable), own in sorted(kinds.items(), key=lambda item: -sum(s.samples for s in item[1]))[:MOST_LINES]:
         longest = max(s.end_s - s.begin_s for s in own)
-        first = f"{decimal(language, f'{own[0].begin_s:.6g}')}\u00a0{words['s']}"
+        first = f"{number(language, own[0].begin_s, '.6g')}\u00a0{words['s']}"
         rows.append(
             (
                 _state(own[0], language),
@@ -157,7 +157,7 @@ def _left_out(found: Along, language: str) -> list[str]:
                 str(sum(s.samples for s in own)),
                 str(len(own)),
                 first,
-                f"{decimal(language, f'{longest:.4g}')}\u00a0{words['s']}",
+                f"{number(language, longest, '.4g')}\u00a0{words['s']}",
             )
         )
     header = [words[f"column.{key}"] for key in ("status", "cause", "cable", "samples", "stretches", "first", "longest")]
@@ -188,10 +188,10 @@ def _known(found: Along, language: str) -> Iterable[str]:
     yield from (signs(note.text(language)) for note in trajectory.notes)
     yield from (taken.said.text(language) for taken in trajectory.taken_as_exact)
     if found.motion is not None:
-        said = words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
+        said = words["smoothed"].format(half=number(language, 1e3 * found.motion.half_width_s, ".4g"))
         yield f"{said} {words['smoothed.band']}" if _banded(trajectory) else said
         if np.isfinite(found.motion.highest_hz):
-            yield words["highest"].format(highest=decimal(language, f"{found.motion.highest_hz:.4g}"))
+            yield words["highest"].format(highest=number(language, found.motion.highest_hz, ".4g"))
         for note in found.motion.stamps.notes:
             yield note.text(language)
 
@@ -309,10 +309,10 @@ def time_figure(found: Along, language: str = "en") -> go.Figure:
     titles = [title for title, _ in lanes] + ([status] if kinds else [])
     high = 210.0 * sum(heights)
     figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=TITLE / high, row_heights=heights)
-    for number, (_, curves) in enumerate(lanes, 1):
+    for lane, (_, curves) in enumerate(lanes, 1):
         for i, (name, values, half) in enumerate(curves):
             colour = AXES[i] if len(curves) > 1 else "#30343f"
-            _curve(figure, number, time_s, name, values, half, colour, legend=number == 1)
+            _curve(figure, lane, time_s, name, values, half, colour, legend=lane == 1)
     if kinds:
         _lane(figure, len(titles), found, kinds, language)
         _shade(figure, found)

@@ -1,14 +1,12 @@
 """The words of a certificate in the languages it can be printed in, `locale/*/report.po`; names, numbers and units as each writes them."""
 
 import re
-from collections.abc import Iterable
 from typing import Any
 
-from lmeasure.catalogue import decimal, texts
+from lmeasure.catalogue import texts
 from lmeasure.saying import Say
 
 DOMAIN = "report"
-BETWEEN_NUMBERS = {"en": ", ", "ru": "; "}
 THOUSANDS = {"en": ",", "ru": "\u00a0"}
 UNITS = {
     "ru": {"kg": "кг", "mm": "мм", "deg": "°", "s": "с", "%": "%", "mm/s": "мм/с", "mm/N": "мм/Н", "Hz": "Гц", "rad": "рад", "ms": "мс"},
@@ -40,11 +38,6 @@ def with_indices(text: str) -> list[tuple[str, str]]:
         out.append((text[end : found.start()] + stem, index))
         end = found.end()
     return [*out, (text[end:], "")] if end < len(text) or not out else out
-
-
-def numbers(language: str, printed: Iterable[str]) -> str:
-    """Printed numbers in a row."""
-    return BETWEEN_NUMBERS[language].join(decimal(language, one) for one in printed)
 
 
 def axes(say: Say) -> dict[str, Any]:

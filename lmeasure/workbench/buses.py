@@ -1,5 +1,6 @@
 """Buses of a project: which is used, and the simulated cell that plays on one."""
 
+from lmeasure.catalogue import typed
 from lmeasure.workbench import forms
 from lmeasure.workbench.jobs import Job, Jobs
 
@@ -20,7 +21,7 @@ def known(jobs: Jobs) -> dict[str, str]:
     told = {"bus": bus, "bus_option": "\n".join(given.get("bus_option", []))}
     state = {} if cell is None else cell.last.get("cell", {})
     if state.get("at") == "home":
-        told["start"] = ",".join(f"{v:.9g}" for v in state["pose"])
+        told["start"] = typed(state["pose"])
     return {key: text for key, text in told.items() if text}
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 from types import FrameType
 
 import uvicorn
+from jinja2 import pass_context
+from jinja2.runtime import Context
 from markupsafe import Markup, escape
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -23,9 +25,10 @@ from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
 from lmeasure import workflows
-from lmeasure.catalogue import decimal
+from lmeasure.catalogue import decimal, number, typed
 from lmeasure.errors import LMeasureError
 from lmeasure.files import not_written
+from lmeasure.report.html import kept
 from lmeasure.workbench import api, calibrations, certificates, pages, projects, runs, things
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused
 from lmeasure.workbench.guard import HERE as LOOPBACK
@@ -38,7 +41,6 @@ GRACE_S = 3
 LONGEST_END_S = 30.0
 """After which a server that was ended ends, whatever it waits for."""
 _OPTION = re.compile(r"--[a-z][\w-]*")
-_UNIT = re.compile(r"(?<=\d) (?=(?:mm|мм|%|°)(?!\w))")
 for _name in workflows.COMMANDS:
     # at the start, in one thread: what two requests begin to load at once is seen in halves
     workflows.load(_name)
@@ -65,12 +67,19 @@ def application(folder: Path, door: Door, port: int, language: str = "en", *, sh
     app.router.redirect_slashes = False
     app.state.bench = bench
     TEMPLATES.env.filters["words"] = lambda name: name.replace("_", " ")
-    TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="whole">\g<0></span>', str(escape(line))))
-    TEMPLATES.env.filters["together"] = lambda text: _UNIT.sub("\u00a0", text.replace(" -", " \u2212").replace(" ± ", "\u00a0±\u00a0"))
-    TEMPLATES.env.filters["printed"] = lambda text, language: "\u00a0±\u00a0".join(
-        re.sub("^-", "\u2212", decimal(language, one)) for one in text.split(" ± ")
-    )
+    TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="kept">\g<0></span>', str(escape(line))))
+    TEMPLATES.env.filters["together"] = lambda text: Markup(kept(text.replace(" -", " \u2212")))
+    TEMPLATES.env.filters["number"] = _number
+    TEMPLATES.env.filters["typed"] = typed
     return app
+
+
+@pass_context
+def _number(context: Context, value: float | str, form: str = "") -> str:
+    """Return a number as the reader's language writes it: a value in a format, or a value and its U95 that are printed already."""
+    language = context["language"]
+    printed = value if isinstance(value, str) else number(language, value, form)
+    return "\u00a0±\u00a0".join(re.sub("^-", "\u2212", decimal(language, one)) for one in printed.split(" ± "))
 
 
 async def _refused(request: Request, error: Exception) -> Response:

@@ -12,7 +12,8 @@ from lmeasure.report.readable import page_text
     ("text", "expected"),
     [
         ("within 0.1 mm, 80 % of 7 counts", "within 0.1~mm, 80~% of 7~counts"),
-        ("на 3,5 мм/с² при 5 К", "на 3,5~мм/с² при 5~К"),
+        ("на 3,5 мм/с² при 5 К", 'на 3,5~<span class="kept">мм/с²</span> при 5~К'),
+        ("mm/s; 0.1 ± 0.2 m/s, and/or m/s/x", '<span class="kept">mm/s</span>; 0.1~±~0.2~<span class="kept">m/s</span>, and/or m/s/x'),
         ("7 minutes, 3 msec, 12 kgs", "7 minutes, 3 msec, 12 kgs"),
         # a column would be wider than its numbers
         ("first length, mm", "first length, mm"),

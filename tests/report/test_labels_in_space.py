@@ -99,7 +99,7 @@ def test_figures_of_the_upright_axis_stand_clear_of_its_foot(
 @pytest.mark.parametrize(("up", "high"), [(20.0, 140), (5.0, 35)])
 def test_a_drawing_of_one_scale_is_no_higher_than_it_is_drawn(up: float, high: int) -> None:
     figure = go.Figure(go.Scatter(x=[0.0, 10.0], y=[0.0, up]), {"height": 600, "xaxis": {"scaleanchor": "y"}})
-    assert f'style="height:min(600px, calc({high}vw + {html.ROOM + html.UNDER}px))"' in html.figure(figure, "one", first=False)
+    assert f'style="height:min(37.5rem, calc({high}vw + {html.ROOM + html.UNDER}px))"' in html.figure(figure, "one", first=False)
 
 
 def test_lines_that_ask_for_no_colour_are_told_apart_without_colour_vision() -> None:

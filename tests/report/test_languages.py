@@ -11,7 +11,7 @@ import pypdfium2
 import pytest
 from pages import PAGES, PDFS, ROOT
 
-from lmeasure.catalogue import retold, texts
+from lmeasure.catalogue import Writer, number, retold, texts, typed
 from lmeasure.saying import PAGES as DOMAIN
 from lmeasure.saying import TOLD, Say
 
@@ -139,3 +139,19 @@ def test_what_a_computation_said_is_told_again() -> None:
     # a number is no text
     assert retold(TOLD, "ru", "singular") == "особая поза"
     assert retold(TOLD, "ru", "link x short") is None
+
+
+def test_a_zero_has_no_sign_and_the_last_bits_of_a_computation_are_zero() -> None:
+    """They differ between processors, and a page that was written by another one would be another."""
+    forms = {(-0.0, "g"): "0", (-0.001, ".2f"): "0.00", (-1e-9, "+.1f"): "+0.0", (-2.5, "8.1f"): "    -2.5"}
+    assert {key: number("en", *key) for key in forms} == forms
+    assert Say().numbers((2.2e-17, -1e-12, -0.25), ".6g") == "0, 0, -0.25"
+    assert Say("ru").numbers((-0.0, 0.5), ".4g") == "0; 0,5"
+    assert Writer("ru").vformat("{a:.1f} {b}", (), {"a": -0.01, "b": 3}) == "0,0 3"
+    assert typed((0.1 + 0.2, -1e-17, 0.70710678118)) == "0.3,0,0.707106781"
+
+
+def test_pages_of_the_workbench_print_numbers_by_their_filter() -> None:
+    templates = sorted((ROOT / "lmeasure" / "workbench" / "templates").glob("*.html"))
+    assert len(templates) > 20
+    assert [path.name for path in templates if re.search(r"\|\s*(?:format|round)\b", path.read_text(encoding="utf-8"))] == []

@@ -1,4 +1,5 @@
 // A trajectory over time: plots with bands that hold 95 %, one cursor, a span that comes nearer; gaps that are jumped to.
+import {number, own} from './number.js';
 import {root} from './root.js';
 const place = document.getElementById('along'), id = (name) => document.getElementById(name);
 const whole = [Number(place.dataset.begin), Number(place.dataset.end)];
@@ -6,8 +7,6 @@ const plots = [...place.querySelectorAll('canvas')], digits = {u95: 4, angle: 1}
 let span = [...whole], at = whole[0], data = null, asked = 0;
 
 const colour = (name) => getComputedStyle(document.body).getPropertyValue(name);
-const own = (text) => (document.documentElement.lang === 'ru' ? text.replace('.', ',') : text).replace('-', '−');
-const number = (v, n) => v === null || v === undefined ? '–' : own(v.toFixed(n));
 const across = (canvas, t) => 70 + (canvas.clientWidth - 80) * (t - span[0]) / (span[1] - span[0] || 1);
 const timeAt = (canvas, x) => Math.min(span[1], Math.max(span[0], span[0] + (x - 70) / (canvas.clientWidth - 80) * (span[1] - span[0])));
 
@@ -31,9 +30,9 @@ function paint(canvas) {
   pen.fillStyle = colour('--soft'); pen.strokeStyle = colour('--line'); pen.lineWidth = 1;
   for (let v = Math.ceil(low / step) * step, n = 0; v <= top && n < 12; v += step, n++) {
     pen.beginPath(); pen.moveTo(70, y(v)); pen.lineTo(canvas.clientWidth - 10, y(v)); pen.stroke();
-    pen.fillText(own(v.toFixed(ticks).replace(/^-(0(\.0*)?)$/, '$1')), 4, y(v) + 4);
+    pen.fillText(number(v, ticks), 4, y(v) + 4);
   }
-  pen.fillText(`${own(span[0].toFixed(2))} ${place.dataset.s}`, 70, high - 6); const end = `${own(span[1].toFixed(2))} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
+  pen.fillText(`${number(span[0], 2)} ${place.dataset.s}`, 70, high - 6); const end = `${number(span[1], 2)} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
   if (half) {
     pen.fillStyle = colour('--blue'); pen.globalAlpha = 0.3;
     let run = [];

@@ -1,9 +1,7 @@
 // What comes over a bus: who speaks, what moves, a recording, a capture; and the simulated cell that is told what to do.
+import {number, numbers, own} from './number.js';
 import {root} from './root.js';
 const at = (id) => document.getElementById(id);
-// as the language of the page writes it; what is typed into a controller keeps its point
-const own = (text) => { const mark = document.documentElement.lang === 'ru' ? ',' : '.'; return String(text).replace('.', mark).replace('-', '−'); };
-const number = (v, digits) => (v === null || v === undefined ? '–' : own((Math.abs(v) < 0.5 * 10 ** -digits ? 0 : v).toFixed(digits)));
 const {mm, mms, s: seconds} = document.body.dataset;
 const make = (name, text = '', kind = '') => { const e = document.createElement(name); e.textContent = text; if (kind) e.className = kind; return e; };
 const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form)});
@@ -34,7 +32,7 @@ if (cell) {
   });
   const name = (button) => { button.textContent = `${button.dataset.cable}: ${button.classList.contains('out') ? cell.dataset.let : cell.dataset.pull}`; };
   const show = (told) => {
-    at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at === 'home' ? cell.dataset.home : told.at}: ${told.pose.map((v) => number(v, 2)).join(document.documentElement.lang === 'ru' ? '; ' : ', ')}`;
+    at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at === 'home' ? cell.dataset.home : told.at}: ${numbers(told.pose, 2)}`;
     rows(at('cell-cables'), told.cables.length, () => { const b = make('button'); b.type = 'button'; return b; })
       .forEach((b, i) => {
         b.dataset.cable = told.cables[i];

@@ -1,4 +1,5 @@
 // The rig in space: observation points, cables and the tool; drag to turn, drag a point to move it in the plane of the screen.
+import {number, numbers} from './number.js';
 import {root} from './root.js';
 const HIT = 12;
 
@@ -41,7 +42,7 @@ export async function draw(place, form) {
     });
   };
   const moved = (i) => {
-    const p = rig.points[i]; told.textContent = `${p.name}: ${p.position_mm.map((v) => v.toFixed(1)).join(', ')} mm`;
+    const p = rig.points[i]; told.textContent = `${p.name}: ${numbers(p.position_mm, 1)}\u00a0${document.body.dataset.mm}`;
     p.position_mm.forEach((v, axis) => {
       const input = form.elements[`observation_point.${i}.position_mm.${axis}`];
       if (input) input.value = String(+(document.getElementById('inches').checked ? v / 25.4 : v).toFixed(6));
@@ -62,8 +63,7 @@ export async function draw(place, form) {
       const points = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
       const answer = await fetch(`${root}/coarse`, {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
       const found = await answer.json();
-      const own = (value, digits) => document.documentElement.lang === 'ru' ? value?.toFixed(digits).replace('.', ',') : value?.toFixed(digits);
-      const figures = {volume: own(found.zone_volume_mm3 / 1e9, 2), angle: own(found.least_angle_deg, 1), u95: own(found.median_u95_mm, 3)};
+      const figures = {volume: number(found.zone_volume_mm3 / 1e9, 2), angle: number(found.least_angle_deg, 1), u95: number(found.median_u95_mm, 3)};
       // a number and its unit stand in one line
       where.textContent = found.error ?? where.dataset.figures.replace(/{(\w+)}/g, (_, name) => figures[name]).replace(/(\d) (?=[^\s\d])/g, '$1\u00a0');
     } finally { asking = false; clearInterval(patience); }
