@@ -12,12 +12,16 @@
     settle();
   }
   // A plot follows the size of its place, whatever changes that: columns, the window, a fold, zoom. By itself it follows the window alone.
-  // Its letters follow those of the page.
+  // Its letters follow those of the page, and its height, where it has one of its own, follows its letters.
   const plots = document.querySelectorAll('.plotly-graph-div');
   const wall = matchMedia('(min-width: 190rem)');
   const fit = (plot) => {
     const drawn = plot._fullLayout, size = wall.matches && !document.body.classList.contains('paper') ? 15 : 12;
     if (!drawn || !plot.clientWidth) return;
+    if (size !== drawn.font.size && plot.layout.height) {
+      plot.layout.height *= size / drawn.font.size;
+      plot.style.height = `${plot.layout.height}px`;
+    }
     const high = drawn.autosize && plot.clientHeight !== Math.round(drawn.height) && plot.closest('.scene');
     if (high || plot.clientWidth !== Math.round(drawn.width) || size !== drawn.font.size)
       Plotly.relayout(plot, { autosize: true, 'font.size': size }); // at once: `Plots.resize` waits for a tenth of a second

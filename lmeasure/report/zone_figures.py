@@ -91,7 +91,7 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
         for n, k in enumerate(levels)
     ]
     figure.update_layout(
-        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps, "pad": {"t": 70}}],
+        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps, "pad": {"t": 84}}],
         scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}, "center": html.CAMERA["center"]}},
         height=760,
         margin={"t": 10, "b": 10, "l": 10, "r": 10},

@@ -16,7 +16,7 @@ const rows = (list, count, row) => {
 // a server that has ended says nothing any more: the page does
 export const gone = (is) => { at('gone').hidden = !is; };
 // of a command line, every second one an option, which no line breaks
-export const parts = (line) => line.split(/(--[a-z][\w-]*)/).map((text, i) => make('span', text, i % 2 ? 'whole' : ''));
+export const parts = (line) => line.split(/(--[a-z][\w-]*)/).map((text, i) => make('span', text, i % 2 ? 'kept' : ''));
 
 // ---- the simulated cell ----
 const cell = at('cell');
