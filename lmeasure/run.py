@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field
 from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord, write_calibration_record
+from lmeasure.catalogue import numbers
 from lmeasure.checked import Strict, checked
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import FileFormatError, TrajectoryError
@@ -77,7 +78,7 @@ class Run(Shown):
         return {
             "rig": self.rig.name,
             "samples": ", ".join(f"{len(c.time_s)} over {c.time_s[-1] - c.time_s[0]:.6g} s" for c in self.passes),
-            "start": "unknown" if self.start is None else ", ".join(f"{v:.6g}" for v in self.start[:3]) + " mm",
+            "start": "unknown" if self.start is None else numbers("en", self.start[:3], ".6g") + " mm",
             "calibration": "none" if self.calibration is None else f"of {len(self.calibration.parameters)} parameters",
         }
 

@@ -10,6 +10,7 @@ import numpy as np
 from lmeasure import files
 from lmeasure.accuracy.limits import REASONS, Limits, broken_limits
 from lmeasure.accuracy.scan import digest_of
+from lmeasure.catalogue import settled
 from lmeasure.errors import FileFormatError, pasted
 from lmeasure.opened import open_regular
 
@@ -84,7 +85,7 @@ def summary(zone: "xr.Dataset") -> str:
     else:
         lines_refined = []
     best = np.unravel_index(int(np.argmin(angle.values)), angle.shape)
-    where = ", ".join(f"{name} {float(zone[name][i]):g}" for name, i in zip("xyz", best, strict=True))
+    where = ", ".join(f"{name} {settled(float(zone[name][i])):g}" for name, i in zip("xyz", best, strict=True))
     turns = zone.sizes["orientation"]
     lines = [
         f"{inside.sum()} of {inside.size} nodes are in the zone ({turns} orientation{'s' * (turns > 1)} each, within "

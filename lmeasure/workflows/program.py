@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from lmeasure.catalogue import numbers
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import COLUMNS, Names, Numbers, Pair, Paths, Quaternion, Writing, known_convention, notes_of_file, option
@@ -110,7 +111,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     return Result(
         plan.program,
         (
-            f"cube of {cube.edge_mm:g} mm about ({', '.join(f'{v:g}' for v in cube.centre)}) mm, plane {cube.plane}",
+            f"cube of {cube.edge_mm:g} mm about ({numbers('en', cube.centre, 'g')}) mm, plane {cube.plane}",
             f"{len(plan.program.pose)} poses, {len(plan.program.path)} paths, {len(plan.commands)} commands: {lasts}",
             f"program.toml, commands.csv and robodk.csv are in {settings.out}",
         ),

@@ -20,6 +20,7 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.catalogue import numbers
 from lmeasure.errors import RobotError
 from lmeasure.kernels.legs import driven, placed
 from lmeasure.robots.mechanisms.jacobians import Jacobians
@@ -337,7 +338,7 @@ class Parallel:
     def _say(self, bad: BoolArray, what: str, poses: FloatArray) -> None:
         if bad.any():
             sample = int(np.argmax(bad))
-            where = ", ".join(f"{v:.6g}" for v in poses[sample])
+            where = numbers("en", poses[sample], ".6g")
             raise RobotError(f"sample {sample}: {what} ({where})", sample)
 
     @cached_property
