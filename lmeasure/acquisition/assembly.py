@@ -11,7 +11,7 @@ from lmeasure.acquisition.decoders import CounterField
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames, no_frames
 from lmeasure.acquisition.free_running import FreeAssembler
-from lmeasure.acquisition.samples import Assembler, StartLine, SyncAssembler
+from lmeasure.acquisition.samples import Assembler, StartLine, SyncAssembler, joined
 from lmeasure.counts import Counts
 from lmeasure.encoder_table import AngleEncoder
 from lmeasure.errors import AcquisitionError
@@ -78,15 +78,13 @@ def counts_from_frames(
         parts.append(assembler.feed(batch))
         frames += len(batch)
     parts.append(assembler.feed(no_frames(source), last=True))
-    time_s = np.concatenate([p.time_s for p in parts])
-    if len(time_s) == 0:
+    samples = joined(parts)
+    if len(samples.time_s) == 0:
         table = rig.can_table
         wanted = f"SYNC {table.sync_id:#x}" if table.timing == "sync" else f"frame of channel {fields[0].channel}"
         raise AcquisitionError(f"{source}: {frames} frames, but no {wanted} among them; see the rig's [can] table")
-    recorded = np.vstack([p.recorded for p in parts])
-    start = None if parts[0].start_input is None else np.concatenate([p.start_input for p in parts if p.start_input is not None])
-    skew = None if parts[0].u_time_s is None else np.concatenate([p.u_time_s for p in parts if p.u_time_s is not None])
-    counts = Counts(time_s, tuple(f.channel for f in fields), recorded, start, source, skew)
+    channels = tuple(f.channel for f in fields)
+    counts = Counts(samples.time_s, channels, samples.recorded, samples.start_input, source, samples.u_time_s)
     marked = mark_stalls(rig, counts, assembler.events, passage)
     return Assembled(counts if marked is None else marked, assembler.events, frames)
 

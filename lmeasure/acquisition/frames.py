@@ -39,6 +39,7 @@ PASSIVE, WARNING = (128, 0x20, 0x10), (96, 0x08, 0x04)
 
 CLASSIC_BYTES = 8
 FD_BYTES = 64
+PIECE_FRAMES = 1 << 16
 
 TimestampSource = Literal["hardware", "kernel", "host", "log"]
 
@@ -113,6 +114,20 @@ def join(parts: Sequence[Frames]) -> Frames:
         parts[0].timestamp_source,
         parts[0].source,
     )
+
+
+def pieces(batches: Iterable[Frames]) -> Iterator[Frames]:
+    """Yield the frames of all batches in pieces of PIECE_FRAMES: where a batch ends does not matter then."""
+    held: list[Frames] = []
+    for batch in batches:
+        held.append(batch)
+        if sum(map(len, held)) >= PIECE_FRAMES:
+            whole = join(held)
+            ends = range(PIECE_FRAMES, len(whole) + 1, PIECE_FRAMES)
+            yield from (whole.take(slice(end - PIECE_FRAMES, end)) for end in ends)
+            held = [whole.take(slice(ends[-1], None))]
+    if held:
+        yield join(held)
 
 
 def controller_state(state: tuple[int, int, int], counters: tuple[int, int] = (0, 0)) -> tuple[int, bytes]:

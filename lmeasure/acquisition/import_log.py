@@ -13,7 +13,7 @@ from lmeasure.acquisition.assembly import counts_from_frames
 from lmeasure.acquisition.canopen_objects import as_mapped, fields_in_log
 from lmeasure.acquisition.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, dbc_file, decode
 from lmeasure.acquisition.events import EventLog, event_columns
-from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames
+from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames, pieces
 from lmeasure.acquisition.logfiles import LogReport, identifiers_in, log_batches
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
@@ -152,7 +152,7 @@ def _import_log(
     report, survey = LogReport(), Survey()
     batches = _of_one_bus(log_batches(log, report, progress), fields, rig.can_table.sync_id, bus, survey, log)
     try:
-        assembled = counts_from_frames(rig, batches, fields, passage, source=str(log))
+        assembled = counts_from_frames(rig, pieces(batches), fields, passage, source=str(log))
     except AcquisitionError:
         if report.frames == 0:
             raise FileFormatError(report.empty(log)) from None

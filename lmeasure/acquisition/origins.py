@@ -67,11 +67,9 @@ class Line:
         """Take (n,) readings without a gap between them; behind_gap: one is before them."""
         if len(times) == 0:
             return
-        kept = 0 if behind_gap else self.whole
-        t, x = (
-            np.concatenate([self.times[len(self.times) - kept :], times]),
-            np.concatenate([self.totals[len(self.totals) - kept :], totals]),
-        )
+        self.times, self.totals = np.concatenate([self.times, times]), np.concatenate([self.totals, totals])
+        self.whole = len(times) + (0 if behind_gap else self.whole)
+        t, x = self.times[-self.whole :], self.totals[-self.whole :]
         w = int(np.clip(round(WINDOW_S / usual_s), 1, LONGEST_WINDOW)) if usual_s > 0.0 else 1
         interval = usual_s if usual_s > 0.0 else float(np.median(np.diff(t))) if len(t) > 2 * w else 0.0
         if len(x) > 2 * w and interval > 0.0:
@@ -79,10 +77,7 @@ class Line:
             bent = np.abs(x[2 * w :] - 2 * x[w:-w] + x[: -2 * w]).max() - 2.0 * ROUNDING
             self.hardest = max(0.0 if np.isinf(self.hardest) else self.hardest, float(bent) / (w * interval) ** 2)
         most = 2 * LONGEST_WINDOW + 1
-        if behind_gap:
-            t, x = np.concatenate([self.times, times]), np.concatenate([self.totals, totals])
-        self.whole = min(kept + len(times), most)
-        self.times, self.totals = t[-most:].copy(), x[-most:].copy()
+        self.times, self.totals, self.whole = self.times[-most:].copy(), self.totals[-most:].copy(), min(self.whole, most)
 
     def speed(self, usual_s: float) -> Speed | None:
         """The speed at the last reading; None where there is one reading only."""

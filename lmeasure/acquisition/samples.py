@@ -1,6 +1,6 @@
 """From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -31,6 +31,8 @@ LAG = 64
 """Intervals at most over which a host's stamps are compared: an adapter on a serial line hands over what came in 16 ms at once."""
 LAGS = 8
 """Times the intervals over which stamps are compared that there are at least, so that a pause of the bus is in few of them."""
+FIRST_INTERVALS = 16
+"""Intervals that give a period in spite of a few lost SYNCs: until then no sample is returned."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
 MISSED = 0.75
@@ -67,6 +69,18 @@ class Samples:
     recorded: FloatArray
     start_input: FloatArray | None = None
     u_time_s: FloatArray | None = None
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """Return the samples of one assembler, one part after the other."""
+    start = [p.start_input for p in parts if p.start_input is not None]
+    skew = [p.u_time_s for p in parts if p.u_time_s is not None]
+    return Samples(
+        np.concatenate([p.time_s for p in parts]),
+        np.vstack([p.recorded for p in parts]),
+        np.concatenate(start) if start else None,
+        np.concatenate(skew) if skew else None,
+    )
 
 
 @dataclass(frozen=True)
@@ -204,7 +218,7 @@ class SyncAssembler:
         self.stamps_moved_s = 0.0
         self.syncs = self.given = 0
         self._latest_s = -np.inf
-        """When the last frame was."""
+        """When the last frame came, without the shift of the times."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
@@ -298,8 +312,10 @@ class SyncAssembler:
         self.events.add(Event(self._number(row), time_s, channel, kind, text))
 
     def _give(self, last: bool) -> Samples:
-        self._drop_double_syncs()
-        self._rise()
+        self._time_the_sync()
+        if self._period is not None or last:
+            self._drop_double_syncs()
+            self._rise()
         total, m = len(self._sync_time), len(self.fields)
         instants, settled, known = self._settled(last)
         ready = min(total if last else max(total - 2, 0), known)
@@ -398,7 +414,8 @@ class SyncAssembler:
                 break
         waited = self._sync_time[ready - 1] - self._sync_time[0]
         patient = waited < FIRST_HOLD_S or self._log or not known.any()
-        self._decided = last or bool(known.all()) or not patient or ready >= ANSWERS * MOST
+        sure = bool(known.all()) and len(self._intervals) >= FIRST_INTERVALS
+        self._decided = last or sure or not patient or ready >= ANSWERS * MOST
         return self._decided
 
     def _repeated(self, value: IntArray, n: IntArray, ready: int) -> tuple[BoolArray, BoolArray]:
@@ -439,12 +456,12 @@ class SyncAssembler:
         for w in np.flatnonzero(paused(np.diff(at), self._period or 0.0)):
             row = int(w) + 1 - (len(at) - ready)
             self._event(row, "", "pause", f"no SYNC for {at[w + 1] - at[w]:.6g} s")
-        silent = self._latest_s - at[-1:]
+        silent = self._latest_s + self._time_shift - at[-1:]
         if last and paused(silent, self._period or 0.0).any():
             self._event(ready, "", "pause", f"no SYNC in the last {silent[0]:.6g} s, though frames came")
 
     def _without_sync(self, instants: FloatArray, ready: int) -> None:
-        """Let go of frames that answer a SYNC that is missing.
+        """Let go of frames that answer a missing SYNC, up to the SYNC behind those that are ready: a late answer may follow it.
 
         They come later than its period and well before the next one; and the channel has answered the SYNC before them already, or was not
         due to, or the frame is so late that no sender was merely held up.
@@ -452,11 +469,11 @@ class SyncAssembler:
         if self._period is None:
             return
         spacing = np.diff(np.append(instants, np.inf))
-        if not (long := spacing > 1.5 * self._period)[:ready].any():
+        if not (long := spacing > 1.5 * self._period)[: ready + 1].any():
             return
         stamps = np.append(self._sync_time, np.inf)
         strays = long[self._window] & (self._at - stamps[self._window] > MISSED * self._period)
-        strays &= (stamps[self._window + 1] - self._at > (1.0 - MISSED) * self._period) & (self._window < ready)
+        strays &= (stamps[self._window + 1] - self._at > (1.0 - MISSED) * self._period) & (self._window <= ready)
         if not strays.any():
             return
         _, first = np.unique(self._window * len(self.fields) + self._field, return_index=True)
@@ -500,14 +517,15 @@ class SyncAssembler:
                 # of which there are several still: neither one value nor a gap
                 self._event(w, channel, "conflict", ", ".join(str(v) for v in values[:4]))
 
-    def _drop_double_syncs(self) -> None:
-        """A SYNC at once after another, with nothing between them, is the same one."""
+    def _time_the_sync(self) -> None:
+        """Estimate the period of the SYNC from its latest intervals."""
         if len(self._intervals) > 2:
             self._period = pace(self._intervals) if self._late_stamps else float(np.median(self._intervals))
-        if self._period is None or len(self._sync_time) < 2:
-            return
+
+    def _drop_double_syncs(self) -> None:
+        """A SYNC at once after another, with nothing between them, is the same one."""
         intervals = np.diff(self._sync_time, prepend=-np.inf)
-        double = (intervals < 0.25 * self._period) & (intervals >= 0)
+        double = (intervals <= 0.25 * (self._period or 0.0)) & (intervals >= 0)
         if not double.any():
             return
         filled = np.bincount(self._window, minlength=len(self._sync_time)) > 0
@@ -565,7 +583,9 @@ class SyncAssembler:
             before = self._sync_time[i - 1] if i else self._last_time
             step = before - self._sync_time[i]
             self._event(i, "", "time", f"back by {step:.6g} s")
-            self._sync_time[i:] += step + (self._period or FIRST_PERIOD_S)
-            self._time_shift += step + (self._period or FIRST_PERIOD_S)
+            shift = step + (self._period or FIRST_PERIOD_S)
+            self._sync_time[i:] += shift
+            self._at[self._window >= i] += shift
+            self._time_shift += shift
             # of a time so large that a period is lost in it, the next double: each turn settles one sample at least
             self._sync_time[i] = max(self._sync_time[i], np.nextafter(before, np.inf))

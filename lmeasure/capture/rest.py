@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.acquisition.codes import GoneOn
-from lmeasure.acquisition.samples import Samples
+from lmeasure.acquisition.samples import Samples, joined
 from lmeasure.arrays import FloatArray
 from lmeasure.rig import Drum, Rig
 
@@ -71,8 +71,8 @@ class Rest:
         there = np.isfinite(samples.recorded)
         last = samples.time_s[len(there) - 1 - np.argmax(there[::-1], axis=0)]
         self._seen_s = np.where(there.any(axis=0), last, self._seen_s)
-        self._tail = self._look_for_leaps(_joined(self._tail, samples))
-        whole = _joined(Samples(self.time_s, self.counts), samples)
+        self._tail = self._look_for_leaps(joined([self._tail, samples]))
+        whole = joined([Samples(self.time_s, self.counts), samples])
         # extremes of all that is behind each sample only grow backwards; an empty cell neither moves nor stands
         behind = whole.recorded[::-1]
         extent = np.nan_to_num(np.fmax.accumulate(behind) - np.fmin.accumulate(behind))[::-1]
@@ -131,7 +131,3 @@ class Rest:
         """The last seconds of the rest."""
         rows = slice(int(np.searchsorted(self.time_s, self.now_s - seconds - 1e-9)), None)
         return Samples(self.time_s[rows], self.counts[rows])
-
-
-def _joined(first: Samples, then: Samples) -> Samples:
-    return Samples(np.concatenate([first.time_s, then.time_s]), np.vstack([first.recorded, then.recorded]))

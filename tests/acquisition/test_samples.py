@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of
 
 from lmeasure.acquisition.assembly import counts_from_frames, new_assembler
 from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.frames import Frames, frames_from_messages, join, no_frames
+from lmeasure.acquisition.frames import PIECE_FRAMES, Frames, TimestampSource, frames_from_messages, join, no_frames, pieces
 from lmeasure.acquisition.samples import pace
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Rig, rig_from_dict
@@ -22,28 +22,46 @@ FRAMES = frames_of(RIG, COUNTS).take(slice(0, 100 * PER_SAMPLE))
 FIELDS = counter_fields(RIG)
 
 
-# a dozen frames lost among the first ten may still give one sample more or less, by where a batch ends: other draws find it
-@settings(deadline=None, max_examples=60, derandomize=True)
-@given(st.data())
-def test_where_a_batch_ends_does_not_matter(data: st.DataObject) -> None:
+ROWS = st.integers(1, 60) | st.integers(1, len(FRAMES) - 2)
+"""Of frames: more of them at the start, while little is known."""
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    faults=st.lists(st.tuples(ROWS, st.sampled_from(["drop", "double", "swap"])), max_size=12),
+    source=st.sampled_from(["log", "kernel", "host"]),
+    cuts=st.lists(ROWS, max_size=8),
+)
+@example(faults=[*[(8, "drop")] * 4, (7, "double"), (9, "drop"), *[(1, "drop")] * 6], source="log", cuts=[3])
+@example(faults=[*[(8, "drop")] * 4, (7, "drop"), (9, "double"), *[(1, "drop")] * 6], source="host", cuts=[7])
+def test_where_a_batch_ends_does_not_matter(faults: list[tuple[int, str]], source: TimestampSource, cuts: list[int]) -> None:
     order = list(range(len(FRAMES)))
-    for i in data.draw(st.lists(st.integers(1, len(order) - 2), max_size=12)):
-        what = data.draw(st.sampled_from(["drop", "double", "swap"]))
+    for i, what in faults:
         if what == "drop" and i < len(order):
             del order[i]
         elif what == "double" and i < len(order):
             order.insert(i, order[i])
         elif what == "swap" and i + 1 < len(order):
             order[i], order[i + 1] = order[i + 1], order[i]
-    frames = replace(order_of(FRAMES, order), timestamp_source=data.draw(st.sampled_from(["log", "host"])))
-    cuts = sorted(data.draw(st.lists(st.integers(0, len(frames)), max_size=8)))
-    pieces = [frames.take(slice(a, b)) for a, b in zip([0, *cuts], [*cuts, len(frames)], strict=True)]
-    whole = counts_from_frames(RIG, [frames], FIELDS)
-    cut = counts_from_frames(RIG, pieces, FIELDS)
+    frames = replace(order_of(FRAMES, order), timestamp_source=source)
+    ends = sorted(min(cut, len(frames)) for cut in cuts)
+    batches = [frames.take(slice(a, b)) for a, b in zip([0, *ends], [*ends, len(frames)], strict=True)]
+    whole, cut = counts_from_frames(RIG, [frames], FIELDS), counts_from_frames(RIG, batches, FIELDS)
     np.testing.assert_array_equal(cut.counts.recorded, whole.counts.recorded)
     # the SYNC's period is estimated from what is known by then, so a burst's times may differ by parts of a period
     np.testing.assert_allclose(cut.counts.time_s, whole.counts.time_s, rtol=0, atol=2e-3)
     assert cut.events.tally == whole.events.tally
+
+
+def test_a_log_is_assembled_in_pieces_of_its_own() -> None:
+    """Whatever batches the reader of its format hands over."""
+    frames = frames_of(RIG, COUNTS)
+    many = join([frames] * (PIECE_FRAMES // len(frames) + 2))
+    whole = list(pieces([many]))
+    for size in (1000, PIECE_FRAMES + 1):
+        cut = list(pieces(many.take(slice(a, a + size)) for a in range(0, len(many), size)))
+        assert [len(p) for p in cut] == [len(p) for p in whole] == [PIECE_FRAMES, len(many) - PIECE_FRAMES]
+        np.testing.assert_array_equal(join(cut).identifier, many.identifier)
 
 
 def test_stamps_of_a_busy_host_are_brought_back_before_its_pause() -> None:
@@ -310,8 +328,8 @@ def test_a_sync_that_is_missing_takes_its_sample_with_it() -> None:
     """Its frames belong to no sample; the one before keeps its own. A channel or two that send twice are no missing SYNC."""
     gone = 20 * PER_SAMPLE
     frames = FRAMES.take(np.delete(np.arange(len(FRAMES)), gone))
-    for pieces in ([frames], [frames.take(slice(a, a + 5)) for a in range(0, len(frames), 5)]):
-        got = counts_from_frames(RIG, pieces, FIELDS)
+    for batches in ([frames], [frames.take(slice(a, a + 5)) for a in range(0, len(frames), 5)]):
+        got = counts_from_frames(RIG, batches, FIELDS)
         kept = np.delete(np.arange(100), 20)
         np.testing.assert_array_equal(got.counts.recorded, COUNTS.recorded[kept])
         np.testing.assert_allclose(got.counts.time_s, COUNTS.time_s[kept], rtol=0, atol=1e-12)
