@@ -79,6 +79,8 @@ class EventLog:
     """Of each channel whose values are limited: how many came, and how many are no counts."""
     limits: dict[str, str] = field(default_factory=dict)
     """Which limits these are."""
+    reserved: dict[str, bool] = field(default_factory=dict)
+    """Whether a standard reserves these values."""
 
     def add(self, event: Event) -> None:
         """Count an event, and keep it while there are not too many of its kind."""
@@ -91,12 +93,12 @@ class EventLog:
         if channel not in self.steps or size > self.steps[channel][0]:
             self.steps[channel] = size, text, sample
 
-    def note_values(self, channel: str, came: int, void: int, limits: str) -> None:
-        """Count values of a channel, and those that are no counts."""
+    def note_values(self, channel: str, came: int, void: int, limits: str, *, reserved: bool = False) -> None:
+        """Count values of a channel, and those that are no counts; reserved: a standard reserves these, the rig or a file states no range."""
         total = self.values.setdefault(channel, [0, 0])
         total[0] += came
         total[1] += void
-        self.limits[channel] = limits
+        self.limits[channel], self.reserved[channel] = limits, reserved
 
     def notes(self) -> list[str]:
         """Lines for a summary: steps that gaps may hide, and limits of values that the data contradict."""
@@ -107,8 +109,9 @@ class EventLog:
         for channel, (came, void) in sorted(self.values.items()):
             if void > CONTRADICTED * came:
                 part = f"{100.0 * void / came:.0f} % of its values are {self.limits[channel]}, and give no counts"
+                why = "the sensor reports errors, or its message uses all values" if self.reserved[channel] else "the range contradicts the data"
                 way = "if they are counts, set whole_range = true for it in the rig's [can] table"
-                out.append(f"channel {channel}: {part}: the range contradicts the data; {way}")
+                out.append(f"channel {channel}: {part}: {why}; {way}")
         return out
 
     def summary(self) -> str:

@@ -177,7 +177,8 @@ def blocks_of_lines(path: Path, file: BinaryIO, report: LogReport) -> Iterator[B
     while got := read_into(room[kept : kept + BLOCK_BYTES], file, report):
         end = kept + got
         # a carriage return at the very end may have its line feed in the next block
-        cut = max(held.rfind(b"\n", 0, end), held.rfind(b"\r", 0, end - 1)) + 1
+        feed = held.rfind(b"\n", 0, end)
+        cut = max(feed, held.rfind(b"\r", feed + 1, end - 1)) + 1
         kept = end - cut
         if kept > LONGEST_LINE:
             raise FileFormatError(f"{path}: is no text log: a line is longer than {LONGEST_LINE} bytes")

@@ -93,17 +93,17 @@ class NetworkWatch:
 
     def words(self, frames: Frames) -> list[Word]:
         """What was said in a batch, in its order."""
-        extended = (frames.flags & EXTENDED) != 0
-        errors = (frames.flags & ERROR) != 0
-        plain = ~errors & ((frames.flags & REMOTE) == 0)
-        looked = self._wanted[np.minimum(frames.identifier, OTHERS)] & plain & ~extended
+        looked = self._wanted[np.minimum(frames.identifier, OTHERS)]
         if self._addresses:
-            looked |= plain & extended & ((frames.identifier & ADDRESS_CLAIM_MASK) == ADDRESS_CLAIM)
+            looked |= (frames.identifier & ADDRESS_CLAIM_MASK) == ADDRESS_CLAIM
+        looked |= (frames.flags & ERROR) != 0
         out = []
-        for row in np.flatnonzero(looked | errors).tolist():
-            identifier, data = int(frames.identifier[row]), frames.data[row, : frames.length[row]].tobytes()
-            classed = bool(frames.flags[row] & CLASSED)
-            word = _error(row, identifier, data, classed) if errors[row] else self._word(row, identifier, bool(extended[row]), data)
+        for row in np.flatnonzero(looked).tolist():
+            identifier, data, flags = int(frames.identifier[row]), frames.data[row, : frames.length[row]].tobytes(), int(frames.flags[row])
+            if flags & ERROR:
+                word: Word | None = _error(row, identifier, data, bool(flags & CLASSED))
+            else:
+                word = None if flags & REMOTE else self._word(row, identifier, bool(flags & EXTENDED), data)
             if word is not None:
                 out.append(word)
         return out
@@ -111,7 +111,7 @@ class NetworkWatch:
     def _word(self, row: int, identifier: int, extended: bool, data: bytes) -> Word | None:
         if extended:
             address = identifier & ADDRESS
-            if address not in self._addresses:
+            if identifier & ADDRESS_CLAIM_MASK != ADDRESS_CLAIM or address not in self._addresses:
                 return None
             return Word(row, "heartbeat", f"address {address}: claimed its address", self._addresses[address], DOUBTFUL)
         if identifier == 0:

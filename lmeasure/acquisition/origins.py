@@ -74,8 +74,10 @@ class Line:
         interval = usual_s if usual_s > 0.0 else float(np.median(np.diff(t))) if len(t) > 2 * w else 0.0
         if len(x) > 2 * w and interval > 0.0:
             # by their order: stamps may be late, counts are taken evenly
-            bent = np.abs(x[2 * w :] - 2 * x[w:-w] + x[: -2 * w]).max() - 2.0 * ROUNDING
-            self.hardest = max(0.0 if np.isinf(self.hardest) else self.hardest, float(bent) / (w * interval) ** 2)
+            steps = x[w:] - x[:-w]
+            bends = steps[w:] - steps[:-w]
+            bent = max(int(bends.max()), -int(bends.min())) - 2.0 * ROUNDING
+            self.hardest = max(0.0 if np.isinf(self.hardest) else self.hardest, bent / (w * interval) ** 2)
         most = 2 * LONGEST_WINDOW + 1
         self.times, self.totals, self.whole = self.times[-most:].copy(), self.totals[-most:].copy(), min(self.whole, most)
 

@@ -110,7 +110,8 @@ def note_values(events: EventLog, fields: tuple[CounterField, ...], readings: Re
     for j, field in enumerate(fields):
         if field.limits is not None or field.reserved is not None:
             void = [v for v in readings.void[readings.void[:, 1] == j, 2].tolist() if v not in field.names]
-            events.note_values(field.channel, int((readings.field == j).sum()) + len(void), len(void), field.range_text)
+            came = int((readings.field == j).sum()) + len(void)
+            events.note_values(field.channel, came, len(void), field.range_text, reserved=field.limits is None)
 
 
 def started_late(counters: tuple[CounterState, ...], events: EventLog) -> list[int]:

@@ -110,6 +110,16 @@ def _driver_error(data: Bytes, row: int) -> None:
     data[row, 6], data[row, 7] = sent, received
 
 
+@inline
+def put(out: Columns, row: int, time_s: float, identifier: int, flags: int, length: int, channel: int) -> None:
+    """Write all of a frame but its data into a row of the columns."""
+    out[0][row] = time_s
+    out[1][row] = identifier
+    out[2][row] = flags
+    out[3][row] = length
+    out[5][row] = channel
+
+
 @kernel
 def scan_blf(
     b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], places_used: int, known: IntArray
@@ -120,7 +130,7 @@ def scan_blf(
     places_used how many it holds, both carried on; known (132,) counts objects of other kinds by their number. Returns (frames, bytes used,
     status, places_used); ODD at the start of an object of an unknown kind or header.
     """
-    time, identifier, flags, length, data, channel = out
+    data = out[4]
     width = data.shape[1]
     end = len(b)
     n = 0
@@ -248,11 +258,7 @@ def scan_blf(
         if places[number] < 0:
             places[number] = places_used
             places_used += 1
-        time[n] = seconds + start_s
-        identifier[n] = raw & 0x1FFFFFFF
-        flags[n] = mark
-        length[n] = valid
-        channel[n] = places[number]
+        put(out, n, seconds + start_s, raw & 0x1FFFFFFF, mark, valid, places[number])
         _copy(b, start, count, data, n)
         if kind in DRIVER_ERRORS:
             _driver_error(data, n)

@@ -26,6 +26,7 @@ from lmeasure.kernels.frames import (
     Columns,
     byte,
     i64,
+    put,
 )
 from lmeasure.kernels.log_text import (
     POWERS,
@@ -226,11 +227,11 @@ def scan_asc(
     nanoseconds reached; out, places and places_used as for `scan_blf`; known (2 + k,) counts blank lines, comments and events of EVENTS.
     Returns (frames, bytes used, status, places_used, since); where the columns are full it stops.
     """
-    time, identifier, flags, length, data, channel = out
+    room, data = len(out[0]), out[4]
     end = len(b)
     n = 0
     pos = 0
-    while pos < end and n < len(time):
+    while pos < end and n < room:
         line = pos
         i = skip_blanks(b, pos)
         before = byte(b, i) == 45
@@ -289,11 +290,7 @@ def scan_asc(
         if places[number] < 0:
             places[number] = places_used
             places_used += 1
-        time[n] = seconds + start_s
-        identifier[n] = value
-        flags[n] = mark
-        length[n] = count
-        channel[n] = places[number]
+        put(out, n, seconds + start_s, value, mark, count, places[number])
         n += 1
         since = event
         pos = next_line(b, skip_line(b, i))

@@ -25,6 +25,7 @@ from lmeasure.kernels.frames import (
     Columns,
     byte,
     i64,
+    put,
 )
 from lmeasure.kernels.log_text import (
     NIBBLE,
@@ -97,11 +98,11 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: 
     b (k,) uint8; out as for `scan_blf`; names (64, 32) uint8 and lengths (64,) int64 hold the channel names found, used how many, all
     carried on; known (1,) counts blank lines. Returns (frames, bytes used, status, used).
     """
-    time, identifier, flags, length, data, channel = out
+    room, data = len(out[0]), out[4]
     end = len(b)
     n = 0
     pos = 0
-    while pos < end and n < len(time):
+    while pos < end and n < room:
         line = pos
         i = skip_blanks(b, pos)
         if is_line_end(byte(b, i)):
@@ -170,11 +171,7 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: 
                 return n, line, ODD, used
         if raw & ERROR_FLAG:
             mark |= ERROR | (CLASSED if raw & 0x1FFFFFFF <= LARGEST_CLASS else 0)
-        time[n] = seconds
-        identifier[n] = raw & 0x1FFFFFFF
-        flags[n] = mark
-        length[n] = count
-        channel[n] = place
+        put(out, n, seconds, raw & 0x1FFFFFFF, mark, count, place)
         n += 1
         pos = next_line(b, i)
     return n, pos, DONE, used
