@@ -1,14 +1,14 @@
-"""One clock for the frames of a log or bus: clocks that start again, clocks that were set, and single wrong stamps.
+"""Give the frames of a log or bus one clock: repair clocks that restart, clocks that were set, and single wrong stamps.
 
-The order of reception is true within one bus. Stamps that contradict it are repaired here, before any sample is assembled. The thresholds
-are periods of the SYNC, or of a counter's own timer:
+Within one bus the order of reception is true. Stamps that contradict it are repaired here, before any sample is assembled. Thresholds are
+periods of the SYNC, or of a counter's own timer:
 
-- a few frames whose stamps lie elsewhere, with the frames on both sides in line, get the times at which they were due;
-- blocks that a logger wrote in exchanged order, each filling the hole that the other leaves, are put in order;
-- a step back by more than BACK periods is a clock that started again at the end of its range, or one that was set. Times continue;
-- a step forward is a pause of the bus, unless the counters moved on as in one period. Then the clock was set, and times continue.
+- A few frames have stamps out of line, and the frames on both sides are in line: they get the times at which they were due.
+- A logger wrote two blocks in the wrong order, and each fills the hole that the other leaves: they are put in order.
+- A step back by more than BACK periods is a clock that restarted at the end of its range, or was set: times continue.
+- A step forward is a pause of the bus. If the counters moved as in one period, the clock was set: times continue.
 
-What remains are steps by fractions of periods: stamps that are late, and frames of several buffers.
+Steps by fractions of periods remain: late stamps, and frames of several buffers.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ MODULI_S = {
     86400.0: "24 h",
     2**32 * 1e-3: "2^32 ms",
 }
-"""Ranges of clocks that start again: GVRET and ESP32, SLCAN, timers of 16 and 32 bits, and times of day."""
+"""Ranges of clocks that restart: GVRET and ESP32, SLCAN, timers of 16 and 32 bits, and times of day."""
 BACK = 2.5
 """Periods by which stamps may step back and count as frames out of order."""
 FORWARD = 5.0
@@ -52,11 +52,11 @@ NO_PAUSE_S = 1e6
 FIRST_PAUSE_S = 10.0
 """No bus pauses for longer behind its first few frames."""
 RESTART_S = 1.0
-"""Pause at most in which a clock is recognised to have started again at zero."""
+"""Longest pause in which a clock that restarted at zero is recognised."""
 LATE = 0.95
-"""Periods between two frames of a timer at least, as far as late stamps are concerned."""
+"""Smallest interval between two frames of a timer, in periods, when late stamps are judged."""
 SURE = 0.98
-"""The same of many periods."""
+"""The same over many periods."""
 MOVES = 3.0
 """Counts per period from which a counter shows whether a period or a pause passed."""
 
@@ -65,7 +65,7 @@ Keys = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Repair:
-    """A repair of stamps: time by the repaired clock, kind of event, text."""
+    """State a repair of stamps: time by the repaired clock, kind of event, text."""
 
     time_s: float
     kind: str
@@ -74,13 +74,13 @@ class Repair:
 
 @dataclass
 class _Bus:
-    """State of the clock of one bus: what is added to its stamps, and its latest frames by repaired time."""
+    """Keep the clock of one bus: the shift of its stamps, and its latest frames by repaired time."""
 
     shift: float = 0.0
     time_s: FloatArray = field(default_factory=lambda: np.empty(0))
     key: Keys = field(default_factory=lambda: np.empty(0, np.int64))
     frames: Frames | None = None
-    """Those frames, where the clock of a log may be set forward."""
+    """The same frames, for a log: its clock may be set forward."""
 
 
 def earliest(stamps_s: FloatArray, least_s: float) -> FloatArray:
@@ -90,10 +90,10 @@ def earliest(stamps_s: FloatArray, least_s: float) -> FloatArray:
 
 
 class Clock:
-    """Repairs the stamps of frames, batch by batch. Frames behind a step are held until the step can be judged."""
+    """Repair the stamps of frames, batch by batch. Frames behind a step wait until the step can be judged."""
 
     def __init__(self, fields: tuple[CounterField, ...], sync_id: int | None) -> None:
-        """sync_id: the SYNC at which counts are latched, None where each encoder has its own timer."""
+        """Take the SYNC at which counts are latched; None if each encoder has its own timer."""
         self._fields, self._sync_id = fields, sync_id
         self._buses: dict[str, _Bus] = {}
         self._held: Frames | None = None
@@ -126,7 +126,7 @@ class Clock:
         return _Line(self._fields, self._sync_id, self._buses.get(name, _Bus()), frames.take(rows), last=last)
 
     def _certain(self, frames: Frames, lines: dict[int, IntArray], found: dict[int, "_Line"], certain: int) -> Frames:
-        """Move the state of each bus on to the first frame that is not certain, and hold that and those behind it."""
+        """Move the state of each bus to the first frame that is not certain; hold this frame and those behind it."""
         time_s, order = frames.time_s.copy(), np.arange(len(frames))
         for number, rows in lines.items():
             one, count = found[number], int(np.searchsorted(rows, certain))
@@ -141,7 +141,7 @@ class Clock:
         return replace(moved, time_s=time_s).take(slice(certain))
 
     def _runs_on(self, frames: Frames) -> bool:
-        """Whether nothing happens to the only bus of the frames; then its state is moved on."""
+        """Return whether the stamps of the only bus need no repair; if so, move its state on."""
         bus = self._buses.setdefault(frames.buses[0], _Bus())
         time_s = frames.time_s + bus.shift if bus.shift else frames.time_s
         first = float(time_s[0] - bus.time_s[-1]) if len(bus.time_s) else 0.0
@@ -161,12 +161,12 @@ class Clock:
 
 
 def _keys(frames: Frames) -> Keys:
-    """Identifiers, 2^29 above them where extended."""
+    """Return identifiers, 2^29 above them if extended."""
     return np.asarray(frames.identifier.astype(np.int64) | ((frames.flags & EXTENDED) != 0).astype(np.int64) << 29)
 
 
 class _Line:
-    """The frames of one bus in a batch, in the order of reception, behind the latest ones of the batches before."""
+    """Repair the frames of one bus in a batch, in the order of reception; the latest frames of earlier batches precede them."""
 
     def __init__(self, fields: tuple[CounterField, ...], sync_id: int | None, bus: _Bus, frames: Frames, *, last: bool) -> None:
         self._fields, self._sync_id, self._frames, self._last = fields, sync_id, frames, last
@@ -184,11 +184,11 @@ class _Line:
 
     @property
     def time_s(self) -> FloatArray:
-        """(n,) repaired times, in `order`."""
+        """Return the repaired times (n,), in `order`."""
         return self._t[self._known :]
 
     def _usual(self) -> float:
-        """The period of the SYNC, or of the counters' own timers, as far as the frames show it."""
+        """Return the period of the SYNC, or of the counters' own timers, as far as the frames show it."""
         wanted = [self._sync_id] if self._sync_id is not None else []
         wanted += [f.identifier | (int(f.extended) << 29) for f in self._fields]
         masks = ([-1] if self._sync_id is not None else []) + [f.mask | 1 << 29 for f in self._fields]
@@ -200,7 +200,7 @@ class _Line:
         return UNKNOWN_PERIOD_S
 
     def straighten(self, limit: int) -> int:
-        """Repair the steps before the frame `limit`; how many frames are certain."""
+        """Repair the steps before the frame `limit`; return how many frames are certain."""
         self._limit = self._known + limit
         at = max(self._known, 1)
         while at < len(self._t):
@@ -220,14 +220,14 @@ class _Line:
         return limit
 
     def _enough(self, i: int, frames: int, hold: int) -> bool:
-        """Whether so many frames are known behind frame i; where not, those from `hold` on are held."""
+        """Return whether so many frames are known behind frame i; if not, hold those from `hold` on."""
         if self._last or len(self._t) - i > frames:
             return True
         self._hold = min(self._hold, hold)
         return False
 
     def _in_line(self, i: int, highest_s: float, frames: int) -> int:
-        """The first of so many frames behind frame i whose stamps step back into line with the latest before it; 0 where none does."""
+        """Return the first of so many frames behind frame i whose stamps step back into line; 0 if none does."""
         step = np.diff(self._t[i : i + frames + 2])
         ahead = self._t[i + 1 : i + frames + 2] - highest_s
         line = (ahead >= -self._back_s) & (ahead <= self._forward_s + self._period * np.arange(len(ahead)))
@@ -236,7 +236,7 @@ class _Line:
         return i + 1 + int(np.argmax(returns)) if returns[:frames].any() else 0
 
     def _back(self, i: int, highest_s: float) -> int:
-        """Judge a step back at frame i behind the latest stamp; where to go on."""
+        """Judge a step back at frame i behind the latest stamp; return the frame to continue with."""
         t = self._t
         f = i - int(np.argmin(np.append(t[:i][::-1] > t[i] + 0.2 * self._back_s, False)))
         hole = float(t[f] - t[f - 1]) if f else np.inf
@@ -256,7 +256,7 @@ class _Line:
         return i + 1
 
     def _block(self, i: int, f: int) -> int:
-        """Put frames i to k before frames f to i where they fill the hole before these exactly; k, 0 where they do not."""
+        """Put frames i to k before frames f to i if they fill the hole before these exactly; return k, or 0 if they do not."""
         t, back = self._t, self._back_s
         top, over = float(t[f:i].max()), np.flatnonzero(t[i : i + AHEAD] >= t[f])
         if not len(over):
@@ -277,7 +277,7 @@ class _Line:
         return k
 
     def _regular(self, f: int, i: int, times: FloatArray) -> bool:
-        """Whether frames f to i stand at their identifiers' own pace among those at the times in order: none comes too soon."""
+        """Return whether frames f to i keep their identifiers' own pace among the frames at these times: none comes too soon."""
         begin = max(f - KEPT, 0)
         key = self._key[begin : begin + len(times)][np.argsort(self._t[begin : begin + len(times)], kind="stable")]
         for name in np.unique(self._key[f : min(i, f + AWAY)]):
@@ -287,7 +287,7 @@ class _Line:
         return True
 
     def _due(self, i: int, end: int, before: int) -> float | None:
-        """What to add to the stamps from frame i on so that frames come when they are due, by the frames up to `before`."""
+        """Return the shift [s] that brings the frames from i on to their due times, from the frames up to `before`."""
         begin = max(before - KEPT, 0)
         t, key = self._t[begin:before], self._key[begin:before]
         out: dict[int, float] = {}
@@ -305,7 +305,7 @@ class _Line:
         return exact if abs(exact - middle) < self._period else middle
 
     def _replace(self, f: int, k: int, least_s: float, most_s: float) -> None:
-        """Frames f to k come when they are due, between the instants."""
+        """Move frames f to k to their due times, between the two instants."""
         was = self._t[f:k].copy()
         move = self._due(f, k, f)
         if move is None:
@@ -315,7 +315,7 @@ class _Line:
         self.repairs.append(Repair(float(self._t[f]), "stamp", text))
 
     def _due_before(self, f: int, k: int) -> float:
-        """What to add to the stamps of frames f to k, the first of all, by the frames behind them."""
+        """Return the shift [s] of frames f to k, the first of all, from the frames behind them."""
         t, key = self._t[k : k + KEPT], self._key[k : k + KEPT]
         for j in range(f, k):
             times = t[key == self._key[j]]
@@ -324,7 +324,7 @@ class _Line:
         return float(t[0] - FIRST_PERIOD_S - self._t[k - 1])
 
     def _set(self, i: int, highest_s: float) -> None:
-        """The clock started again, or was set back: times continue."""
+        """Continue the times behind a clock that restarted or was set back."""
         t = self._t
         due = self._due(i, len(t), i)
         step = highest_s - float(t[i])
@@ -345,7 +345,7 @@ class _Line:
         self.shift += by
 
     def _forward(self, i: int, highest_s: float) -> int:
-        """Judge a silence of a log before frame i; where to go on."""
+        """Judge a silence of a log before frame i; return the frame to continue with."""
         t = self._t
         begins = self._known == 0 and i <= FIRST
         if not self._enough(i, AHEAD, 0 if begins else i):
@@ -367,9 +367,9 @@ class _Line:
         return i + 1
 
     def _moved_as_in_one_period(self, i: int) -> bool:
-        """Whether the counters moved on across the silence before frame i as they did before it and behind it, each in one period.
+        """Return whether the counters moved across the silence before frame i as in one period.
 
-        Not where stamps behind it follow each other faster than the period: then they were late, and no clock was set.
+        The steps before and behind it are the measure. Stamps behind it that follow faster than the period were late: no clock was set.
         """
         part = self._frames.take(self.order[: min(i + AHEAD, len(self._t)) - self._known])
         if self._earlier is not None:
@@ -398,5 +398,5 @@ class _Line:
 
 
 def _shortest(steps: IntArray, modulus: int) -> IntArray:
-    """Steps of a counter of so many values, the shorter way round."""
+    """Return steps of a counter with so many values, the shorter way round."""
     return steps if modulus >= NO_RANGE else np.asarray((steps + modulus // 2) % modulus - modulus // 2)

@@ -94,7 +94,7 @@ class EventLog:
             self.steps[channel] = size, text, sample
 
     def note_values(self, channel: str, came: int, void: int, limits: str, *, reserved: bool = False) -> None:
-        """Count values of a channel, and those that are no counts; reserved: a standard reserves these, the rig or a file states no range."""
+        """Count values of a channel, and those that are no counts; reserved: by a standard, not by a range that is stated."""
         total = self.values.setdefault(channel, [0, 0])
         total[0] += came
         total[1] += void
@@ -109,7 +109,11 @@ class EventLog:
         for channel, (came, void) in sorted(self.values.items()):
             if void > CONTRADICTED * came:
                 part = f"{100.0 * void / came:.0f} % of its values are {self.limits[channel]}, and give no counts"
-                why = "the sensor reports errors, or its message uses all values" if self.reserved[channel] else "the range contradicts the data"
+                why = (
+                    "the sensor reports errors, or its message uses all values"
+                    if self.reserved[channel]
+                    else "the range contradicts the data"
+                )
                 way = "if they are counts, set whole_range = true for it in the rig's [can] table"
                 out.append(f"channel {channel}: {part}: {why}; {way}")
         return out

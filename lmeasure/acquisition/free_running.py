@@ -10,6 +10,7 @@ from lmeasure.acquisition.decoders import CounterField, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
 from lmeasure.acquisition.network import NetworkWatch, Word
+from lmeasure.acquisition.origins import GAP
 from lmeasure.acquisition.samples import (
     LONGEST_HOLD_S,
     PERIODS,
@@ -25,8 +26,6 @@ from lmeasure.acquisition.samples import (
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 NO_SYNC = -1
-MISSING = 1.5
-"""Periods behind which a reading may be missing, and the motion decides whether the origin is the same."""
 LONGEST_GAP = 2.5
 """Periods between two readings of a channel over which its count is still interpolated."""
 WAIT_S = 1.0
@@ -173,7 +172,7 @@ class FreeAssembler:
                 shown = float(ahead[at_row]) if at_row < len(ahead) else word_s
                 counter.words.append(Said(self.given + at_row, shown, word.text, word.origin, first))
         self._ends[i] = [(word_s, word) for word_s, word in self._ends[i] if not len(times) or word_s > times[-1]]
-        longest = MISSING * period
+        longest = GAP * period
         counts = counter.advance(values, times, samples, self.events, least_s=period, passed_s=passed, longest_s=longest)
         self._instant[i] = at[-1]
         if i == 0:

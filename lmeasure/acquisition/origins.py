@@ -1,9 +1,9 @@
-"""Whether a counter goes on from the same origin: its counts compared with the motion before and behind a gap.
+"""Judge whether a counter continues from the same origin: compare its counts with the motion before and behind a gap.
 
-The speed v0 before is taken over a window w0. A body whose acceleration stays within A moves, in a pause p, by v0 p +- A p (p + w0) / 2. A
-is the rig's limit, else twice the largest acceleration that the channel has shown so far. A step within that band would not be seen: its
-width is stated. A count outside the band, or one that a device started anew at zero could show as well, is in doubt until the speed v1
-behind the pause is known too. A motion whose speed changes from v0 to v1 covers between v0 p and v1 p, +- A p^2 / 4.
+The speed v0 before the gap is the mean over a window w0. A body with an acceleration within A moves by v0 p +- A p (p + w0) / 2 in a pause
+p. A is the rig's limit, else twice the largest acceleration of the channel so far. A step within that band cannot be detected: its width is
+reported. A count outside the band is in doubt until the speed v1 behind the pause is known. So is a count that a device restarted at zero
+could show too. A motion from speed v0 to v1 covers between v0 p and v1 p, +- A p^2 / 4.
 """
 
 from dataclasses import dataclass, field, replace
@@ -12,35 +12,39 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 
+GAP = 1.6
+"""Periods. Between readings that are further apart, one may be missing: the motion decides whether the origin is the same. It applies to
+logs and live buses, to SYNC and free timers alike, because late stamps are judged first."""
 WINDOW_S = 0.02
-"""Over which speeds and accelerations are taken."""
+"""Window for speeds and accelerations."""
 READINGS = 3
-"""Intervals at least that give a speed, where there are so many."""
+"""Smallest number of intervals for a speed, if there are so many."""
 LONGEST_WINDOW = 32
-"""Intervals at most."""
+"""Largest number of intervals."""
 MARGIN = 2.0
-"""Times the acceleration of the motion: what its hardest stop has more."""
+"""Factor from the acceleration so far to that of the hardest stop."""
 ROUNDING = 1.0
-"""Units by which two whole counts may miss the way between them."""
+"""Units by which two whole counts may miss the path between them."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """A speed [units/s], the window [s] over which it was taken, and by how much the stamps in it are off their usual interval [s]."""
+    """State a speed [units/s], its window [s], and the largest deviation of the stamps in it from their usual interval [s]."""
 
     rate: float
     window_s: float
     off_s: float = 0.0
 
     def error(self, pause_s: float) -> float:
-        """By how many units the way in a pause may be off because counts are whole and stamps are late."""
+        """Return the error [units] of the path in a pause: counts are whole, and stamps may be late."""
         return (ROUNDING + 2.0 * abs(self.rate) * self.off_s) * (1.0 + pause_s / self.window_s)
 
 
 @dataclass(frozen=True)
 class Pause:
-    """From the last reading before, with its total and speed, to the next one: least_s as readings are numbered, most_s by their stamps,
-    which may be late."""
+    """Describe a pause between two readings: total and speed at the first one, and its length.
+
+    least_s is the length by the numbers of the readings, most_s by their stamps, which may be late."""
 
     total: int
     speed: Speed | None
@@ -50,8 +54,10 @@ class Pause:
 
 @dataclass
 class Line:
-    """The last readings of a counter and the largest acceleration so far. slack: units by which a count may be off though nothing
-    happened; limits: rate [units/s] and acceleration [units/s^2], as the rig states them."""
+    """Keep the last readings of a counter and the largest acceleration so far.
+
+    slack: units by which a count may deviate without a fault; max_rate [units/s] and stated [units/s^2]: limits that the rig states.
+    """
 
     slack: float
     max_rate: float
@@ -59,12 +65,12 @@ class Line:
     times: FloatArray = field(default_factory=lambda: np.empty(0))
     totals: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     whole: int = 0
-    """How many of them have no gap between them."""
+    """Number of the latest of them without a gap between them."""
     hardest: float = np.inf
-    """Largest acceleration that the channel has shown [units/s^2]; infinite before there is one."""
+    """Largest acceleration of the channel so far [units/s^2]; infinite before the first."""
 
     def learn(self, times: FloatArray, totals: IntArray, usual_s: float, *, behind_gap: bool = False) -> None:
-        """Take (n,) readings without a gap between them; behind_gap: one is before them."""
+        """Take (n,) readings without a gap between them; behind_gap: a gap precedes them."""
         if len(times) == 0:
             return
         self.times, self.totals = np.concatenate([self.times, times]), np.concatenate([self.totals, totals])
@@ -82,7 +88,7 @@ class Line:
         self.times, self.totals, self.whole = self.times[-most:].copy(), self.totals[-most:].copy(), min(self.whole, most)
 
     def speed(self, usual_s: float) -> Speed | None:
-        """The speed at the last reading; None where there is one reading only."""
+        """Return the speed at the last reading; None if there is only one."""
         n = len(self.times)
         if n < 2:
             return None
@@ -90,7 +96,7 @@ class Line:
         return speed_of(self.times[-1 - min(max(far, READINGS), n - 1) :], self.totals[-1 - min(max(far, READINGS), n - 1) :], usual_s)
 
     def band(self, pause: Pause, pause_s: float, least: float = 0.0) -> tuple[float, float]:
-        """Least and largest total that the motion before can have led to, if it lasted pause_s, by an acceleration of `least` or more."""
+        """Return the smallest and largest total after pause_s from the motion before, with an acceleration of at least `least`."""
         speed, fastest = pause.speed, self.max_rate * pause_s + ROUNDING
         if speed is None:
             return pause.total - fastest, pause.total + fastest
@@ -100,7 +106,7 @@ class Line:
         return pause.total + way - by, pause.total + way + by
 
     def band_between(self, pause: Pause, behind: Speed) -> tuple[float, float]:
-        """The same where the speed behind the pause is known too."""
+        """Return the same if the speed behind the pause is known too."""
         before, p = pause.speed or behind, pause.most_s
         ends = [s.rate * t for s in (before, behind) for t in (pause.least_s, p)]
         by = self.slack + before.error(p) + behind.error(p)
@@ -113,7 +119,7 @@ class Line:
 
 
 def speed_of(times: FloatArray, totals: IntArray, usual_s: float) -> Speed:
-    """The speed from the first to the last of (n,) readings, two at least."""
+    """Return the speed from the first to the last of (n,) readings, at least two."""
     steps = np.diff(times)
     off = float(np.abs(steps - np.maximum(np.rint(steps / usual_s), 1.0) * usual_s).max()) if usual_s > 0.0 else 0.0
     window = max(float(times[-1] - times[0]), len(steps) * usual_s, 1e-9)
@@ -122,7 +128,7 @@ def speed_of(times: FloatArray, totals: IntArray, usual_s: float) -> Speed:
 
 @dataclass
 class Doubt:
-    """An origin in doubt: the pause, what its readings behind are so far, and whether the device may have started anew at zero."""
+    """Keep an origin in doubt: the pause, the readings behind it so far, and whether the device may have restarted at zero."""
 
     pause: Pause
     restart: bool
@@ -130,12 +136,12 @@ class Doubt:
     totals: list[int] = field(default_factory=list)
 
     def go_on(self, time_s: float, least_s: float) -> None:
-        """Take a further gap behind the readings so far, the next one being at time_s: the pause lasts until then."""
+        """Take a further gap behind the readings so far: the pause lasts until the next reading, at time_s."""
         gone = self.times[-1] - self.times[0]
         more = (gone + least_s, gone + max(time_s - self.times[-1], least_s))
         self.pause = replace(self.pause, least_s=self.pause.least_s + more[0], most_s=self.pause.most_s + more[1])
         self.times, self.totals = [], []
 
     def known(self) -> bool:
-        """Whether the readings behind give a speed."""
+        """Return whether the readings behind give a speed."""
         return len(self.times) > READINGS and self.times[-1] - self.times[0] >= WINDOW_S - 1e-9

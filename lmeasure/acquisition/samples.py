@@ -1,4 +1,4 @@
-"""From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
+"""Assemble samples from frames: the counts of all channels at one instant. Unambiguous faults are repaired, all others marked."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,7 @@ from lmeasure.acquisition.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.network import NetworkWatch, Word
+from lmeasure.acquisition.origins import GAP
 from lmeasure.acquisition.transmission import ANSWERS, MOST, Transmission, ordinal
 from lmeasure.acquisition.wraps import Evidence
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
@@ -20,27 +21,25 @@ from lmeasure.can_table import StartInput
 from lmeasure.kernels.frames import tabulate
 
 LONGEST_HOLD_S = 0.3
-"""How long a sample is held back at most to see where a burst of late stamps ends."""
+"""Longest time for which a sample waits for the end of a burst of late stamps."""
 FIRST_HOLD_S = 1.0
-"""How long the first samples are: until the pace of stamps that come late is known."""
+"""The same for the first samples, until the period behind late stamps is known."""
 FRAMES_OF_A_SYNC = 16
-"""Frames of each channel that are kept while the next SYNC does not come."""
+"""Frames per channel that are kept while no SYNC comes."""
 PERIODS = 2048
-"""Intervals that tell the SYNC period: more than a busy host stamps at once."""
+"""Intervals from which the SYNC period is estimated: more than a busy host stamps at once."""
 LAG = 64
-"""Intervals at most over which a host's stamps are compared: an adapter on a serial line hands over what came in 16 ms at once."""
+"""Most intervals over which a host's stamps are compared: a serial adapter delivers the frames of 16 ms at once."""
 LAGS = 8
-"""Times the intervals over which stamps are compared that there are at least, so that a pause of the bus is in few of them."""
+"""There are at least so many times more intervals than are compared: few stretches then contain a pause of the bus."""
 FIRST_INTERVALS = 16
 """Intervals that give a period in spite of a few lost SYNCs: until then no sample is returned."""
 FIRST_PERIOD_S = 1e-3
-"""Taken for the SYNC period until there are enough SYNCs to tell it."""
+"""SYNC period until enough SYNCs have come."""
 MISSED = 0.75
-"""Periods behind a SYNC from which on frames answer another one, which is missing."""
+"""Frames that come later than so many periods behind a SYNC answer the next one, which is missing."""
 HELD_UP_S = 0.05
-"""For how long a sender is merely held up between a SYNC and its answer."""
-GAP = 1.6
-"""Periods: in a log, readings that are stamped further apart have a gap between them."""
+"""Longest delay of a sender between a SYNC and its answer."""
 LONG = 2.5
 """Periods: a longer interval may be that of a late stamp."""
 PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
@@ -62,8 +61,11 @@ def paused(intervals_s: FloatArray, period_s: float) -> BoolArray:
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples ready to be written: time_s (n,); recorded (n, m) counts, NaN where there is none; start_input (n,) 0 or 1 where the rig has
-    one; u_time_s (n,) standard uncertainty of the channels' instants about the sample's, where they were not latched together."""
+    """Hold samples that are ready to be written.
+
+    time_s (n,); recorded (n, m) counts, NaN if there is none; start_input (n,) 0 or 1 if the rig has one; u_time_s (n,) standard
+    uncertainty of the channels' instants relative to the sample's, unless all were latched together.
+    """
 
     time_s: FloatArray
     recorded: FloatArray
@@ -85,7 +87,7 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 @dataclass(frozen=True)
 class _Heard:
-    """A word, its time, the SYNC that it follows (-1: none), and which of its channels had answered that SYNC before."""
+    """State a message, its time, the SYNC before it (-1: none), and which of its channels had already answered that SYNC."""
 
     word: Word
     time_s: float
@@ -97,7 +99,7 @@ MISFITS = ("short_frame", "wider")
 
 
 def misfits(fields: tuple[CounterField, ...], readings: Readings) -> list[Word]:
-    """Frames that do not hold their field as the rig says."""
+    """Return frames whose data do not fit the field that the rig states."""
     out = []
     for j, (field, short, wider) in enumerate(zip(fields, readings.short, readings.wider, strict=True)):
         out += [Word(row, "short_frame", f"fewer than {field.bytes_needed} bytes", (j,)) for row in short.tolist()]
@@ -115,7 +117,7 @@ def note_values(events: EventLog, fields: tuple[CounterField, ...], readings: Re
 
 
 def started_late(counters: tuple[CounterState, ...], events: EventLog) -> list[int]:
-    """Channels that started anew before their first count, while others had moved already: nobody knows from where they count."""
+    """Return channels that restarted before their first count while others had already moved: their origin is unknown."""
     out = []
     for c, counter in enumerate(counters):
         word, counter.early = counter.early, None
@@ -127,10 +129,10 @@ def started_late(counters: tuple[CounterState, ...], events: EventLog) -> list[i
 
 
 def pace(intervals: FloatArray) -> float:
-    """The period [s] of a timer whose instants were stamped late, some of them several at once, from the intervals (n,) of the stamps.
+    """Return the period [s] of a timer from the intervals (n,) of its stamps, which may be late, several of them at once.
 
-    What is late at one end of a stretch is late at the other, on average: of the means over stretches of LAG intervals, those in the middle
-    third. In pauses of the timer itself lie few of the stretches.
+    Delays at both ends of a stretch cancel on average. The result is the mean of the middle third of the means over LAG intervals: few
+    stretches contain a pause of the timer.
     """
     lag = max(min(LAG, len(intervals) // LAGS), 1)
     stamps = np.concatenate([[0.0], np.cumsum(intervals)])
@@ -140,9 +142,9 @@ def pace(intervals: FloatArray) -> float:
 
 
 class Assembler(Protocol):
-    """Takes frames in the order of their reception, gives samples once nothing can change them any more.
+    """Take frames in the order of reception; return samples once no later frame can change them.
 
-    given: how many so far; stamps_moved_s: how far a sample's time was brought back at most from a busy host's stamp.
+    given: number of samples so far; stamps_moved_s: largest shift of a sample's time back from a busy host's stamp.
     """
 
     events: EventLog
@@ -150,18 +152,18 @@ class Assembler(Protocol):
     stamps_moved_s: float
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
-        """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        """Take a batch; return the samples that are now known. last: nothing follows, return all."""
 
 
 class StartLine:
-    """The start-of-counting input: the bit's last known state, 0 before its first frame."""
+    """Keep the last known state of the start-of-counting input, 0 before its first frame."""
 
     def __init__(self, place: StartInput) -> None:
         self._place = place
         self._state = 0.0
 
     def told(self, frames: Frames) -> tuple[IntArray, FloatArray]:
-        """Positions (k,) of its frames in a batch, and the state before them and after each, (k + 1,)."""
+        """Return the positions (k,) of its frames in a batch, and the states (k + 1,) before them and after each."""
         p = self._place
         mine = (frames.identifier == p.id) & (((frames.flags & EXTENDED) != 0) == p.extended) & ((frames.flags & (ERROR | REMOTE)) == 0)
         rows = np.flatnonzero(mine & (frames.length > p.byte_offset))
@@ -170,17 +172,19 @@ class StartLine:
         return rows, states
 
     def before(self, frames: Frames, rows: IntArray) -> FloatArray:
-        """(n,) the state before each of the frames at the rising positions rows (n,) of a batch, by the order of their coming: a host that
-        stamps late, or a clock that is set, does not part the input from the counts."""
+        """Return the state (n,) before each of the frames at the rising positions rows (n,) of a batch.
+
+        It follows the order of reception: late stamps, or a clock that is set, do not separate the input from the counts.
+        """
         told, states = self.told(frames)
         return np.asarray(states[np.searchsorted(told, rows)])
 
 
 class SyncAssembler:
-    """Samples of encoders that latch at SYNC and then send.
+    """Assemble samples of encoders that latch at SYNC and then send.
 
-    A sample is a SYNC and the frames up to the next one. A sample is given out when the frames after the next SYNC are known too, so that
-    a frame on the wrong side of its SYNC can be put back. SYNCs that some channel does not answer by its transmission type are no samples.
+    A sample is a SYNC and the frames up to the next one. It is returned when the frames after the next SYNC are known too: a frame on the
+    wrong side of its SYNC can then be put back. SYNCs that some channel does not answer, by its transmission type, are no samples.
     """
 
     def __init__(
@@ -211,7 +215,7 @@ class SyncAssembler:
         self._period: float | None = None
         self._last_time = -np.inf
         self._last_seen = np.full(len(fields), -1), np.full(len(fields), np.nan)
-        """Of each channel: number and time of the SYNC that it answered last."""
+        """Number and time of the last SYNC that each channel answered."""
         self._sync_number: IntArray = np.empty(0, np.int64)
         self._last_instant: FloatArray = np.empty(0)
         self._time_shift = 0.0
@@ -222,7 +226,7 @@ class SyncAssembler:
         """When the last frame came, without the shift of the times."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
-        """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        """Take a batch; return the samples that are now known. last: nothing follows, return all."""
         frames = self._clock.feed(frames, last)
         readings = decode(frames, self.fields, self._sync_id)
         self._hear(frames, readings)
@@ -248,7 +252,7 @@ class SyncAssembler:
         return self._give(last)
 
     def _forget_what_no_sync_ends(self) -> None:
-        """Encoders that go on sending when the SYNC has stopped: their frames belong to no sample, and are not kept for ever."""
+        """Drop frames of encoders that send on after the SYNC has stopped: they belong to no sample."""
         surplus = np.flatnonzero(self._window == len(self._sync_time) - 1)[FRAMES_OF_A_SYNC * len(self.fields) :]
         if len(surplus):
             self._event(len(self._sync_time), "", "missing_sync", f"{len(surplus)} frames without a SYNC")
@@ -257,11 +261,11 @@ class SyncAssembler:
             self._keep(keep)
 
     def _keep(self, keep: BoolArray) -> None:
-        """Let go of all other readings."""
+        """Drop all other readings."""
         self._window, self._field, self._value, self._at = self._window[keep], self._field[keep], self._value[keep], self._at[keep]
 
     def _count_syncs(self, frames: Frames, sync: IntArray) -> None:
-        """SYNCs that are missing by the byte that counts them (CiA 301); it starts again at 1, and at 0 as some write it."""
+        """Report missing SYNCs by their counter byte (CiA 301). It restarts at 1; some masters write 0."""
         counted = sync[frames.length[sync] == 1]
         numbers = np.concatenate([self._sync_number, frames.data[counted, 0].astype(np.int64)])
         self._sync_number = numbers[-1:]
@@ -271,7 +275,7 @@ class SyncAssembler:
             self._event(row, "", "missing_sync", f"SYNC {numbers[k + 1]} follows {numbers[k]}: {missing} missing by their counter")
 
     def _hear(self, frames: Frames, readings: Readings) -> None:
-        """Take what is said between the readings, and frames that do not fit, by the SYNC that they follow."""
+        """Take messages between the readings, and frames that do not fit, with the SYNC before them."""
         held = len(self._sync_time)
         for word in sorted([*self._watch.words(frames), *misfits(self.fields, readings)], key=lambda w: w.row):
             window = int(np.searchsorted(readings.sync, word.row)) - 1
@@ -284,7 +288,7 @@ class SyncAssembler:
         note_values(self.events, self.fields, readings)
 
     def _say(self, ready: int, last: bool) -> None:
-        """Give words as events of the samples that follow them, and to the counters that they concern."""
+        """Pass messages on: as events of the samples behind them, and to the counters that they concern."""
         later = []
         for heard in self._words:
             word, row = heard.word, max(heard.window + (heard.word.kind not in MISFITS), 0)
@@ -300,12 +304,12 @@ class SyncAssembler:
         self._words = later
 
     def _kept(self, end: int) -> BoolArray:
-        """(end,) which of the SYNCs at hand are samples: those that every channel is due to answer, else, all that any channel is."""
+        """Return which of the SYNCs at hand are samples (end,): those that all channels are due to answer, else those that any is."""
         due = self.transmission.due(self.syncs, self.syncs + end)
         return np.asarray(due.all(axis=0) if self.transmission.meets else due.any(axis=0))
 
     def _number(self, row: int) -> int:
-        """The sample of a SYNC at hand, or the next one."""
+        """Return the number of the sample of a SYNC at hand, or of the next one."""
         return self.given + (row if (self.transmission.n == 1).all() else int(self._kept(row).sum()))
 
     def _event(self, row: int, channel: str, kind: str, text: str = "") -> None:
@@ -358,9 +362,9 @@ class SyncAssembler:
         return Samples(time_s[kept], recorded[kept], None if self._start_line is None else started[kept])
 
     def _advanced(self, value: IntArray, there: BoolArray, instants: FloatArray, time_s: FloatArray, kept: BoolArray) -> FloatArray:
-        """(ready, m) counts of the SYNCs that are given now, of which some are kept.
+        """Return the counts (ready, m) of the SYNCs that are now ready; some of these are samples.
 
-        The time between two counts is at least that of the SYNCs between them, and at most what late stamps leave of it.
+        The time between two counts is at least that of the SYNCs between them, and at most the time by their stamps, without delays.
         """
         period, m, ready = self._period or 0.0, len(self.fields), len(kept)
         recorded = np.full((ready, m), np.nan)
@@ -397,7 +401,7 @@ class SyncAssembler:
                 passed_s=passed,
                 gone=gone,
                 calm=calm,
-                longest_s=GAP * usual if self._log else max(PAUSE_PERIODS * usual, PAUSE_S),
+                longest_s=GAP * usual,
             )
             recorded[rows, c] = counter.shown(counts)
         if even:
@@ -407,7 +411,7 @@ class SyncAssembler:
         return recorded
 
     def _decide(self, ready: int, last: bool) -> bool:
-        """Whether it is known by now which SYNCs each channel answers, so that the first samples can be given."""
+        """Return whether the period, and the SYNCs that each channel answers, are known: the first samples can be returned."""
         for first in (ANSWERS, ANSWERS * MOST):
             head = self._window < first
             known = self.transmission.known([np.unique(self._window[head & (self._field == c)]) for c in range(len(self.fields))])
@@ -420,9 +424,9 @@ class SyncAssembler:
         return self._decided
 
     def _repeated(self, value: IntArray, n: IntArray, ready: int) -> tuple[BoolArray, BoolArray]:
-        """(ready,) which of the SYNCs are samples and (m, ready) which of them each channel is due to answer.
+        """Return which SYNCs are samples (ready,), and which of them each channel is due to answer (m, ready).
 
-        Where a channel answers every n-th SYNC only, an answer behind the next SYNC is put back.
+        If a channel answers every n-th SYNC only, an answer behind the next SYNC is put back.
         """
         answered = n[:, :ready] > 0
         self._announce(self.transmission.learn([self.syncs + np.flatnonzero(one) for one in answered]))
@@ -442,7 +446,7 @@ class SyncAssembler:
         return np.asarray(kept), due[:, :ready]
 
     def _announce(self, channels: list[int]) -> None:
-        """That channels answer every n-th SYNC, once."""
+        """Report once that channels answer every n-th SYNC."""
         for c in channels:
             n = int(self.transmission.n[c])
             text = f"answers every {ordinal(n)} SYNC"
@@ -451,7 +455,7 @@ class SyncAssembler:
             self._event(0, self.fields[c].channel, "unanswered", text)
 
     def _pauses(self, instants: FloatArray, ready: int, last: bool) -> None:
-        """That the SYNC stopped."""
+        """Report that the SYNC stopped."""
         at = np.concatenate([self._last_instant, instants[:ready]])
         self._last_instant = at[-1:]
         for w in np.flatnonzero(paused(np.diff(at), self._period or 0.0)):
@@ -462,10 +466,10 @@ class SyncAssembler:
             self._event(ready, "", "pause", f"no SYNC in the last {silent[0]:.6g} s, though frames came")
 
     def _without_sync(self, instants: FloatArray, ready: int) -> None:
-        """Let go of frames that answer a missing SYNC, up to the SYNC behind those that are ready: a late answer may follow it.
+        """Drop frames that answer a missing SYNC, up to the SYNC behind those that are ready: a late answer may follow it.
 
-        They come later than its period and well before the next one; and the channel has answered the SYNC before them already, or was not
-        due to, or the frame is so late that no sender was merely held up.
+        Such a frame comes later than a period, and well before the next SYNC. Its channel has answered already or was not due to, or the
+        frame is later than any delay of a sender.
         """
         if self._period is None:
             return
@@ -490,7 +494,7 @@ class SyncAssembler:
             self._keep(~strays)
 
     def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
-        """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions."""
+        """Settle a SYNC with several frames of one channel: late ones, early ones, duplicates, conflicts."""
         several = np.flatnonzero(n[:, w] > 1)
         alone = w + 1 >= n.shape[1]
         for c in several:
@@ -524,7 +528,7 @@ class SyncAssembler:
             self._period = pace(self._intervals) if self._late_stamps else float(np.median(self._intervals))
 
     def _drop_double_syncs(self) -> None:
-        """A SYNC at once after another, with nothing between them, is the same one."""
+        """Drop a SYNC that follows another at once, with nothing between them: it is the same one."""
         intervals = np.diff(self._sync_time, prepend=-np.inf)
         double = (intervals <= 0.25 * (self._period or 0.0)) & (intervals >= 0)
         if not double.any():
@@ -543,11 +547,11 @@ class SyncAssembler:
         self._started = self._started[~double] if self._start_line is not None else self._started
 
     def _settled(self, last: bool) -> tuple[FloatArray, FloatArray, int]:
-        """The instants at which the SYNCs can have come at the latest, the times of their samples, and of how many these are known.
+        """Return the latest possible instants of the SYNCs, the times of their samples, and how many of these are known.
 
-        A host stamps a frame when it gets round to it: never early, and after a pause several at once, between which no drum could move
-        as far as it did. Where stamps follow each other faster than LATE of the period, the earlier ones were late. Times of a host are
-        brought back; others are as they are stamped, and only what a counter can have moved is judged by the instants.
+        A host stamps a frame late, never early; after a pause it stamps several at once. Stamps that follow each other faster than LATE of
+        the period mean that the earlier ones were late. Times of a host are moved back. Other times stay: the instants then only limit how
+        far a counter can have moved.
         """
         stamps = self._sync_time
         if self._period is None or len(stamps) < 2:
@@ -575,7 +579,7 @@ class SyncAssembler:
         return out, out, known
 
     def _rise(self) -> None:
-        """Where the clock went back, the times continue one period after the last."""
+        """Continue the times one period after the last where the clock went back."""
         while True:
             back = np.flatnonzero(np.diff(self._sync_time, prepend=self._last_time) <= 0)
             if len(back) == 0:

@@ -1,10 +1,10 @@
-"""Whether a counter may have wrapped unseen between two of its readings.
+"""Judge whether a counter may have wrapped unseen between two of its readings.
 
-A step s of a counter with M values may as well have been s - M or s + M. It was not where
+A step s of a counter with M values may also be s - M or s + M. This is ruled out if
 
 - the largest speed does not allow M - |s| in the time between the readings, which late stamps do not lengthen;
-- the other channels were read all the while and moved by less than QUARTER of what M - |s| is: all cables hold one body;
-- no channel changed its count by more than REST_MM: the body stands where it stood.
+- the other channels were read throughout and moved by less than QUARTER of M - |s|: all cables hold one body;
+- no channel changed its count by more than REST_MM: the body is at rest.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,31 +17,31 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.rig import Drum, Rig
 
 ASSUMED_S = 0.02
-"""SYNC period of which a user is warned before it is known."""
+"""SYNC period for the warning, before the period is known."""
 NARROW_S = 10.0
-"""A counter that takes longer for half its range at the largest speed is not asked about."""
+"""A counter that needs longer for half its range at the largest speed is not judged."""
 QUARTER = 0.25
 REST_MM = 5.0
 WATCHED = 0.7
-"""Part of its SYNCs that a channel has answered where it was read all the while."""
+"""Smallest part of its SYNCs that a channel answers if it was read throughout."""
 UNSEEN = 1e9
-"""SYNCs that a pause counts for."""
+"""A pause counts as so many SYNCs."""
 OTHERS = 2
-"""Other channels that decide at least."""
+"""Smallest number of other channels for a decision."""
 
 
 class Counter(Protocol):
-    """What is needed of a counter: its number of values, largest rate [1/s], and millimetres per unit (None: it is no length)."""
+    """State a counter's number of values, largest rate [1/s], and millimetres per unit (None: it is no length)."""
 
     max_rate: float
 
     @property
     def unit_mm(self) -> float | None:
-        """Millimetres per unit, None where it is no length."""
+        """Return the millimetres per unit, None if it is no length."""
 
     @property
     def values(self) -> int:
-        """Number of its values, 0 where it never wraps unseen."""
+        """Return the number of its values, 0 if it never wraps unseen."""
 
 
 def range_notes(rig: Rig, fields: Sequence[CounterField], passage: int = 1, period_s: float | None = None) -> list[str]:
@@ -69,7 +69,7 @@ def may_wrap(steps: IntArray, passed_s: FloatArray, values: int, max_rate: float
 
 
 class Evidence:
-    """What the other channels show of a channel's gap."""
+    """Collect what the other channels show about a channel's gap."""
 
     def __init__(self, counters: Sequence[Counter]) -> None:
         self._values = np.array([c.values for c in counters], np.float64)
@@ -83,8 +83,10 @@ class Evidence:
         """Since the last reading of each channel: how far each other one moved, how often it was read, and the SYNCs."""
 
     def of(self, value: IntArray, there: BoolArray, paused: BoolArray) -> Callable[[int], BoolArray] | None:
-        """Take the readings of the next SYNCs (m, n); paused (n,): whether none came for long before each of them. Return what tells of
-        each reading of a channel (k,) whether the other channels rule out a wrap."""
+        """Take the readings of the next SYNCs (m, n); paused (n,): whether a long silence precedes each of them.
+
+        Return a function of the channel: it returns for each of its readings (k,) whether the other channels rule out a wrap.
+        """
         if not self.narrow:
             return None
         m, n = value.shape
