@@ -10,7 +10,7 @@ from lmeasure.acquisition.decoders import CounterField, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
 from lmeasure.acquisition.network import NetworkWatch, Word
-from lmeasure.acquisition.origins import GAP
+from lmeasure.acquisition.origins import longest_interval
 from lmeasure.acquisition.samples import (
     LONGEST_HOLD_S,
     PERIODS,
@@ -172,7 +172,7 @@ class FreeAssembler:
                 shown = float(ahead[at_row]) if at_row < len(ahead) else word_s
                 counter.words.append(Said(self.given + at_row, shown, word.text, word.origin, first))
         self._ends[i] = [(word_s, word) for word_s, word in self._ends[i] if not len(times) or word_s > times[-1]]
-        longest = GAP * period
+        longest = longest_interval(period, live=False)
         counts = counter.advance(values, times, samples, self.events, least_s=period, passed_s=passed, longest_s=longest)
         self._instant[i] = at[-1]
         if i == 0:

@@ -13,8 +13,10 @@ import numpy as np
 from lmeasure.arrays import FloatArray, IntArray
 
 GAP = 1.6
-"""Periods. Between readings that are further apart, one may be missing: the motion decides whether the origin is the same. It applies to
-logs and live buses, to SYNC and free timers alike, because late stamps are judged first."""
+"""Periods without a reading, in a log or of a free timer: behind them the motion decides whether the origin is the same."""
+PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
+"""The same for SYNCs of a live bus, in periods and seconds, and the pause of a bus that is reported. A busy host takes frames late, or
+loses SYNCs, for that long while every encoder runs on. A log cannot be asked: there a single missing period is judged."""
 WINDOW_S = 0.02
 """Window for speeds and accelerations."""
 READINGS = 3
@@ -25,6 +27,11 @@ MARGIN = 2.0
 """Factor from the acceleration so far to that of the hardest stop."""
 ROUNDING = 1.0
 """Units by which two whole counts may miss the path between them."""
+
+
+def longest_interval(usual_s: float, *, live: bool) -> float:
+    """Return the longest interval [s] between readings that is no gap, by their usual interval."""
+    return max(PAUSE_PERIODS * usual_s, PAUSE_S) if live else GAP * usual_s
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from lmeasure.acquisition.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.network import NetworkWatch, Word
-from lmeasure.acquisition.origins import GAP
+from lmeasure.acquisition.origins import longest_interval
 from lmeasure.acquisition.transmission import ANSWERS, MOST, Transmission, ordinal
 from lmeasure.acquisition.wraps import Evidence
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
@@ -34,6 +34,9 @@ LAGS = 8
 """There are at least so many times more intervals than are compared: few stretches then contain a pause of the bus."""
 FIRST_INTERVALS = 16
 """Intervals that give a period in spite of a few lost SYNCs: until then no sample is returned."""
+MANY_INTERVALS = 256
+TICKED = 0.2
+"""Part of the SYNCs of a log with the stamp of the one before, from which on it was stamped in ticks: it is judged by MANY_INTERVALS."""
 FIRST_PERIOD_S = 1e-3
 """SYNC period until enough SYNCs have come."""
 MISSED = 0.75
@@ -42,8 +45,6 @@ HELD_UP_S = 0.05
 """Longest delay of a sender between a SYNC and its answer."""
 LONG = 2.5
 """Periods: a longer interval may be that of a late stamp."""
-PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
-"""A longer silence, in periods and seconds, is a pause of the bus."""
 
 
 def tie(repairs: list[Repair], time_s: FloatArray, sample: Callable[[int], int], events: EventLog) -> None:
@@ -56,7 +57,7 @@ def tie(repairs: list[Repair], time_s: FloatArray, sample: Callable[[int], int],
 
 def paused(intervals_s: FloatArray, period_s: float) -> BoolArray:
     """Return in which of the intervals (n,) the bus, or its SYNC, paused."""
-    return np.asarray(intervals_s > max(PAUSE_PERIODS * period_s, PAUSE_S))
+    return np.asarray(intervals_s > longest_interval(period_s, live=True))
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,8 @@ class SyncAssembler:
         window = readings.window - 1 + len(self._sync_time)
         begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
         if len(frames):
-            self._late_stamps, self._log = frames.timestamp_source == "host", frames.timestamp_source == "log"
+            self._log = frames.timestamp_source == "log"
+            self._late_stamps |= frames.timestamp_source == "host"
             self._latest_s = float(frames.time_s[-1])
         came = frames.time_s[readings.sync] + self._time_shift
         # of those before some are always kept until the last batch
@@ -401,7 +403,7 @@ class SyncAssembler:
                 passed_s=passed,
                 gone=gone,
                 calm=calm,
-                longest_s=GAP * usual,
+                longest_s=longest_interval(usual, live=not self._log),
             )
             recorded[rows, c] = counter.shown(counts)
         if even:
@@ -524,8 +526,13 @@ class SyncAssembler:
 
     def _time_the_sync(self) -> None:
         """Estimate the period of the SYNC from its latest intervals."""
-        if len(self._intervals) > 2:
-            self._period = pace(self._intervals) if self._late_stamps else float(np.median(self._intervals))
+        if len(self._intervals) <= 2:
+            return
+        # a log that was stamped in ticks has many SYNCs of one tick: those of a host that is late
+        if self._log and len(self._intervals) >= MANY_INTERVALS:
+            self._late_stamps |= TICKED < float(np.mean(self._intervals == 0.0)) < 1.0
+        whole = self._intervals[self._intervals > 0.1 * np.quantile(self._intervals, 0.75)]  # doubled SYNCs part theirs
+        self._period = pace(self._intervals) if self._late_stamps else float(np.median(whole if len(whole) else self._intervals))
 
     def _drop_double_syncs(self) -> None:
         """Drop a SYNC that follows another at once, with nothing between them: it is the same one."""
@@ -539,6 +546,9 @@ class SyncAssembler:
             return
         for w in np.flatnonzero(double):
             self._event(int(w), "", "duplicate_sync")
+        earlier = len(self._intervals) - (len(self._sync_time) - 1)
+        self._intervals = np.concatenate([self._intervals[: max(earlier, 0)], np.abs(np.diff(self._sync_time[~double]))])[-PERIODS:]
+        self._time_the_sync()
         number = np.cumsum(~double) - 1
         self._window = number[self._window]
         self._void[:, 0] = number[self._void[:, 0]]
@@ -581,7 +591,8 @@ class SyncAssembler:
     def _rise(self) -> None:
         """Continue the times one period after the last where the clock went back."""
         while True:
-            back = np.flatnonzero(np.diff(self._sync_time, prepend=self._last_time) <= 0)
+            steps = np.diff(self._sync_time, prepend=self._last_time)
+            back = np.flatnonzero((steps < 0) | ((steps == 0) & (not self._late_stamps)))
             if len(back) == 0:
                 return
             i = int(back[0])

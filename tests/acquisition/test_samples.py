@@ -53,6 +53,28 @@ def test_where_a_batch_ends_does_not_matter(faults: list[tuple[int, str]], sourc
     assert cut.events.tally == whole.events.tally
 
 
+@pytest.mark.parametrize("later_s", [0.0, 2e-5])
+@pytest.mark.parametrize("source", ["log", "host"])
+def test_a_stream_in_which_every_frame_is_doubled_is_used_once(later_s: float, source: TimestampSource) -> None:
+    doubled = FRAMES.take(np.repeat(np.arange(len(FRAMES)), 2))
+    stamps = doubled.time_s + later_s * (np.arange(len(doubled)) % 2)
+    got = counts_from_frames(RIG, [replace(doubled, time_s=stamps, timestamp_source=source)], FIELDS)
+    np.testing.assert_array_equal(got.counts.recorded, COUNTS.recorded[:100])
+    np.testing.assert_allclose(got.counts.time_s, COUNTS.time_s[:100], rtol=0, atol=1e-4)
+    assert got.events.tally == {"duplicate_sync": 100, "duplicate": 600}
+
+
+def test_a_log_that_was_stamped_in_ticks_keeps_its_length() -> None:
+    """Of 16 ms, as by Windows: three of four SYNCs have the stamp of the one before."""
+    counts = motion(RIG, 400.0, 200.0)
+    frames = frames_of(RIG, counts)
+    stamps = np.ceil(frames.time_s / 0.016) * 0.016
+    got = counts_from_frames(RIG, [replace(frames, time_s=stamps, timestamp_source="log")], FIELDS)
+    np.testing.assert_array_equal(got.counts.recorded, counts.recorded)
+    np.testing.assert_allclose(got.counts.time_s, counts.time_s, rtol=0, atol=0.016)
+    assert not got.events.tally
+
+
 def test_a_log_is_assembled_in_pieces_of_its_own() -> None:
     """Whatever batches the reader of its format hands over."""
     frames = frames_of(RIG, COUNTS)
