@@ -125,7 +125,6 @@ CORE = {
     ],
     "certification/verify.py": ["tests/certification/test_verify.py"],
     "certification/again.py": ["tests/certification/test_verify.py"],
-    "certification/method.py": ["tests/certification/test_same_figures.py"],
     **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},
     **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
     "certification/attainment.py": ["tests/certification/test_attainment.py", *_SEALED[:-1], f"test_attainment or {_SEALED[-1]}"],

@@ -18,8 +18,6 @@ NUMBER = rf"{_ONE}(?:, {_ONE})*"
 """A number as it is printed, or several."""
 JOINED = "joined"
 """Two findings, one behind the other."""
-BEFORE = ".before"
-"""End of the codes of texts as earlier versions had them: they stand in sealed folders, and in files of trajectories."""
 
 
 @dataclass(frozen=True)
@@ -86,15 +84,6 @@ def recognised(text: str) -> Finding | None:
         if found is not None:
             return Finding(code, {k: v if k in numbers else _value(v) for k, v in found.groupdict().items()})
     return None
-
-
-def in_todays_words(text: str) -> str:
-    """An English text as this version says it, where the catalogue knows it in the words of an earlier one: as a code that ends in
-    `BEFORE`."""
-    found = recognised(text)
-    if found is None or not found.code.endswith(BEFORE):
-        return text
-    return str(Finding(found.code.removesuffix(BEFORE), found.values))
 
 
 def _value(text: str) -> Finding | tuple[Finding, ...] | str:

@@ -11,16 +11,12 @@ from lmeasure.certification.canonical import canonical, digest
 from lmeasure.certification.certificate import identification
 from lmeasure.certification.characteristic import key_of
 from lmeasure.certification.environment import LIBRARIES
-from lmeasure.certification.method import METHOD, method_of
+from lmeasure.certification.method import METHOD
 from lmeasure.certification.printed import with_u95
-from lmeasure.findings import in_todays_words
 
 RELATIVE = 1e-6
 """Two figures of one method agree when they differ by at most this part of their size, see `size_of`. Another kernel of BLAS or another
 processor adds in another order: differences of about 1e-12, up to 1e-7 where a least-squares problem is badly conditioned."""
-ROUNDED, RELATIVE_ROUNDED = 5, 1e-5
-"""Up to this method errors were drawn along what had been rounded off a covariance too, which is another number on each processor: figures
-of means of dwells that vibrate differ by up to so much."""
 SMALLEST = 1e-9
 """Differences up to this [mm, deg, s, %] are last digits too: positions of 1000 mm are computed to about 1e-10 mm, and AP_p is a difference
 of two."""
@@ -38,11 +34,6 @@ _ENVIRONMENT = ("lmeasure", SOURCES, "python", *LIBRARIES, "system", "processor"
 def label(figure: Mapping[str, Any]) -> str:
     """A characteristic by name, for a person: AP_p of P1."""
     return str(key_of(figure))
-
-
-def allowed_of(method: int) -> float:
-    """Up to what part figures of a method may differ on another machine."""
-    return RELATIVE if method > ROUNDED else RELATIVE_ROUNDED
 
 
 @dataclass(frozen=True)
@@ -89,7 +80,6 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
     Numbers may differ by `RELATIVE`. other_version: tables that another version of this program did not write are named, not compared.
     """
     out: list[Difference] = []
-    allowed = allowed_of(method_of(stated))
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
     out += [Difference(name, "is certified, but the inputs do not give it") for name in old if name not in new]
     out += [Difference(name, "is not certified, but the inputs give it") for name in new if name not in old]
@@ -98,7 +88,7 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
         other = new.get(name, figure)
         for key in sorted({*figure, *other}):
             a, b = figure.get(key), other.get(key)
-            steps = list(_steps(a, b, key, size_of(key, other), allowed))
+            steps = list(_steps(a, b, key, size_of(key, other)))
             if any(step.kind == "other" for step in steps):
                 out.append(Difference(name, f"{key} is certified as {_shown(a)}, computed again {_shown(b)}"))
             else:
@@ -108,7 +98,7 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
     later = {*again} - {*stated} | {"findings"} if other_version else set()
     for key in sorted({*stated, *again} - {"characteristics", "figures_sha256", "id"}):
         a, b = stated.get(key), again.get(key)
-        steps = list(_steps(a, b, key, 0.0, RELATIVE))
+        steps = list(_steps(a, b, key, 0.0))
         moved |= bool(steps)
         if steps and key in later:
             skipped.append(f"{CERTIFICATE}: {key}: another version of this program wrote it, in another form")
@@ -130,7 +120,7 @@ def beside(stated: dict[str, Any], again: dict[str, Any]) -> tuple[list[Differen
     out = _tables(stated, again, {key for key in INDEPENDENT if key in stated}) + has_its_id(stated)
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
     lines = [f"{name}: sealed {_figure(old.get(name))}, today {_figure(new.get(name))}" for name in {**old, **new}]
-    return out, (f"figures by method {method_of(stated)}, as sealed, beside those by method {METHOD}:", *lines)
+    return out, (f"figures by method {stated['method']}, as sealed, beside those by method {METHOD}:", *lines)
 
 
 def has_its_id(stated: dict[str, Any]) -> list[Difference]:
@@ -161,24 +151,24 @@ def _tables(stated: dict[str, Any], again: dict[str, Any], keys: set[str]) -> li
     return out
 
 
-def _steps(a: Any, b: Any, where: str, size: float, allowed: float) -> Iterator[_Step]:
+def _steps(a: Any, b: Any, where: str, size: float) -> Iterator[_Step]:
     """Yield where two tables differ, b being the one of today. size: against which numbers are compared, at least their own."""
     if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
         for key in a:
-            yield from _steps(a[key], b[key], f"{where}.{key}", size, allowed)
+            yield from _steps(a[key], b[key], f"{where}.{key}", size)
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         if "covariance" in where:  # what is not on its diagonal may be zero but for rounding
             size = max([size, *(abs(v) for v in _numbers(b))])
         for i, (x, y) in enumerate(zip(a, b, strict=True)):
-            yield from _steps(x, y, f"{where}[{i}]", size, allowed)
+            yield from _steps(x, y, f"{where}[{i}]", size)
     elif isinstance(a, float) and isinstance(b, float) and math.isfinite(a):
         if a != b:
             scale = max(size, abs(b))
-            within = abs(a - b) <= max(allowed * scale, SMALLEST if "covariance" not in where else 0.0)
+            within = abs(a - b) <= max(RELATIVE * scale, SMALLEST if "covariance" not in where else 0.0)
             yield _Step(where, "digits" if within else "other", abs(a - b) / scale if scale else math.inf)
     elif isinstance(a, str) and isinstance(b, str):
-        if a != b and in_todays_words(a) != in_todays_words(b):
-            yield _Step(where, "printed" if _texts_alike(in_todays_words(a), in_todays_words(b)) else "other")
+        if a != b:
+            yield _Step(where, "printed" if _texts_alike(a, b) else "other")
     elif type(a) is not type(b) or a != b:
         yield _Step(where, "other")
 

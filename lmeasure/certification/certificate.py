@@ -32,12 +32,11 @@ def certificate(
     created: str,
     language: str,
     environment: dict[str, str],
-    method: int = METHOD,
 ) -> dict[str, Any]:
     """The table of certificate.json.
 
-    copies: {file, bytes, sha256} of the inputs in the bundle. method: another than today's whose figures are the same. The id is made of
-    the content, the moment of creation included: the same inputs certified twice give the same figures_sha256 under two ids.
+    copies: {file, bytes, sha256} of the inputs in the bundle. The id is made of the content, the moment of creation included:
+    the same inputs certified twice give the same figures_sha256 under two ids.
     """
     evaluation, trajectory = measured.evaluation, measured.trajectory
     figures = {
@@ -48,7 +47,7 @@ def certificate(
     details = measured.details.stated()
     content: dict[str, Any] = {
         "schema": SCHEMA,
-        "method": method,
+        "method": METHOD,
         "created": created,
         "language": language,
         "kind": "test certificate" if "accreditation" in details else "test report",

@@ -16,7 +16,6 @@ from lmeasure.certification.canonical import digest
 from lmeasure.certification.capability import undecided
 from lmeasure.certification.details import Details, Logo, read_details, read_logo
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
-from lmeasure.certification.method import METHOD, contradicted, late, lost, same_figures
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError, OtherTrajectoryError
 from lmeasure.findings import Finding
@@ -29,7 +28,6 @@ from lmeasure.run import Run, read_run, read_run_head
 from lmeasure.trajectory import Stated, Trajectory, read_trajectory, reconstruct
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.pose_errors import ErrorsOfRun
-from lmeasure.trajectory.sources import NEAR_RAD, zeros_of
 
 Progress = Callable[[int, int], None]
 
@@ -96,22 +94,6 @@ class Inputs:
             if first != name:
                 raise CertificationError(f"{out[name]}: its copy would have the name of that of {out[first]}")
         return out
-
-    def same_figures(self, method: int, *, contradicted: bool = False, linked: bool = True, lost: bool = False, late: bool = False) -> bool:
-        """Whether a method gives today's figures for these inputs; contradicted: channels of the run contradict each other; linked: False
-        where a calibration changes nothing; lost: others than six drums lost the run at a singular pose; late: it is stamped unevenly."""
-        if self.run is None:
-            return same_figures(method, passes=False, linked=False, rough=False, contradicted=False, lost=False, late=False)
-        head = read_run_head(self.run, self.rig)
-        return same_figures(
-            method,
-            passes=head.rig.passes > 1,
-            linked=linked and head.rig.calibration is not None,
-            rough=bool((zeros_of(head.rig, head.calibration) > NEAR_RAD).any()),
-            contradicted=contradicted,
-            lost=lost,
-            late=late,
-        )
 
     def stated(self) -> dict[str, Any]:
         """What `inputs_in` needs besides the files, for certificate.json."""
@@ -204,21 +186,17 @@ class Measured:
     systematic_sha256: str | None = None
     notes: tuple[Finding | str, ...] = ()
     logo: Logo | None = None
-    lost: bool = False
-    """Whether others than six drums lost the run at a singular pose."""
-    late: bool = False
-    """Whether the run is stamped unevenly."""
 
 
-def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None, method: int = METHOD) -> Measured:
+def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None, *, same: bool = True) -> Measured:
     """Evaluate a measurement from its files.
 
-    With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row. method:
-    by which that file was made, which may differ where another method gives other poses.
+    With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row. same:
+    False where another method made that file, which may hold other poses.
     Raises what reading the files, `reconstruct` and `evaluate` raise.
     """
     program = read_program(inputs.program)
-    found = _measured(inputs, program, settings, progress, method)
+    found = _measured(inputs, program, settings, progress, same=same)
     unused = undecided(found.evaluation.characteristics, program.tolerance)
     if unused is not None:
         where = "".join(f" at {name}" for name in (unused.pose, unused.path) if name is not None)
@@ -229,7 +207,7 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
     return found
 
 
-def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Progress | None, method: int) -> Measured:
+def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Progress | None, *, same: bool) -> Measured:
     details = Details() if inputs.details is None else read_details(inputs.details)
     logo = None if inputs.details is None else read_logo(inputs.details, details)
     if inputs.run is None:
@@ -239,14 +217,12 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     run = read_run(inputs.run, inputs.rig)
     aligned = align(run)
     trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
-    # no pose depends on what is drawn of a calibration
-    gone, uneven = lost(run.rig, trajectory.status), late(run)
-    if inputs.same_figures(method, linked=False, contradicted=contradicted(trajectory.notes), lost=gone, late=uneven):
+    if same:
         _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
     notes: tuple[Finding | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))
-    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo, gone, uneven)
+    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 
 def _systematic(run: Run) -> str | None:

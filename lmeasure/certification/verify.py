@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lmeasure.certification.again import RELATIVE, SOURCES, Compared, allowed_of, beside, compare, label, of_environment
+from lmeasure.certification.again import RELATIVE, SOURCES, Compared, beside, compare, label, of_environment
 from lmeasure.certification.bundle import CERTIFICATE, INPUTS, SIGNATURE, UNSIGNED, Difference, Seal, check_seal, entries, regular_bytes
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import LANGUAGES, certificate
 from lmeasure.certification.environment import environment
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Measured, inputs_in, measure, settings_from
-from lmeasure.certification.method import METHOD, SAME_FOR_ONE_PASS, contradicted, method_of
+from lmeasure.certification.method import METHOD
 from lmeasure.errors import CertificationError, LMeasureError
 
 PROGRAM = ("lmeasure", "lmeasure sources")
@@ -41,8 +41,7 @@ class Printer:
 class Verification:
     """What is different, if anything; how many figures agree; in what the environment differs and what that made of the figures at most.
 
-    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines. allowed: part of a figure by
-    which another environment may differ.
+    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines.
     """
 
     certificate: str
@@ -53,7 +52,6 @@ class Verification:
     largest: float = 0.0
     skipped: tuple[str, ...] = field(default=())
     beside: tuple[str, ...] = field(default=())
-    allowed: float = RELATIVE
 
     @property
     def exit_code(self) -> int:
@@ -90,18 +88,16 @@ def verify(
     here = environment()
     own = {key: value for key, value in here.items() if stated["environment"].get(key) != value}
     own |= {key: "none" for key in stated["environment"] if key not in here}
-    method = method_of(stated)
-    other = not (SAME_FOR_ONE_PASS <= method <= METHOD)
+    method = stated["method"]
+    other = method != METHOD
     told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
     out = [*seal.differences, *of_environment(stated["environment"], here)]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
     try:
         inputs = inputs_in(folder, stated["measurement"])
-        other = not inputs.same_figures(method)
         copies = entries(folder, sorted(inputs.copies()))
-        measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress, method)
-        other = not inputs.same_figures(method, contradicted=contradicted(measured.notes), lost=measured.lost, late=measured.late)
+        measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress, same=not other)
     except LMeasureError as error:
         if not other:
             return _not_computed(folder, seal, error)
@@ -115,7 +111,6 @@ def verify(
         created=stated["created"],
         language=stated["language"],
         environment=stated["environment"],
-        method=METHOD if other else method,
     )
     lines: tuple[str, ...] = ()
     skipped, figures, compared = [], 0, Compared(())
@@ -136,7 +131,7 @@ def verify(
         found, why_not = _page(folder, name, printer, stated=stated, measured=measured, own=own, other=other, moved=compared.moved)
         out += found
         skipped += why_not
-    return Verification(stated["id"], tuple(out), figures, seal.signer, told, compared.largest, tuple(skipped), lines, allowed_of(method))
+    return Verification(stated["id"], tuple(out), figures, seal.signer, told, compared.largest, tuple(skipped), lines)
 
 
 def _not_computed(folder: Path, seal: Seal, error: Exception) -> Verification:
@@ -211,7 +206,7 @@ def read_certificate(path: Path) -> dict[str, Any]:
         datetime.datetime.fromisoformat(content["created"])
     except ValueError:
         raise CertificationError(f"{path}: created is not a date") from None
-    method = content.get("method", 1)
+    method = content.get("method")
     if type(method) is not int or method < 1:
         raise CertificationError(f"{path}: method is not a number from 1")
     if content["language"] not in LANGUAGES:
@@ -248,8 +243,8 @@ def told(found: Verification, *, asked: bool) -> list[str]:
     out += found.beside
     out += [f"not compared: {text}" for text in found.skipped]
     if found.largest > 0.0:
-        out.append(f"figures differ in their last digits, by {found.largest:.2g} at most; up to {found.allowed:g} is no difference")
-    digit = f"within {found.allowed:g}" if found.largest > 0.0 else "to the digit"
+        out.append(f"figures differ in their last digits, by {found.largest:.2g} at most; up to {RELATIVE:g} is no difference")
+    digit = f"within {RELATIVE:g}" if found.largest > 0.0 else "to the digit"
     computed = f", all {found.figures} figures computed again and the same {digit}" if found.figures else ""
     if found.differences:
         number = len(found.differences)

@@ -1,6 +1,5 @@
 """Folders against another environment, another method and a forger: what is compared, what is refused, and what is said not to be."""
 
-import importlib
 import json
 import os
 import shutil
@@ -18,23 +17,18 @@ from test_bundle import reprinted, resealed
 from typer.testing import CliRunner
 
 from lmeasure.certification import Settings
-from lmeasure.certification.again import RELATIVE_ROUNDED, label
-from lmeasure.certification.bundle import MANIFEST, check_seal, entries, opened_zip, seal, write_zip
+from lmeasure.certification.bundle import MANIFEST, check_seal, opened_zip, seal, write_zip
 from lmeasure.certification.canonical import canonical, digest
-from lmeasure.certification.certificate import certificate
-from lmeasure.certification.measure import Inputs, inputs_in, measure, settings_from
-from lmeasure.certification.method import METHOD, same_figures
+from lmeasure.certification.measure import Inputs, inputs_in
+from lmeasure.certification.method import METHOD
 from lmeasure.certification.signature import fingerprint, read_public_key
 from lmeasure.certification.verify import Verification, verify
 from lmeasure.cli import app
 from lmeasure.errors import CertificationError, LMeasureError
 from lmeasure.report.certificate import PRINTERS, Choices, write_certificate
-from lmeasure.run import read_run, write_run
-from lmeasure.trajectory import read_trajectory, reconstruct, write_trajectory
+from lmeasure.trajectory import read_trajectory
 
-BEFORE = Path(__file__).parents[1] / "authorities" / "sealed-before"
-AUTHORITY = Path(__file__).parents[1] / "authorities" / "truth"
-METHOD_3 = Path(__file__).parents[1] / "authorities" / "sealed-method-3"
+SEALED = Path(__file__).parents[1] / "authorities" / "sealed"
 
 
 @pytest.fixture(scope="module")
@@ -68,48 +62,26 @@ def elsewhere(folder: Path, **versions: str) -> None:
     reprinted(folder)
 
 
-@pytest.mark.parametrize("name", ["with-run", "without-run"])
-def test_folders_sealed_before_the_method_was_stated_still_open(name: str) -> None:
-    key = read_public_key(BEFORE / "laboratory.pem.pub")
-    stated = content_of(BEFORE / name)
-    assert "method" not in stated
-    signed = name == "with-run"
-    found = verify(BEFORE / name, key if signed else None, PRINTERS)
+def test_figures_of_another_method_are_listed_beside_those_of_today() -> None:
+    key, folder = read_public_key(SEALED / "laboratory.pem.pub"), SEALED / "with-run"
+    found = verify(folder, key, PRINTERS)
     assert found.differences == ()
     assert found.exit_code == 3
-    assert found.signer == (fingerprint(key) if signed else None)
-    assert f"figures: made by method 1, today's is {METHOD}" in found.skipped
-    # every figure stands beside today's
-    first = stated["characteristics"][0]
-    assert len(found.beside) >= 1 + len(stated["characteristics"])
+    assert found.signer == fingerprint(key)
+    assert f"figures: made by method 2, today's is {METHOD}" in found.skipped
+    first, *others = content_of(folder)["characteristics"]
+    assert len(found.beside) >= 2 + len(others)
     assert found.beside[1].startswith(f"{first['name']} of {first['pose']}: sealed ")
     assert ", today " in found.beside[1]
-    done = CliRunner().invoke(app, ["verify", str(BEFORE / name)])
+    done = CliRunner().invoke(app, ["verify", str(folder)])
     assert done.exit_code == 3, done.output
     assert "hashes as sealed; " in done.output
-
-
-@pytest.mark.parametrize("name", ["without-run", "with-run"])
-def test_every_figure_of_folders_sealed_by_method_3_is_computed_again(name: str) -> None:
-    """All tests of the standard, both laws of errors, exclusions, verdicts and notes; whatever the method's number is by now."""
-    folder = METHOD_3 / name
-    stated = content_of(folder)
-    inputs = inputs_in(folder, stated["measurement"])
-    measured = measure(inputs, settings_from(stated["settings"]))
-    again = certificate(
-        measured, inputs, stated["inputs"], created=stated["created"], language=stated["language"], environment=stated["environment"]
-    )
-    assert len(stated["characteristics"]) == 208
-    assert [label(c) for c in again["characteristics"]] == [label(c) for c in stated["characteristics"]]
-    # U95 of paths includes since then what may lie between samples
-    for now, then in zip(again["characteristics"], stated["characteristics"], strict=True):
-        assert now["value"] == pytest.approx(then["value"], rel=RELATIVE_ROUNDED, abs=1e-9)
 
 
 def test_of_another_method_bytes_and_inputs_are_still_checked(tmp_path: Path) -> None:
     for number, (change, named) in enumerate({"details": "details", "inputs": "inputs", "program": "program"}.items()):
         folder = tmp_path / str(number)
-        shutil.copytree(BEFORE / "with-run", folder)
+        shutil.copytree(SEALED / "with-run", folder)
         stated = content_of(folder)
         other = {"details": {"number": "8"}, "inputs": stated["inputs"][1:], "program": stated["program"] | {"load_kg": 7.0}}[change]
         resealed(folder, {change: other})
@@ -122,7 +94,7 @@ def test_of_another_method_bytes_and_inputs_are_still_checked(tmp_path: Path) ->
 
 
 def test_what_todays_method_refuses_is_said_and_no_difference(tmp_path: Path) -> None:
-    shutil.copytree(BEFORE / "without-run", tmp_path / "c")
+    shutil.copytree(SEALED / "with-run", tmp_path / "c")
     resealed(tmp_path / "c", {"settings": content_of(tmp_path / "c")["settings"] | {"planes": 3}})
     found = looked_at(tmp_path / "c")
     assert (found.differences, found.exit_code) == ((), 3)
@@ -135,76 +107,9 @@ def test_a_certificate_states_its_method(copy: Path) -> None:
     # who lowers the number to have figures passed over gets no 0 for it
     resealed(copy, {"method": METHOD + 1})
     assert looked_at(copy).exit_code == 3
-    for wrong in (0, True, "2", 1.0):
+    for wrong in (0, True, "2", 1.0, None):
         resealed(copy, {"method": wrong})
         assert looked_at(copy).exit_code == 1
-
-
-@pytest.mark.parametrize(
-    ("method", "so", "same"),
-    [
-        (2, (), False), (3, (), True), (3, ("passes",), False), (4, ("passes",), True), (4, ("linked",), False), (5, ("linked",), True),
-        (5, ("linked", "passes"), True), (6, ("contradicted",), False), (7, ("contradicted", "linked"), True),
-        (6, ("rough",), False), (7, ("rough", "contradicted", "linked", "passes"), True), (7, ("lost",), False),
-        (8, ("lost", "rough"), True), (8, ("late",), False), (9, ("late", "lost"), True), (METHOD + 1, (), False),
-    ],
-)  # fmt: skip
-def test_figures_are_compared_with_those_of_methods_that_differ_elsewhere(
-    copy: Path, monkeypatch: pytest.MonkeyPatch, *, method: int, so: tuple[str, ...], same: bool
-) -> None:
-    """Method 4 changed what is drawn of later passes, 5 what is drawn of a linked calibration, 7 what is used of contradicting channels and
-    what is made of encoders whose zeros are not known well, 8 how others than six drums lose a run, 9 what late stamps leave out."""
-    resealed(copy, {"method": method})
-    elsewhere(copy)
-    true = {name: name in so for name in ("passes", "linked", "rough", "contradicted", "lost", "late")}
-    measuring = importlib.import_module("lmeasure.certification.measure")
-    monkeypatch.setattr(measuring, "same_figures", lambda method, **_: same_figures(method, **true))
-    found = looked_at(copy)
-    assert found.differences == ()
-    assert (found.exit_code, found.figures) == (3, len(content_of(copy)["characteristics"]) if same else 0)
-    assert same or f"figures: made by method {method}, today's is {METHOD}" in found.skipped
-
-
-@pytest.mark.parametrize(("u_zero_deg", "same"), [(0.002, True), (0.1, False), (None, False)])
-def test_zeros_that_are_not_known_well_are_treated_otherwise_since_method_7(
-    tmp_path: Path, u_zero_deg: float | None, *, same: bool
-) -> None:
-    run = read_run(AUTHORITY / "swivel-run")
-    known = {"zero_deg": 1.0, "u_zero_deg": u_zero_deg} if u_zero_deg else {"zero_deg": None, "u_zero_deg": None}
-    first, *others = run.rig.swivel
-    rig = run.rig.model_copy(update={"swivel": (first.model_copy(update=known), *others)})
-    write_run(tmp_path / "run", replace(run, rig=rig))
-    inputs = Inputs(tmp_path / "trajectory.parquet", tmp_path / "program.toml", tmp_path / "run")
-    assert inputs.same_figures(6, contradicted=False) is same
-    assert inputs.same_figures(7)
-    assert replace(inputs, run=None).same_figures(3)
-
-
-def test_what_a_counter_lost_is_taken_off_otherwise_since_method_7(tmp_path: Path) -> None:
-    """Poses of a run with a restored counter are others by some 0.1 um: a folder that was sealed before is no forgery."""
-    write_campaign(tmp_path, rig=read_run(AUTHORITY / "swivel-run").rig, cycles=2)
-    run = read_run(tmp_path / "run")
-    counts = run.passes[0]
-    recorded, j = counts.recorded.copy(), counts.channels.index("ch2")
-    recorded[len(recorded) // 2 :, j] += 2500.0
-    shutil.rmtree(tmp_path / "run")
-    write_run(tmp_path / "run", replace(run, passes=(replace(counts, recorded=recorded),)))
-    found = reconstruct(read_run(tmp_path / "run"))
-    assert any("went on from another origin" in str(note) for note in found.notes)
-    write_trajectory(tmp_path / "trajectory.parquet", found)
-    measured = Inputs(tmp_path / "trajectory.parquet", tmp_path / "program.toml", tmp_path / "run")
-    write_certificate(tmp_path / "c", measured, Settings(trials=100), Choices())
-    # sealed then, with poses that are not today's
-    found.poses[:, 0] += 1e-4
-    write_trajectory(tmp_path / "c" / "inputs" / "trajectory.parquet", found)
-    resealed(tmp_path / "c")
-    assert "row 0 is not what the run's counts give" in looked_at(tmp_path / "c").differences[0].text
-    inputs = entries(tmp_path / "c", [entry["file"] for entry in content_of(tmp_path / "c")["inputs"]])
-    resealed(tmp_path / "c", {"method": 6, "inputs": inputs})
-    again = looked_at(tmp_path / "c")
-    assert (again.differences, again.exit_code, again.figures) == ((), 3, 0)
-    assert f"figures: made by method 6, today's is {METHOD}" in again.skipped
-    assert any(line.startswith("AP_p of P1: sealed ") for line in again.beside)
 
 
 def test_codes_of_findings_say_what_the_texts_say(copy: Path) -> None:
@@ -331,7 +236,7 @@ def test_pipes_are_never_opened(copy: Path, tmp_path: Path) -> None:
     pipes = []
     for name in ("certificate.json", MANIFEST, "signature.json"):
         pipes.append(shutil.copytree(copy, tmp_path / name) / name)
-    write_zip(tmp_path / "c.zip", BEFORE / "without-run")
+    write_zip(tmp_path / "c.zip", SEALED / "with-run")
     pipes += [tmp_path / "pipe.zip", tmp_path / "c.zip.sha256"]
     for pipe in pipes:
         pipe.unlink(missing_ok=True)

@@ -16,7 +16,7 @@ from lmeasure.files import write_table
 from lmeasure.run import read_run
 
 HERE = Path(__file__).parents[1]
-SEALED = HERE / "authorities" / "sealed-before" / "with-run"
+SEALED = HERE / "authorities" / "sealed" / "with-run"
 RUN = HERE / "authorities" / "truth" / "cell-run"
 GRID = "--x=0:50:50 --y=0:50:50 --z=0:50:50"
 CERTIFY = "certify sealed/inputs/trajectory.parquet --program sealed/inputs/program.toml --run sealed/inputs/run --trials 100"

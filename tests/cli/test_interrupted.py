@@ -23,7 +23,7 @@ from lmeasure.files import write_table
 from lmeasure.run import read_run
 
 HERE = Path(__file__).parents[1]
-SEALED = HERE / "authorities" / "sealed-before" / "with-run"
+SEALED = HERE / "authorities" / "sealed" / "with-run"
 LINE = "lmeasure: interrupted; nothing was left half-written"
 GRID = "--x=-200:200:10 --y=-200:200:10 --z=-200:200:10"
 WORDS = {

@@ -28,7 +28,7 @@ from lmeasure.workflows import COMMANDS
 
 HERE = Path(__file__).parents[1]
 TRUTH = HERE / "authorities" / "truth"
-SEALED = HERE / "authorities" / "sealed-before" / "with-run"
+SEALED = HERE / "authorities" / "sealed" / "with-run"
 GRID = "--x=0:50:50 --y=0:50:50 --z=0:50:50"
 DEVICE = "--rig run/rig.toml --bus replay:drive.log --fast --start 0,0,0,0,0,0"
 QUICK = (

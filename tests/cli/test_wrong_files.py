@@ -15,7 +15,7 @@ from lmeasure.workflows import COMMANDS
 
 HERE = Path(__file__).parents[1]
 TRUTH = HERE / "authorities" / "truth"
-SEALED = HERE / "authorities" / "sealed-before" / "with-run"
+SEALED = HERE / "authorities" / "sealed" / "with-run"
 BOX = "--box=-100:100,-100:100,-100:100"
 GRID = "--x 0:100:50 --y 0:100:50 --z 0:100:50"
 WRONG: dict[str, bytes | None] = {

@@ -17,7 +17,7 @@ from lmeasure.workbench import details
 from lmeasure.workbench.certificates import courses
 from lmeasure.workbench.project import look_at
 
-SEALED = Path(__file__).parents[1] / "authorities" / "sealed-before" / "with-run"
+SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run"
 
 
 def packed(folder: Path, *, tampered: str = "") -> bytes:

@@ -23,7 +23,7 @@ from lmeasure.workbench import jobs
 sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
 from capture_bench import motion, on_bus, some_poses, true_rig, write_inputs
 
-SEALED = Path(__file__).parents[1] / "authorities" / "sealed-before" / "with-run"
+SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run"
 
 
 def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

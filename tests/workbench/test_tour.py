@@ -12,7 +12,7 @@ from lmeasure.simulation import cell_rig
 from lmeasure.workbench import forms, tour
 from lmeasure.workbench.project import look_at
 
-SEALED = Path(__file__).parents[1] / "authorities" / "sealed-before" / "with-run"
+SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run"
 
 
 def some_files_of_the_demo(folder: Path) -> None:
