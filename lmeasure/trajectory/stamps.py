@@ -32,6 +32,8 @@ WINDOWS, LEAST_WINDOWS = 4000, 8
 MOVING, OF_FASTEST = 2.0, 0.1
 """Standard uncertainties of a place by which the stamps' scatter must move it where the motion is to tell anything, and part of the
 largest speed that it must have."""
+OF_ONE_STEP = 0.5
+"""Of a window's chord: a longer step is a jump, by which a motion tells nothing of time."""
 FAR = 0.02
 """Of the windows: those with the largest residuals, at corners and at what else is no cubic, are passed over."""
 MEDIAN = 0.87
@@ -157,9 +159,12 @@ def _windows(places: FloatArray, noise: float, scatter: float, begins: BoolArray
     """First samples (k,) of windows without a gap in which the tool moves so fast that a scatter of the stamps [periods] would show; begins
     (n - 1,): intervals that they do not go over."""
     chord = np.linalg.norm(places[WINDOW - 1 :] - places[: 1 - WINDOW], axis=1) / (WINDOW - 1)
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    longest = np.lib.stride_tricks.sliding_window_view(steps, WINDOW - 1).max(axis=1)
     holes = np.concatenate([[0], np.cumsum(np.isnan(places).any(axis=1))])
     cuts = np.concatenate([[0], np.cumsum(begins)])
     chord = np.where((holes[WINDOW:] == holes[:-WINDOW]) & (cuts[WINDOW - 1 :] == cuts[: 1 - WINDOW]), chord, 0.0)
+    chord = np.where(longest < OF_ONE_STEP * (WINDOW - 1) * chord, chord, 0.0)
     first = np.flatnonzero(chord > max(MOVING * noise / scatter, OF_FASTEST * float(chord.max())))
     return first[np.linspace(0, len(first) - 1, min(len(first), WINDOWS)).astype(np.int64)]
 

@@ -287,13 +287,13 @@ def round_off(radius: float, rate_hz: float, seed: int) -> tuple[float, float]:
     return cr.value, cr.u95
 
 
-@pytest.mark.parametrize("radius", [0.0, 2.0])
-def test_corners_between_samples_are_uncertain(radius: float) -> None:
+@pytest.mark.parametrize(("radius", "most"), [(0.0, 0.9), (2.0, 0.55)])
+def test_corners_between_samples_are_uncertain(radius: float, most: float) -> None:
     found = np.array([round_off(radius, 80.0, seed) for seed in range(15)])
     error = np.abs(found[:, 0] - radius * (np.sqrt(2.0) - 1.0))
     assert np.mean(error <= found[:, 1]) >= 0.93
-    # no more than a path may differ between two samples of 3 mm
-    assert found[:, 1].max() < 1.1
+    # no more than paths may differ between samples 3 mm apart that are not faster there than about it
+    assert found[:, 1].max() < most
 
 
 def test_corners_that_the_samples_resolve_are_as_certain_as_before() -> None:

@@ -138,6 +138,17 @@ def test_samples_that_a_host_asked_for_keep_their_stamps() -> None:
     assert "in error by 0.2" in str(found.note) or "in error by 0.3" in str(found.note)
 
 
+def test_jumps_of_the_place_tell_nothing_of_time() -> None:
+    """Parts of a motion that follow each other at once, as in a record that was cut: each jump is far faster than all else."""
+    rng = np.random.default_rng(6)
+    true = np.cumsum(rng.uniform(2e-4, 0.01, 1500))
+    places, u = measured(rng, true)
+    places += 320.0 * (np.arange(1500) // 300 % 2)[:, None]
+    assert judged(true, places, u).kind == "sound"
+    found = judged(np.sort(true + rng.uniform(0.0, 0.001, len(true))), places, u)
+    assert found.u_time_s == pytest.approx(0.001 / np.sqrt(12.0), rel=0.25)
+
+
 @pytest.mark.parametrize(("rate_hz", "off_s"), [(1000.0, 0.0), (1000.0, 2e-6), (200.0, 2e-6), (200.0, 1e-6)])
 def test_sound_stamps_stay_as_they_are(rate_hz: float, off_s: float) -> None:
     for seed in range(5):

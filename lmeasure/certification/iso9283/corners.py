@@ -16,7 +16,7 @@ from scipy.stats import norm
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.attainment import Attainment
-from lmeasure.certification.between import Between, between, of_samples, with_hidden
+from lmeasure.certification.between import EDGE, Between, Chords, between, of_samples, with_hidden
 from lmeasure.certification.between import at_corner as read_at_corner
 from lmeasure.certification.figure import Figure, Maker, Subject
 from lmeasure.certification.iso9283.path import DOUBT_OF_MEAN
@@ -90,8 +90,9 @@ class Passing:
 
     nearest (3,) from the corner to the nearest point of the path, at part of the step between two samples; behind: its samples from the one
     before the nearest point on, half way to the next corner; beyond (k,) [mm]: how far they, or the means of so many neighbours each, lie
-    beyond the second line, in steps of step_mm between samples. hidden: the steps from the one before the nearest point on; lines (k, 3)
-    [mm]: where on these the path may turn, from the corner; about_mm: the largest step next to the nearest point.
+    beyond the second line, in steps of step_mm between samples. hidden: the steps from the one before the nearest point on; ends (k + 1, 3)
+    [mm]: the samples of these, from the corner; about_mm: the largest step next to the nearest point; chords: the steps about
+    it.
     """
 
     nearest: FloatArray
@@ -101,19 +102,24 @@ class Passing:
     neighbours: int
     step_mm: float
     hidden: Between | None = None
-    lines: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    ends: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     about_mm: float = 0.0
+    chords: Chords | None = None
 
-    def unseen(self, corner: Corner, variance: float) -> tuple[FloatArray, float]:
+    def unseen(self, corner: Corner, covariance: FloatArray, u_time_s: float) -> tuple[FloatArray, float]:
         """How far (3,) [mm] the nearest point may be off along its direction from the corner, and how far beyond its samples [mm] the path
-        may go behind the second line, by samples whose squared errors are so large on average [mm^2]."""
-        if self.hidden is None or len(self.lines) == 0:
+        may go behind the second line, by samples of this covariance (3, 3) [mm²] and uncertainty of times."""
+        if self.hidden is None or len(self.ends) == 0:
             return np.zeros(3), 0.0
-        bound = self.hidden.bound(variance)
+        bound, where = self.hidden.bound(covariance, u_time_s)
         distance = float(np.linalg.norm(self.nearest))
         known = read_at_corner(distance, self.about_mm, float(corner.incoming @ corner.outgoing))
         off = max(float(np.linalg.norm(bound[:3], axis=1).max()), known)
-        apex = (self.lines + bound) @ corner.side
+        if self.chords is not None:
+            outside = float(self.nearest @ (corner.incoming - corner.outgoing)) > 0.0
+            nearest, farthest = self.chords.passes(float(np.sqrt(np.trace(covariance))), u_time_s, outside=outside)
+            off = min(off, EDGE * max(distance - nearest, farthest - distance, 0.0))
+        apex = (self.ends[:-1] + where[:, None] * np.diff(self.ends, axis=0) + bound) @ corner.side
         there = np.linalg.norm(bound, axis=1) > 0.0
         beyond = float(apex[there].max(initial=-np.inf)) - max(float(self.beyond.max()), 0.0)
         return self.nearest / max(distance, 1e-300) * off, max(beyond, 0.0)
@@ -153,8 +159,9 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
         neighbours=size,
         step_mm=step,
         hidden=hidden,
-        lines=positions[begin:-1] + hidden.where[:, None] * np.diff(positions[begin:], axis=0),
+        ends=positions[begin:],
         about_mm=float(every.max()),
+        chords=Chords.about(times[first : closest + NEAR + 1], positions[first : closest + NEAR + 1]),
     )
 
 
@@ -172,6 +179,7 @@ class CornerTest(IsoTest):
     corner: Corner
     passed: tuple[Passing, ...]
     at: IntArray
+    u_time_s: float = 0.0
 
     @property
     def key(self) -> Subject:
@@ -184,7 +192,7 @@ class CornerTest(IsoTest):
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
         """See `IsoTest`."""
-        return {self.key: CornerPart(self.corner, self.passed, errors(self.at))}
+        return {self.key: CornerPart(self.corner, self.passed, errors(self.at), self.u_time_s)}
 
     def figures(self) -> list[Figure]:
         """See `IsoTest`."""
@@ -201,7 +209,7 @@ def tests(attained: Attainment) -> Iterator[CornerTest]:
     for name, crossed in attained.paths.items():
         for corner, passed in passings(crossed):
             at = np.array([c.samples[p.behind.start] for c, p in zip(crossed.cycles, passed, strict=True)], dtype=np.int64)
-            yield CornerTest(subject=Subject("path", name), corner=corner, passed=passed, at=at)
+            yield CornerTest(subject=Subject("path", name), corner=corner, passed=passed, at=at, u_time_s=attained.stamps.u_time_s)
 
 
 @dataclass(frozen=True)
@@ -215,6 +223,7 @@ class CornerPart:
     corner: Corner
     passed: tuple[Passing, ...]
     of_cycles: PoseErrors
+    u_time_s: float = 0.0
     _about: list[FloatArray] = field(init=False, default_factory=list)
     _others: list[FloatArray] = field(init=False, default_factory=list)
     _share: list[FloatArray] = field(init=False, default_factory=list)
@@ -258,7 +267,7 @@ class CornerPart:
         # means of several roundings are nearly normal, and have longer tails than one
         single = all(p.neighbours == 1 for p in self.passed)
         read = replace(every, own=np.sqrt(of_one)[:, None, None] * every.own, rounded=every.rounded and single)
-        unseen = [p.unseen(self.corner, float(v)) for p, v in zip(self.passed, of_samples(self.of_cycles), strict=True)]
+        unseen = [p.unseen(self.corner, c, self.u_time_s) for p, c in zip(self.passed, of_samples(self.of_cycles), strict=True)]
         beyond = np.repeat([b for _, b in unseen], k)[:, None] * self.corner.side
         return with_hidden(read, np.zeros((len(read), 3)), np.concatenate([np.array([off for off, _ in unseen]), beyond]))
 

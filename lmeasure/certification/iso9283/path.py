@@ -54,7 +54,11 @@ class PathTest(IsoTest):
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
         """See `IsoTest`."""
-        return {self.subject: PathPart(self.crossings, self.excludable(errors), self.convention, self.stamps)}
+        c, places = self.crossings, self.excludable(errors)
+        if c.hidden is None:
+            return {self.subject: PathPart(c, places, self.convention, self.stamps)}
+        bound, _ = c.hidden.bound(of_samples(errors(self.samples())), self.stamps.u_time_s)
+        return {self.subject: PathPart(c, places, self.convention, self.stamps, bound)}
 
     def figures(self) -> list[Figure]:
         """See `IsoTest`."""
@@ -111,12 +115,13 @@ class Planes:
 @dataclass(frozen=True)
 class PathPart:
     """The crossings of a path with the law of the errors of its m n places, plane by plane, and of their instants; see
-    `uncertainty.Part`."""
+    `uncertainty.Part`. hidden (m n, 3) [mm]: how far the path may lie off between the samples there."""
 
     crossings: Crossings
     places: PoseErrors
     convention: str | None
     stamps: Stamps
+    hidden: FloatArray | None = None
     _states: dict[bool, Planes] = field(init=False, default_factory=dict)
     _rates: list[FloatArray] = field(init=False, default_factory=list)
 
@@ -129,10 +134,7 @@ class PathPart:
     def errors(self) -> PoseErrors:
         """See `uncertainty.Part`."""
         timed = of_crossing(self.places, self.crossings, self.stamps)
-        if self.crossings.hidden is None:
-            return timed
-        bound = self.crossings.hidden.bound(of_samples(timed))
-        return with_hidden(timed, bound, bound)
+        return timed if self.hidden is None else with_hidden(timed, self.hidden, self.hidden)
 
     def __post_init__(self) -> None:
         c = self.crossings
