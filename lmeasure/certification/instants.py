@@ -56,8 +56,7 @@ def of_crossing(places: PoseErrors, crossed: Crossings, stamps: Stamps) -> PoseE
     along = np.zeros((m, n, 6, 1))
     along[..., 3:, 0] = crossed.tangent[:, None] * crossed.pace_mm_s[:, :, None]
     since = crossed.time_s - crossed.time_s.mean(axis=0)
-    share = np.sqrt((crossed.weights**2).sum(axis=2))
-    single = (along * (stamps.u_time_s * share)[:, :, None, None]).reshape(-1, 6, 1)
+    single = (along * stamps.u_time_s).reshape(-1, 6, 1)
     common = (along * (stamps.u_rate * since)[:, :, None, None]).reshape(-1, 6, 1)
     return replace(places, own=np.concatenate([places.own, single], axis=2), shared=np.concatenate([places.shared, common], axis=2))
 

@@ -100,16 +100,16 @@ def _mean_and_worst(errors: FloatArray, say: Say) -> tuple[str, str]:
 def _curve(curve: Sequence[dict[str, Any]], say: Say) -> list[str]:
     if not curve:
         return []
-    n = [c["rows"] for c in curve]
+    n = [c["poses"] for c in curve]
     figure = go.Figure()
     for key, name in (("mean_mm", say("median of random sets")), ("least_mm", say("best set")), ("largest_mm", say("worst set"))):
         figure.add_scatter(x=n, y=[c[key] for c in curve], mode="lines+markers", name=name)
     # the very numbers that were tried: between them a scale of logarithms has ticks that crowd
     ticks = {"tickmode": "array", "tickvals": n, "ticktext": [str(v) for v in n]}
-    figure.update_layout(xaxis={"type": "log", "title": say("rows"), **ticks}, yaxis={"title": say("mean error at rows left out, mm")})
+    figure.update_layout(xaxis={"type": "log", "title": say("poses"), **ticks}, yaxis={"title": say("mean error at poses left out, mm")})
     figure.update_layout(height=420)
     # the first figure of the page brings plotly along
-    return [html.heading(say("Error against number of rows")), html.figure(figure, "curve", first=True, language=say.language)]
+    return [html.heading(say("Error against number of poses")), html.figure(figure, "curve", first=True, language=say.language)]
 
 
 def errors_figure(places: FloatArray, before: FloatArray, after: FloatArray, say: Say = ENGLISH) -> tuple[go.Figure, float]:

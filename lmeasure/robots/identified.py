@@ -80,7 +80,7 @@ def record(
         "unobservable": [{"direction": s.direction, "text": s.text, "finding": s.said.stated()} for s in silent],
         "residuals": _residuals(found),
         "held_out": None if held is None else _held_out(held),
-        "learning_curve": [{"rows": n, "mean_mm": m, "least_mm": a, "largest_mm": b} for n, m, a, b in curve],
+        "learning_curve": [{"poses": n, "mean_mm": m, "least_mm": a, "largest_mm": b} for n, m, a, b in curve],
         "workspace": None if over is None else _workspace(found, over),
         "worth_freeing": [w.__dict__ for w in worth],
         "warnings": [f.stated() for f in findings],

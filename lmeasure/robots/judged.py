@@ -1,4 +1,4 @@
-"""How good an identification is where it was not made: rows held out, error against number of rows, and what was worth freeing."""
+"""How good an identification is where it was not made: rows held out, error against number of poses, and what was worth freeing."""
 
 import math
 from dataclasses import dataclass, replace

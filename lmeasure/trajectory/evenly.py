@@ -43,6 +43,8 @@ OFF = 6.0
 BLOCKS, LEAST_OF_BLOCK = 32, 25
 CONTRADICTED = 8.0
 """Standard uncertainties of the level of a block of stamps by which it lies off an even clock that they do not keep."""
+LEAST_TAIL = 3.0
+"""Times as far the least of a block may lie late: where latencies are exponential, it is so too."""
 WHITE = 1.3
 """Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 2 % of 30 such below 1.3."""
 PASSES = 5
@@ -264,7 +266,7 @@ def _contradicted(late_s: FloatArray, stretch: IntArray, beside_s: float, place:
     allowed = CONTRADICTED * 1.4826 * float(np.median(np.abs(apart))) / 2.0 + beside_s
     off = levels - float(np.median(levels))
     # a host that was busy raises all but the least of a block
-    return bool((off < -allowed).any() or (place is np.min and (off > allowed).any()))
+    return bool((off < -allowed).any() or (place is np.min and (off > LEAST_TAIL * allowed).any()))
 
 
 def _blocks(stretch: IntArray) -> list[slice]:

@@ -177,20 +177,18 @@ def test_instants_that_err_are_places_that_err_along_the_path() -> None:
     rng, m, n = np.random.default_rng(6), 4, 3
     time_s, pace = np.cumsum(rng.uniform(0.5, 1.0, (m, n)), axis=0), rng.uniform(100.0, 200.0, (m, n))
     tangent = rng.normal(size=(m, 3))
-    weights_of = rng.dirichlet(np.ones(4), (m, n))
-    crossed: Any = SimpleNamespace(time_s=time_s, pace_mm_s=pace, tangent=tangent, weights=weights_of)
+    crossed: Any = SimpleNamespace(time_s=time_s, pace_mm_s=pace, tangent=tangent)
     places = PoseErrors.of(rng.normal(size=(m * n, 6, 2)), rng.normal(size=(m * n, 6, 1)))
     stamps = replace(sound(np.arange(3.0)), kind="even", u_time_s=1e-3, u_rate=1e-4)
     found = of_crossing(places, crossed, stamps)
     weights = rng.normal(size=m * n)
     by_instants = found.covariance_of(weights[None])[0] - places.covariance_of(weights[None])[0]
-    # the two laws written out: dt of each crossing, read from four samples, and one rate
+    # the two laws written out: dt of each crossing, and one rate
     way = np.zeros((m * n, 6))
     way[:, 3:] = (tangent[:, None] * pace[:, :, None]).reshape(-1, 3)
     since = (time_s - time_s.mean(axis=0)).ravel()
     common = (weights * since) @ way * 1e-4
-    single = weights**2 * (weights_of**2).sum(axis=2).ravel()
-    expected = 1e-6 * np.einsum("k,ki,kj->ij", single, way, way) + np.outer(common, common)
+    expected = 1e-6 * np.einsum("k,ki,kj->ij", weights**2, way, way) + np.outer(common, common)
     np.testing.assert_allclose(by_instants, expected, rtol=1e-6, atol=1e-12)
     assert of_crossing(places, crossed, replace(stamps, kind="sound")) is places
 
