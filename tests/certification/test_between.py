@@ -45,7 +45,7 @@ def test_a_corner_is_passed_within_what_times_allow(shape: tuple[float, float, f
 
 def test_a_step_may_be_longer_by_as_much_as_samples_err() -> None:
     places = np.outer(np.arange(-4.5, 5.0), OUT) + [2.0, 0.0, 0.0]
-    chords = Chords.about(np.arange(10) * STEP_S, places)
+    chords = Chords.about(np.arange(10, dtype=np.float64) * STEP_S, places)
     # half the small axis of an ellipse of a string 2 standard deviations longer than the step of 1 mm
     for noise_mm, u_time_s, longer in ((0.01, 0.0, 0.02), (0.0, 1e-4, 2e-4 / STEP_S)):
         width = 0.5 * np.sqrt((1.0 + longer) ** 2 - 1.0)
