@@ -1,14 +1,15 @@
 // A trajectory over time: plots with bands that hold 95 %, one cursor, a span that comes nearer; gaps that are jumped to.
 import {number, own} from './number.js';
-import {root} from './root.js';
+import {letters, root} from './root.js';
 const place = document.getElementById('along'), id = (name) => document.getElementById(name);
 const whole = [Number(place.dataset.begin), Number(place.dataset.end)];
 const plots = [...place.querySelectorAll('canvas')], digits = {u95: 4, angle: 1};
 let span = [...whole], at = whole[0], data = null, asked = 0;
 
 const colour = (name) => getComputedStyle(document.body).getPropertyValue(name);
-const across = (canvas, t) => 70 + (canvas.clientWidth - 80) * (t - span[0]) / (span[1] - span[0] || 1);
-const timeAt = (canvas, x) => Math.min(span[1], Math.max(span[0], span[0] + (x - 70) / (canvas.clientWidth - 80) * (span[1] - span[0])));
+const left = () => 5.4 * parseFloat(letters(0.8125));
+const across = (canvas, t) => left() + (canvas.clientWidth - left() - 10) * (t - span[0]) / (span[1] - span[0] || 1);
+const timeAt = (canvas, x) => Math.min(span[1], Math.max(span[0], span[0] + (x - left()) / (canvas.clientWidth - left() - 10) * (span[1] - span[0])));
 
 function nearest() {
   let best = 0;
@@ -22,17 +23,17 @@ function paint(canvas) {
   const high = canvas.clientHeight, known = values.map((v, i) => v !== null ? i : -1).filter((i) => i >= 0);
   const low = Math.min(...known.map((i) => values[i] - (half?.[i] ?? 0))), top = Math.max(...known.map((i) => values[i] + (half?.[i] ?? 0)));
   const room = (top - low) || Math.abs(top) || 1, y = (v) => 26 + (high - 48) * (1 - (v - low + 0.04 * room) / (1.08 * room));
-  pen.clearRect(0, 0, canvas.clientWidth, high); pen.font = '13px system-ui'; pen.fillStyle = colour('--ink');
+  pen.clearRect(0, 0, canvas.clientWidth, high); pen.font = letters(0.8125); pen.fillStyle = colour('--ink');
   pen.fillText(canvas.getAttribute('aria-label'), 4, 14);
   if (!known.length) { pen.fillText('–', 80, high / 2); return; }
   const ten = 10 ** Math.floor(Math.log10(room / 4)), step = [1, 2, 5, 10].map((n) => n * ten).find((v) => v >= room / 4);
   const ticks = Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
   pen.fillStyle = colour('--soft'); pen.strokeStyle = colour('--line'); pen.lineWidth = 1;
   for (let v = Math.ceil(low / step) * step, n = 0; v <= top && n < 12; v += step, n++) {
-    pen.beginPath(); pen.moveTo(70, y(v)); pen.lineTo(canvas.clientWidth - 10, y(v)); pen.stroke();
+    pen.beginPath(); pen.moveTo(left(), y(v)); pen.lineTo(canvas.clientWidth - 10, y(v)); pen.stroke();
     pen.fillText(number(v, ticks), 4, y(v) + 4);
   }
-  pen.fillText(`${number(span[0], 2)} ${place.dataset.s}`, 70, high - 6); const end = `${number(span[1], 2)} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
+  pen.fillText(`${number(span[0], 2)} ${place.dataset.s}`, left(), high - 6); const end = `${number(span[1], 2)} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
   if (half) {
     pen.fillStyle = colour('--blue'); pen.globalAlpha = 0.3;
     let run = [];

@@ -1,6 +1,6 @@
 // The rig in space: observation points, cables and the tool; drag to turn, drag a point to move it in the plane of the screen.
 import {number, numbers} from './number.js';
-import {root} from './root.js';
+import {letters, root} from './root.js';
 const HIT = 12;
 
 export async function draw(place, form) {
@@ -27,7 +27,7 @@ export async function draw(place, form) {
     const style = getComputedStyle(document.body), ratio = devicePixelRatio || 1;
     canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio;
     pen.setTransform(ratio, 0, 0, ratio, 0, 0); pen.clearRect(0, 0, canvas.width, canvas.height);
-    pen.font = '14px system-ui'; pen.strokeStyle = pen.fillStyle = style.getPropertyValue('--ink') || '#000';
+    pen.font = letters(0.875); pen.strokeStyle = pen.fillStyle = style.getPropertyValue('--ink') || '#000';
     const stroke = (a, b, colour, width) => { pen.beginPath(); pen.strokeStyle = colour; pen.lineWidth = width; pen.moveTo(...screen(a)); pen.lineTo(...screen(b)); pen.stroke(); };
     [['X', '--bad', [1, 0, 0]], ['Y', '--good', [0, 1, 0]], ['Z', '--blue', [0, 0, 1]]].forEach(([name, its, way]) => {
       const colour = style.getPropertyValue(its);
