@@ -96,7 +96,8 @@ def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> N
     by_hand([line for line in lines if line.split()[1] not in ("key", "certify", "verify")], monkeypatch)
     files = [path.relative_to(hand) for path in sorted(hand.rglob("*")) if path.is_file()]
     assert {Path("trajectory.parquet"), Path("zones/zone.nc")} <= {*files}
-    assert len(files) > (30 if whole else 6)
+    assert len(files) > (20 if whole else 6)
+    assert not whole or {Path("drums.toml"), Path("runs/simulated/run.toml"), Path("runs/page/trajectory.html")} <= {*files}
     for file in files:
         assert (project / file).read_bytes() == file.read_bytes(), file
 
