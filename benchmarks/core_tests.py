@@ -121,7 +121,7 @@ CORE = {
         "tests/certification/test_instants.py",
         "tests/certification/test_method.py",
         "-k",
-        "test_u95 or test_instants or method_3",
+        "test_u95 or test_instants",
     ],
     "certification/verify.py": ["tests/certification/test_verify.py"],
     "certification/again.py": ["tests/certification/test_verify.py"],
