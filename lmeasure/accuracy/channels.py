@@ -35,7 +35,9 @@ def figures(channels: Channels, poses: FloatArray, names: tuple[str, ...] = (), 
     told = np.isfinite(covariance).all(axis=(1, 2))
     u95, angle = np.full(len(poses), np.inf), np.full(len(poses), 90.0)
     u95[told] = [exact_radius_95(values) for values in np.linalg.eigvalsh(covariance[told, 3:, 3:])]
-    angle[told] = np.degrees(pressure_angles(channels, poses[told], G[told]).max(axis=1))
+    # geometry, whatever the readings are known to
+    alike = twists(channels, poses[told], weighted=False)
+    angle[told] = np.degrees(pressure_angles(channels, poses[told], alike).max(axis=1))
     return Figures(covariance, u95, angle)
 
 

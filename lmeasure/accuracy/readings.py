@@ -72,7 +72,8 @@ class Told:
     """Of n poses: lengths (n, cables) [mm], NaN where a cable cannot run; runs, known (n,) whether all do, and the pose is told. Of the k
     known ones: rows A (k, M, 6), G (k, 6, M), covariance (k, 6, 6) of (rotation [rad]; tool origin [mm]), L (k, M, r), norm2 (k,) squared
     Frobenius norm of the pseudo-inverse of the rows, moments divided by the platform's size and angles taken as lengths where they are
-    seen, and speed (k, M) of each channel's point under the twist that its reading alone makes, at least 1 where it is seen best."""
+    seen, and speed (k, M) of each channel's point, at least 1 where it is seen best, under the twist that its reading alone makes by least
+    squares in which all readings count alike."""
 
     lengths: FloatArray
     runs: BoolArray
@@ -143,7 +144,10 @@ def told(readings: Readings, poses: FloatArray) -> Told:
         L = -np.einsum("nmw,mwr->nmr", moved, readings.factor.reshape(m, WIDTH, -1))
         shift = G @ L
         covariance += shift @ np.swapaxes(shift, 1, 2)
-    turns, moves = np.swapaxes(G[:, :3], 1, 2), np.swapaxes(G[:, 3:], 1, 2)
+    # a pressure angle is geometry: there all readings count alike, however well they are known
+    plain = alike[good]
+    by_each = np.linalg.inv(np.swapaxes(plain, 1, 2) @ plain) @ np.swapaxes(plain, 1, 2) / seen[known, None] * units[:, None]
+    turns, moves = np.swapaxes(by_each[:, :3], 1, 2), np.swapaxes(by_each[:, 3:], 1, 2)
     arms = (se3.rotation(poses).as_matrix()[:, None] @ rows[:, ATTACHMENT_XYZ, None])[..., 0]
     looks = (kind != INCLINATION)[:, None]
     speed = np.linalg.norm(np.where(looks, moves + np.cross(turns, arms), turns), axis=2)

@@ -9,7 +9,7 @@ from lmeasure.kernels import kernel
 from lmeasure.kernels.cable import span_at, vec
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.layout import ATTACHMENT, BODY_COLUMNS, ORIENTATION, PLACE, POSE_COLUMNS, WIDTH
-from lmeasure.kernels.least_squares import fastest, length_twists
+from lmeasure.kernels.least_squares import alike, fastest, length_twists
 from lmeasure.kernels.screw import platform_size
 from lmeasure.kernels.vector import rotate
 from lmeasure.kernels.zone import LONGEST, SHORTEST, SPEED2, U95_POSITION, scan
@@ -69,6 +69,7 @@ def worst_of_channels(
     out, pose = np.empty((n, 4)), np.empty(POSE_COLUMNS)
     # about 1 of lengths: pivots are held against that
     free, nothing, left, G, weights = np.arange(6), np.zeros(m), np.empty(m), np.empty((6, m)), np.sqrt(variance[:cables].min() / variance)
+    units = np.empty(m)
     for i in range(n):
         rows, size = candidates[i], platform_size(candidates[i])
         speed, radius, shortest, longest = 1.0, 0.0, math.inf, 0.0
@@ -83,10 +84,14 @@ def worst_of_channels(
                     length = span_at(rows[j], pose)[0]
                     runs = runs and not math.isnan(length)
                     shortest, longest = min(shortest, length), max(longest, length)
+                # a pressure angle is geometry: there all readings count alike
+                if runs:
+                    alike(rows, pose, weights, size, units)
+                    runs = length_twists(rows, pose, units, free, size, nothing, G, left)
+                speed = max(speed, fastest(rows, pose, G)) if runs else math.inf
                 if not (runs and length_twists(rows, pose, weights, free, size, nothing, G, left)):
                     speed, radius = math.inf, math.inf
                     continue
-                speed = max(speed, fastest(rows, pose, G))
                 xx = yy = zz = xy = xz = yz = 0.0
                 for j in range(m):
                     x, y, z = G[3, j], G[4, j], G[5, j]

@@ -1,10 +1,9 @@
-"""Where a run began whose absolute channels are too few to tell a pose at once: by its motion.
+"""Find where a run began by its motion, when too few channels are absolute to determine a pose at once.
 
-Of n channels with absolute readings and m that count from where they were zeroed, one sample has n equations for six unknowns. But given
-the pose at that sample every other one follows from the changes of all channels, n + m of them: where these are more than six, each sample
-adds n + m - 6 equations and no unknown. So one absolute angle and six drums tell the start if the tool moves far
-enough, and the better the more of them are absolute; six channels or fewer leave nothing over, whatever the motion. The start is found by
-least squares over samples spread over the run, from many poses that fit the first readings.
+Let n channels read absolute values, and m channels count from where they were zeroed. One sample has n equations for the six unknowns of
+its pose. A pose of that sample gives the offsets of the m others. Each further sample then has n + m equations for six unknowns, so it adds
+n + m - 6 equations. One absolute angle and six drums, or four angles and four drums, determine the start if the tool moves far enough. Six
+channels or fewer never do. Least squares over samples spread over the run find the start, from many poses that fit the first readings.
 """
 
 from dataclasses import dataclass
@@ -40,6 +39,8 @@ FITS = 1e-3
 """Angles [rad] up to which a drawn pose fits the first readings."""
 LOST = 1e4
 """Of a residual, in standard uncertainties, where a run cannot be followed."""
+ANYWHERE_MM = 1e6
+"""Standard uncertainty of a start that is not stated: least squares need one where a motion does not determine all of it."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,8 @@ class Motion:
         state = np.concatenate([pose, np.where(self.absolute, seen, changes[0]), [0.0]])
         flags = np.full(len(changes), Status.GAP, np.int64)
         poses = least_squares.follow(self.rows, pose, zero, state, changes, flags, self.u, np.arange(6))[0]
+        # the start is the pose of the first sample; were that solved for, fewer than six drums would not depend on all of the start
+        poses[0] = pose
         lost = ~np.isfinite(poses[:, 0])
         off = changes - (span_lengths(self.rows, np.where(lost[:, None], pose, poses)) - zero)
         angles = self.rows[:, KIND] != CABLE
@@ -113,7 +116,9 @@ class Motion:
         reach = 1.0 / np.maximum(np.abs(span_rows_of(self.rows, pose[None])[0] * units).max(axis=1), 1e-9)
         weights = np.where(used, (self.u * reach).min() / self.u, 0.0)
         G = np.nan_to_num(least_squares.twists(self.rows, np.ascontiguousarray(poses), weights, np.arange(6)))
-        moved = np.where((used & there[:, None])[:, :, None], (D - A @ (G @ D)) / self.u[:, None], 0.0)
+        way = G @ D
+        way[0] = np.diag(np.append(units, np.zeros(k)))[:6]
+        moved = np.where((used & there[:, None])[:, :, None], (D - A @ way) / self.u[:, None], 0.0)
         return np.concatenate([moved.reshape(n * len(self.u), 6 + k), np.eye(k, 6 + k, 6)])
 
 
@@ -170,10 +175,10 @@ def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray
     at all. None where the run cannot be followed from it."""
     size = platform_size(motion.rows)
     units, k = np.repeat([1.0 / size, 1.0], 3), motion.zeros.shape[1]
-    u = np.full(6, np.inf) if u_start is None else u_start / units
+    u = np.full(6, ANYWHERE_MM) if u_start is None else u_start / units
     free = np.append(u > 0.0, np.ones(k, np.bool_))
     prior = np.eye(6 + k)[:6] / np.where(u > 0.0, u, 1.0)[:, None]
-    prior = prior[np.isfinite(u) & (u > 0.0)]
+    prior = prior[u > 0.0]
     last: list[FloatArray] = []
 
     def whole(x: FloatArray) -> FloatArray:

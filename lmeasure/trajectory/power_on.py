@@ -241,6 +241,7 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
     least, told = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0), ""
     if longest < LEAST:
         told = "fits no start that was found" + (f" beyond its first {100 * longest:.0f} %" if longest else "")
+        told += ": a pose of it is nearly singular, or a channel is wrong"
     elif least > TOLD_MM:
         told = f"tells it to {least:.3g} mm only" if least < NOTHING_MM else "does not tell it"
         told += ": move the tool farther, or turn it"

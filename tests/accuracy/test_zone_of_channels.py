@@ -105,6 +105,26 @@ def test_a_place_is_told_by_all_channels() -> None:
     assert float(unknown.u95_position_mm) > 1.0001 * float(zone.u95_position_mm)
 
 
+def test_a_pressure_angle_is_geometry_whatever_is_known_of_zeros() -> None:
+    rig = mixed()
+    A, _ = stated(rig)
+    moves, turns = A[:, :3], A[:, 3:]
+    arms = [TURN.apply(rig.tool[c.to_point]) for c in rig.cable] + [TURN.apply(rig.tool[rig.cable[i].to_point]) for i in range(3)]
+    # an angle in the length by which its point is seen, or that of the tool's size
+    size = max(float(np.linalg.norm(p)) for p in rig.tool.values())
+    seen = np.r_[np.ones(5), np.linalg.norm(moves[5:8], axis=1), 1.0 / size]
+    G = np.linalg.pinv(np.column_stack([moves, turns]) / seen[:, None]) / seen
+    speeds = [np.linalg.norm(G[:3, j] + np.cross(G[3:, j], arms[j])) * seen[j] for j in range(8)]
+    expected = np.degrees(np.arccos(1.0 / max(1.0, *speeds, float(np.linalg.norm(G[3:, 8])))))
+    data, u95 = rig.to_dict(), []
+    for u_zero in (0.0, 0.03, 2.0):
+        data["swivel"] = [e | {"u_zero_deg": u_zero} for e in data["swivel"]]
+        zone = at_place(rig_from_dict(data), reliability=False)
+        assert float(zone.worst_pressure_angle_deg) == pytest.approx(expected, abs=1e-3)
+        u95.append(float(zone.u95_position_mm))
+    assert u95[0] < u95[1] < u95[2]
+
+
 @pytest.mark.parametrize("made", [mixed, lambda: read_rig(AUTHORITY / "eight-run" / "rig.toml")])
 def test_faults_put_in_by_hand_show_as_the_map_says(made: object) -> None:
     rig = made()  # type: ignore[operator]

@@ -46,11 +46,12 @@ def run_of(
     seed: int,
     drums: int | tuple[int, ...] = 6,
     u_start: tuple[float, float] = (0.0, 0.0),
+    time_s: FloatArray = TIME_S,
 ) -> tuple[Run, FloatArray]:
     """A run whose true zeros are drawn from what is known of them, and its true poses."""
     rng = np.random.default_rng(seed)
     way = rng.uniform(1.0, 2.5, (2, 6))
-    swing = np.sin(way[0] * TIME_S[:, None]) + 0.3 * np.sin(3.0 * way[1] * TIME_S[:, None])
+    swing = np.sin(way[0] * time_s[:, None]) + 0.3 * np.sin(3.0 * way[1] * time_s[:, None])
     poses = se3.displaced(START, np.repeat([0.15, 120.0], 3) * rng.uniform(0.4, 1.0, 6) * swing)
 
     def true(e: dict[str, Any]) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def run_of(
         off = rng.normal(0.0, e["u_zero_deg"]) if e else rng.uniform(-180.0, 180.0)
         return {"zero_deg": e.get("zero_deg", 0.0) + off}
 
-    run = simulate_run(with_encoders({i: true(e) for i, e in encoders.items()}, drums), TIME_S, poses, noise_mm=0.0, rng=rng).run
+    run = simulate_run(with_encoders({i: true(e) for i, e in encoders.items()}, drums), time_s, poses, noise_mm=0.0, rng=rng).run
     stated = se3.displaced(poses[0], np.repeat(u_start[::-1], 3) * rng.normal(size=6))
     return replace(run, rig=with_encoders(encoders, drums), start=stated, u_start=u_start), poses
 
@@ -129,6 +130,22 @@ def test_four_drums_and_four_encoders_are_not_singular_for_zeros_known_to_degree
     assert (np.diff(u_mm) > -0.01 * np.array(u_mm[:-1])).all()
     assert max(u_mm) < 5.0
     assert max(squares) < chi2.ppf(0.999, 6)
+
+
+@pytest.mark.parametrize("u_zero", [0.01, 2.0])
+def test_the_motion_of_four_drums_and_four_encoders_determines_an_unknown_start(u_zero: float) -> None:
+    """Fewer than six drums: the start counts by what they read and by where the encoders stand at it."""
+    drums = (0, 2, 4, 3)
+    encoders = {i + 1: {"zero_deg": 20.0, "u_zero_deg": u_zero} for i in drums}
+    run, poses = run_of(encoders, 3, drums, time_s=np.arange(0.0, 6.0, 0.02))
+    run = replace(run, start=None)
+    found = reconstruct(run)
+    assert (found.status == Status.OK).all()
+    error = se3.displacement(found.poses, poses)
+    both = covariances(found, run)
+    covariance = both.random[150] + both.factors[150] @ both.factors[150].T
+    assert float(error[150] @ np.linalg.solve(covariance, error[150])) < chi2.ppf(0.999, 6)
+    assert np.sqrt(np.trace(covariance[3:, 3:])) < 1.0
 
 
 def test_a_pose_that_readings_hardly_tell_is_uncertain_and_not_singular() -> None:
