@@ -158,9 +158,7 @@ def test_a_start_that_the_run_soon_contradicts_is_none(monkeypatch: pytest.Monke
     n = len(recorded)
     for j, sign in ((0, 1.0), (3, -1.0), (4, 1.0)):
         recorded[:, j] += np.rint(sign * 4000.0 * np.clip(np.arange(n) / n - 0.3, 0.0, 1.0))
-    with pytest.raises(
-        TrajectoryError, match=r"3 of its channels absolute, fits no start that was found( beyond its first \d+ %)?: a"
-    ):
+    with pytest.raises(TrajectoryError, match=r"3 of its channels absolute, fits no start that was found( beyond its first \d+ %)?: a"):
         reconstruct(replace(run, passes=(replace(counts, recorded=recorded),)))
 
 
