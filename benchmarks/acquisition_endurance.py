@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests" / "acquisition"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from test_buses import positions, record_from  # noqa: E402
 
-from lmeasure.run import read_run  # noqa: E402
+from lmeasure.recording import read_run  # noqa: E402
 
 RATE_HZ = 1000.0
 TITLE = f"# Six encoders at {RATE_HZ:g} Hz between two processes"

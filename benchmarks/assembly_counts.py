@@ -6,7 +6,7 @@ they were found. At last the trace test, which asks of what was found whether an
 and the least of those over all but one, as parts of the largest of one assembly (`starts.not_linear`).
 
     python benchmarks/assembly_counts.py --out benchmarks/results/assembly_counts.md
-    python benchmarks/assembly_counts.py --write         # and lmeasure/lcoordinate/starts.npz
+    python benchmarks/assembly_counts.py --write         # and lmeasure/linkages/start_systems.npz
 """
 
 import argparse
@@ -15,25 +15,24 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.arrays import ComplexArray
-from lmeasure.kernels.homotopy import REACHED, follow
-from lmeasure.lcoordinate import starts
-from lmeasure.lcoordinate.structures import Structure
+from lmeasure.core import ComplexArray
+from lmeasure.kernels import REACHED, follow_homotopy
+from lmeasure.linkages import Structure, start_systems
 
 SEED = 20211
 
 
 def by_degeneration(general: tuple[ComplexArray, ComplexArray], structure: Structure, rng: np.random.Generator) -> int:
     """Assemblies of a platform of the structure that are ends of the paths from those of a general platform."""
-    ends, told = follow(general[0], starts.random_links(structure, rng), general[1])
+    ends, told = follow_homotopy(general[0], start_systems.random_links(structure, rng), general[1])
     ends = ends[told == REACHED]
     proper = np.abs((ends[:, :4] ** 2).sum(axis=1)) > 1e-8
-    return len(starts.distinct(ends[proper]))
+    return len(start_systems.distinct(ends[proper]))
 
 
 def trace(structure: Structure, start: tuple[ComplexArray, ComplexArray], rng: np.random.Generator) -> str:
     """Two columns: of all assemblies, and the least of all but one."""
-    off = starts.not_linear(structure, *start, rng)
+    off = start_systems.not_linear(structure, *start, rng)
     if off is None:
         return "no point of one link | "
     size = np.abs(off).max()
@@ -47,16 +46,16 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="page to write")
     asked = parser.parse_args()
     rng = np.random.default_rng(SEED)
-    own = starts.of_its_own()
+    own = start_systems.of_its_own()
     began = time.process_time()
     if asked.write:
-        starts.write([starts.grown(structure, rng) for structure in reversed(own)][::-1])
-    general = starts.start_of(own[-1])
+        start_systems.write([start_systems.grown(structure, rng) for structure in reversed(own)][::-1])
+    general = start_systems.start_of(own[-1])
     page = ["# Complex assemblies of every structure", "", "`benchmarks/assembly_counts.py`", ""]
     page += ["| structure | of the file | monodromy | from the general platform | trace of all | of all but one |", "|---" * 6 + "|"]
     for structure in own:
-        kept = starts.start_of(structure)
-        counts = (len(kept[1]), len(starts.grown(structure, rng)[1]), by_degeneration(general, structure, rng))
+        kept = start_systems.start_of(structure)
+        counts = (len(kept[1]), len(start_systems.grown(structure, rng)[1]), by_degeneration(general, structure, rng))
         page.append(f"| {structure.notation} | {' | '.join(map(str, counts))} | {trace(structure, kept, rng)} |")
         print(page[-1], flush=True)
     seconds = time.process_time() - began

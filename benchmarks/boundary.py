@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.lcoordinate.bounds import Bounds
-from lmeasure.lcoordinate.workspace import Slice, boundary
-from lmeasure.linkage.slices import PLANES, slices
+from lmeasure.core import FloatArray
+from lmeasure.linkages import Bounds, Slice, boundary
+from lmeasure.structure.slices import PLANES, slices
 
 # thesis 5.3: pairs B1, B4 - P1; B2, B5 - P2; B3, B6 - P3
 BODY = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0)] * 2, dtype=float)

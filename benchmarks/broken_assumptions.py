@@ -20,16 +20,21 @@ import pandas as pd
 from pieces import options, run_all
 
 TESTS = Path(__file__).parent.parent / "tests"
-sys.path.insert(0, str(TESTS))
-sys.path.insert(0, str(TESTS / "calibration"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from real_rig import Flaws  # noqa: E402
 from real_world import Case, Made, Score, make, score, score_of, told  # noqa: E402
 
-from lmeasure.calibration import Campaign, Settings, calibrate, solve  # noqa: E402
-from lmeasure.calibration.misfit import Explained  # noqa: E402
-from lmeasure.calibration.unknowns import Model  # noqa: E402
-from lmeasure.errors import LMeasureError  # noqa: E402
+from lmeasure.calibration import (  # noqa: E402
+    CalibrationSettings,
+    Campaign,
+    Model,
+    calibrate,
+)
+from lmeasure.calibration.solve import solve  # noqa: E402
+from lmeasure.calibration.validation.misfit import Explained  # noqa: E402
+from lmeasure.core import LMeasureError  # noqa: E402
 from lmeasure.estimation import Fit  # noqa: E402
 
 EXACT = (0.0, 0.0)
@@ -61,7 +66,7 @@ def _as_it_is(model: Model, found: Fit, blamed: list[str]) -> Explained:
     return Explained(model, found, [], False, np.zeros(len(model.campaign.cables)))
 
 
-def plainly(made: Made, campaign: Campaign, settings: Settings) -> Score:
+def plainly(made: Made, campaign: Campaign, settings: CalibrationSettings) -> Score:
     """The run with a calibration that takes its residuals as they are."""
     with mock.patch.object(solve, "explain_misfit", _as_it_is):
         return score_of(calibrate(campaign, settings), made)
@@ -80,8 +85,8 @@ def study(name: str, seed: int) -> dict[str, object]:
     row |= {"refused": result.refused, "codes": " ".join(sorted(codes))}
     delivered = score_of(result, made)
     row |= {"delivered": delivered.error_mm, "inside": delivered.inside, "squares": delivered.squares}
-    row["plain"] = plainly(made, made.campaign, Settings()).error_mm
-    stated = plainly(made, told(made, case), Settings(("position", "guide", *case.cure)))
+    row["plain"] = plainly(made, made.campaign, CalibrationSettings()).error_mm
+    stated = plainly(made, told(made, case), CalibrationSettings(("position", "guide", *case.cure)))
     return row | {"stated": stated.error_mm, "stated_inside": stated.inside}
 
 

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
-from lmeasure.calibration import Settings, calibrate, read_campaign
-from lmeasure.calibration.lp_search import Box, point_data, search_point
-from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration import CalibrationSettings, Model, calibrate, read_campaign, unknowns_of
+from lmeasure.calibration.solve.lp_search import Box, point_data, search_point
+from lmeasure.calibration.solve.noise import Noise
 from lmeasure.estimation import fit
 
 FloatArray = NDArray[np.float64]
@@ -87,8 +85,8 @@ def main() -> None:
     polish = best_time(lambda: least_squares(residuals, start * 1.0001, args=(data.radius, data.points, data.changes)), 3)
     t_ours = best_time(ours, 25)
     t_plain = best_time(plain, 5) * 2**LOG2 / arguments.per_candidate + polish
-    calibrate(campaign, Settings())
-    t_campaign = best_time(lambda: calibrate(campaign, Settings()), 5)
+    calibrate(campaign, CalibrationSettings())
+    t_campaign = best_time(lambda: calibrate(campaign, CalibrationSettings()), 5)
     print(f"{cpu()}, Python {platform.python_version()}, one process; processor time, shortest of several runs")
     print()
     print("| work | lmeasure | plain Python per candidate | ratio |")

@@ -15,17 +15,14 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.cable_parameters import cable_covariance
-from lmeasure.calibration import Calibration, Settings, calibrate
-from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate, unknowns_of
+from lmeasure.calibration.solve.noise import Noise
 from lmeasure.estimation import fit
 from lmeasure.estimation.least_squares import Whitened
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import counts_from_poses, span_lengths
+from lmeasure.sensors import cable_covariance, counts_from_poses, span_lengths
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from coverage_table import command, row
 from random_campaigns import Drawn, at_truth, draw, true_values
 
@@ -78,7 +75,7 @@ def study(case: str, seed: int) -> dict[str, object]:
     """One campaign, drawn and calibrated."""
     noise, u, points, poses = CASES[case]
     drawn = draw(seed, points=points, poses=poses + seed % 11, noise=noise, u_position_mm=u, phased=True)
-    result = calibrate(drawn.campaign, Settings())
+    result = calibrate(drawn.campaign, CalibrationSettings())
     record = result.record
     codes = {w.code for w in record.warnings}
     out: dict[str, object] = {"case": case, "seed": seed, "determined": record.rank == record.unknowns, "said": bool(codes & SAID)}

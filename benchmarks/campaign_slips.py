@@ -2,7 +2,8 @@
 
     python benchmarks/campaign_slips.py --campaigns 60 --keep slips.jsonl [--slip NAME ...] [--write]
 
-Rigs and counts come from an independent forward model (tests/real_rig.py). Campaigns have 8, 12 or 20 poses in turn. Positions err by 0.02
+Rigs and counts come from an independent forward model (tests/helpers/real_rig.py). Campaigns have 8, 12 or 20 poses in turn. Positions
+err by 0.02
 to 0.05 mm, orientations by 50 microradians; the file states this, or in every second campaign nothing. The nominal rig is 1 mm and 0.5
 degrees off, in every third campaign 5 mm and 2 degrees. Each campaign is written to its files with one slip, and read and calibrated as a
 user does. A rig is judged by its changes of lengths at 200 other poses, against the same campaign without a slip and the nominal rig.
@@ -23,16 +24,19 @@ from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
 
 TESTS = Path(__file__).parent.parent / "tests"
-sys.path.insert(0, str(TESTS))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 import real_rig  # noqa: E402
 from real_rig import Flaws, RealRig  # noqa: E402
 
-from lmeasure.calibration import calibrate, read_campaign  # noqa: E402
-from lmeasure.calibration.slips import without_slips  # noqa: E402
-from lmeasure.errors import LMeasureError  # noqa: E402
-from lmeasure.lengths import span_lengths  # noqa: E402
+from lmeasure.calibration import (  # noqa: E402
+    calibrate,
+    read_campaign,
+    without_slips,
+)
+from lmeasure.core import LMeasureError  # noqa: E402
 from lmeasure.rig import Rig, rig_from_dict, write_rig  # noqa: E402
+from lmeasure.sensors import span_lengths  # noqa: E402
 
 FloatArray = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results" / "campaign_slips.md"

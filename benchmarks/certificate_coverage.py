@@ -23,14 +23,13 @@ from pieces import options, run_all, show
 from scipy.stats import binom
 
 from lmeasure.calibration import calibrate, read_campaign
-from lmeasure.certification import Evaluation, PoseErrors, Settings, evaluate
-from lmeasure.counts import Counts
-from lmeasure.lengths import counts_from_poses, lengths_from_counts, recorded_from_counts
-from lmeasure.run import Run
-from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
-from lmeasure.status import Status
-from lmeasure.trajectory import Reconstruction, Trajectory
-from lmeasure.zeroing import drawn_phases
+from lmeasure.core import Status
+from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
+from lmeasure.recording import Counts, Run
+from lmeasure.sensors import counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts
+from lmeasure.simulation import cell_rig, write_campaign
+from lmeasure.simulation.instrument import simulate_campaign
+from lmeasure.trajectory import PoseErrors, Reconstruction, Trajectory
 
 FloatArray = NDArray[np.float64]
 
@@ -113,7 +112,7 @@ def campaign(number: int, seed: int, trials: int) -> dict[str, Any]:
     motion, program = robot_motion(robot, rng)
     # of its own stream: the robot does not depend on it
     run, trajectory = instrument.measure(motion, rng.spawn(1)[0])
-    settings = Settings(trials=trials, seed=seed, limit_angle_deg=None, planes=30)
+    settings = CertificationSettings(trials=trials, seed=seed, limit_angle_deg=None, planes=30)
     found = evaluate(trajectory, program, run=run, settings=settings)
     truth = evaluate(trajectory_of(*joined(motion.true)), program, NoErrors(), settings=replace(settings, trials=1))
     if key(found) != key(truth):

@@ -25,10 +25,10 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from lmeasure.certification import Settings
-from lmeasure.certification.measure import Inputs
-from lmeasure.report.certificate import Choices, write_certificate
-from lmeasure.run import Run, read_run_head, write_run
+from lmeasure.certificate import Inputs
+from lmeasure.iso9283 import CertificationSettings
+from lmeasure.recording import Run, read_run_head, write_run
+from lmeasure.report import Choices, write_certificate
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import reconstruct_stream
 
@@ -115,7 +115,7 @@ def main() -> None:
         if given.profile:
             inputs = Inputs(large / "trajectory.parquet", large / "program.toml", large / "run")
             with cProfile.Profile() as profile:
-                write_certificate(large / "profiled", inputs, Settings(), Choices())
+                write_certificate(large / "profiled", inputs, CertificationSettings(), Choices())
             pstats.Stats(profile).sort_stats("cumulative").print_stats(45)
         bare, total = copy_and_hash(large)
         wall = certify(large)

@@ -25,11 +25,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from pieces import Pieces
 
-from lmeasure import se3
-from lmeasure.robots.correction import Limits, corrections
-from lmeasure.robots.identify import Settings, identify, predict
-from lmeasure.robots.measurements import measured
-from lmeasure.robots.robot import any_shipped
+from lmeasure.core import se3
+from lmeasure.robots import Limits, Settings, any_shipped, corrections, identify, predict
+from lmeasure.robots.identification.measurements import measured
 
 RESULTS = Path(__file__).parent / "results" / "correction.md"
 SIZES = {"theta_deg": 5e-4, "alpha_deg": 5e-4, "beta_deg": 5e-4, "d_mm": 0.3, "a_mm": 0.3, "offset_mm": 0.3}

@@ -19,20 +19,13 @@ import scipy.stats
 from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.calibration import Campaign, Settings, calibrate
-from lmeasure.calibration.continuing import continued
-from lmeasure.calibration.motion import campaign_of
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.lengths import counts_from_poses, recorded_from_counts
-from lmeasure.observation.parameters import value_of, with_values
-from lmeasure.poses import Poses
-from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.simulation import cell_rig
-from lmeasure.simulation.instrument import simulate_run
-from lmeasure.simulation.motion import Leg, smooth_path
-from lmeasure.zeroing import drawn_phases
+from lmeasure.calibration import CalibrationSettings, Campaign, calibrate, continued, unknowns_of
+from lmeasure.calibration.solve.run_samples import campaign_of
+from lmeasure.core import se3
+from lmeasure.recording import Poses
+from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict, value_of, with_values
+from lmeasure.sensors import counts_from_poses, drawn_phases, recorded_from_counts
+from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 COVERAGE = 0.95
@@ -87,7 +80,7 @@ def by_poses(seed: int) -> bool:
 def by_motion(seed: int) -> bool:
     """By unknown poses: the distance of two observation points, in which it cancels where the frame lies."""
     rng, true = np.random.default_rng([seed, 3]), true_rig(seed)
-    record = calibrate(drawn_campaign(true, rng, 24, 2.0)[0], Settings(self_calibration=True)).record
+    record = calibrate(drawn_campaign(true, rng, 24, 2.0)[0], CalibrationSettings(self_calibration=True)).record
     found, truth = (
         np.array([[of[f"{p.name}.{axis}_mm"] for axis in "xyz"] for p in true.observation_point])
         for of in (

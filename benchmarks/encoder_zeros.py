@@ -22,12 +22,10 @@ import numpy as np
 from pieces import options, run_all, show
 from scipy.stats import binom, chi2
 
-from lmeasure import se3
-from lmeasure.errors import LMeasureError
+from lmeasure.core import LMeasureError, Status, se3
+from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.status import Status
 from lmeasure.trajectory import covariances, reconstruct
 
 RESULTS = Path(__file__).parent / "results" / "encoder_zeros.md"

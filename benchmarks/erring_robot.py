@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from lmeasure.program import Program
+from lmeasure.recording import Program
 
 FloatArray = NDArray[np.float64]
 

@@ -30,12 +30,9 @@ import scipy.stats
 from numpy.typing import NDArray
 from pieces import Pieces
 
-from lmeasure import se3
-from lmeasure.robots.choosing import identify_with_choice
-from lmeasure.robots.error_map import error_map
-from lmeasure.robots.identify import predict
-from lmeasure.robots.judged import held_out
-from lmeasure.robots.measurements import measured
+from lmeasure.core import se3
+from lmeasure.robots import error_map, held_out, identify_with_choice, predict
+from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.robot import shipped
 
 FloatArray = NDArray[np.float64]

@@ -3,7 +3,8 @@
     python benchmarks/faults.py --rigs 12 --keep faults.jsonl [--cables 6 7 8] [--limits] [--kind NAME ...] [--before was.jsonl] [--write]
     python benchmarks/faults.py --alarms 300 [--cables 7]
 
-Rigs and counts come from an independent forward model (tests/real_rig.py); each rig is calibrated by twenty poses of a robot (0.05 mm, 50
+Rigs and counts come from an independent forward model (tests/helpers/real_rig.py); each rig is calibrated by twenty poses of a robot
+(0.05 mm, 50
 microradians) and then goes round five places twice, at 250 or 1000 samples a second, with one fault in one channel from a random moment
 on. A sample is wrong when it is `ok` and its position errs by more than max(6 u, 0.05 mm). A run is silent when samples are wrong and
 nothing is said of any, partly caught when samples are wrong and something is said, caught when none is wrong and something is said,
@@ -27,15 +28,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, ncx2
 
 TESTS = Path(__file__).parent.parent / "tests"
-sys.path.insert(0, str(TESTS))
-sys.path.insert(0, str(TESTS / "calibration"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from real_rig import Flaws  # noqa: E402
 from real_world import Case, make  # noqa: E402
 
 from lmeasure.calibration import calibrate  # noqa: E402
-from lmeasure.counts import Counts  # noqa: E402
-from lmeasure.run import Run  # noqa: E402
+from lmeasure.recording import Counts, Run  # noqa: E402
 from lmeasure.trajectory import reconstruct  # noqa: E402
 
 FloatArray = NDArray[np.float64]
@@ -214,9 +214,8 @@ def power(cell: Cell, recorded: FloatArray, j: int | None) -> tuple[bool, bool]:
     m = cell.recorded.shape[1]
     if m == 6:
         return False, False
-    from lmeasure.lengths import changes_from_counts, lengths_from_counts
-    from lmeasure.trajectory.redundancy import Redundancy
-    from lmeasure.trajectory.screw_method import Reconstruction
+    from lmeasure.sensors import changes_from_counts, lengths_from_counts
+    from lmeasure.trajectory import Reconstruction, Redundancy
 
     reconstruction = Reconstruction(cell.rig, cell.poses[0], cell.record)
     redundancy = Redundancy(reconstruction.budget)

@@ -25,17 +25,28 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.robots.choosing import FALSE_ALARM, identify_with_choice
-from lmeasure.robots.frame_start import find_frames
-from lmeasure.robots.identify import Settings, freed, identify, predict
-from lmeasure.robots.judged import beyond, held_out, worth_freeing
-from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.plan import chosen, to_plan
-from lmeasure.robots.problem import Noise, Problem
-from lmeasure.robots.robot import any_shipped, shipped
-from lmeasure.robots.told import determined
-from lmeasure.robots.unknowns import Unknowns
+from lmeasure.core import se3
+from lmeasure.robots import (
+    Measurements,
+    Settings,
+    any_shipped,
+    beyond,
+    freed,
+    held_out,
+    identify,
+    identify_with_choice,
+    predict,
+    to_plan,
+    worth_freeing,
+)
+from lmeasure.robots.identification.initial_frames import find_frames
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.model_choice import FALSE_ALARM
+from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.plan import chosen
+from lmeasure.robots.identification.problem import Noise, Problem
+from lmeasure.robots.identification.unknowns import Unknowns
+from lmeasure.robots.robot import shipped
 
 FloatArray = NDArray[np.float64]
 DATA = Path(__file__).parents[1] / "datasets" / "ur5" / "grid.csv"

@@ -31,18 +31,16 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.kernels.cable import span_lengths
-from lmeasure.poses import poses_from_rows
+from lmeasure.core import se3
+from lmeasure.kernels import span_lengths
+from lmeasure.recording import poses_from_rows
 from lmeasure.rig import read_rig
-from lmeasure.robots.frames import frames
-from lmeasure.robots.identify import Settings, identify, predict
-from lmeasure.robots.measurements import Measurements, measured
+from lmeasure.robots import Measurements, Settings, any_shipped, checked, frames, identify, predict
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.observability import determined
 from lmeasure.robots.parallel.bounds import Limits
-from lmeasure.robots.parallel.limits import checked, own_roots
+from lmeasure.robots.parallel.limits import own_roots
 from lmeasure.robots.parallel.model import Parallel
-from lmeasure.robots.robot import any_shipped
-from lmeasure.robots.told import determined
 
 FloatArray = NDArray[np.float64]
 RIG = Path(__file__).parents[1] / "tests" / "authorities" / "truth" / "cell-run" / "rig.toml"

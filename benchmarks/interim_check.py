@@ -18,13 +18,11 @@ from encoder_calibration_coverage import HOME, drawn_campaign, true_rig
 from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
 from lmeasure.calibration import calibrate
-from lmeasure.interim import Checked, Limits, check_instrument
-from lmeasure.observation.parameters import value_of, with_values
-from lmeasure.rig import Rig
-from lmeasure.simulation.instrument import simulate_run
-from lmeasure.simulation.motion import Leg, smooth_path
+from lmeasure.core import se3
+from lmeasure.procedures import Checked, Limits, check_instrument
+from lmeasure.rig import Rig, value_of, with_values
+from lmeasure.simulation import Leg, simulate_run, smooth_path
 
 ALARM = 0.05
 ROBOT_MM = 0.01

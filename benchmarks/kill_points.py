@@ -2,8 +2,9 @@
 
     python benchmarks/kill_points.py [COMMAND ...]
 
-Each command of `tests/cli/desk.py` runs twice in one process: it writes its files for the first time, and replaces others. What a kill or a
-power failure would leave at each call, and how that is judged, `tests/cli/kills.py` says. From each different state the command is run
+Each command of `tests/helpers/desk.py` runs twice in one process: it writes its files for the first time, and replaces others. What a
+kill or a
+power failure would leave at each call, and how that is judged, `tests/helpers/kills.py` says. From each different state the command is run
 again; those that take longest, from some. Recordings are files that grow: of them only the end is judged. `check` waits for a person and
 is left out. The table goes to benchmarks/results/kill_points.md; with commands named, it is only printed.
 """
@@ -15,13 +16,13 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests" / name) for name in ("cli", "interim", "report")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 import pages  # noqa: E402
 import test_interim as interim  # noqa: E402
 from desk import LONG, RECORDINGS, SHORT, set_up  # noqa: E402
 from kills import ended, looked_at, watched  # noqa: E402
 
-from lmeasure.run import write_run  # noqa: E402
+from lmeasure.recording import write_run  # noqa: E402
 
 MOST_RERUNS = {"zone": 6, "place": 2, "demo": 2, "plan-poses": 6, "calibrate": 8, "certify": 10, "identify": 6}
 """Of the commands that take long."""

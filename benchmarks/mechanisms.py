@@ -15,17 +15,16 @@ import numpy as np
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.robots.mechanisms import legs, virtual_points
-from lmeasure.robots.mechanisms.crank import CrankPlatform
-from lmeasure.robots.mechanisms.legs import LegPlatform, Placed
-from lmeasure.robots.mechanisms.logos import HookeHexapod
-from lmeasure.robots.mechanisms.rotopod import Rotopod
-from lmeasure.robots.mechanisms.study import ranges
-from lmeasure.robots.parallel.limits import checked, own_roots
+from lmeasure.core import BoolArray, FloatArray, se3
+from lmeasure.robots import any_shipped, checked
+from lmeasure.robots.parallel.limits import own_roots
+from lmeasure.robots.parallel.mechanisms import legs, virtual_points
+from lmeasure.robots.parallel.mechanisms.crank import CrankPlatform
+from lmeasure.robots.parallel.mechanisms.legs import LegPlatform, Placed
+from lmeasure.robots.parallel.mechanisms.logos import HookeHexapod
+from lmeasure.robots.parallel.mechanisms.rotopod import Rotopod
+from lmeasure.robots.parallel.mechanisms.study import ranges
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
-from lmeasure.robots.robot import any_shipped
 
 POSES, SLOW, ROUNDS = 5000, 60, 3
 PART, REACH_RAD = 0.05, 0.3

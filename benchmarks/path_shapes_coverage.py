@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.certification.iso9283.path import DOUBT_OF_MEAN
-from lmeasure.certification.waves import cosines, reduced
+from lmeasure.iso9283.clauses.path import DOUBT_OF_MEAN
+from lmeasure.iso9283.path_spectrum import cosines, reduced
 
 FloatArray = NDArray[np.float64]
 

@@ -21,25 +21,19 @@ from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2, f, ncf, ncx2
 
-from lmeasure import se3
-from lmeasure.calibration import Campaign, Settings, calibrate
-from lmeasure.calibration.effects_named import CHANCE, Effect, effects, named_effects
-from lmeasure.calibration.effects_solved import solved_effects
-from lmeasure.calibration.frame import model_of
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.estimation import fit
-from lmeasure.estimation.deletion import Deletion
-from lmeasure.kernels.cable import span_rows
-from lmeasure.lengths import span_lengths
-from lmeasure.observation.parameters import value_of
-from lmeasure.observation.parts import phased
-from lmeasure.pipeline import reconstruct
-from lmeasure.poses import poses_from_rows
-from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.simulation import Leg, campaign_at, cell_rig, simulate_run, smooth_path
+from lmeasure.api import reconstruct
+from lmeasure.calibration import CHANCE, CalibrationSettings, Campaign, Effect, Model, calibrate, effects, unknowns_of
+from lmeasure.calibration.solve.effect_candidates import named_effects
+from lmeasure.calibration.solve.effects import solved_effects
+from lmeasure.calibration.solve.frame import model_of
+from lmeasure.core import se3
+from lmeasure.estimation import Deletion, fit
+from lmeasure.kernels import span_rows
+from lmeasure.recording import poses_from_rows
+from lmeasure.rig import Rig, rig_from_dict, value_of
+from lmeasure.sensors import phased, span_lengths
+from lmeasure.simulation import Leg, campaign_at, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.simulation.machine import true_counts
-from lmeasure.simulation.motion import scattered_poses
 
 FloatArray = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results" / "physical_effects.md"
@@ -202,7 +196,7 @@ def solved(at: Drawn, out: Draw) -> Draw:
     """What calibration with the effect makes of it, and of a run elsewhere."""
     (kind, point), = at.planted  # fmt: skip
     name = f"B{point + 1}"
-    result = calibrate(at.campaign, Settings(solve=("position", "guide", f"{KINDS[kind].solve}:{name}")))
+    result = calibrate(at.campaign, CalibrationSettings(solve=("position", "guide", f"{KINDS[kind].solve}:{name}")))
     (effect,) = result.record.effects
     begun = float(span_lengths(at.plain, at.poses[:1])[0, point])
     data = at.true.to_dict()

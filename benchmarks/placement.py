@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution, minimize
 
-from lmeasure.accuracy.placement import Placement, Search, mounting_draws, place, read_placement
+from lmeasure.accuracy import Placement, place, read_placement
+from lmeasure.accuracy.placement import Search, mounting_draws
 from lmeasure.rig import Rig, read_rig
 
 FloatArray = NDArray[np.float64]

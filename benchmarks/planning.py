@@ -22,12 +22,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.calibration import Campaign, calibrate
-from lmeasure.calibration.planning import Settings, plan_poses
-from lmeasure.calibration.reach import Region
-from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
-from lmeasure.poses import Poses
+from lmeasure.calibration import Campaign, PlanSettings, Region, calibrate, plan_poses
+from lmeasure.recording import Poses
 from lmeasure.rig import Rig
+from lmeasure.sensors import counts_from_poses, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig, scattered_poses
 
 FloatArray = NDArray[np.float64]
@@ -94,7 +92,7 @@ def measure(campaigns: int) -> list[str]:
             rng = np.random.default_rng([SEED, count, round(100 * u_mm)])
             nominal = mistaken(true, rng)
             began = time.perf_counter()
-            plan = plan_poses(nominal, Settings(count, REGION, u_position_mm=u_mm))
+            plan = plan_poses(nominal, PlanSettings(count, REGION, u_position_mm=u_mm))
             took = time.perf_counter() - began
             planned, drawn = [], []
             for _ in range(campaigns):

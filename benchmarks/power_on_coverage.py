@@ -15,14 +15,11 @@ import numpy as np
 from pieces import options, run_all, show
 from scipy.stats import binom, chi2
 
-from lmeasure import se3
-from lmeasure.errors import LMeasureError
-from lmeasure.lengths import span_lengths
+from lmeasure.core import LMeasureError, se3
 from lmeasure.rig import rig_from_dict
+from lmeasure.sensors import span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.trajectory import covariances, reconstruct
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.prepared import prepared
+from lmeasure.trajectory import align, covariances, prepared, reconstruct
 
 RESULTS = Path(__file__).parent / "results" / "power_on_coverage.md"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

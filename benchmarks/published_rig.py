@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from lmeasure.calibration.coarse import coarse_solutions
-from lmeasure.conventions import rotation_from_angles
-from lmeasure.kernels.layout import CABLE_COLUMNS
-from lmeasure.observation.wrap import span_rows
+from lmeasure.calibration.solve.coarse import coarse_solutions
+from lmeasure.core import rotation_from_angles
+from lmeasure.kernels import CABLE_COLUMNS
+from lmeasure.sensors import span_rows
 
 FloatArray = NDArray[np.float64]
 

@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from lmeasure import files
-from lmeasure.counts import Counts
-from lmeasure.kernels import cable, kernel, lanes, lanes_redundant, screw
+from lmeasure.io import files
+from lmeasure.kernels import cable, lanes, lanes_redundant, screw
 from lmeasure.kernels import least_squares as least
-from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
+from lmeasure.kernels.decorators import kernel
+from lmeasure.recording import Counts, Run, write_run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run, write_run
-from lmeasure.trajectory.live import LivePose
+from lmeasure.sensors import counts_from_poses, recorded_from_counts, span_lengths
+from lmeasure.trajectory import LivePose
 
 FloatArray = NDArray[np.float64]
 
@@ -162,10 +162,10 @@ def kernels(lines: list[str]) -> None:
     scipy_rate = few / best_time(lambda: by_scipy(rows, changes[:few]), 3)
 
     def plain() -> FloatArray:
-        return np.asarray(screw.resume(rows, START, screw.new_state(START), changes, flags, u)[0])
+        return np.asarray(screw.resume_screw(rows, START, screw.new_state(START), changes, flags, u)[0])
 
     def in_lanes() -> FloatArray:
-        return np.asarray(lanes.follow(rows, START, screw.new_state(START), changes, flags, u)[0])
+        return np.asarray(lanes.follow_lanes(rows, START, screw.new_state(START), changes, flags, u)[0])
 
     one, many = plain(), in_lanes()
     difference = np.abs(by_hand[:, :3] - one[:few, :3]).max()
@@ -204,9 +204,11 @@ def redundant(lines: list[str]) -> None:
     def by(follow: Callable[..., tuple[FloatArray, ...]]) -> FloatArray:
         return follow(rows, START, zero, state.copy(), changes, flags, u, free)[0]
 
-    one, many = by(least.follow), by(lanes_redundant.follow)
+    one, many = by(least.follow_least_squares), by(lanes_redundant.follow_redundant_lanes)
     between = np.abs(one[:, :3] - many[:, :3]).max()
-    plain_rate, lane_rate = (SAMPLES / best_time(partial(by, f), n) for f, n in ((least.follow, 3), (lanes_redundant.follow, 7)))
+    plain_rate, lane_rate = (
+        SAMPLES / best_time(partial(by, f), n) for f, n in ((least.follow_least_squares, 3), (lanes_redundant.follow_redundant_lanes, 7))
+    )
     lines += [
         f"Twelve channels, six drums and six swivel encoders of 17 bits, counts rounded, {SAMPLES:,} samples:",
         "",
@@ -271,7 +273,7 @@ def long_log(lines: list[str], samples: int) -> None:
                 write(Counts(times, first.channels, recorded).columns())
         # not getrusage: its ru_maxrss keeps the memory of the process that started this one
         script = (
-            "from lmeasure.cli import main\n"
+            "from lmeasure.cli.app import main\n"
             "try: main()\n"
             "except SystemExit: pass\n"
             "import pathlib, sys\n"

@@ -21,7 +21,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.import_log import import_logs
+from lmeasure.acquisition import import_logs
 from lmeasure.rig import Rig, read_rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]

@@ -18,10 +18,9 @@ from typing import Any
 import can
 import numpy as np
 
-from lmeasure.acquisition.import_log import Imported, import_logs, write_import
-from lmeasure.acquisition.logfiles import read_frames
-from lmeasure.acquisition.network import NetworkWatch
-from lmeasure.files import read_table
+from lmeasure.acquisition import Imported, import_logs, read_frames, write_import
+from lmeasure.acquisition.bus.network import NetworkWatch
+from lmeasure.io.tables import read_table
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
 

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels import kernel, screw
-from lmeasure.kernels.cable import span_at, span_lengths
-from lmeasure.kernels.layout import CABLE_COLUMNS
-from lmeasure.status import Status
+from lmeasure.core import Status
+from lmeasure.kernels import CABLE_COLUMNS, screw, span_lengths
+from lmeasure.kernels.cable import span_at
+from lmeasure.kernels.decorators import kernel
 
 FloatArray = NDArray[np.float64]
 

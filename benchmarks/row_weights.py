@@ -24,11 +24,11 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from lmeasure import se3
-from lmeasure.robots.identify import Settings, identify, predict
-from lmeasure.robots.measurements import measured
+from lmeasure.core import se3
+from lmeasure.robots import Settings, identify, predict
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.observability import determined
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.told import determined
 
 FloatArray = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results" / "row_weights.md"

@@ -17,15 +17,14 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration import Calibration, Settings, calibrate
-from lmeasure.calibration.frame import condition, model_of
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknown_poses import free_components
-from lmeasure.calibration.unknowns import Model, rig_with
+from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate, unknowns_of
+from lmeasure.calibration.solve.frame import condition, model_of
+from lmeasure.calibration.solve.unknown_poses import free_components
+from lmeasure.calibration.solve.unknowns import rig_with
 from lmeasure.estimation import Fit, fit
-from lmeasure.lengths import span_lengths
+from lmeasure.sensors import span_lengths
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from coverage_table import command, row
 from random_campaigns import Drawn, draw, errors, shifted, square_of, true_unknowns
 
@@ -35,12 +34,12 @@ BODY = {"points": 10, "poses": 40, "off": (3.0, 0.01), "spread": (500.0, 0.6)}
 POINT = {"points": 6, "poses": 40, "attachments": 1, "off": (3.0, 0.0), "spread": (500.0, 0.3)}
 XYZ = {"points": 6, "poses": 36, "oriented": False, "u_position_mm": 0.02, "spread": (500.0, 0.4)}
 CASES = {
-    "body, frame rig, gaussian": (BODY | {"noise": "gaussian"}, Settings(self_calibration=True)),
-    "body, frame poses, rounded": (BODY | {"noise": "rounded"}, Settings(self_calibration=True, frame="poses")),
-    "point, frame rig, rounded": (POINT | {"noise": "rounded"}, Settings(self_calibration=True)),
-    "point, frame poses, gaussian": (POINT | {"noise": "gaussian"}, Settings(self_calibration=True, frame="poses")),
-    "positions alone, gaussian": (XYZ | {"noise": "gaussian"}, Settings()),
-    "positions alone, rounded": (XYZ | {"noise": "rounded"}, Settings()),
+    "body, frame rig, gaussian": (BODY | {"noise": "gaussian"}, CalibrationSettings(self_calibration=True)),
+    "body, frame poses, rounded": (BODY | {"noise": "rounded"}, CalibrationSettings(self_calibration=True, frame="poses")),
+    "point, frame rig, rounded": (POINT | {"noise": "rounded"}, CalibrationSettings(self_calibration=True)),
+    "point, frame poses, gaussian": (POINT | {"noise": "gaussian"}, CalibrationSettings(self_calibration=True, frame="poses")),
+    "positions alone, gaussian": (XYZ | {"noise": "gaussian"}, CalibrationSettings()),
+    "positions alone, rounded": (XYZ | {"noise": "rounded"}, CalibrationSettings()),
 }
 """How campaigns are drawn, and the options of their calibration."""
 
@@ -48,7 +47,7 @@ STRAIGHT = 0.3  # bend up to which the linear bound is what can be reached
 SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapped", "outlier", "slip"}
 
 
-def found_again(drawn: Drawn, result: Calibration, settings: Settings, free: tuple[int, ...]) -> tuple[Model, Fit]:
+def found_again(drawn: Drawn, result: Calibration, settings: CalibrationSettings, free: tuple[int, ...]) -> tuple[Model, Fit]:
     """The model and the fit behind a result, begun where it ended."""
     campaign = drawn.campaign if drawn.campaign.poses.oriented else replace(drawn.campaign, poses=result.campaign.poses)
     rig = unknowns_of(campaign, settings.solve)

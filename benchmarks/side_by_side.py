@@ -35,7 +35,7 @@ import numpy as np
 sys.path.insert(0, sys.argv[2])
 from benchmarks.certify import write_measurement
 from lmeasure.rig import read_rig
-from lmeasure.run import write_run
+from lmeasure.recording import write_run
 from lmeasure.simulation import Leg, simulate_run, smooth_path
 out, truth = Path(sys.argv[1]), Path(sys.argv[3])
 write_measurement(out / "measured", 5.0)

@@ -21,18 +21,14 @@ from numpy.typing import NDArray
 from pieces import options, run_all, show
 from scipy.stats import beta, chi2, ncx2
 
-from lmeasure import se3
-from lmeasure.causes import is_of
-from lmeasure.lengths import lengths_from_counts
+from lmeasure.core import Status, se3
 from lmeasure.rig import Cable, Rig, rig_from_dict
+from lmeasure.sensors import lengths_from_counts
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.status import Status
-from lmeasure.trajectory import Trajectory, reconstruct
-from lmeasure.trajectory.budget import RESTORED_ORIGIN
-from lmeasure.trajectory.consistency import JUDGED, SIGNIFICANCE
-from lmeasure.trajectory.redundancy import Redundancy
-from lmeasure.trajectory.reliability import Reliability, reliability
-from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.text import is_of
+from lmeasure.trajectory import RESTORED_ORIGIN, Reconstruction, Redundancy, Trajectory, reconstruct
+from lmeasure.trajectory.faults.consistency import JUDGED, SIGNIFICANCE
+from lmeasure.trajectory.faults.reliability import Reliability, reliability
 
 FloatArray = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results" / "single_faults.md"

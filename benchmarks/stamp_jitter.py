@@ -18,18 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "trajectory"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from cells import cell
 
-from lmeasure.certification import Settings, evaluate
-from lmeasure.counts import Counts
-from lmeasure.lengths import counts_from_poses, recorded_from_counts
-from lmeasure.program import Program
-from lmeasure.run import Run
-from lmeasure.trajectory import Trajectory, reconstruct, screw_method
-from lmeasure.trajectory.motion import motion_of
-from lmeasure.trajectory.stamps import sound, stamps_of
+from lmeasure.iso9283 import CertificationSettings, evaluate
+from lmeasure.recording import Counts, Program, Run
+from lmeasure.sensors import counts_from_poses, recorded_from_counts
+from lmeasure.trajectory import Trajectory, motion_of, reconstruct, stamps_of
+from lmeasure.trajectory.reconstruction import screw_method
+from lmeasure.trajectory.time.stamps import sound
 
 FloatArray = NDArray[np.float64]
 
@@ -167,7 +165,9 @@ def measure(trajectory: Trajectory, run: Run, true: FloatArray, tally: Tally, ju
     tally.add("speed", float(motion.speed_mm_s[at] - SPEED), 1.96 * float(motion.u_speed_mm_s[at]))
     largest, u95 = motion.largest_speed()
     tally.add("largest", largest - SPEED, u95)
-    found = evaluate(trajectory, program(true, trajectory.time_s), run=run, settings=Settings(trials=100, planes=50), stamps=stamps)
+    found = evaluate(
+        trajectory, program(true, trajectory.time_s), run=run, settings=CertificationSettings(trials=100, planes=50), stamps=stamps
+    )
     for c in found.characteristics:
         if c.name in FIGURES:
             tally.add(c.name, c.value, c.u95)

@@ -26,7 +26,7 @@ begin = time.perf_counter()
 from numba.core import event
 compiled = event.RecordingListener()
 event.register("numba:compile", compiled)
-from lmeasure.chains import demo
+from lmeasure.demo import demo
 def now():
     return time.perf_counter(), time.process_time()
 

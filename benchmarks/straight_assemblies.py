@@ -16,19 +16,13 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "lcoordinate"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from linkages import DIETMAIER, lengths_at, nearest, rig
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import screw
-from lmeasure.kernels.homotopy import REACHED, follow
-from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, CABLE_COLUMNS, GUIDE_XYZ
-from lmeasure.lcoordinate import certified, starts, straight, study
-from lmeasure.lcoordinate.structures import Structure, structures
-from lmeasure.lcoordinate.tetrahedra import closed_form
-from lmeasure.status import Status
+from lmeasure.core import FloatArray, Status, se3
+from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, CABLE_COLUMNS, GUIDE_XYZ, REACHED, follow_homotopy, screw
+from lmeasure.linkages import Structure, closed_form, krawczyk, start_systems, straight_links, structures, study_quadric
 
 ITERATED, DIETMAIER_RUNS, NEWTON_STARTS = 40, 20, 500
 POSES_TEXT = """Assemblies whose lengths are met to 1e-9 of the rig's size; how far the nearest is from the pose that the
@@ -89,13 +83,13 @@ def off(found: FloatArray, poses: FloatArray) -> FloatArray:
 def from_the_general_platform(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> FloatArray:
     """Real assemblies at the ends of the paths from a general platform's forty: (k, 7) poses."""
     at, of, size = base.mean(axis=0), platform.mean(axis=0), 256.0
-    rows = study.links((base - at) / size, (platform - of) / size, (lengths / size) ** 2)
-    general, forty = starts.start_of(starts.of_its_own()[-1])
-    between = starts.random_links(starts.of_its_own()[-1], np.random.default_rng(77))
-    forty, told = follow(general, between, forty)
-    ends = follow(between, rows, forty[told == REACHED])[0]
-    proofs = certified.proved(rows, ends)
-    poses = study.poses(proofs.points[proofs.real & certified.apart(proofs)].real)
+    rows = study_quadric.links((base - at) / size, (platform - of) / size, (lengths / size) ** 2)
+    general, forty = start_systems.start_of(start_systems.of_its_own()[-1])
+    between = start_systems.random_links(start_systems.of_its_own()[-1], np.random.default_rng(77))
+    forty, told = follow_homotopy(general, between, forty)
+    ends = follow_homotopy(between, rows, forty[told == REACHED])[0]
+    proofs = krawczyk.proved(rows, ends)
+    poses = study_quadric.poses(proofs.points[proofs.real & krawczyk.apart(proofs)].real)
     poses[:, :3] = poses[:, :3] * size + at - (se3.matrices(poses) @ of if len(poses) else 0.0)
     return poses
 
@@ -115,15 +109,15 @@ def missed_of(found: FloatArray, others: FloatArray) -> int:
 
 def rigs_of(structure: Structure, count: int) -> str:
     """A row: rigs with dimensions at random, what was proved of them, and what the two other ways find besides."""
-    straight.assemblies(*DIETMAIER)
+    straight_links.assemblies(*DIETMAIER)
     proved, missed, met, true_missed, most, real, seconds = 0, np.zeros(2, int), np.zeros(2, int), 0, 0, 0, 0.0
     for seed in range(count):
         base, platform, (pose,) = rig(structure, 1000 + seed)
         lengths = lengths_at(base, platform, pose)
         began = time.process_time()
-        found = straight.assemblies(base, platform, lengths)
+        found = straight_links.assemblies(base, platform, lengths)
         seconds += time.process_time() - began
-        proved += found.status == straight.ALL
+        proved += found.status == straight_links.ALL
         true_missed += missed_of(found.poses, pose[None])
         followed = from_the_general_platform(base, platform, lengths)
         iterated = by_newton(base, platform, lengths, np.random.default_rng(seed))
@@ -131,7 +125,7 @@ def rigs_of(structure: Structure, count: int) -> str:
         met += [len(found.poses) - missed_of(others, found.poses) for others in (followed, iterated)]
         most = max(most, len(found.poses))
         real += len(found.poses)
-    n = starts.complex_assemblies(structure)
+    n = start_systems.complex_assemblies(structure)
     assert most <= n
     others = f"{missed[0]} | {100.0 * met[0] / real:.1f} % | {missed[1]} | {100.0 * met[1] / real:.1f} %"
     return (
@@ -146,7 +140,7 @@ def at_folds() -> str:
     told = []
     for angle in 10.0 ** -np.arange(1.0, 9.0):
         lengths = lengths_at(base, platform, se3.pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, angle])))
-        found = straight.assemblies(base, platform, lengths)
+        found = straight_links.assemblies(base, platform, lengths)
         turn = np.abs(se3.displacement(found.poses, np.array([0.0, 0, 0, 0, 0, 0, 1])))
         near = (turn.max(axis=1) < 5.0 * angle + 1e-4) if len(found.poses) else np.zeros(0, dtype=bool)
         told.append(f"| {angle:.0e} | {near.sum()} | {found.certified[near].sum()} | {found.status} |")
@@ -170,7 +164,7 @@ def main() -> None:
     spent = []
     for _ in range(DIETMAIER_RUNS):
         began = time.process_time()
-        found = straight.assemblies(*DIETMAIER)
+        found = straight_links.assemblies(*DIETMAIER)
         spent.append(time.process_time() - began)
     page += [
         "",

@@ -21,23 +21,19 @@ from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import binomtest, chi2
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "calibration"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from random_campaigns import Drawn, draw, true_values
 
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model, rig_with
-from lmeasure.calibration_record import CalibrationRecord, Parameter
-from lmeasure.counts import Counts
-from lmeasure.errors import LMeasureError
+from lmeasure.calibration import Model, unknowns_of
+from lmeasure.calibration.solve.unknowns import rig_with
+from lmeasure.core import LMeasureError, Status
 from lmeasure.estimation import fit
 from lmeasure.kernels import screw
-from lmeasure.lengths import counts_from_poses
-from lmeasure.rig import Rig
-from lmeasure.run import Run
-from lmeasure.status import Status
+from lmeasure.recording import Counts, Run
+from lmeasure.rig import CalibrationRecord, RecordedParameter, Rig
+from lmeasure.sensors import counts_from_poses, drawn_phases
 from lmeasure.trajectory import reconstruct
-from lmeasure.zeroing import drawn_phases
 
 FloatArray = NDArray[np.float64]
 
@@ -108,7 +104,7 @@ def calibrated(drawn: Drawn) -> tuple[Rig, CalibrationRecord]:
     record = CalibrationRecord(
         rig=campaign.rig.name,
         parameters=tuple(
-            Parameter(name=name, value=float(v), u=float(s), prior_u=float(w))
+            RecordedParameter(name=name, value=float(v), u=float(s), prior_u=float(w))
             for name, v, s, w in zip(unknowns.names, found.theta, u, unknowns.width, strict=True)
         ),
         covariance=tuple(tuple(row) for row in (0.5 * (found.covariance + found.covariance.T)).tolist()),

@@ -23,14 +23,13 @@ import scipy.stats
 from identified_through_cables import RIG, Cell, joints_of, true_robot
 from numpy.typing import NDArray
 
-from lmeasure import se3
-from lmeasure.kernels.cable import span_lengths
-from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ
+from lmeasure.core import se3
+from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, span_lengths
 from lmeasure.rig import read_rig
-from lmeasure.robots.identify import Settings, identify, predict
-from lmeasure.robots.measurements import measured
-from lmeasure.robots.rested import fields_over, independent
-from lmeasure.robots.told import determined
+from lmeasure.robots import Settings, identify, predict
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.trajectory_rests import fields_over, independent
 
 FloatArray = NDArray[np.float64]
 SEED, POSES, LATER, POINT_MM = 17, 60, 20, 0.02

@@ -25,15 +25,12 @@ from erring_robot import posed
 from numpy.typing import NDArray
 from pieces import kept, options, run_all
 
-from lmeasure.certification import Evaluation, Settings, evaluate
-from lmeasure.counts import Counts
-from lmeasure.lengths import counts_from_poses, lengths_from_counts, recorded_from_counts
-from lmeasure.program import Program
+from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
+from lmeasure.recording import Counts, Program, Run
 from lmeasure.rig import Rig
-from lmeasure.run import Run
+from lmeasure.sensors import counts_from_poses, lengths_from_counts, recorded_from_counts
 from lmeasure.simulation import cell_rig
-from lmeasure.trajectory import Reconstruction, Trajectory
-from lmeasure.trajectory.motion import motion_of
+from lmeasure.trajectory import Reconstruction, Trajectory, motion_of
 
 FloatArray = NDArray[np.float64]
 
@@ -141,7 +138,7 @@ def dwells(case: Case, seed: int) -> tuple[Evaluation, dict[str, Evaluation]]:
     program = Program.model_validate({"schema": "lmeasure.program/1", "pose": poses})
     time_s = np.concatenate(times)
     run, trajectory = measured(rig, time_s, np.concatenate(rows))
-    settings = Settings(trials=TRIALS, seed=seed, limit_angle_deg=None)
+    settings = CertificationSettings(trials=TRIALS, seed=seed, limit_angle_deg=None)
     exact = replace(settings, trials=1)
     truth = {key: evaluate(trajectory_of(time_s, np.concatenate(r)), program, NoErrors(), settings=exact) for key, r in true.items()}
     return evaluate(trajectory, program, run=run, settings=settings), truth
@@ -167,7 +164,7 @@ def corners(rate_hz: float, seed: int) -> tuple[Evaluation, dict[str, Evaluation
     program = Program.model_validate({"schema": "lmeasure.program/1", "path": [path]})
     time_s, poses = np.concatenate(times), np.concatenate(rows)
     run, trajectory = measured(rig, time_s, poses)
-    settings = Settings(trials=TRIALS, seed=seed, limit_angle_deg=None, planes=30)
+    settings = CertificationSettings(trials=TRIALS, seed=seed, limit_angle_deg=None, planes=30)
     truth = evaluate(trajectory_of(time_s, poses), program, NoErrors(), settings=replace(settings, trials=1))
     return evaluate(trajectory, program, run=run, settings=settings), {"path": truth}
 
@@ -218,7 +215,7 @@ def arc(radius: float, rate_hz: float, seed: int) -> list[dict[str, object]]:
         time_s = np.concatenate(times)
         exact = trajectory_of(time_s, np.concatenate(rows))
         random = np.tile(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * noise_mm**2, (len(time_s), 1, 1))
-        settings = Settings(trials=TRIALS, seed=seed, limit_angle_deg=None, planes=30)
+        settings = CertificationSettings(trials=TRIALS, seed=seed, limit_angle_deg=None, planes=30)
         return evaluate(replace(exact, random=random, absent=()), program, None if noise_mm else NoErrors(), settings=settings)
 
     found, truth = run(step, KNOWN_MM), run(0.01, 0.0)

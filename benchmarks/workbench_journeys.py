@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1] / "tests"
-sys.path[:0] = [str(TESTS / name) for name in ("workbench", "report")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from bench import served  # noqa: E402
 from browser import Page, opened  # noqa: E402

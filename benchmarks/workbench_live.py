@@ -18,13 +18,13 @@ from urllib.request import Request, urlopen
 import numpy as np
 
 TESTS = Path(__file__).parents[1] / "tests"
-sys.path[:0] = [str(TESTS / name) for name in ("workbench", "report")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from bench import served_apart, token, until  # noqa: E402
 from browser import Page, opened  # noqa: E402
 from clicks import entered  # noqa: E402
 
-from lmeasure.counts import read_counts  # noqa: E402
+from lmeasure.recording import read_counts  # noqa: E402
 from lmeasure.rig import write_rig  # noqa: E402
 from lmeasure.simulation import cell_rig  # noqa: E402
 from lmeasure.workbench.forms import own_bus  # noqa: E402

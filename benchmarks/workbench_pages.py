@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1] / "tests"
-sys.path[:0] = [str(HERE), str(HERE / "report"), str(HERE / "workbench")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from bench import served_apart  # noqa: E402
 from browser import Page, opened  # noqa: E402

@@ -21,11 +21,8 @@ import numpy as np
 import workspaces_told
 from numpy.typing import NDArray
 
-from lmeasure import se3
-from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.parallel.limits import checked
-from lmeasure.robots.parallel.study import over_grid
-from lmeasure.robots.robot import any_shipped
+from lmeasure.core import se3
+from lmeasure.robots import ParallelFile, any_shipped, checked, over_grid
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

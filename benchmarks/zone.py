@@ -26,10 +26,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.accuracy import axis, scan_zone, tilts
 from lmeasure.accuracy.scan import Plan, run
-from lmeasure.accuracy.zone import axis, make_plan, scan_zone, tilts
+from lmeasure.accuracy.zone import make_plan
+from lmeasure.kernels import RADIUS_95
 from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.gaussian import RADIUS_95
 from lmeasure.rig import Rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]

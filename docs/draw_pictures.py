@@ -11,16 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.lcoordinate import starts
-from lmeasure.lcoordinate.structures import structures
-from lmeasure.lengths import changes_from_counts
+from lmeasure.kernels import wrap_geometry
+from lmeasure.linkages import start_systems, structures
+from lmeasure.recording import read_run
 from lmeasure.report.structure_drawing import sheet
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.robots.parallel.drawn import drawn
-from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.robot import any_shipped
-from lmeasure.run import read_run
+from lmeasure.robots import ParallelFile, any_shipped, drawn
+from lmeasure.sensors import changes_from_counts
 from lmeasure.trajectory import reconstruct
 
 FloatArray = NDArray[np.float64]
@@ -231,7 +228,7 @@ def draw_structures() -> str:
     captions = []
     for s in structures():
         title, words = s.notation.split(":")
-        count = "determines no pose" if s.degenerate else f"{starts.complex_assemblies(s)}{', closed form' if s.closed_form else ''}"
+        count = "determines no pose" if s.degenerate else f"{start_systems.complex_assemblies(s)}{', closed form' if s.closed_form else ''}"
         captions.append((title, words, count))
     return sheet(structures(), captions)
 

@@ -7,7 +7,8 @@ import json
 import re
 from pathlib import Path
 
-from lmeasure.schemas import KINDS, keys_of, schema_of, tables_of
+from lmeasure.io import FILE_KINDS
+from lmeasure.io.schemas import keys_of, schema_of, tables_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = {"rig.md": ("rig", "drums", "placement", "bodies"), "files.md": ("run", "scenario", "program", "details", "robot", "structure")}
@@ -23,12 +24,12 @@ def listed(name: str) -> str:
     """The keys of a kind of file, a section for each table."""
     parts = []
     told: set[str] = set()
-    several = bool(KINDS[name].others)
-    for path, model in (table for whole in KINDS[name].load() for table in tables_of(whole)):
+    several = bool(FILE_KINDS[name].others)
+    for path, model in (table for whole in FILE_KINDS[name].load() for table in tables_of(whole)):
         header = f"[[{path.removesuffix('[]').replace('[]', '')}]]" if path.endswith("[]") else f"[{path.replace('[]', '')}]"
         told_by = ("decoder", "type", "kind") if several else ("decoder", "type")
         kind = next((f" with `{k} = {v}`" for k, v, *_ in keys_of(model) if k in told_by), "")
-        title = f"`{header}`{kind}" if path else f"`{KINDS[name].file}`{kind}, outside of tables"
+        title = f"`{header}`{kind}" if path else f"`{FILE_KINDS[name].file}`{kind}, outside of tables"
         if title in told:
             continue
         told.add(title)
@@ -44,8 +45,8 @@ def page(text: str) -> str:
 
 
 if __name__ == "__main__":
-    for kind in KINDS:
-        (ROOT / "lmeasure" / "schemas" / f"{kind}.json").write_text(schema_text(kind), encoding="utf-8")
+    for kind in FILE_KINDS:
+        (ROOT / "lmeasure" / "io" / "schemas" / f"{kind}.json").write_text(schema_text(kind), encoding="utf-8")
     for name in PAGES:
         path = ROOT / "docs" / name
         path.write_text(page(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from lmeasure import files
-from lmeasure.arrays import FloatArray
-from lmeasure.checked import Strict, checked
-from lmeasure.kernels.layout import BODY_COLUMNS, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, BODY_START, BODY_WAY
+from lmeasure.core import FloatArray
+from lmeasure.io import Strict, checked, files
+from lmeasure.kernels import BODY_COLUMNS, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, BODY_START, BODY_WAY
 
 SCHEMA = "lmeasure.bodies/1"
 

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
 from lmeasure.accuracy.radius import exact_radius_95
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, about
-from lmeasure.arrays import FloatArray
-from lmeasure.observation import Channels, pressure_angles, shared_errors, twists, variances
+from lmeasure.core import FloatArray, se3
+from lmeasure.sensors import Channels, pressure_angles, shared_errors, twists, variances
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,14 +6,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure.arrays import FloatArray
-from lmeasure.errors import AccuracyError, StructureError
-from lmeasure.lcoordinate.bounds import Bounds
-from lmeasure.lcoordinate.detour import detour
-from lmeasure.linkage.links import linkage_of
-from lmeasure.linkage.slices import bounds_of
-from lmeasure.program import CommandedPath, Program
+from lmeasure.core import AccuracyError, FloatArray, StructureError
+from lmeasure.linkages import Bounds, detour
+from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import Rig
+from lmeasure.structure import bounds_of, linkage_of
 
 MARGIN = 1e-6  # of the limits' scale: a path on a limit is not called beyond it for its rounding
 STEP_MM = 5.0
@@ -115,7 +112,7 @@ def _as_points(path: CommandedPath, found: Led) -> CommandedPath:
     return CommandedPath(**{key: value for key, value in kept.items() if value is not None}, kind="points", points_mm=points)
 
 
-def columns(found: list[Led]) -> dict[str, Any]:
+def correction_columns(found: list[Led]) -> dict[str, Any]:
     """Columns of a table over all points of the paths that were led around."""
     led = [one for one in found if one.changed]
     both = [np.concatenate([getattr(one, key) for one in led] or [np.empty((0, 3))]) for key in ("commanded", "points")]

@@ -6,12 +6,10 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from lmeasure.arrays import BoolArray
-from lmeasure.errors import AccuracyError, StructureError
-from lmeasure.lcoordinate.workspace import Slice
-from lmeasure.linkage.links import linkage_of
-from lmeasure.linkage.slices import Piece, bounds_of, followed
+from lmeasure.core import AccuracyError, BoolArray, StructureError
+from lmeasure.linkages import Slice
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+from lmeasure.structure import Piece, bounds_of, followed, linkage_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,4 +1,4 @@
-"""Which faults of single channels would show at each place of a zone: reliability as Baarda states it (`trajectory.reliability`)."""
+"""Which faults of single channels would show at each place of a zone: reliability as Baarda states it (`trajectory.faults.reliability`)."""
 
 from typing import TYPE_CHECKING
 
@@ -6,8 +6,7 @@ import numpy as np
 
 from lmeasure.accuracy.readings import Readings, worst_faults
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, about
-from lmeasure.arrays import FloatArray
-from lmeasure.errors import AccuracyError
+from lmeasure.core import AccuracyError, FloatArray
 from lmeasure.rig import CABLES_FOR_A_POSE, Cable, Rig
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.arrays import BoolArray
-from lmeasure.errors import AccuracyError
-from lmeasure.kernels import zone as kernels
+from lmeasure.core import AccuracyError, BoolArray
+from lmeasure.kernels import CANNOT_RUN, SINGULAR
 
 REASONS = (
     "cable_cannot_run",
@@ -81,8 +80,8 @@ def broken_limits(figures: Mapping[str, NDArray[Any]], limits: Limits, sign: int
         return nothing if limit is None else ~(figures[name] >= limit)
 
     broken = [
-        flags & kernels.CANNOT_RUN != 0,
-        flags & kernels.SINGULAR != 0,
+        flags & CANNOT_RUN != 0,
+        flags & SINGULAR != 0,
         over("worst_pressure_angle_deg", limits.angle_deg),
         figures["shortest_cable_mm"] < shortest,
         figures["longest_cable_mm"] > longest,

@@ -13,18 +13,13 @@ from scipy.optimize import differential_evolution, minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from lmeasure import files
 from lmeasure.accuracy.scan import digest_of
 from lmeasure.accuracy.zone import axis, make_plan, tilts
-from lmeasure.arrays import FloatArray
-from lmeasure.checked import Strict, Whole, checked
-from lmeasure.errors import AccuracyError
-from lmeasure.kernels import placement as kernels
-from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, GUIDE_XYZ, INCLINATION, KIND
-from lmeasure.kernels.zone_rows import LANES
+from lmeasure.core import AccuracyError, DataFrame, FloatArray, Shown, framed
+from lmeasure.io import Strict, Whole, checked, files
+from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, GUIDE_XYZ, INCLINATION, KIND, LANES, worst_at_task, worst_of_channels
 from lmeasure.rig import Rig
-from lmeasure.shown import DataFrame, Shown, framed
-from lmeasure.zeroing import length_variance
+from lmeasure.sensors import length_variance
 
 Progress = Callable[[int, int], None]
 Vector = tuple[float, float, float]
@@ -215,8 +210,8 @@ class Search:
             # each reading by its own variance, zeros included
             variance = np.ascontiguousarray(np.diag(plan.channels.V))
             own = variance + plan.channels.drums
-            return np.asarray(kernels.worst_of_channels(rows, len(plan.cables), self.nodes, plan.quaternions, variance, own))
-        return np.asarray(kernels.worst_at_task(rows, self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
+            return np.asarray(worst_of_channels(rows, len(plan.cables), self.nodes, plan.quaternions, variance, own))
+        return np.asarray(worst_at_task(rows, self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
 
     def worth(self, x: FloatArray) -> FloatArray:
         """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules."""

@@ -2,7 +2,7 @@
 
 import math
 
-from lmeasure.errors import AccuracyError
+from lmeasure.core import AccuracyError
 
 
 def limit_from_accuracy(length_mm: float, position_mm: float) -> float:

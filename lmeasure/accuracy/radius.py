@@ -4,8 +4,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import gammainc, gammaincinv
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels.gaussian import RADIUS_95
+from lmeasure.core import FloatArray
+from lmeasure.kernels import RADIUS_95
 
 DEGREE = 5
 

@@ -6,8 +6,8 @@ counter was zeroed and where each encoder has its zero, the pose is that of
     G = (A^T V^-1 A)^-1 A^T V^-1,    of covariance (A^T V^-1 A)^-1 + (G L)(G L)^T,
 
 L being errors of the readings by all else: calibration, dimensions, drums that run out. So a run weighs its readings, whose origins it then
-tells better than a single pose does (`trajectory.origins`). With S = V + L L^T the contradictions of the readings weigh
-W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows (`trajectory.reliability`).
+tells better than a single pose does (`trajectory.origin.origins`). With S = V + L L^T the contradictions of the readings weigh
+W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows (`trajectory.faults.reliability`).
 """
 
 from dataclasses import dataclass, fields, replace
@@ -15,22 +15,41 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure import se3
 from lmeasure.accuracy.radius import radii_95
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.cable_parameters import cable_covariance
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.errors import RigError
-from lmeasure.kernels import cable as cable_kernels
-from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.layout import ATTACHMENT_XYZ, CABLE, INCLINATION, KIND, SWIVEL, WIDTH
-from lmeasure.kernels.screw import platform_size
-from lmeasure.lengths import count_variance
-from lmeasure.rig import CABLES_FOR_A_POSE, Rig
-from lmeasure.roots import covariance_root
-from lmeasure.trajectory.reliability import Faults, faults_shown
-from lmeasure.trajectory.sources import zero_columns
-from lmeasure.zeroing import phase_columns
+from lmeasure.core import BoolArray, FloatArray, IntArray, RigError, covariance_root, se3
+from lmeasure.kernels import (
+    ATTACHMENT_XYZ,
+    CABLE,
+    CANNOT_RUN,
+    CLEARANCE,
+    INCLINATION,
+    KIND,
+    LONGEST,
+    NORM2,
+    SHORTEST,
+    SPEED2,
+    SWIVEL,
+    U95_ATTACHMENT,
+    U95_POSITION,
+    U95_ROTATION,
+    WIDTH,
+    WORST_START,
+    WRAP,
+    counts_from_changes,
+    length_gradients,
+    platform_size,
+    span_lengths,
+    span_rows_of,
+)
+from lmeasure.kernels import (
+    SINGULAR as SINGULAR_PLACE,
+)
+from lmeasure.kernels import (
+    around as kernels_around,
+)
+from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
+from lmeasure.sensors import cable_covariance, count_variance, phase_columns
+from lmeasure.trajectory import Faults, faults_shown, zero_columns
 
 CHUNK = 2048
 """Poses at once."""
@@ -114,8 +133,8 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
 def told(readings: Readings, poses: FloatArray) -> Told:
     """What the readings tell at poses (n, 7)."""
     rows, m, poses = readings.rows, len(readings.rows), np.ascontiguousarray(poses)
-    values = cable_kernels.span_lengths(rows, poses)
-    A = cable_kernels.span_rows_of(rows, poses)
+    values = span_lengths(rows, poses)
+    A = span_rows_of(rows, poses)
     runs = np.isfinite(values).all(axis=1) & np.isfinite(A).all(axis=(1, 2))
     size = platform_size(rows)
     scaled = A / np.repeat([size, 1.0], 3)
@@ -137,10 +156,10 @@ def told(readings: Readings, poses: FloatArray) -> Told:
     covariance += (G * readings.drums) @ np.swapaxes(G, 1, 2)
     L = np.zeros((len(poses), m, 0))
     if readings.factor.shape[1]:
-        begun = cable_kernels.span_lengths(rows, readings.start[None])
-        counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(np.where(kind == CABLE, values[known] - begun, 0.0)))
-        moved = cable_kernels.length_gradients(rows, poses, counts, readings.scales)
-        moved -= readings.relative[:, None] * cable_kernels.length_gradients(rows, readings.start[None], np.zeros((1, m)), readings.scales)
+        begun = span_lengths(rows, readings.start[None])
+        counts = counts_from_changes(rows, np.ascontiguousarray(np.where(kind == CABLE, values[known] - begun, 0.0)))
+        moved = length_gradients(rows, poses, counts, readings.scales)
+        moved -= readings.relative[:, None] * length_gradients(rows, readings.start[None], np.zeros((1, m)), readings.scales)
         L = -np.einsum("nmw,mwr->nmr", moved, readings.factor.reshape(m, WIDTH, -1))
         shift = G @ L
         covariance += shift @ np.swapaxes(shift, 1, 2)
@@ -183,7 +202,7 @@ def worst_figures(
     bodies: FloatArray,
 ) -> tuple[FloatArray, IntArray]:
     """Figures (F, n) and flags (n,) at (n, 3) positions over (k, 4) orientations, as `kernels.zone.scan` gives them."""
-    out = np.repeat(np.array(kernels.WORST_START)[:, None], len(positions), axis=1)
+    out = np.repeat(np.array(WORST_START)[:, None], len(positions), axis=1)
     flags = np.zeros(len(positions), np.int64)
     for begin in range(0, len(positions), CHUNK):
         part = slice(begin, begin + CHUNK)
@@ -200,26 +219,26 @@ def _worse(
     out: FloatArray, flags: IntArray, readings: Readings, poses: FloatArray, *, points: FloatArray, pairs: IntArray, bodies: FloatArray
 ) -> None:
     found = told(readings, poses)
-    flags |= np.where(found.known, 0, np.where(found.runs, kernels.SINGULAR, kernels.CANNOT_RUN))
-    figures = np.repeat(np.array(kernels.WORST_START)[:, None], len(poses), axis=1)
-    figures[[kernels.SPEED2, kernels.NORM2, kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT]] = np.inf
-    figures[kernels.SHORTEST], figures[kernels.LONGEST] = np.nan, np.nan
+    flags |= np.where(found.known, 0, np.where(found.runs, SINGULAR_PLACE, CANNOT_RUN))
+    figures = np.repeat(np.array(WORST_START)[:, None], len(poses), axis=1)
+    figures[[SPEED2, NORM2, U95_POSITION, U95_ROTATION, U95_ATTACHMENT]] = np.inf
+    figures[SHORTEST], figures[LONGEST] = np.nan, np.nan
     if readings.cables:
-        figures[kernels.SHORTEST], figures[kernels.LONGEST] = found.lengths.min(axis=1), found.lengths.max(axis=1)
-        around = kernels.around(np.ascontiguousarray(readings.rows[: readings.cables]), np.ascontiguousarray(poses), pairs, bodies)
-        figures[kernels.WRAP], figures[kernels.CLEARANCE] = around[:, 0], around[:, 1]
+        figures[SHORTEST], figures[LONGEST] = found.lengths.min(axis=1), found.lengths.max(axis=1)
+        around = kernels_around(np.ascontiguousarray(readings.rows[: readings.cables]), np.ascontiguousarray(poses), pairs, bodies)
+        figures[WRAP], figures[CLEARANCE] = around[:, 0], around[:, 1]
     known, covariance = found.known, found.covariance
-    figures[kernels.SPEED2, known] = np.maximum(found.speed.max(axis=1), 1.0) ** 2
-    figures[kernels.NORM2, known] = found.norm2
-    figures[kernels.U95_POSITION, known] = radii_95(covariance[:, 3:, 3:])
+    figures[SPEED2, known] = np.maximum(found.speed.max(axis=1), 1.0) ** 2
+    figures[NORM2, known] = found.norm2
+    figures[U95_POSITION, known] = radii_95(covariance[:, 3:, 3:])
     if len(points):
-        figures[kernels.U95_ROTATION, known] = radii_95(covariance[:, :3, :3])
+        figures[U95_ROTATION, known] = radii_95(covariance[:, :3, :3])
         of_points = [_of_point(covariance, se3.rotation(poses[known]).apply(point)) for point in points]
-        figures[kernels.U95_ATTACHMENT, known] = np.max(of_points, axis=0)
-    for row in (kernels.SHORTEST, kernels.CLEARANCE):
+        figures[U95_ATTACHMENT, known] = np.max(of_points, axis=0)
+    for row in (SHORTEST, CLEARANCE):
         out[row] = np.fmin(out[row], figures[row])
     for row in (
-        kernels.SPEED2, kernels.NORM2, kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT, kernels.LONGEST, kernels.WRAP,
+        SPEED2, NORM2, U95_POSITION, U95_ROTATION, U95_ATTACHMENT, LONGEST, WRAP,
     ):  # fmt: skip
         out[row] = np.fmax(out[row], figures[row])
 

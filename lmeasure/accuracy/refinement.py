@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.core import BoolArray, FloatArray
 
 MOST_PARTS = 16
 POINTS_AT_ONCE = 400_000

@@ -20,17 +20,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure import files
 from lmeasure.accuracy.readings import Readings, worst_figures
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.errors import AccuracyError
-from lmeasure.extras import how_to_install, version_of
-from lmeasure.kernels import cable as cable_kernels
-from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.layout import (
+from lmeasure.core import AccuracyError, FloatArray, IntArray, how_to_install, version_of
+from lmeasure.io import files, open_regular
+from lmeasure.kernels import (
     ALPHA,
     ATTACHMENT_XYZ,
     BETA,
+    BLOCK,
+    BLOCKS,
     BODY_OF_TOOL,
     BODY_START,
     BODY_WAY,
@@ -38,13 +36,20 @@ from lmeasure.kernels.layout import (
     BY_PITCH,
     BY_SCALE,
     BY_TANGENT,
+    CABLES,
+    DET_HIGH,
+    DET_LOW,
+    FIGURES,
+    LANES,
     WIDTH,
+    Linked,
+    roots_by_cable,
+    scan,
+    scan_lanes,
+    span_rows,
+    strict_gradients,
+    strict_lengths,
 )
-from lmeasure.kernels.screw import CABLES
-from lmeasure.kernels.zone_lanes import scan_lanes
-from lmeasure.kernels.zone_linked import BLOCK, BLOCKS, Linked, roots_by_cable, strict_gradients, strict_lengths
-from lmeasure.kernels.zone_rows import LANES
-from lmeasure.opened import open_regular
 
 Progress = Callable[[int, int], None]
 
@@ -121,9 +126,7 @@ def block_order(cables: FloatArray, positions: FloatArray, quaternions: FloatArr
         return np.arange(len(cables))
     some = positions[np.linspace(0, len(positions) - 1, min(len(positions), 200)).astype(np.int64)]
     turns = quaternions[np.linspace(0, len(quaternions) - 1, min(len(quaternions), 5)).astype(np.int64)]
-    directions = np.array(
-        [cable_kernels.span_rows(cables, np.concatenate([at, turn]))[:, 3:] for at, turn in itertools.product(some, turns)]
-    )
+    directions = np.array([span_rows(cables, np.concatenate([at, turn]))[:, 3:] for at, turn in itertools.product(some, turns)])
     triples = list(itertools.combinations(range(CABLES), 3))
     directions = np.where(np.isfinite(directions), directions, 0.0)
     volumes = [np.abs(np.linalg.det(directions[:, list(t)])) for t in triples]
@@ -168,10 +171,10 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
         turns.as_matrix(),
     )
     figures, left = figures[:, :count], left[:count]
-    low, high = figures[kernels.DET_LOW].copy(), figures[kernels.DET_HIGH].copy()
+    low, high = figures[DET_LOW].copy(), figures[DET_HIGH].copy()
     if len(order) == CABLES and _swaps(order) % 2 == 0:
         # the lanes' rows stand as (e ; arm x e): three columns exchanged with three change the sign; so does an odd order
-        figures[kernels.DET_LOW], figures[kernels.DET_HIGH] = -high, -low
+        figures[DET_LOW], figures[DET_HIGH] = -high, -low
     flags = np.zeros(count, np.int64)
     if left.any():
         figures[:, left], flags[left] = _scalar(plan, positions[left])
@@ -212,7 +215,7 @@ def _in_blocks(matrices: FloatArray) -> FloatArray:
 
 
 def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
-    figures, flags = kernels.scan(
+    figures, flags = scan(
         plan.cables,
         np.ascontiguousarray(positions),
         plan.quaternions,
@@ -256,7 +259,7 @@ def run(
     """
     kept = None if checkpoint is None else _Kept(checkpoint, plan)
     n = len(plan.positions)
-    figures, flags = np.empty((len(kernels.FIGURES), n)), np.empty(n, np.int64)
+    figures, flags = np.empty((len(FIGURES), n)), np.empty(n, np.int64)
     missing = []
     for number in range(plan.chunks):
         stored = kept.get(number) if kept else None

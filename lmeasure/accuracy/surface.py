@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.core import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import unsolved
 from lmeasure.accuracy.bodies import Body, body_rows
 from lmeasure.accuracy.faults import with_faults
 from lmeasure.accuracy.limits import Limits, broken_limits
@@ -19,21 +18,33 @@ from lmeasure.accuracy.readings import readings_of, told
 from lmeasure.accuracy.refinement import refined_volume
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.cable_parameters import cable_covariance
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.conventions import MAX_LENGTH_MM
-from lmeasure.effects import zero_at
-from lmeasure.errors import AccuracyError, GeometryError
-from lmeasure.kernels import cable as cable_kernels
-from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.layout import COUNT_LENGTH
-from lmeasure.lengths import span_lengths
-from lmeasure.observation.parts import PLAY, every_part
-from lmeasure.rig import Rig
-from lmeasure.roots import covariance_root
-from lmeasure.trajectory.sources import NEAR_RAD, zeros_of
-from lmeasure.zeroing import length_variance, zeroed_exactly
+from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, covariance_root
+from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, span_rows_of
+from lmeasure.kernels import span_lengths as cable_kernels_span_lengths
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.sensors import (
+    PLAY,
+    Taken,
+    Unsolved,
+    Warmth,
+    cable_covariance,
+    every_part,
+    length_variance,
+    of_record,
+    span_lengths,
+    zero_at,
+    zeroed_exactly,
+)
+from lmeasure.sensors import (
+    exact as unsolved_exact,
+)
+from lmeasure.sensors import (
+    stated as unsolved_stated,
+)
+from lmeasure.sensors import (
+    taken_as_exact as unsolved_taken_as_exact,
+)
+from lmeasure.trajectory import NEAR_RAD, zeros_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -148,7 +159,8 @@ def map_zone(
 
     u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from
     independent counts of +-1/2 (variance c^2/12), as much again for where within a count each counter was zeroed unless that is exact
-    (`zero_exact`), what the rig states of dimensions that are not solved (`lmeasure.unsolved`) and, when given, the calibration's. A length
+    (`zero_exact`), what the rig states of dimensions that are not solved (`lmeasure.sensors.stated_errors`) and, when given, the
+    calibration's. A length
     is counted from the start pose: a zone
     has no run yet, so its default is the box's centre with the mean orientation.
 
@@ -270,7 +282,7 @@ def drum_variance(
     """(m,) variance [mm^2] of the lengths by drums and pulleys that run out and play, where the rig states them, and by what a calibration
     that solved them left: the mean over poses of the scan, as turns of drum and pulley from the start to a place in the cell are many and
     any. What the calibration tells of these together with guides and points is left out, which makes it larger."""
-    effects = unsolved.Unsolved(rig, unsolved.of_record(rig, calibration))
+    effects = Unsolved(rig, of_record(rig, calibration))
     # of play that is known, nobody knows where in its band a counter was zeroed
     known = every_part(rig, rig.cable).values[:, PLAY] * rig.cable_rows()[:, COUNT_LENGTH] / rig.scales()
     if not effects:
@@ -278,9 +290,9 @@ def drum_variance(
     begun = span_lengths(rig, start[None, :])
     poses = sampled(positions, rotations)
     rows = rig.cable_rows()
-    lengths = cable_kernels.span_lengths(rows, poses)
+    lengths = cable_kernels_span_lengths(rows, poses)
     runs = np.isfinite(lengths).all(axis=1)
-    counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(lengths[runs] - begun))
+    counts = counts_from_changes(rows, np.ascontiguousarray(lengths[runs] - begun))
     shifts = effects.shifts(rows, zero_at(start, len(rows), 0.0), poses[runs], counts)
     # one play where it was zeroed, one at the pose
     return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2 + known**2
@@ -288,11 +300,11 @@ def drum_variance(
 
 def taken_as_exact(
     rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray
-) -> tuple[unsolved.Taken, ...]:
+) -> tuple[Taken, ...]:
     """What nobody stated and nothing has solved, and what it would add at the better half of the places of a scan."""
     rows = rig.cable_rows()
-    poses, begun = sampled(positions, rotations), cable_kernels.span_lengths(rows, start[None])
-    lengths = cable_kernels.span_lengths(rows, poses)
+    poses, begun = sampled(positions, rotations), cable_kernels_span_lengths(rows, start[None])
+    lengths = cable_kernels_span_lengths(rows, poses)
     poses = poses[np.isfinite(lengths).all(axis=1)]
     if not (len(poses) and np.isfinite(begun).all()):
         return ()
@@ -301,17 +313,17 @@ def taken_as_exact(
         poses, well, twists = poses[found.known], 1.0 / found.norm2, found.G[:, :, : len(rows)]
     else:
         weights = np.sqrt(1.0 / length_variance(rig))
-        U, s, V = np.linalg.svd(weights[:, None] * cable_kernels.span_rows_of(rows, poses), full_matrices=False)
+        U, s, V = np.linalg.svd(weights[:, None] * span_rows_of(rows, poses), full_matrices=False)
         well, twists = s.prod(axis=1), (np.swapaxes(V, 1, 2) / s[:, None]) @ np.swapaxes(U, 1, 2) * weights
     if not len(poses):
         return ()
     chosen = well >= max(float(np.median(well)), np.finfo(float).tiny)
     poses, twists = poses[chosen], twists[chosen]
-    counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(cable_kernels.span_lengths(rows, poses) - begun))
-    variables = unsolved.exact(rig, None, () if calibration is None else calibration.names)
+    counts = counts_from_changes(rows, np.ascontiguousarray(cable_kernels_span_lengths(rows, poses) - begun))
+    variables = unsolved_exact(rig, None, () if calibration is None else calibration.names)
     reference = None if calibration is None else calibration.temperature_c
-    warmth = unsolved.Warmth(reference, None, None, False)
-    return unsolved.taken_as_exact(
+    warmth = Warmth(reference, None, None, False)
+    return unsolved_taken_as_exact(
         rig, variables, rows, zero_at(start, len(rows), 0.0), poses=poses, counts=counts, twists=twists, warmth=warmth
     )
 
@@ -326,7 +338,7 @@ def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:
 def named_figures(figures: FloatArray, flags: IntArray, *, full: bool, near: bool, six: bool) -> dict[str, NDArray[Any]]:
     """(n,) arrays by the dataset's names, of the kernels' (F, n) figures and (n,) flags; of more than six cables, whose rows have no
     determinant, no assembly."""
-    f = dict(zip(kernels.FIGURES, figures, strict=True))
+    f = dict(zip(FIGURES, figures, strict=True))
     out = {
         "worst_pressure_angle_deg": np.degrees(np.arccos(1.0 / np.sqrt(f["speed2"]))),
         "u95_position_mm": f["u95_position"],
@@ -353,7 +365,7 @@ def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
     zeros = zeros_of(rig, calibration)
     if zeros.any():
         counts += ", the zeros of encoders" + (", to first order" if zeros.max() > NEAR_RAD else "")
-    also = [v.kind.text for v in unsolved.stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
+    also = [v.kind.text for v in unsolved_stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
     stated = f"what the rig states of {', '.join(dict.fromkeys(also))}" if also else ""
     if calibration is None and not stated:
         return f"{counts} only: the rig links no calibration"

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lmeasure import files
 from lmeasure.accuracy.limits import REASONS, Limits, broken_limits
 from lmeasure.accuracy.scan import digest_of
-from lmeasure.catalogue import settled
-from lmeasure.errors import FileFormatError, pasted
-from lmeasure.opened import open_regular
+from lmeasure.core import FileFormatError, pasted
+from lmeasure.io import files, open_regular
+from lmeasure.text import settled
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,1 +1,5 @@
-"""Every frame sent or received: buses, log files, decoders, counters, the recorder, the simulated feed."""
+"""Every frame sent or received: buses, log files, decoders, counters, the recorder."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

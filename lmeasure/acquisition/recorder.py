@@ -15,21 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure import files
-from lmeasure.acquisition.assembly import mark_stalls
-from lmeasure.acquisition.counting import TURN_S, Counting, Progress, asked_to_end, nothing_came
-from lmeasure.acquisition.decoders import CounterField
-from lmeasure.acquisition.events import event_columns
-from lmeasure.acquisition.frames import Frames, no_frames
-from lmeasure.acquisition.growing_files import Appended, candump_lines, count_lines
-from lmeasure.acquisition.samples import Samples
-from lmeasure.acquisition.sources import Source
-from lmeasure.arrays import FloatArray
-from lmeasure.counts import closure_counts, read_counts, write_counts
-from lmeasure.errors import AcquisitionError, LMeasureError, RecordedError
-from lmeasure.extras import version_of
+from lmeasure.acquisition.bus.frames import Frames, no_frames
+from lmeasure.acquisition.bus.sources import Source
+from lmeasure.acquisition.counters.assembly import mark_stalls
+from lmeasure.acquisition.counters.counting import TURN_S, Counting, Progress, asked_to_end, nothing_came
+from lmeasure.acquisition.counters.decoders import CounterField
+from lmeasure.acquisition.counters.events import event_columns
+from lmeasure.acquisition.counters.samples import Samples
+from lmeasure.acquisition.logs.growing_files import Appended, candump_lines, count_lines
+from lmeasure.core import AcquisitionError, FloatArray, LMeasureError, RecordedError, version_of
+from lmeasure.io import files
+from lmeasure.recording import SCHEMA, closure_counts, read_counts, write_counts
 from lmeasure.rig import Rig, read_rig, write_rig
-from lmeasure.run import SCHEMA
 
 ON_DISK_EVERY_S = 1.0
 

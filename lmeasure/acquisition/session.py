@@ -5,23 +5,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lmeasure import files
-from lmeasure.acquisition.assembly import new_assembler
-from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
-from lmeasure.acquisition.canopen_objects import as_mapped
-from lmeasure.acquisition.counting import Progress
-from lmeasure.acquisition.decoders import CounterField, counter_fields
-from lmeasure.acquisition.frames import no_frames
-from lmeasure.acquisition.import_log import fields_of_log, with_files_beside
+from lmeasure.acquisition.bus.canopen_nodes import Device, produce_sync, start_nodes
+from lmeasure.acquisition.bus.canopen_objects import as_mapped
+from lmeasure.acquisition.bus.frames import no_frames
+from lmeasure.acquisition.bus.sources import Source, open_source
+from lmeasure.acquisition.counters.assembly import new_assembler
+from lmeasure.acquisition.counters.counting import Progress
+from lmeasure.acquisition.counters.decoders import CounterField, counter_fields
+from lmeasure.acquisition.counters.samples import Samples
+from lmeasure.acquisition.counters.wraps import range_notes
+from lmeasure.acquisition.logs.import_log import fields_of_log, with_files_beside
 from lmeasure.acquisition.recorder import Recording, record
-from lmeasure.acquisition.samples import Samples
-from lmeasure.acquisition.sources import Source, open_source
-from lmeasure.acquisition.wraps import range_notes
-from lmeasure.can_table import CanOpenCan
-from lmeasure.errors import AcquisitionError
-from lmeasure.rig import Rig
-from lmeasure.run import read_linked_rig
-from lmeasure.start import start_from_text
+from lmeasure.core import AcquisitionError
+from lmeasure.io import files
+from lmeasure.recording import start_from_text
+from lmeasure.rig import CanOpenCan, Rig, read_linked_rig
 
 if TYPE_CHECKING:
     import can
@@ -44,7 +42,7 @@ def record_session(
 ) -> Recording:
     """Open what the rig's `[can]` table and the bus's name ask for and record a pass; see `recorder.record`.
 
-    start: as `start.stated_start` takes it; options: KEY=VALUE for the interface. AcquisitionError in one line.
+    start: as `recording.start.stated_start` takes it; options: KEY=VALUE for the interface. AcquisitionError in one line.
     """
     rig, calibration = read_linked_rig(rig_path)
     if passage > rig.passes:

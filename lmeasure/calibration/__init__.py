@@ -1,8 +1,5 @@
-"""Where the observation points are: calibration from reference poses and counts."""
+"""Find the observation points from reference poses and counts."""
 
-from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.campaign_files import read_campaign
-from lmeasure.calibration.points import Settings
-from lmeasure.calibration.solve import Calibration, calibrate
+import lazy_loader
 
-__all__ = ["Calibration", "Campaign", "Settings", "calibrate", "read_campaign"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from annotated_types import Ge, Le
 
-from lmeasure import workflows
 from lmeasure.cli import events, machine
-from lmeasure.cli.faces import FACES, Face, told_of_compiling, with_bar
 from lmeasure.cli.help import Command
-from lmeasure.cli.words import retold
-from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.workflows.options import Written, fields_of, flag_of, rows_of_numbers, written
-from lmeasure.workflows.settings import said_of
+from lmeasure.cli.progress import FACES, Face, told_of_compiling, with_bar
+from lmeasure.cli.text import retold
+from lmeasure.core import LMeasureError, SettingsError
+from lmeasure.workflows import Written, fields_of, flag_of, load, rows_of_numbers, said_of, written
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -34,7 +32,7 @@ JSON = inspect.Parameter(
 
 def command(name: str) -> Any:
     """The command of a workflow, as click has it."""
-    workflow = workflows.load(name)
+    workflow = load(name)
     face: Face = FACES.get(name, with_bar)
 
     def invoke(**given: Any) -> None:

@@ -19,16 +19,15 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from lmeasure.catalogue import of_terminal, texts
-from lmeasure.cli.words import retold, said
+from lmeasure.cli.text import retold, said
+from lmeasure.text import of_terminal, texts
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.check_watch import Moved
-    from lmeasure.acquisition.counting import Progress as State
-    from lmeasure.acquisition.listening import Spoken
-    from lmeasure.capture.session import Session
-    from lmeasure.chains.played_cell import PlayedCell
-    from lmeasure.trajectory.live import PoseWatch
+    from lmeasure.acquisition import Moved, Spoken
+    from lmeasure.acquisition import Progress as State
+    from lmeasure.demo import PlayedCell
+    from lmeasure.procedures import Session
+    from lmeasure.trajectory import PoseWatch
 
 VARIABLE = "LMEASURE_EVENTS"
 REFRESH_S = 0.05
@@ -145,7 +144,7 @@ def _status(word: str) -> str:
 
 def captured(session: "Session") -> None:
     """Where a capture stands: the pose that is wanted, what was read, and what it is worth."""
-    from lmeasure.capture.state import state_of
+    from lmeasure.procedures import state_of
 
     if _captured.due():
         state = state_of(session)

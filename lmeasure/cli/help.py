@@ -7,7 +7,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from lmeasure.cli.words import as_typed, said
+from lmeasure.cli.text import as_typed, said
 from lmeasure.workflows import JOBS
 
 
@@ -61,7 +61,7 @@ class Command(_InWords, TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """The words that were typed; numbers in a row may have blanks between them."""
-        from lmeasure.workflows.options import with_commas
+        from lmeasure.workflows import with_commas
 
         return super().parse_args(ctx, with_commas(args, self.rows))
 
@@ -96,7 +96,7 @@ def in_plain_words(error: typer.TyperException) -> str:
     """The parser's message; of a value that it could not take, what the value must be and what it is."""
     cause = error.__cause__
     if isinstance(error, typer.BadParameter) and isinstance(cause, ValueError) and hasattr(cause, "errors"):
-        from lmeasure.checked import complaint
+        from lmeasure.io import complaint
 
         error.message = complaint(cause.errors(include_url=False)[0])
     return error.format_message()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from lmeasure.errors import CancelledError
+from lmeasure.core import CancelledError
 
 _asked = threading.Event()
 

@@ -11,11 +11,11 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from lmeasure.acquisition.counting import STALE_S, Progress
-from lmeasure.cli.words import retold, said
+from lmeasure.acquisition import STALE_S, Progress
+from lmeasure.cli.text import retold, said
 
 if TYPE_CHECKING:
-    from lmeasure.trajectory.live import PoseWatch
+    from lmeasure.trajectory import PoseWatch
 
 REFRESH_S = 0.1
 
@@ -64,7 +64,7 @@ def stale(progress: Progress) -> bool:
 
 def u95_mm(watch: "PoseWatch") -> float | None:
     """Radius of the sphere that holds the tool's origin with 95 %; None where there is no pose or no orientation to state one by."""
-    from lmeasure.accuracy.radius import stated_radii_95
+    from lmeasure.accuracy import stated_radii_95
 
     covariance = watch.covariance()
     radius = float("nan") if covariance is None else float(stated_radii_95(covariance[None, 3:, 3:])[0])

@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lmeasure.findings import Finding
-from lmeasure.shown import Shown
-from lmeasure.workflows import COMMANDS
-from lmeasure.workflows.flow import Result
+from lmeasure.core import Shown
+from lmeasure.text import Finding
+from lmeasure.workflows import COMMANDS, Result
 
 SCHEMA = "lmeasure.result/1"
 FLAG = "--json"

@@ -15,7 +15,7 @@ from typing import Any
 import typer
 
 from lmeasure.cli import events
-from lmeasure.cli.words import retold
+from lmeasure.cli.text import retold
 
 LEAST_COLUMNS = 20
 REDRAWN_S = 0.1

@@ -4,8 +4,6 @@ A `Problem` is parameters with priors, residuals with derivatives and a covarian
 with what it tells.
 """
 
-from lmeasure.estimation.fit import Fit
-from lmeasure.estimation.least_squares import fit
-from lmeasure.estimation.problem import Gauge, Nuisance, Parameters, Problem
+import lazy_loader
 
-__all__ = ["Fit", "Gauge", "Nuisance", "Parameters", "Problem", "fit"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

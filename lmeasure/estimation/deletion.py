@@ -13,8 +13,8 @@ from typing import Self
 import numpy as np
 import scipy.stats
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.estimation.fit import Fit
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.estimation.fit_result import Fit
 from lmeasure.estimation.problem import Problem
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something

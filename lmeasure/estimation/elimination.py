@@ -12,9 +12,8 @@ Observations and Least Squares, 1976, ch. 9).
 import numpy as np
 import scipy.linalg
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.errors import CalibrationError
-from lmeasure.estimation.fit import Fit, gains, untaken
+from lmeasure.core import CalibrationError, FloatArray, IntArray
+from lmeasure.estimation.fit_result import Fit, gains, untaken
 from lmeasure.estimation.problem import Nuisance, Problem
 
 MAX_STEPS = 80

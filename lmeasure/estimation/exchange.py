@@ -12,7 +12,7 @@ from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.core import BoolArray, FloatArray
 
 CRITERIA = {
     "I": "the mean variance of what is predicted",

@@ -18,8 +18,8 @@ import scipy.linalg
 import scipy.optimize
 import scipy.stats
 
-from lmeasure.arrays import FloatArray
-from lmeasure.estimation.fit import Fit
+from lmeasure.core import FloatArray
+from lmeasure.estimation.fit_result import Fit
 from lmeasure.estimation.least_squares import fit
 from lmeasure.estimation.problem import Problem
 

@@ -11,7 +11,7 @@ the covariance of the generalised least squares with V. In prior widths M_0 is t
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray
 
 
 def blocks(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.core import BoolArray, FloatArray
 from lmeasure.estimation import elimination
-from lmeasure.estimation.fit import Fit, gains, untaken
+from lmeasure.estimation.fit_result import Fit, gains, untaken
 from lmeasure.estimation.problem import Problem
 
 MAX_STEPS = 100

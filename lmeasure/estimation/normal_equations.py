@@ -10,7 +10,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 import scipy.linalg
 
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray
 
 STEPS = 60
 SMALL = 1e-4

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation.problem import Parameters
 
 EVEN = 1e-9  # by which a half may be missed by rounding

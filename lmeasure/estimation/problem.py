@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.core import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ import numpy as np
 import scipy.integrate
 import scipy.stats
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation.deletion import Deletion
-from lmeasure.estimation.fit import Fit
+from lmeasure.estimation.fit_result import Fit
 from lmeasure.estimation.least_squares import fit
 from lmeasure.estimation.problem import Problem
 

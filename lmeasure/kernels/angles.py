@@ -8,8 +8,9 @@ about a x g. Either less its zero. What stands where: `kernels.layout`.
 
 import math
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, layout
+from lmeasure.core import FloatArray
+from lmeasure.kernels import layout
+from lmeasure.kernels.decorators import inline
 from lmeasure.kernels.vector import Vec3, add, cross, dot, norm, orientation, rotate, rotate_back, scale, sub, vec
 
 NOWHERE = (0.0, 0.0, 0.0)

@@ -31,9 +31,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, kernel, layout
+from lmeasure.core import FloatArray
+from lmeasure.kernels import layout
 from lmeasure.kernels.angles import NOWHERE, angle_gradient, inclination_at, swivel_at
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotate, rotate_back, scale, sub
 from lmeasure.kernels.vector import orientation as orientation
 from lmeasure.kernels.vector import vec as vec

@@ -2,13 +2,13 @@
 
 import math
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import FloatArray
 from lmeasure.kernels.angles import frame_at
-from lmeasure.kernels.cable import leaving, vec
+from lmeasure.kernels.cable import leaving
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.lanes import WIDTH, _orientation, _place
 from lmeasure.kernels.layout import ANGLE_ZERO, ATTACHMENT, BASE, ECCENTRIC_PHASE, ECCENTRICITY, GUIDE, RADIUS
-from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotation_matrix, scale, sub
+from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotation_matrix, scale, sub, vec
 
 TURN = 2.0 * math.pi
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
 
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.decorators import inline, kernel
 
 FOLLOWED, EMPTY, JUMPED, UNSURE, FOREIGN, WENT_ON = range(6)
 RETURN_S = 0.1  # within which a jump back shows that the number was wrong and not the counter
@@ -36,11 +36,11 @@ def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
     a pause in which it could have gone round a counter is UNSURE for good. A value that no counter of that size shows is FOREIGN
     and nothing else. Continuous counts are the recorded ones plus whole turns, exactly.
     """
-    return resume(recorded, time_s, max_rate, full, np.zeros(STATE), 0.0)
+    return resume_counting(recorded, time_s, max_rate, full, np.zeros(STATE), 0.0)
 
 
 @kernel
-def resume(
+def resume_counting(
     recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
 ) -> tuple[FloatArray, IntArray]:
     """`follow` for the next piece of a recording; state (STATE,), zeros at its beginning, is moved on in place.

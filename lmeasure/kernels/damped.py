@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import kernel
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.decorators import kernel
 from lmeasure.kernels.layout import POSE_COLUMNS
 from lmeasure.kernels.least_squares import fill, normal
 from lmeasure.kernels.screw import copy, displace, eliminate, platform_size
@@ -67,7 +67,9 @@ def _seek(cables: FloatArray, targets: FloatArray, weights: FloatArray, free: In
 
 
 @kernel
-def search(cables: FloatArray, targets: FloatArray, u: FloatArray, free: IntArray, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
+def damped_search(
+    cables: FloatArray, targets: FloatArray, u: FloatArray, free: IntArray, starts: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Poses (n, 7) at which readings of channels, rows (m, columns), fit targets (m,) of standard uncertainties u (m,) best, each sought
     from its start (n, 7) by damped steps (Levenberg and Marquardt), and chi squared (n,), infinite where none was reached."""
     poses, chi, size = starts.copy(), np.empty(len(starts)), platform_size(cables)

@@ -27,10 +27,11 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, kernel, layout
-from lmeasure.kernels.cable import drum_change, leaving, orientation, span, vec
-from lmeasure.kernels.vector import Vec3, add, norm, rotate, scale, sub
+from lmeasure.core import FloatArray
+from lmeasure.kernels import layout
+from lmeasure.kernels.cable import drum_change, leaving, span
+from lmeasure.kernels.decorators import inline, kernel
+from lmeasure.kernels.vector import Vec3, add, norm, orientation, rotate, scale, sub, vec
 
 _ARC_STEPS = 30
 

@@ -5,7 +5,7 @@ yields bit for bit. It also reads CAN_ERROR, CAN_FD_ERROR_64, CAN_DRIVER_ERROR,
 and objects with headers of version 3 (layout: Wireshark's blf.h, Vector BLF of
 Tobias Lorenz). An object that contradicts itself stops the scan: nothing behind it can be trusted.
 
-Every scan fills the same columns: time [s], identifier, flags (bits of `lmeasure.acquisition.frames`), length in bytes, data (n, 8) or
+Every scan fills the same columns: time [s], identifier, flags (bits of `lmeasure.acquisition.bus.frames`), length in bytes, data (n, 8) or
 (n, 64), channel as an index into the names found so far.
 """
 
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.decorators import inline, kernel
 
 Bytes = NDArray[np.uint8]
 Columns = tuple[FloatArray, NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], Bytes, NDArray[np.int16]]

@@ -9,7 +9,7 @@ coefficients); it errs by less than 5e-5 of the radius everywhere.
 
 import math
 
-from lmeasure.kernels import inline
+from lmeasure.kernels.decorators import inline
 
 # coefficients of a^i b^j, i down, j across
 RADIUS_95 = (

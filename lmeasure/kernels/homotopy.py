@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import ComplexArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import ComplexArray, IntArray
+from lmeasure.kernels.decorators import inline, kernel
 
 REACHED, LOST = 0, 1
 FIRST_STEP, LEAST_STEP, MOST_STEPS = 0.02, 1e-9, 4000
@@ -117,7 +117,7 @@ def size(x: ComplexArray) -> float:
 
 
 @kernel
-def follow(start: ComplexArray, aim: ComplexArray, points: ComplexArray) -> tuple[ComplexArray, IntArray]:
+def follow_homotopy(start: ComplexArray, aim: ComplexArray, points: ComplexArray) -> tuple[ComplexArray, IntArray]:
     """Solutions (n, 8) of links start (6, 7) followed to those of links aim (6, 7) along the straight way between their dimensions.
 
     (n, 8) ends of length one, and (n,) whether each was REACHED or LOST: a path whose end is singular or at infinity.

@@ -12,12 +12,12 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import leaving, span_at, vec
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.cable import leaving, span_at
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.layout import ATTACHMENT, BASE, CHANGES, GUIDE, ORIENTATION, PLACE, POSE_COLUMNS, RADIUS
-from lmeasure.kernels.screw import CABLES, OK, TOLERANCE_MM, copy, invert, platform_size, resume
-from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
+from lmeasure.kernels.screw import CABLES, OK, TOLERANCE_MM, copy, invert, platform_size, resume_screw
+from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, rotation_matrix, scale, sub, vec
 
 COARSE, MIDDLE = 128, 8
 WIDTH = 64  # lanes of a tile
@@ -276,7 +276,7 @@ def _goes_on(
     cables: FloatArray, start: FloatArray, state: FloatArray, change: FloatArray, flag: IntArray, u: FloatArray, S: FloatArray
 ) -> bool:
     """Whether the tile's first lane is the pose that the run reaches from where it has got to."""
-    pose, _, _, outcome, _ = resume(cables, start, state.copy(), change, flag, u)
+    pose, _, _, outcome, _ = resume_screw(cables, start, state.copy(), change, flag, u)
     distance = 0.0
     for c in range(3):
         distance = max(distance, abs(pose[0, c] - S[c * WIDTH]))
@@ -284,7 +284,7 @@ def _goes_on(
 
 
 @kernel
-def follow(
+def follow_lanes(
     cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """What `screw.resume` does, with the same arguments and results, coarse to fine and in lanes; iterations are those of the tile."""
@@ -305,7 +305,7 @@ def follow(
             for j in range(CABLES):
                 targets[i, j] = zero[j] + changes[here[i], j]
         coarse = np.append(np.arange(0, last, COARSE), last)
-        anchors, _, _, anchored, _ = resume(cables, start, state.copy(), changes[here[coarse]], flags[here[coarse]], u)
+        anchors, _, _, anchored, _ = resume_screw(cables, start, state.copy(), changes[here[coarse]], flags[here[coarse]], u)
         together = np.all(anchored == OK)
         ordered, places = _order(cables, state[:CHANGES])
         # columns (moment; direction) there, (direction; moment) here: nine exchanges
@@ -343,7 +343,7 @@ def follow(
                         state[CHANGES + j] = changes[tile[-1], j]
             joined = taken
             if not taken:
-                p, r, k, s, a = resume(cables, start, state, changes[tile], flags[tile], u)
+                p, r, k, s, a = resume_screw(cables, start, state, changes[tile], flags[tile], u)
                 for lane in range(len(tile)):
                     i = tile[lane]
                     copy(p[lane], poses[i])

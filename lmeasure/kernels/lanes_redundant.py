@@ -12,10 +12,11 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import kernel, least_squares
-from lmeasure.kernels.cable import seen_at, vec
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels import least_squares
+from lmeasure.kernels.cable import seen_at
 from lmeasure.kernels.channel_lanes import arm_of, cable_rows, inclination_rows, swivel_rows, turned
+from lmeasure.kernels.decorators import kernel
 from lmeasure.kernels.lanes import (
     CHUNK,
     CLEAR_OF_SINGULAR,
@@ -31,17 +32,10 @@ from lmeasure.kernels.lanes import (
     _place,
 )
 from lmeasure.kernels.lanes import _move as _move_to
-from lmeasure.kernels.layout import (
-    ATTACHMENT,
-    CABLE,
-    CHANGES,
-    KIND,
-    POSE_COLUMNS,
-    SWIVEL,
-)
+from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, KIND, POSE_COLUMNS, SWIVEL
 from lmeasure.kernels.normal_lanes import FREE, PAIRS, factors, gather, inverse
 from lmeasure.kernels.screw import OK, copy, platform_size
-from lmeasure.kernels.vector import add, angle, cross, dot, norm, scale
+from lmeasure.kernels.vector import add, angle, cross, dot, norm, scale, vec
 
 LEFT_MM = 1e-10
 """What a last step may leave: steps fall at least as fast as from the one before, by residuals over distances or by their squares."""
@@ -231,7 +225,7 @@ def _goes_on(
     S: FloatArray,
 ) -> bool:
     """Whether the tile's first lane is the pose that the run reaches from where it has got to."""
-    pose, _, _, outcome, _, _ = least_squares.follow(cables, start, zero, state.copy(), change, flag, u, free)
+    pose, _, _, outcome, _, _ = least_squares.follow_least_squares(cables, start, zero, state.copy(), change, flag, u, free)
     distance = 0.0
     for c in range(3):
         distance = max(distance, abs(pose[0, c] - S[c * WIDTH]))
@@ -239,7 +233,7 @@ def _goes_on(
 
 
 @kernel
-def follow(
+def follow_redundant_lanes(
     cables: FloatArray,
     start: FloatArray,
     zero: FloatArray,
@@ -276,7 +270,7 @@ def follow(
             for j in range(m):
                 targets[i, j] = zero[j] + changes[here[i], j]
         coarse = np.append(np.arange(0, last, COARSE), last)
-        anchors, _, _, anchored, _, _ = least_squares.follow(
+        anchors, _, _, anchored, _, _ = least_squares.follow_least_squares(
             cables, start, zero, state.copy(), changes[here[coarse]], flags[here[coarse]], u, free
         )
         together = np.all(anchored == OK)
@@ -316,7 +310,7 @@ def follow(
                         state[CHANGES + j] = changes[tile[-1], j] if there else seen_at(cables[j], poses[tile[-1]])[0] - zero[j]
             joined = taken
             if not taken:
-                p, r, k, s, a, x = least_squares.follow(cables, start, zero, state, changes[tile], flags[tile], u, free)
+                p, r, k, s, a, x = least_squares.follow_least_squares(cables, start, zero, state, changes[tile], flags[tile], u, free)
                 for lane in range(len(tile)):
                     i = tile[lane]
                     copy(p[lane], poses[i])

@@ -16,9 +16,9 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import orientation, seen_at, vec, way_round
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.cable import seen_at, way_round
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS
 from lmeasure.kernels.screw import (
     COVERAGE,
@@ -38,7 +38,7 @@ from lmeasure.kernels.screw import (
     go_on,
     platform_size,
 )
-from lmeasure.kernels.vector import add, cross, norm, rotate
+from lmeasure.kernels.vector import add, cross, norm, orientation, rotate, vec
 
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
 FALLING_MM = 1e-4  # from which on steps tell how they go on falling
@@ -304,7 +304,7 @@ def _go(
 
 
 @kernel
-def follow(
+def follow_least_squares(
     cables: FloatArray,
     start: FloatArray,
     zero: FloatArray,

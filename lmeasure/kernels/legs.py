@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.layout import ORIENTATION, POSE_COLUMNS
 from lmeasure.kernels.screw import MAX_ITERATIONS, NOT_CONVERGED, OK, SINGULAR, TOLERANCE_MM, copy, displace, eliminate
 from lmeasure.kernels.vector import add, cross, dot, norm, orientation, rotate, scale, sub, vec

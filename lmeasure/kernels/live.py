@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import counter, kernel, layout
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels import counter, layout
 from lmeasure.kernels.cable import drum_change
-from lmeasure.kernels.least_squares import follow
-from lmeasure.kernels.screw import CABLES, GAP, JUMP, OK, ORIGIN_LOST, resume
+from lmeasure.kernels.decorators import kernel
+from lmeasure.kernels.least_squares import follow_least_squares
+from lmeasure.kernels.screw import CABLES, GAP, JUMP, OK, ORIGIN_LOST, resume_screw
 
 
 @kernel
@@ -30,7 +31,7 @@ def step(
     """
     changes, flags, now = np.empty((1, CABLES)), np.zeros(1, np.int64), np.full(1, time_s)
     for j in range(CABLES):
-        counts, what = counter.resume(
+        counts, what = counter.resume_counting(
             recorded[j : j + 1], now, channels[j, layout.CHANNEL_RATE], channels[j, layout.CHANNEL_VALUES], counters[j], 0.0
         )
         if what[0] != counter.FOLLOWED and flags[0] == OK:
@@ -43,7 +44,7 @@ def step(
         changes[0, j] = drum_change(
             k, cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], channels[j, layout.CHANNEL_COUNT_LENGTH]
         )
-    poses, _, _, status, angle = resume(cables, start, state, changes, flags, u)
+    poses, _, _, status, angle = resume_screw(cables, start, state, changes, flags, u)
     for c in range(layout.POSE_COLUMNS):
         pose[c] = poses[0, c] if status[0] == OK else math.nan
     return status[0], angle[0]
@@ -68,7 +69,7 @@ def changes_of(
             for i in range(n):
                 foreign[i] = math.isfinite(shown[i]) and not (-0.5 < shown[i] < full)
                 shown[i] = math.nan if foreign[i] else shown[i] - (full if shown[i] >= 0.5 * full else 0.0)
-        counts, what = counter.resume(shown, time_s, channels[j, layout.CHANNEL_RATE], full, counters[j], 0.0)
+        counts, what = counter.resume_counting(shown, time_s, channels[j, layout.CHANNEL_RATE], full, counters[j], 0.0)
         if codes:
             # an absolute code is sure after any pause
             counters[j, counter.UNSURE_AT] = 0.0
@@ -116,7 +117,7 @@ def step_of(
         change[j] = changes[0, j]
     if flags[0] == OK:
         flags[0] = GAP  # of channels that are left out
-    poses, _, _, status, angle, chi = follow(cables, start, zero, state, changes, flags, u, free)
+    poses, _, _, status, angle, chi = follow_least_squares(cables, start, zero, state, changes, flags, u, free)
     for c in range(layout.POSE_COLUMNS):
         pose[c] = poses[0, c] if status[0] == OK else math.nan
     return status[0], angle[0], chi[0]

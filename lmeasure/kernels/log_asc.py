@@ -8,8 +8,8 @@ wherever that reads a line.
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.arrays import IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import IntArray
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.frames import (
     BITRATE_SWITCH,
     DONE,

@@ -5,8 +5,8 @@ It also stops where the columns are full. It reads bit for bit what python-can's
 and data it keeps.
 """
 
-from lmeasure.arrays import IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import IntArray
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.frames import (
     BITRATE_SWITCH,
     CLASSED,

@@ -5,7 +5,7 @@ The text must end with a line end, which no token contains: that is what keeps e
 
 import numpy as np
 
-from lmeasure.kernels import inline, kernel
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.frames import Bytes, byte, i64
 
 LARGEST_EXACT = 1 << 53

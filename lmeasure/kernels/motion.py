@@ -8,12 +8,11 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import orientation
+from lmeasure.core import FloatArray
+from lmeasure.kernels.decorators import kernel
 from lmeasure.kernels.screw import copy, displace, eliminate
 from lmeasure.kernels.se3 import log_rotation
-from lmeasure.kernels.vector import Quat, multiply
+from lmeasure.kernels.vector import Quat, multiply, orientation
 
 TERMS = 4  # of a cubic
 LEAST = 8  # samples in a window: twice the terms

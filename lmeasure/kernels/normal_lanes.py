@@ -2,8 +2,8 @@
 and behind them the right sides, a row of lanes for each component.
 """
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import FloatArray
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.lanes import WIDTH
 
 FREE = 6

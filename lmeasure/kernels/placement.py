@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import span_at, vec
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels.cable import span_at
+from lmeasure.kernels.decorators import kernel
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.layout import ATTACHMENT, BODY_COLUMNS, ORIENTATION, PLACE, POSE_COLUMNS, WIDTH
 from lmeasure.kernels.least_squares import alike, fastest, length_twists
 from lmeasure.kernels.screw import platform_size
-from lmeasure.kernels.vector import rotate
+from lmeasure.kernels.vector import rotate, vec
 from lmeasure.kernels.zone import LONGEST, SHORTEST, SPEED2, U95_POSITION, scan
 from lmeasure.kernels.zone_lanes import scan_lanes
 

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import kernel
+from lmeasure.core import FloatArray
+from lmeasure.kernels.decorators import kernel
 
 
 @kernel
-def follow(corners: FloatArray, arc: FloatArray, positions: FloatArray) -> FloatArray:
+def follow_polyline(corners: FloatArray, arc: FloatArray, positions: FloatArray) -> FloatArray:
     """(n,) way [mm] along the corners (k, 3), at ways arc (k,), of the point nearest to each of (n, 3) positions.
 
     The nearest point is sought near the one before, ahead and behind by what the position has moved and by its distance, so that

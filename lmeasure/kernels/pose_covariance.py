@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import kernel
+from lmeasure.core import FloatArray
 from lmeasure.kernels.cable import length_gradient
+from lmeasure.kernels.decorators import kernel
 from lmeasure.kernels.layout import WIDTH
 from lmeasure.kernels.screw import CABLES, copy, invert, platform_size
 
 
 @kernel
-def twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
+def pose_twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
     """(n, 6, 6) inverses of the rows at (n, 7) poses: column i is the twist (omega; v) about the tool origin per unit of length i; NaN
     where the pose is NaN or singular."""
     out = np.full((poses.shape[0], 6, CABLES), np.nan)

@@ -10,13 +10,12 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import orientation, span_at, vec
+from lmeasure.core import FloatArray, IntArray, Status
+from lmeasure.kernels.cable import span_at
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.layout import ATTACHMENT, CHANGES, ORIENTATION, PLACE, POSE_COLUMNS
 from lmeasure.kernels.se3 import exp_rotation, exp_translation
-from lmeasure.kernels.vector import add, cross, multiply, rotate
-from lmeasure.status import Status
+from lmeasure.kernels.vector import add, cross, multiply, orientation, rotate, vec
 
 # plain integers: numba would hand members of the enumeration back as objects, at the price of a whole sample
 OK, SINGULAR, NOT_CONVERGED = int(Status.OK), int(Status.SINGULAR), int(Status.NOT_CONVERGED)
@@ -311,7 +310,7 @@ def new_state(start: FloatArray) -> FloatArray:
 
 
 @kernel
-def resume(
+def resume_screw(
     cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """Poses of a run by continuation: each sample starts from the last good one.
@@ -389,4 +388,4 @@ def track(
     cables: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """`resume` from the beginning of a run."""
-    return resume(cables, start, new_state(start), changes, flags, u)
+    return resume_screw(cables, start, new_state(start), changes, flags, u)

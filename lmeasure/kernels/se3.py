@@ -8,7 +8,7 @@ none cancels for tiny angles: (1 - cos t)/t^2 = 2 sin^2(t/2)/t^2, and the last o
 
 import math
 
-from lmeasure.kernels import inline, kernel
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.vector import Quat, Vec3, add, cross, dot, norm, scale
 
 

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels.cable import guide_direction, leaving, span
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.vector import Vec3, norm, sine_cosine, sub
 
 WIDTH = 32  # candidates tried at a time

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import kernel
+from lmeasure.core import FloatArray
+from lmeasure.kernels.decorators import kernel
 from lmeasure.kernels.layout import TRAVEL_FAR, TRAVEL_WAY
 
 

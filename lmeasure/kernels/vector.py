@@ -2,8 +2,9 @@
 
 import math
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, layout
+from lmeasure.core import FloatArray
+from lmeasure.kernels import layout
+from lmeasure.kernels.decorators import inline
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]

@@ -9,14 +9,15 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel, layout
-from lmeasure.kernels.cable import drum_count, leaving, length_gradient, orientation, span_at, vec
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.kernels import layout
+from lmeasure.kernels.cable import drum_count, leaving, length_gradient, span_at
 from lmeasure.kernels.clearance import span_clearance
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.least_squares import length_twists
 from lmeasure.kernels.screw import CABLES, attachment_speed, invert, platform_size
-from lmeasure.kernels.vector import Vec3, add, dot, rotate, scale, sub
+from lmeasure.kernels.vector import Vec3, add, dot, orientation, rotate, scale, sub, vec
 
 FIGURES = (
     "speed2",  # largest squared speed of an attachment point when only its own cable changes at unit rate, at least 1: 1/cos^2

@@ -15,17 +15,27 @@ import math
 
 import numpy as np
 
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.kernels import inline, strict_kernel
-from lmeasure.kernels.cable import leaving, vec
+from lmeasure.core import BoolArray, FloatArray, IntArray
+from lmeasure.kernels.cable import leaving
 from lmeasure.kernels.clearance import span_clearance
+from lmeasure.kernels.decorators import inline, strict_kernel
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.layout import BASE, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, GUIDE, RADIUS
-from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
-from lmeasure.kernels.zone import CLEARANCE, LONGEST, SHORTEST, SPEED2, U95_ATTACHMENT, U95_POSITION, U95_ROTATION, WORST_START, WRAP
+from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub, vec
+from lmeasure.kernels.zone import (
+    CLEARANCE,
+    LONGEST,
+    SHORTEST,
+    SPEED2,
+    U95_ATTACHMENT,
+    U95_POSITION,
+    U95_ROTATION,
+    WORST_START,
+    WRAP,
+)
 from lmeasure.kernels.zone_linked import GRADIENT_ROWS, Linked, length_covariance
 from lmeasure.kernels.zone_redundant import NORMAL_ROWS, least_squares_twists
-from lmeasure.kernels.zone_rows import (
+from lmeasure.kernels.zone_rows import (  # fmt: skip
     CABLE_ROWS,
     COVARIANCE,
     LANES,
@@ -43,7 +53,7 @@ from lmeasure.kernels.zone_rows import (
     least,
     most,
     put,
-)  # fmt: skip
+)
 from lmeasure.kernels.zone_six import inverse_twists
 
 LEAST_SOUND = 1e-3

@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.kernels import inline, layout, strict_kernel
-from lmeasure.kernels.cable import drum_count, drum_way, leaving, length_gradients, span_lengths, vec
-from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
+from lmeasure.core import BoolArray, FloatArray
+from lmeasure.kernels import layout
+from lmeasure.kernels.cable import drum_count, drum_way, leaving, length_gradients, span_lengths
+from lmeasure.kernels.decorators import inline, strict_kernel
+from lmeasure.kernels.vector import Vec3, add, dot, scale, sub, vec
 from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, PLACE, at, put
 
 BLOCK = 5

@@ -10,10 +10,9 @@ by v = q_j C^-1 e_j - K w. C is sound where the spans are far from coplanar, S w
 
 import math
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline
-from lmeasure.kernels.cable import vec
-from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
+from lmeasure.core import FloatArray
+from lmeasure.kernels.decorators import inline
+from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub, vec
 from lmeasure.kernels.zone import NORM2
 from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, MOVE, SOUND, SPAN, TURN, WORST, at, least, most, put
 

@@ -1,7 +1,7 @@
 """Rows of lanes: what the stages of the zone's lane kernel share, a buffer of rows that are LANES long and the way to them."""
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline
+from lmeasure.core import FloatArray
+from lmeasure.kernels.decorators import inline
 from lmeasure.kernels.vector import Vec3
 from lmeasure.kernels.zone import WORST_START
 

@@ -8,10 +8,9 @@ G = E2 E1^-1 and the Schur complement S = M2 - G M1,
 Without pivots this needs three first cables whose directions are far from coplanar; the caller chooses them (`accuracy.scan.block_order`).
 """
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline
-from lmeasure.kernels.cable import vec
-from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
+from lmeasure.core import FloatArray
+from lmeasure.kernels.decorators import inline
+from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub, vec
 from lmeasure.kernels.zone import DET_HIGH, DET_LOW, NORM2
 from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, MOVE, SOUND, SPAN, TURN, WORST, at, least, most, put
 

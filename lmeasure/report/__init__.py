@@ -1,0 +1,5 @@
+"""Reports as pages and PDF. No figure is computed here."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

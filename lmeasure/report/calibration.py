@@ -2,14 +2,18 @@
 
 from pathlib import Path
 
-from lmeasure.calibration import Calibration
-from lmeasure.calibration.compare import Comparison, chance
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.catalogue import decimal, settled
+from lmeasure.calibration import Calibration, Comparison, chance
 from lmeasure.report import html
 from lmeasure.report.calibration_effects import dimensions, effects, effects_shown
-from lmeasure.report.calibration_figures import narrowed_figure, residuals_figure, rig_figure, spectrum_figure, worst_figure
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.report.calibration_figures import (
+    narrowed_figure,
+    residuals_figure,
+    rig_figure,
+    spectrum_figure,
+    worst_figure,
+)
+from lmeasure.rig import CalibrationRecord
+from lmeasure.text import ENGLISH, Say, decimal, settled
 
 
 def write_calibration_page(path: Path, calibration: Calibration, comparison: Comparison | None = None, language: str = "en") -> None:

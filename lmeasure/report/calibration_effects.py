@@ -1,8 +1,8 @@
 """What the page of a calibration says of physical effects and of dimensions that were not solved."""
 
-from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.report import html
-from lmeasure.saying import Say
+from lmeasure.rig import CalibrationRecord
+from lmeasure.text import Say
 
 
 def effects(record: CalibrationRecord, say: Say) -> list[str]:

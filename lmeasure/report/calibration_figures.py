@@ -5,14 +5,12 @@ from collections import Counter
 import plotly.graph_objects as go
 
 from lmeasure.calibration import Calibration
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.observation.parameters import ENCODER_ZERO
+from lmeasure.kernels import wrap_geometry
 from lmeasure.report import html
-from lmeasure.report.words import axes
+from lmeasure.report.text import axes
 from lmeasure.report.zone_maps import ticks
-from lmeasure.rig import Rig, Turned
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.rig import ENCODER_ZERO, CalibrationRecord, Rig, Turned
+from lmeasure.text import ENGLISH, Say
 
 BEFORE, AFTER = html.PALETTE[1], html.PALETTE[0]
 """As other pages have them."""

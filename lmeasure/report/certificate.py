@@ -6,23 +6,33 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lmeasure.certification.bundle import CERTIFICATE, copy_into, entries, new_folder, seal, write_zip
-from lmeasure.certification.canonical import canonical
-from lmeasure.certification.certificate import certificate, now
-from lmeasure.certification.dcc import dcc_xml
-from lmeasure.certification.environment import environment
-from lmeasure.certification.evaluate import Evaluation, Settings
-from lmeasure.certification.measure import Inputs, Measured, measure
-from lmeasure.certification.signature import read_private_key
-from lmeasure.certification.verify import Printer
-from lmeasure.errors import CertificationError, ForeignFolderError
+from lmeasure.certificate import (
+    CERTIFICATE,
+    Inputs,
+    Measured,
+    Printer,
+    canonical,
+    certificate,
+    copy_into,
+    dcc_xml,
+    entries,
+    environment,
+    measure,
+    new_folder,
+    now,
+    read_private_key,
+    seal,
+    write_zip,
+)
+from lmeasure.core import CertificationError, ForeignFolderError
+from lmeasure.iso9283 import CertificationSettings, Evaluation
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate_html import certificate_html
 from lmeasure.report.certificate_pdf import certificate_pdf
 from lmeasure.report.certificate_pictures import figures
 from lmeasure.report.readable import page_alike, page_text, pdf_text, xml_text
 from lmeasure.report.summary import counted
-from lmeasure.report.words import word
+from lmeasure.report.text import word
 
 PDF = "certificate.pdf"
 PAGE = "report.html"
@@ -65,7 +75,7 @@ class Choices:
 
 
 def write_certificate(
-    out: Path, inputs: Inputs, settings: Settings, choices: Choices, *, progress: Callable[[int, int], None] | None = None
+    out: Path, inputs: Inputs, settings: CertificationSettings, choices: Choices, *, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, Any]:
     """Write the folder of a certificate, whole or not at all; the certificate.
 

@@ -6,16 +6,15 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.colors import qualitative
 
-from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import DECIMAL_MARK, number
-from lmeasure.certification.evaluate import AttainedPath, Evaluation
-from lmeasure.certification.measure import Measured
-from lmeasure.certification.pictures import magnification, way
+from lmeasure.certificate import Measured, magnification, way
+from lmeasure.core import FloatArray
+from lmeasure.iso9283 import AttainedPath, Evaluation
 from lmeasure.report import certificate_text as say
 from lmeasure.report import html
 from lmeasure.report.certificate_pictures import MOST_CYCLES
-from lmeasure.report.words import THOUSANDS, unit, word
-from lmeasure.trajectory.attained import AttainedPose
+from lmeasure.report.text import THOUSANDS, unit, word
+from lmeasure.text import DECIMAL_MARK, number
+from lmeasure.trajectory import AttainedPose
 
 SCALE = "Viridis"
 LONGEST = 30

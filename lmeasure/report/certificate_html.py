@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from lmeasure.certification.measure import Measured
+from lmeasure.certificate import Measured
 from lmeasure.report import certificate_pictures as pictures
 from lmeasure.report import certificate_text as say
 from lmeasure.report import drawings, html, summary
 from lmeasure.report.certificate_figures import figures
-from lmeasure.report.words import word
+from lmeasure.report.text import word
 
 
 def certificate_html(certificate: dict[str, Any], measured: Measured) -> str:

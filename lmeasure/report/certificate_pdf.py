@@ -7,12 +7,12 @@ from typing import Any
 
 import typst
 
-from lmeasure.certification.measure import Measured
-from lmeasure.errors import CertificationError
+from lmeasure.certificate import Measured
+from lmeasure.core import CertificationError
 from lmeasure.report import certificate_pictures as pictures
 from lmeasure.report import certificate_text as say
 from lmeasure.report import drawings, html, summary
-from lmeasure.report.words import with_indices, word
+from lmeasure.report.text import with_indices, word
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
 _NO_GLYPH = re.compile(r'the text `"(.*?)"` could not be displayed')

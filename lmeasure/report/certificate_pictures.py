@@ -4,14 +4,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lmeasure.catalogue import number
-from lmeasure.certification.evaluate import AttainedPath, Evaluation
-from lmeasure.certification.pictures import targets
+from lmeasure.certificate import targets
+from lmeasure.iso9283 import AttainedPath, Evaluation
 from lmeasure.report import certificate_text as say
 from lmeasure.report import drawings, html
 from lmeasure.report.summary import chosen
-from lmeasure.report.words import unit, word
-from lmeasure.trajectory.attained import AttainedPose
+from lmeasure.report.text import unit, word
+from lmeasure.text import number
+from lmeasure.trajectory import AttainedPose
 
 MOST_CYCLES = 30
 MOST_POSES = 40

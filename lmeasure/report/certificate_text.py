@@ -5,10 +5,9 @@ import unicodedata
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from lmeasure.catalogue import BETWEEN_NUMBERS, decimal, number, numbers, settled, signs, texts
-from lmeasure.certification.printed import with_u95 as with_u95
-from lmeasure.findings import from_stated, recognised
-from lmeasure.report.words import DOMAIN, characteristic_name, unit, word
+from lmeasure.certificate import with_u95 as with_u95
+from lmeasure.report.text import DOMAIN, characteristic_name, unit, word
+from lmeasure.text import BETWEEN_NUMBERS, decimal, from_stated, number, numbers, recognised, settled, signs, texts
 
 Rows = list[tuple[str, ...]]
 

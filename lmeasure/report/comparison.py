@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from lmeasure.catalogue import decimal
-from lmeasure.certification.compare import SIGNIFICANT, Comparison, Pair
-from lmeasure.certification.improvement import Improvement
-from lmeasure.certification.printed import with_u95
+from lmeasure.certificate import SIGNIFICANT, Comparison, Improvement, Pair, with_u95
 from lmeasure.report import html
-from lmeasure.report.words import axes, unit
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.report.text import axes, unit
+from lmeasure.text import ENGLISH, Say, decimal
 
 ARROWS = 0.15
 """Of the poses' extent: length at which the largest error is drawn."""

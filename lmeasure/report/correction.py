@@ -8,10 +8,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from lmeasure.report import html
-from lmeasure.report.words import axes
-from lmeasure.robots.corrected_program import Corrected, Outcome
-from lmeasure.robots.dialects.program_text import Listing
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.report.text import axes
+from lmeasure.robot_programs import Corrected, Listing, Outcome
+from lmeasure.text import ENGLISH, Say
 
 ARROWS = 0.1
 """Of the targets' extent: length at which the largest correction is drawn."""

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import segno
 
-from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import number, settled
-from lmeasure.certification.pictures import Target, round_scale, round_up
+from lmeasure.certificate import Target, round_scale, round_up
+from lmeasure.core import FloatArray
 from lmeasure.report import html
+from lmeasure.text import number, settled
 
 INK, SOFT, LINE, RED, GREEN, WITHIN, BEYOND = "#30343f", "#7a8194", "#c8ccd4", "#b3261e", "#1a7f4b", "#cfe8d8", "#f5d9d6"
 # what typst brings along, and what browsers have

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from lmeasure import files
-from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import texts
+from lmeasure.core import FloatArray
+from lmeasure.io import files
 from lmeasure.report.labels import place_labels
-from lmeasure.report.words import with_indices
+from lmeasure.report.text import with_indices
+from lmeasure.text import texts
 
 _STYLE = Path(__file__).with_name("page.css")
 

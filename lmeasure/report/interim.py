@@ -6,13 +6,10 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from lmeasure import files
-from lmeasure.catalogue import number, texts
-from lmeasure.interim.check import Checked, said
-from lmeasure.interim.closures import Closure
-from lmeasure.interim.moved import Cause
-from lmeasure.interim.trend import Trend
+from lmeasure.io import files
+from lmeasure.procedures import Cause, Checked, Closure, Trend, said
 from lmeasure.report import html
+from lmeasure.text import number, texts
 
 DOMAIN = "interim"
 FINE, FAILED = "#009e73", "#c1272d"

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 from scipy.spatial.distance import cdist
 
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray
 
 SIDES: dict[str, tuple[float, float]] = {
     "middle right": (1.0, 0.0),

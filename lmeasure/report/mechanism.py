@@ -6,14 +6,11 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray
 from lmeasure.report import html
-from lmeasure.report.words import axes
-from lmeasure.robots.mechanisms.study import Workspace
-from lmeasure.robots.parallel.drawn import Drawn, drawn
-from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.parallel.study import Grid
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.report.text import axes
+from lmeasure.robots import Drawn, Grid, ParallelFile, Workspace, drawn
+from lmeasure.text import ENGLISH, Say
 
 BASE, PLATFORM, LEG, ARM, INSIDE = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 MOST_SLICES = 6

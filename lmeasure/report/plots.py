@@ -10,31 +10,24 @@ import xarray as xr
 from plotly.graph_objects import Figure as Figure
 from plotly.subplots import make_subplots
 
-from lmeasure.accuracy.placement import Placed
-from lmeasure.arrays import FloatArray
-from lmeasure.calibration import Calibration
-from lmeasure.calibration.planning import Plan
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.certification import Evaluation
-from lmeasure.certification.sealed import Certificate
-from lmeasure.counts import Counts
-from lmeasure.errors import LMeasureError
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.kernels.layout import BASE_XYZ
-from lmeasure.lengths import Lengths
-from lmeasure.linkage.noun import Boundary, Described
-from lmeasure.poses import Poses
-from lmeasure.program import Program
+from lmeasure.accuracy import Placed
+from lmeasure.calibration import Calibration, Plan
+from lmeasure.certificate import Certificate
+from lmeasure.core import FloatArray, LMeasureError
+from lmeasure.iso9283 import Evaluation
+from lmeasure.kernels import BASE_XYZ, wrap_geometry
+from lmeasure.recording import Counts, Poses, Program, Run
 from lmeasure.report import correction, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
 from lmeasure.report.shown_figure import ShownFigure
 from lmeasure.report.zone_figures import slices_figure, space_figure
-from lmeasure.rig import Rig
-from lmeasure.robots.corrected_program import Corrected
-from lmeasure.robots.identify import Identified
-from lmeasure.run import Run
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.robot_programs import Corrected
+from lmeasure.robots import Identified
+from lmeasure.sensors import Lengths
 from lmeasure.simulation import Simulated
+from lmeasure.structure import Boundary, Described
 from lmeasure.trajectory import Trajectory
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

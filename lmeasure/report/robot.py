@@ -7,14 +7,11 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray, se3
 from lmeasure.report import html
-from lmeasure.report.words import axes, unit
-from lmeasure.robots.contradicted_rows import HALF
-from lmeasure.robots.identify import Identified
-from lmeasure.robots.workspace import Workspace
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.report.text import axes, unit
+from lmeasure.robots import HALF, Identified, PredictionMap
+from lmeasure.text import ENGLISH, Say
 
 ARROWS = 0.1
 """Of the measured places' extent: length at which the largest error is drawn."""
@@ -24,7 +21,7 @@ MOST_NAMED = 40
 
 
 def write_robot_page(
-    path: Path, found: Identified[Any], record: dict[str, Any], over: Workspace | None = None, *, language: str = "en"
+    path: Path, found: Identified[Any], record: dict[str, Any], over: PredictionMap | None = None, *, language: str = "en"
 ) -> None:
     """Write a self-contained HTML page of the identification, whole or not at all."""
     say = Say(language)
@@ -190,7 +187,7 @@ def _weights(found: Identified[Any], say: Say) -> list[str]:
     return [*parts, html.table((say("row"), say("weight"), say("off, mm")), rows)]
 
 
-def _workspace(over: Workspace, told: dict[str, Any], say: Say, *, with_code: bool) -> list[str]:
+def _workspace(over: PredictionMap, told: dict[str, Any], say: Say, *, with_code: bool) -> list[str]:
     """How exactly the robot is predicted over its reach: in figures, as a map of distance from its first axis and height, and in space."""
     figures = (
         (say("median"), told["median_u95_mm"]),
@@ -225,7 +222,7 @@ def _workspace(over: Workspace, told: dict[str, Any], say: Say, *, with_code: bo
     ]
 
 
-def _flat_map(over: Workspace) -> dict[str, FloatArray]:
+def _flat_map(over: PredictionMap) -> dict[str, FloatArray]:
     """Mean u95 over squares of distance from the base's z axis and height, NaN where no pose lies, with their middles."""
     across, height = np.hypot(over.places[:, 0], over.places[:, 1]), over.places[:, 2]
     edge = over.edge_mm / 3.0

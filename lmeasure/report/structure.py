@@ -7,17 +7,14 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.lcoordinate.singularity import rim_mm
-from lmeasure.lcoordinate.structures import LINKS, incidence, parse, structures
-from lmeasure.linkage.links import Linkage
-from lmeasure.linkage.words import lines
+from lmeasure.core import FloatArray, se3
+from lmeasure.kernels import wrap_geometry
+from lmeasure.linkages import LINKS, incidence, parse, rim_mm, structures
 from lmeasure.report import html
 from lmeasure.report.structure_drawing import svg
-from lmeasure.report.words import axes
-from lmeasure.saying import ENGLISH, Say, typeset
+from lmeasure.report.text import axes
+from lmeasure.structure import Linkage, lines
+from lmeasure.text import ENGLISH, Say, typeset
 
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
@@ -30,7 +27,7 @@ FACES = ((0, 0, 0, 1), (1, 1, 2, 2), (2, 3, 3, 3))
 def write_structure_page(
     path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None, language: str = "en"
 ) -> None:
-    """Write a self-contained page of links and their record (`linkage.record.described`); pose (7,) at which they were looked at."""
+    """Write a self-contained page of links and their record (`structure.record.described`); pose (7,) at which they were looked at."""
     say = Say(language)
     body = [html.paragraph(typeset(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
     if len(linkage.base) == LINKS:

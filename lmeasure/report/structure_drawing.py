@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from itertools import permutations
 
-from lmeasure.lcoordinate.structures import Structure
+from lmeasure.linkages import Structure
 
 WIDTH, HEIGHT = 190.0, 150.0
 BELOW = 8.0  # for the letter under the nearest point

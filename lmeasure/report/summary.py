@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from lmeasure.report import certificate_text as say
-from lmeasure.report.words import word
+from lmeasure.report.text import word
 
 MOST = 10
 ORDER = (

@@ -7,22 +7,16 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from lmeasure import files
-from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
-from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import decimal, number, settled, signs, texts
-from lmeasure.causes import Cause, is_of
-from lmeasure.certification.printed import with_u95
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.kernels.layout import BASE_XYZ
+from lmeasure.accuracy import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
+from lmeasure.certificate import with_u95
+from lmeasure.core import WORDS, FloatArray
+from lmeasure.io import files
+from lmeasure.kernels import BASE_XYZ, wrap_geometry
 from lmeasure.report import html
-from lmeasure.report.words import axes
+from lmeasure.report.text import axes
 from lmeasure.rig import Rig
-from lmeasure.saying import Say
-from lmeasure.status import WORDS
-from lmeasure.trajectory import Trajectory
-from lmeasure.trajectory.budget import RESTORED_ORIGIN
-from lmeasure.trajectory.spectrum import Vibration
+from lmeasure.text import Cause, Say, decimal, is_of, number, settled, signs, texts
+from lmeasure.trajectory import RESTORED_ORIGIN, Trajectory, Vibration
 
 DOMAIN = "trajectory"
 MOST_LINES = 100
@@ -54,7 +48,7 @@ def write_trajectory_page(
     body = [
         STYLE,
         *_verdict(found, rig, language),
-        html.table(("", ""), summary(found, language), "figures"),
+        html.table(("", ""), trajectory_summary(found, language), "figures"),
         *_left_out(found, language),
         html.heading(words["space"]),
         html.paragraph(" ".join(words[key] for key, there in shown.items() if there)),
@@ -86,7 +80,7 @@ def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
     return [html.paragraph(words["verdict.whole" if rig is None else "verdict.good"])]
 
 
-def summary(found: Along, language: str) -> list[tuple[str, str]]:
+def trajectory_summary(found: Along, language: str) -> list[tuple[str, str]]:
     """Names and figures that matter, the first ones of a page or a terminal."""
     words = texts(DOMAIN, language)
 

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import xarray as xr
 
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.linkage.slices import Piece
 from lmeasure.report.zone_html import write_zone_page
 from lmeasure.report.zone_pdf import write_zone_pdf
-from lmeasure.rig import Rig
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.structure import Piece
 
 
 def write_zone_report(

@@ -4,10 +4,10 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
-from lmeasure.accuracy.faults import VARIABLES
+from lmeasure.accuracy import VARIABLES
 from lmeasure.report import html
 from lmeasure.report.zone_maps import log_colours
-from lmeasure.saying import Say
+from lmeasure.text import Say
 
 
 def faults(zone: xr.Dataset, say: Say) -> list[str]:

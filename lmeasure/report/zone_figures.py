@@ -9,15 +9,14 @@ import plotly.graph_objects as go
 import xarray as xr
 from plotly.subplots import make_subplots
 
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.kernels.layout import BASE_XYZ
-from lmeasure.linkage.slices import Piece
+from lmeasure.core import FloatArray
+from lmeasure.kernels import BASE_XYZ, wrap_geometry
 from lmeasure.report import html
-from lmeasure.report.words import axes
+from lmeasure.report.text import axes
 from lmeasure.report.zone_maps import SCALE, log_colours
 from lmeasure.rig import Rig
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.structure import Piece
+from lmeasure.text import ENGLISH, Say
 
 EDGE, CABLES = "#e4572e", "#4a5568"
 MOST_LEVELS = 41

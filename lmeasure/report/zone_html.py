@@ -5,16 +5,15 @@ from pathlib import Path
 
 import xarray as xr
 
-from lmeasure.accuracy.extent import extent
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.linkage.slices import Piece
+from lmeasure.accuracy import extent
 from lmeasure.report import html, zone_text
 from lmeasure.report.structure import slices_figure
 from lmeasure.report.zone_faults import faults
 from lmeasure.report.zone_figures import space_figure
 from lmeasure.report.zone_maps import maps
-from lmeasure.rig import Rig
-from lmeasure.saying import Say
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.structure import Piece
+from lmeasure.text import Say
 
 
 def write_zone_page(

@@ -11,14 +11,11 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from lmeasure.accuracy.ellipsoids import ellipsoids
-from lmeasure.accuracy.limits import REASONS
-from lmeasure.arrays import FloatArray
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.catalogue import DECIMAL_MARK
+from lmeasure.accuracy import REASONS, ellipsoids
+from lmeasure.core import FloatArray
 from lmeasure.report import html
-from lmeasure.rig import Rig
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.text import DECIMAL_MARK, ENGLISH, Say
 
 SCRIPT = Path(__file__).with_name("zone.js")
 # perceptually even, and readable without colour vision

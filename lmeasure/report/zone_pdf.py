@@ -9,14 +9,14 @@ import plotly.colors
 import typst
 import xarray as xr
 
-from lmeasure import files
-from lmeasure.accuracy.extent import extent
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.accuracy import extent
+from lmeasure.core import BoolArray, FloatArray
+from lmeasure.io import files
 from lmeasure.report import html, zone_text
 from lmeasure.report.zone_figures import views
 from lmeasure.report.zone_maps import SCALE
 from lmeasure.rig import Rig
-from lmeasure.saying import Say
+from lmeasure.text import Say
 
 SLICES = 9
 TEMPLATE = Path(__file__).with_name("zone.typ")

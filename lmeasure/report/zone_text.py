@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from lmeasure.accuracy.extent import Extent
-from lmeasure.accuracy.zone_dataset import reasons
-from lmeasure.arrays import FloatArray
+from lmeasure.accuracy import Extent, reasons
+from lmeasure.core import FloatArray
 from lmeasure.rig import Rig
-from lmeasure.saying import Say
+from lmeasure.text import Say
 
 Rows = list[tuple[str, ...]]
 

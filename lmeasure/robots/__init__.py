@@ -1,1 +1,5 @@
-"""Robots under test and their identification. (Its own part of the plan.)"""
+"""Robots under test: their models, identification and correction."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

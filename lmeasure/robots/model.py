@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol, Self
 
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.core import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

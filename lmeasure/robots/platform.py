@@ -16,11 +16,10 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.checked import Name, Strict
-from lmeasure.lcoordinate.pluecker import pluecker_rows
-from lmeasure.robots.fields import Length, Place, named_once
+from lmeasure.core import BoolArray, FloatArray, IntArray, se3
+from lmeasure.io import Name, Strict
+from lmeasure.linkages import pluecker_rows
+from lmeasure.robots.file_fields import Length, Place, named_once
 from lmeasure.robots.model import Parameter
 
 LEGS = 6

@@ -8,11 +8,9 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from lmeasure import files
-from lmeasure.arrays import FloatArray
-from lmeasure.checked import Name, Strict, checked
-from lmeasure.errors import RobotError
-from lmeasure.robots.fields import Angle, Frame, Length, Place, Small, named_once
+from lmeasure.core import FloatArray, RobotError
+from lmeasure.io import Name, Strict, checked, files
+from lmeasure.robots.file_fields import Angle, Frame, Length, Place, Small, named_once
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.serial import Coupling, SerialArm

@@ -13,9 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.errors import RobotError
+from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
 
 LINK_COLUMNS = OFFSET, D, A, ALPHA, BETA = range(5)
 """Columns of a link table (n, 5): theta [rad], d [mm], a [mm], alpha [rad], beta [rad]."""

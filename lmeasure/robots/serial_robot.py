@@ -11,9 +11,8 @@ from typing import Self
 
 import numpy as np
 
-from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.robots.inverse import reach_mm, solutions
+from lmeasure.core import BoolArray, FloatArray, IntArray, se3
+from lmeasure.robots.inverse_kinematics import reach_mm, solutions
 from lmeasure.robots.model import Parameter
 from lmeasure.robots.serial import ALPHA, BETA, OFFSET, A, D, SerialArm
 

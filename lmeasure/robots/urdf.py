@@ -14,11 +14,8 @@ import numpy as np
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
-from lmeasure import files, se3
-from lmeasure.arrays import FloatArray
-from lmeasure.conventions import MAX_LENGTH_MM
-from lmeasure.errors import RobotError
-from lmeasure.opened import read_regular
+from lmeasure.core import MAX_LENGTH_MM, FloatArray, RobotError, se3
+from lmeasure.io import files, read_regular
 from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Joint, Prismatic, Robot, robot_from_dict, serial
 from lmeasure.robots.serial_robot import NEARLY_PARALLEL
 from lmeasure.robots.urdf_tree import CARRIED, MOVING, Branch, Mimic, Tree

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lmeasure.errors import RobotError
+from lmeasure.core import RobotError
 
 MOVING = ("revolute", "continuous", "prismatic")
 CARRIED = ("floating", "planar")

@@ -5,8 +5,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray, se3
 from lmeasure.rig import Cable, Drum, ObservationPoint, Rig
 
 # Found by a random search over places outside a 1400 mm cube: over a 600 mm cube and tilts up to 0.3 rad the worst pressure angle of six
@@ -25,7 +24,8 @@ WORK_SPACE_MM = 300.0
 """Half the edge of the cube about the origin that the cell measures."""
 WORK_TILT_RAD = 0.3
 
-# Planned (`calibration.planning`) for the cell of seed 0: 20 poses in its work space, known to 0.02 mm and 0.003 degrees: x, y, z and
+# Planned (`calibration.plan.pose_choice`) for the cell of seed 0: 20 poses in its work space, known to 0.02 mm and
+# 0.003 degrees: x, y, z and
 # rotation vector, mm and rad. They leave half of the uncertainty of the lengths that as many scattered poses leave.
 REFERENCE_POSES = (
     (-67.0, 81.8, 119.4, 0.300, -0.297, 0.300),

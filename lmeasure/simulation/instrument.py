@@ -5,16 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.counts import Counts
-from lmeasure.lengths import recorded_from_counts
-from lmeasure.poses import Poses, poses_from_rows
+from lmeasure.core import FloatArray, se3
+from lmeasure.recording import Counts, Poses, Run, poses_from_rows
 from lmeasure.rig import Cable, Rig
-from lmeasure.run import Run
+from lmeasure.sensors import drawn_phases, recorded_from_counts
 from lmeasure.simulation.machine import as_drawn, true_counts, with_play
 from lmeasure.simulation.motion import scattered_poses
-from lmeasure.zeroing import drawn_phases
 
 
 @dataclass(frozen=True)
@@ -26,7 +22,7 @@ class SimulatedRun:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class SimulatedCampaign:
     """A calibration campaign: the nominal rig a person would write down, the true one, the reference poses as measured and as they were,
     and the recorded counts (n, m) of the channels of pass 1, zeroed at the first pose."""
 
@@ -86,7 +82,7 @@ def simulate_campaign(
     nominal_shift_mm: float = 0.0,
     nominal_shift_deg: float = 0.0,
     temperature_c: FloatArray | None = None,
-) -> Campaign:
+) -> SimulatedCampaign:
     """`campaign_at` scattered poses: so many, about a centre, within half_mm of it and tilts up to tilt_rad."""
     return campaign_at(
         rig,
@@ -110,7 +106,7 @@ def campaign_at(
     nominal_shift_mm: float = 0.0,
     nominal_shift_deg: float = 0.0,
     temperature_c: FloatArray | None = None,
-) -> Campaign:
+) -> SimulatedCampaign:
     """Counts at reference poses (n, 7) whose measurement has the given standard uncertainties.
 
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
@@ -141,4 +137,4 @@ def campaign_at(
             )
         }
     )
-    return Campaign(nominal, rig, measured, poses, tuple(c.channel for c in cables), recorded, temperature_c)
+    return SimulatedCampaign(nominal, rig, measured, poses, tuple(c.channel for c in cables), recorded, temperature_c)

@@ -1,5 +1,5 @@
 """A rig whose drums and pulleys are not as drawn, as a machine: taut strings over eccentric discs, gears with play. Nothing here is a
-formula of the solvers (`observation.parts`, `kernels.cable`).
+formula of the solvers (`sensors.imperfect_parts`, `kernels.cable`).
 
 A cable comes from the fixed pulley G, goes tangentially on to the groove, around it, and tangentially to P. Tangents of a disc of radius
 R about C from a point at the distance d and the angle gamma touch it at gamma -+ acos(R/d). The pulley swivels to where the cable is
@@ -10,11 +10,9 @@ slot's other end takes it along.
 
 import numpy as np
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.effects import effects_of
-from lmeasure.lengths import counts_from_poses
+from lmeasure.core import FloatArray, se3
 from lmeasure.rig import Cable, Drum, ObservationPoint, Observed, Rig
+from lmeasure.sensors import counts_from_poses, effects_of
 
 GUIDE_MM = 500.0
 """From the fixed pulley to B, where the rig does not say."""
@@ -40,7 +38,7 @@ def true_counts(
     temperature_c: FloatArray | None = None,
     zero_temperature_c: float | None = None,
 ) -> FloatArray:
-    """(n, m) `lengths.counts_from_poses`, of cables over parts that are not as drawn by the machine. GeometryError as there."""
+    """(n, m) `sensors.lengths.counts_from_poses`, of cables over parts that are not as drawn by the machine. GeometryError as there."""
     plain = as_drawn(rig, tilted=True) if untrue(rig) else rig
     drawn = counts_from_poses(plain, poses, zero, cables, temperature_c=temperature_c, zero_temperature_c=zero_temperature_c)
     if plain is rig:

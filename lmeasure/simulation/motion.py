@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.errors import FileFormatError
+from lmeasure.core import FileFormatError, FloatArray, se3
 
 PEAK = 1.875
 """Largest rate of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its mean rate: at s = 1/2."""

@@ -9,17 +9,12 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from lmeasure import files
-from lmeasure.arrays import FloatArray
-from lmeasure.checked import Strict, checked
-from lmeasure.conventions import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C
-from lmeasure.errors import FileFormatError
-from lmeasure.poses import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses
-from lmeasure.rig import Rig, rig_from_dict, write_rig
-from lmeasure.run import read_linked_rig, write_run
-from lmeasure.shown import DataFrame, Shown, framed
+from lmeasure.core import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C, DataFrame, FileFormatError, FloatArray, Shown, framed
+from lmeasure.io import Strict, checked, files
+from lmeasure.recording import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses, write_run
+from lmeasure.rig import Rig, read_linked_rig, rig_from_dict, write_rig
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
-from lmeasure.simulation.instrument import Campaign, SimulatedRun, simulate_campaign, simulate_run
+from lmeasure.simulation.instrument import SimulatedCampaign, SimulatedRun, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, smooth_path
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -198,7 +193,7 @@ class Simulated(Shown):
     """What a scenario gives: a run when it has waypoints, a campaign when it asks for one."""
 
     run: SimulatedRun | None
-    campaign: Campaign | None
+    campaign: SimulatedCampaign | None
 
     def about(self) -> dict[str, str]:
         """Its parts."""
@@ -245,7 +240,7 @@ def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] |
     """Run the forward model; the same scenario and rig give the same counts. GeometryError when a cable cannot run at a pose.
 
     went: times (n,) and poses (n, 7) of what was moved otherwise than straight through the waypoints; a scenario's robot needs them
-    (`lmeasure.robot_scenario`), FileFormatError without.
+    (`lmeasure.iso9283.program.simulated_run`), FileFormatError without.
     """
     rng = np.random.default_rng(scenario.seed)
     run, campaign = None, None
@@ -295,7 +290,7 @@ def write_simulated(folder: Path, simulated: Simulated) -> None:
         write_run(folder, simulated.run.run)
 
 
-def write_campaign(folder: Path, campaign: Campaign) -> None:
+def write_campaign(folder: Path, campaign: SimulatedCampaign) -> None:
     """Write a calibration folder: nominal rig.toml, reference_poses.csv, counts.csv; the true rig and poses in `true/`."""
     folder = Path(folder)
     write_rig(folder / "true" / "rig.toml", campaign.true)

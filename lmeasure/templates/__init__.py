@@ -1,7 +1,5 @@
-"""Rigs to begin with: shapes of cells, what an error of each dimension costs, and files in which everything is explained."""
+"""Rigs to begin with: shapes of cells, the cost of an error of each dimension, and commented files."""
 
-from lmeasure.templates.costs import Cost, costs
-from lmeasure.templates.files import folder_files, rig_text
-from lmeasure.templates.shapes import TEMPLATES, Answers, Template, rig_of
+import lazy_loader
 
-__all__ = ["TEMPLATES", "Answers", "Cost", "Template", "costs", "folder_files", "rig_of", "rig_text"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.observation import CableLength, shared_errors, twists
-from lmeasure.observation.of_rig import cable_lengths
-from lmeasure.observation.parameters import GUIDE, PLACE
-from lmeasure.rig import Rig
+from lmeasure.core import FloatArray, se3
+from lmeasure.rig import GUIDE, PLACE, Rig
+from lmeasure.sensors import CableLength, cable_lengths, shared_errors, twists
 from lmeasure.templates.shapes import HALF_MM, TILT_RAD
 
 NODES = 3

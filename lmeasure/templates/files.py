@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from lmeasure.io import shipped
 from lmeasure.rig import ObservationPoint, Rig
-from lmeasure.schemas import shipped
 from lmeasure.templates.costs import Cost, costs
 from lmeasure.templates.shapes import HALF_MM, TILT_RAD
 
@@ -70,7 +70,7 @@ def rig_text(rig: Rig, about: str, schema: str = "") -> str:
 
 
 def _head(rig: Rig, about: str) -> str:
-    from lmeasure.conventions import CONVENTIONS
+    from lmeasure.core import CONVENTIONS
 
     lines = [f"\n  {', '.join(_text(n) for n in rig.assumed if n.startswith(f'{p.name}.'))}," for p in rig.observation_point]
     return HEAD.format(

@@ -19,5 +19,8 @@ Timelines: `time` (seconds of the run) and `sample` (its row), or `pose` (number
 
 import os
 
-# what rerun logs of files that it cannot write is said by the error of whoever writes them; read when rerun is first loaded
+import lazy_loader
+
+# rerun's own message about files that it cannot write would repeat ours; rerun reads this when it is first loaded
 os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import rerun as rr
 
-from lmeasure.acquisition.samples import Samples
-from lmeasure.errors import LMeasureError
+from lmeasure.acquisition import Samples
+from lmeasure.core import LMeasureError
 from lmeasure.view.recording import CableSeries
 
 

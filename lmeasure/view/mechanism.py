@@ -6,10 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lmeasure.robots.mechanisms.jacobians import nearness
-from lmeasure.robots.parallel.drawn import drawn
-from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.parallel.study import motion
+from lmeasure.robots import ParallelFile, drawn, motion, nearness
 from lmeasure.view.recording import recording
 from lmeasure.view.space import CABLE, GREY, THICK, metres
 

@@ -3,14 +3,12 @@
 import numpy as np
 import rerun as rr
 
-from lmeasure.arrays import FloatArray
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.poses import Poses
-from lmeasure.rig import Rig
-from lmeasure.run import Run
+from lmeasure.core import FloatArray
+from lmeasure.recording import Poses, Run
+from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.view.recording import cable_colour, entity_path, indexes_at, send_scalars, time_indexes
 from lmeasure.view.space import MAX_FRAMES, draw_frames, send_tool, thinned_note
-from lmeasure.view.thinned import Thinned
+from lmeasure.view.subsample import Thinned
 
 
 def log_truth(rec: rr.RecordingStream, rig: Rig, run: Run, poses: FloatArray) -> list[str]:

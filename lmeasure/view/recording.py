@@ -8,9 +8,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from lmeasure import files
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.errors import FileFormatError, LMeasureError
+from lmeasure.core import FileFormatError, FloatArray, IntArray, LMeasureError
+from lmeasure.io import files
 from lmeasure.view.viewer import check_recording
 
 Colour = tuple[int, int, int]

@@ -7,20 +7,13 @@ import rerun as rr
 import xarray as xr
 from numpy.typing import NDArray
 
-from lmeasure.accuracy.surface import zone_surface
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, RADIUS
-from lmeasure.poses import Poses
+from lmeasure.accuracy import zone_surface
+from lmeasure.core import FloatArray
+from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, RADIUS, wrap_geometry
+from lmeasure.recording import Poses
 from lmeasure.rig import Rig
-from lmeasure.view.recording import (
-    CABLE_COLOURS,
-    Colour,
-    cable_colour,
-    changed_rows,
-    entity_path,
-)
-from lmeasure.view.thinned import Thinned
+from lmeasure.view.recording import CABLE_COLOURS, Colour, cable_colour, changed_rows, entity_path
+from lmeasure.view.subsample import Thinned
 
 MAX_FRAMES = 3000  # pictures of the cables: a run of a minute at fifty a second
 MAX_PATH_POINTS = 20000

@@ -9,17 +9,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 import xarray as xr
 
-from lmeasure.arrays import FloatArray
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.catalogue import signs
-from lmeasure.counts import Counts, read_counts
-from lmeasure.lengths import LengthResiduals, Lengths, length_residuals
-from lmeasure.poses import Poses
-from lmeasure.rig import Rig
-from lmeasure.run import Run, RunHead
-from lmeasure.trajectory import Trajectory
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.stream import Each
+from lmeasure.core import FloatArray
+from lmeasure.recording import Counts, Poses, Run, RunHead, read_counts
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.sensors import LengthResiduals, Lengths, length_residuals
+from lmeasure.text import signs
+from lmeasure.trajectory import Each, Trajectory, align
 from lmeasure.view.plots import log_record, log_truth
 from lmeasure.view.recording import CableSeries, recording
 from lmeasure.view.space import GREY, PLAIN, TRUTH_COLOUR, log_path, log_reference, log_rig, log_zone, metres

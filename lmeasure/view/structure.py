@@ -7,12 +7,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.lcoordinate.structures import LINKS, incidence
-from lmeasure.linkage.links import Linkage
-from lmeasure.linkage.words import told
+from lmeasure.core import FloatArray, se3
+from lmeasure.kernels import wrap_geometry
+from lmeasure.linkages import LINKS, incidence
+from lmeasure.structure import Linkage, told
 from lmeasure.view.recording import cable_colour, recording
 from lmeasure.view.space import CABLE, GREY, PLAIN, THICK, metres
 
@@ -22,7 +20,7 @@ MEASURES = {"determinant": "Determinant [mm3]", "mm_per_mm": "Rim [mm per mm]", 
 
 
 def write_structure_recording(path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None) -> None:
-    """Write links and their record (`linkage.record.described`) as one .rrd; timeline `assembly`: 0 is the pose, and those of the lengths
+    """Write links and their record (`structure.record.described`) as one .rrd; timeline `assembly`: 0 is the pose, and those of the lengths
     behind it; timeline `way`: per mille of the way."""
     with recording(Path(path), f"lmeasure structure {name}") as rec:
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

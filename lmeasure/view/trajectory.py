@@ -6,15 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from lmeasure.accuracy.radius import stated_radii_95
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.causes import in_english
+from lmeasure.accuracy import stated_radii_95
+from lmeasure.core import WORDS, FloatArray, IntArray, Status
 from lmeasure.rig import Rig
-from lmeasure.status import WORDS, Status
+from lmeasure.text import in_english
 from lmeasure.trajectory import Trajectory
 from lmeasure.view.recording import changed_rows, entity_path, indexes_at, send_scalars, time_indexes
 from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, draw_frames, draw_shaded_path, send_tool, thinned_note
-from lmeasure.view.thinned import Thinned
+from lmeasure.view.subsample import Thinned
 
 GOOD, BAD = (0, 130, 95), (213, 94, 0)
 SERIES = {

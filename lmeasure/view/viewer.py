@@ -6,8 +6,8 @@ import sys
 import warnings
 from pathlib import Path
 
-from lmeasure.errors import FileFormatError, LMeasureError, pasted
-from lmeasure.opened import open_regular
+from lmeasure.core import FileFormatError, LMeasureError, pasted
+from lmeasure.io import open_regular
 
 # `python -m rerun_cli` would lose the exit code
 RERUN = (sys.executable, "-c", "import sys, rerun_cli.__main__ as r; sys.exit(r.main())")

@@ -21,7 +21,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
-from lmeasure.errors import LMeasureError
+from lmeasure.core import LMeasureError
 from lmeasure.view.viewer import check_recording
 
 LOOPBACK = "127.0.0.1"

@@ -4,3 +4,7 @@ A page asks, the command line works: every job is the command that the page show
 what the command line leaves. Rooms: `project` knows which files are what; `jobs` runs commands and keeps what they said; `forms` makes
 fields of a command's options; `guard` lets in only this machine's browser; `pages` and `api` answer; `server` listens.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

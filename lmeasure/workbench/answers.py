@@ -21,8 +21,8 @@ from lmeasure.workbench.cards import TITLES
 from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.processes import prepared
 from lmeasure.workbench.project import OutsideError, Project, inside, look_at
-from lmeasure.workbench.shelf import Shelf
-from lmeasure.workbench.words import preferred, said
+from lmeasure.workbench.project_list import Shelf
+from lmeasure.workbench.text import preferred, said
 from lmeasure.workbench.worker import Queue
 
 HERE = Path(__file__).parent

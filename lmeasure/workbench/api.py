@@ -10,17 +10,15 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from lmeasure import workflows
-from lmeasure.errors import LMeasureError
-from lmeasure.extras import version_of
+from lmeasure.core import LMeasureError, version_of
 from lmeasure.workbench import forms
 from lmeasure.workbench.answers import Bench, bench_of, job_of, page
 from lmeasure.workbench.project import OWN
-from lmeasure.workflows.options import options_of
+from lmeasure.workflows import COMMANDS, load, options_of
 
 
 def _commands() -> list[str]:
-    return [name for name in workflows.COMMANDS if name not in forms.NOT_HERE]
+    return [name for name in COMMANDS if name not in forms.NOT_HERE]
 
 
 def project(request: Request) -> Response:
@@ -82,7 +80,7 @@ async def job(request: Request) -> Response:
 
 def commands(request: Request) -> Response:
     """Every command with its options."""
-    every = {name: [o._asdict() for o in options_of(workflows.load(name).settings)] for name in _commands()}
+    every = {name: [o._asdict() for o in options_of(load(name).settings)] for name in _commands()}
     return JSONResponse({"commands": every})
 
 
@@ -96,7 +94,7 @@ def described() -> dict[str, Any]:
     bodies: list[dict[str, Any]] = []
     schemas: dict[str, Any] = {}
     for name in _commands():
-        schema = workflows.load(name).settings.model_json_schema(ref_template="#/components/schemas/{model}")
+        schema = load(name).settings.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas |= schema.pop("$defs", {})
         schemas[f"{name}-settings"] = schema | {"title": f"{name} settings"}
         told = {"command": {"const": name}, "settings": {"$ref": f"#/components/schemas/{name}-settings"}}

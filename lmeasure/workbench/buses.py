@@ -1,6 +1,6 @@
 """Buses of a project: which is used, and the simulated cell that plays on one."""
 
-from lmeasure.catalogue import typed
+from lmeasure.text import typed
 from lmeasure.workbench import forms
 from lmeasure.workbench.jobs import Job, Jobs
 
@@ -29,7 +29,7 @@ def _bus(job: Job) -> str:
     """The bus of a job's command line, as it was or by default."""
     given = forms.of_words(job.command, job.words)
     if job.command == "play":
-        from lmeasure.workflows.play import GROUP
+        from lmeasure.workflows import GROUP
 
         return str(given.get("bus") or GROUP)
     return str(given.get("bus", ""))

@@ -10,9 +10,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from lmeasure.calibration.compare import Comparison, chance, compare_records, read_earlier
-from lmeasure.errors import LMeasureError
-from lmeasure.saying import Say
+from lmeasure.calibration import Comparison, chance, compare_records, read_earlier
+from lmeasure.core import LMeasureError
+from lmeasure.text import Say
 from lmeasure.workbench.answers import Bench, bench_of, language_of, page, within
 from lmeasure.workbench.project import LARGEST_JSON, OutsideError, inside
 

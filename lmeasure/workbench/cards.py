@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.opened import read_regular
+from lmeasure.core import LMeasureError, SettingsError
+from lmeasure.io import read_regular
 from lmeasure.workbench import forms
 from lmeasure.workbench.project import LARGEST_TEXT, Project
 from lmeasure.workflows import COMMANDS

@@ -14,15 +14,25 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from lmeasure import files
-from lmeasure.certification.printed import with_u95
-from lmeasure.errors import LMeasureError
-from lmeasure.opened import read_regular
+from lmeasure.certificate import with_u95
+from lmeasure.core import LMeasureError
+from lmeasure.io import files, read_regular
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
-from lmeasure.workbench.answers import Bench, Form, bench_of, language_of, page, posted, refused, unread, uploads_of, within
+from lmeasure.workbench.answers import (
+    Bench,
+    Form,
+    bench_of,
+    language_of,
+    page,
+    posted,
+    refused,
+    unread,
+    uploads_of,
+    within,
+)
 from lmeasure.workbench.project import LARGEST_JSON, LARGEST_TEXT, OutsideError, Project, inside
+from lmeasure.workbench.text import said
 from lmeasure.workbench.uploads import Uploads, take_in, take_in_folder
-from lmeasure.workbench.words import said
 
 FOLLOWED = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")
 """Figures that are drawn over time: the largest of each."""

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lmeasure import files
-from lmeasure.certification.details import SCHEMA, Details
-from lmeasure.checked import checked
-from lmeasure.errors import LMeasureError
-from lmeasure.report import certificate_text
-from lmeasure.report.words import word
-from lmeasure.workbench.words import said
+from lmeasure.certificate import SCHEMA, Details
+from lmeasure.core import LMeasureError
+from lmeasure.io import checked, files
+from lmeasure.report import about, title, word
+from lmeasure.workbench.text import said
 
 
 class Entry(NamedTuple):
@@ -142,4 +140,4 @@ def printed(content: Mapping[str, Any], language: str) -> tuple[str, list[tuple[
     details = {**checked(dict(content), Details, "details").stated(), "show_not_stated": True}
     now = datetime.datetime.now(datetime.UTC).isoformat()
     certificate = {"language": language, "details": details, "id": "LM-…", "created": now}
-    return certificate_text.title(certificate), certificate_text.about(certificate)
+    return title(certificate), about(certificate)

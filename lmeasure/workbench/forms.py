@@ -10,12 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.opened import LARGEST_NAME
+from lmeasure.core import LMeasureError, SettingsError
+from lmeasure.io import LARGEST_NAME
 from lmeasure.workbench.project import OutsideError, Project, inside
-from lmeasure.workflows import load
-from lmeasure.workflows.options import Option, command_line, options_of
-from lmeasure.workflows.settings import Writing, said_of
+from lmeasure.workflows import Option, Writing, command_line, load, options_of, said_of
 
 HIDDEN = {"scheduler"}
 """Options that would make this machine ask another one."""

@@ -22,7 +22,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lmeasure.opened import LARGEST_NAME
+from lmeasure.io import LARGEST_NAME
 
 HERE = "127.0.0.1"
 """The one name of this server: by `localhost` a browser may come to another program's [::1]."""

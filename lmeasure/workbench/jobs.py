@@ -16,9 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lmeasure.errors import LMeasureError
-from lmeasure.files import not_written
-from lmeasure.opened import read_regular
+from lmeasure.core import LMeasureError
+from lmeasure.io import not_written, read_regular
 from lmeasure.workbench import processes
 from lmeasure.workbench.project import OWN
 

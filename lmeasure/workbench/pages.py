@@ -12,15 +12,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from lmeasure import workflows
-from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.files import not_written
+from lmeasure.core import LMeasureError, SettingsError
+from lmeasure.io import not_written
 from lmeasure.workbench import forms, runs
 from lmeasure.workbench.answers import COOKIE, Form, bench_of, form_of, job_of, language_of, lost, page, posted
 from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking
 from lmeasure.workbench.jobs import DONE, FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
-from lmeasure.workbench.words import said
+from lmeasure.workbench.text import said
+from lmeasure.workflows import COMMANDS, JOBS
 
 STEP_NAMES = {
     "rig": "Rig",
@@ -98,7 +98,7 @@ async def one_command(request: Request) -> Response:
 def _asked(request: Request, form: Form | None) -> Response | list[str]:
     """Return the words of the job that a form asks for, or the page of the form."""
     name, bench = request.path_params["command"], bench_of(request)
-    if name not in workflows.COMMANDS or name in forms.NOT_HERE:
+    if name not in COMMANDS or name in forms.NOT_HERE:
         return lost(request, said(language_of(request), "{name}: no command that runs from a page", name=name))
     if form is None:
         query = {key: request.query_params.getlist(key) for key in request.query_params}
@@ -133,7 +133,7 @@ def _wrong(request: Request, form: Form, error: LMeasureError) -> Response:
 def line(request: Request, form: Form) -> Response:
     """The command line of a form as it stands, and what is wrong with it."""
     name, bench = request.path_params["command"], bench_of(request)
-    if name not in workflows.COMMANDS or name in forms.NOT_HERE:
+    if name not in COMMANDS or name in forms.NOT_HERE:
         return JSONResponse({"error": "no such command"}, 404)
     given = forms.filled_in(name, form)
     words = forms.written_down(name, given)
@@ -239,7 +239,7 @@ async def answer(request: Request) -> Response:
 
 def all_commands(request: Request) -> Response:
     """Every command, by job."""
-    groups = {job: {n: t for n, t in names.items() if n not in forms.NOT_HERE} for job, names in workflows.JOBS.items()}
+    groups = {job: {n: t for n, t in names.items() if n not in forms.NOT_HERE} for job, names in JOBS.items()}
     return page(request, "commands.html", groups=groups)
 
 

@@ -1,6 +1,6 @@
 """Processes of jobs: forked from one that has loaded what commands need, or begun by themselves where there is none.
 
-The first takes 0.1 s to its first word, the second 1 to 3 s. There is one prepared process (lmeasure.cli.prepared) for all projects of a
+The first takes 0.1 s to its first word, the second 1 to 3 s. There is one prepared process (lmeasure.cli.fork_server) for all projects of a
 server, begun once a page has been shown or a job has ended, so that the first page need not wait for it; until it has loaded all, where the
 system forks otherwise (Windows, macOS) and where it has died, jobs are begun by themselves.
 """
@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO
 
-PREPARED = (sys.executable, "-P", "-m", "lmeasure.cli.prepared")
+PREPARED = (sys.executable, "-P", "-m", "lmeasure.cli.fork_server")
 """-P: a file of the project called random.py is no library of Python."""
 READY, ONE = b"ready", b"one"
 """That it has loaded all; that it shall fork one."""

@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from lmeasure.errors import LMeasureError
-from lmeasure.opened import LARGEST_NAME, open_regular, read_regular
-from lmeasure.toml_lines import loads
+from lmeasure.core import LMeasureError
+from lmeasure.io import LARGEST_NAME, loads, open_regular, read_regular
 
 OWN = ".workbench"
 DEEP, MANY = 5, 5000

@@ -6,11 +6,11 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 
-from lmeasure.errors import LMeasureError
+from lmeasure.core import LMeasureError
 from lmeasure.workbench.answers import Form, bench_of, language_of, lost, posted
 from lmeasure.workbench.pages import home
 from lmeasure.workbench.project import OutsideError
-from lmeasure.workbench.words import said
+from lmeasure.workbench.text import said
 
 
 def begin(request: Request, form: Form) -> Response:

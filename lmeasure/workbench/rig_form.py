@@ -9,15 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lmeasure import files
-from lmeasure.accuracy.limits import Limits
-from lmeasure.accuracy.placement import Placement
-from lmeasure.accuracy.surroundings import box_around
-from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
-from lmeasure.checked import checked
-from lmeasure.drum import DrumsFile
-from lmeasure.errors import LMeasureError
-from lmeasure.rig import rig_from_dict
+from lmeasure.accuracy import Limits, Placement, Scan, axis, box_around, map_zone, tilts
+from lmeasure.core import LMeasureError
+from lmeasure.io import checked, files
+from lmeasure.rig import DrumsFile, rig_from_dict
 from lmeasure.workbench.project import LARGEST_TEXT, OutsideError, schema_of
 
 UNITS = {"_mm": "mm", "_deg": "deg", "_mm_s": "mm/s", "_rad": "rad", "_s": "s"}

@@ -9,9 +9,10 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from lmeasure.errors import LMeasureError
-from lmeasure.run import read_run_head
-from lmeasure.view import web
+from lmeasure.core import LMeasureError
+from lmeasure.recording import read_run_head
+from lmeasure.view import policy as web_policy
+from lmeasure.view import viewer_file
 from lmeasure.workbench import trajectories
 from lmeasure.workbench.answers import bench_of, file_of, language_of, lost, page, unread, within
 from lmeasure.workbench.project import Project
@@ -101,14 +102,14 @@ def viewer(request: Request) -> Response:
     """rerun's viewer, as `lmeasure view --web` serves it; its page runs its own code and reads recordings of the project alone."""
     name = request.path_params["path"]
     try:
-        found = web.viewer_file(name)
+        found = viewer_file(name)
     except (LMeasureError, OSError) as error:
         return unread(request, error)
     if found is None:
         return lost(request, "There is no such file in the project.")
     kind, content = found
     origin = f"{request.url.scheme}://{request.headers['host']}{request.scope['at']}"
-    policy = web.policy(f"{origin}/raw/ {origin}/viewer/") + "; frame-ancestors 'self'"
+    policy = web_policy(f"{origin}/raw/ {origin}/viewer/") + "; frame-ancestors 'self'"
     headers = {"Content-Security-Policy": policy, "Cache-Control": "no-store" if kind.startswith("text/html") else "private, max-age=86400"}
     return Response(content, media_type=kind, headers=headers)
 

@@ -24,27 +24,27 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
-from lmeasure import workflows
-from lmeasure.catalogue import decimal, number, typed
-from lmeasure.errors import LMeasureError
-from lmeasure.files import not_written
-from lmeasure.report.html import kept
-from lmeasure.workbench import api, calibrations, certificates, pages, projects, runs, things
+from lmeasure.core import LMeasureError
+from lmeasure.io import not_written
+from lmeasure.report import kept
+from lmeasure.text import decimal, number, typed
+from lmeasure.workbench import api, calibrations, certificates, pages, project_files, projects, runs
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused
 from lmeasure.workbench.guard import HERE as LOOPBACK
 from lmeasure.workbench.guard import Door, Guard, secured
 from lmeasure.workbench.project import OWN
-from lmeasure.workbench.shelf import Shelf
-from lmeasure.workbench.words import said
+from lmeasure.workbench.project_list import Shelf
+from lmeasure.workbench.text import said
+from lmeasure.workflows import COMMANDS, load
 
 GRACE_S = 3
 LONGEST_END_S = 30.0
 """After which a server that was ended ends, whatever it waits for."""
 _OPTION = re.compile(r"--[a-z][\w-]*")
-for _name in workflows.COMMANDS:
+for _name in COMMANDS:
     # at the start, in one thread: what two requests begin to load at once is seen in halves
-    workflows.load(_name)
-ROUTES = (projects, pages, things, runs, calibrations, certificates, api)
+    load(_name)
+ROUTES = (projects, pages, project_files, runs, calibrations, certificates, api)
 """Modules that answer."""
 
 

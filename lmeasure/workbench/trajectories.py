@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.accuracy.along import AXIS_95, Along, along, kept_rows, merged
-from lmeasure.errors import FileFormatError
-from lmeasure.report.trajectory import about_stretch, summary
-from lmeasure.shown import framed
-from lmeasure.tables import decoded_bytes
+from lmeasure.accuracy import AXIS_95, Along, along, kept_rows, merged
+from lmeasure.core import FileFormatError, framed
+from lmeasure.io import decoded_bytes
+from lmeasure.report import about_stretch, trajectory_summary
 from lmeasure.trajectory import read_trajectory
 
 SHOWN = 1500
@@ -39,7 +38,7 @@ def about(path: Path, language: str) -> dict[str, Any]:
     """Return summary, left_out, begin and end [s] of a trajectory file, in words of a language."""
     found = _along(path)
     time_s = found.trajectory.time_s
-    told = {"summary": summary(found, language), "left_out": left_out(found, language)}
+    told = {"summary": trajectory_summary(found, language), "left_out": left_out(found, language)}
     return told | {"begin": float(time_s[0]), "end": float(time_s[-1])}
 
 

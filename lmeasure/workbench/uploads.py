@@ -10,9 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from lmeasure.errors import LMeasureError
-from lmeasure.files import not_written
-from lmeasure.opened import LARGEST_NAME, open_zip, unpack
+from lmeasure.core import LMeasureError
+from lmeasure.io import LARGEST_NAME, not_written, open_zip, unpack
 from lmeasure.workbench.guard import LARGEST_UPLOAD
 from lmeasure.workbench.project import OutsideError
 

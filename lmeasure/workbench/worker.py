@@ -17,7 +17,7 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
-from lmeasure.errors import FileFormatError, LMeasureError
+from lmeasure.core import FileFormatError, LMeasureError
 
 MEMORY = 2**32
 """Bytes that the process may take beyond what it takes when it begins; no more than half of the machine's."""

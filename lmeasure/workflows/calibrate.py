@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import CalibrationError, SettingsError
+from lmeasure.core import CalibrationError, SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import (
     COLUMNS,
@@ -25,7 +25,7 @@ from lmeasure.workflows.settings import (
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Calibration, Campaign
-    from lmeasure.calibration_record import CalibrationRecord
+    from lmeasure.rig import CalibrationRecord
 
 
 class Settings(Writing):
@@ -105,13 +105,11 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]":
     """Calibrate, and write rig, record and page. CalibrationError where the rig must not be used, which is then not written."""
-    from lmeasure import calibration as stage
-    from lmeasure.calibration import compare as comparing
-    from lmeasure.calibration.known_lengths import Distance
-    from lmeasure.calibration_record import write_calibration_record
-    from lmeasure.poses import write_poses
-    from lmeasure.report.calibration import write_calibration_page
-    from lmeasure.rig import write_rig
+    from lmeasure.calibration import CalibrationSettings, Distance, calibrate, comparison_summary, read_earlier
+    from lmeasure.calibration import compare as comparing_compare
+    from lmeasure.recording import write_poses
+    from lmeasure.report import write_calibration_page
+    from lmeasure.rig import write_calibration_record, write_rig
 
     out = settings.out
     if settings.continued:
@@ -119,12 +117,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     campaign = _campaign(settings)
     u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     campaign = replace(campaign, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
-    earlier = None if settings.compare is None else comparing.read_earlier(settings.compare)
+    earlier = None if settings.compare is None else read_earlier(settings.compare)
     fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
     known = tuple(Distance(*each) for each in distances(settings.distance))
-    chosen = stage.Settings(**{name: getattr(settings, name) for name in fit}, distances=known)
-    result = stage.calibrate(campaign, chosen, steps(progress, "calibrating"))
-    comparison = None if earlier is None else comparing.compare(earlier, result, settings.seed)
+    chosen = CalibrationSettings(**{name: getattr(settings, name) for name in fit}, distances=known)
+    result = calibrate(campaign, chosen, steps(progress, "calibrating"))
+    comparison = None if earlier is None else comparing_compare(earlier, result, settings.seed)
     write_calibration_page(out / "report.html", result, comparison, settings.language or of_terminal())
     write_calibration_record(out / "calibration.json", result.record)
     if result.refused is not None:
@@ -135,10 +133,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     if result.record.poses:
         write_poses(out / "poses.csv", result.campaign.poses)
     if settings.rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         write_recording(settings.rerun, result.rig, nominal=campaign.rig, reference=result.campaign.poses, record=result.record)
-    compared = () if comparison is None else tuple(comparing.summary(comparison).splitlines())
+    compared = () if comparison is None else tuple(comparison_summary(comparison).splitlines())
     poses = f", {out / 'poses.csv'}" if result.record.poses else ""
     written = f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}{poses}"
     return Result(
@@ -151,17 +149,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
 
 def _campaign(settings: Settings) -> "Campaign":
     """The campaign of a calibration folder, or of a run whose poses are found with the rig."""
-    from lmeasure import calibration as stage
-    from lmeasure.calibration.motion import is_run, read_motion
-    from lmeasure.calibration.slips import without_slips
-    from lmeasure.foreign import columns_of
-    from lmeasure.start import stated_start
+    from lmeasure.calibration import is_run, read_campaign, read_motion, without_slips
+    from lmeasure.io import columns_of
+    from lmeasure.recording import stated_start
 
     if not is_run(settings.folder):
         for name in ("rig", "start"):
             if getattr(settings, name) is not None:
                 raise SettingsError(name, "goes with a run folder")
-        read = stage.read_campaign(settings.folder, columns_of(settings.columns))
+        read = read_campaign(settings.folder, columns_of(settings.columns))
         return without_slips(read, str(settings.folder / "reference_poses.csv"))
     if not settings.self_calibration:
         raise CalibrationError(f"{settings.folder}: a run has no reference poses: calibrate by it with --self, or go on with --continue")
@@ -172,15 +168,17 @@ def _campaign(settings: Settings) -> "Campaign":
 
 def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
     """The record that a run's rig links, refined by the run, into a new folder."""
-    from lmeasure import calibration as stage
-    from lmeasure.calibration.continuing import continued
-    from lmeasure.calibration.motion import is_run, read_motion
-    from lmeasure.calibration.prediction import predict
-    from lmeasure.calibration.recording import predicted_entry
-    from lmeasure.calibration_record import write_calibration_record
-    from lmeasure.report.calibration import write_calibration_page
-    from lmeasure.rig import write_rig
-    from lmeasure.start import stated_start
+    from lmeasure.calibration import (
+        Calibration,
+        continued,
+        is_run,
+        predict,
+        predicted_entry,
+        read_motion,
+    )
+    from lmeasure.recording import stated_start
+    from lmeasure.report import write_calibration_page
+    from lmeasure.rig import write_calibration_record, write_rig
 
     if not is_run(settings.folder):
         raise CalibrationError(f"{settings.folder}: --continue takes a run folder")
@@ -194,7 +192,7 @@ def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
         raise CalibrationError(f"{settings.folder}: {found.moved}; nothing is written")
     predicted = predict(campaign, found.rig, found.record, settings.seed)
     record = found.record.model_copy(update={"predicted": predicted_entry(campaign, predicted)})
-    result = stage.Calibration(found.rig, record, campaign, predicted)
+    result = Calibration(found.rig, record, campaign, predicted)
     out = settings.out
     write_calibration_page(out / "report.html", result, None, settings.language or of_terminal())
     write_calibration_record(out / "calibration.json", record)

@@ -5,15 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
-from lmeasure.errors import CancelledError, pasted
+from lmeasure.core import CancelledError, pasted
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.counting import Progress as State
-    from lmeasure.acquisition.session import Link
-    from lmeasure.capture.folder import CaptureFolder
-    from lmeasure.capture.session import Session
+    from lmeasure.acquisition import Link
+    from lmeasure.acquisition import Progress as State
+    from lmeasure.procedures import CaptureFolder, Session
 
 READING = "How a reading is taken"
 KNOWN = "How well the poses are known"
@@ -81,11 +80,9 @@ def run(
     say takes lines for a person, keys gives what the person types (nobody types without), ask puts a question, show is told the state of
     things all the while. A source that ends before the poses do, and counters that do not come back, are failures.
     """
-    from lmeasure.acquisition.canopen_objects import as_mapped
-    from lmeasure.acquisition.import_log import with_files_beside
-    from lmeasure.acquisition.session import connect, options_from_text
-    from lmeasure.capture import session as stage
-    from lmeasure.capture.folder import open_folder
+    from lmeasure.acquisition import as_mapped, connect, options_from_text, with_files_beside
+    from lmeasure.procedures import Session, open_folder
+    from lmeasure.procedures import Settings as stage_Settings
     from lmeasure.rig import read_rig
 
     rig, here = read_rig(settings.rig).model_copy(update={"calibration": None}), settings.rig.parent
@@ -96,8 +93,8 @@ def run(
         channels = tuple(f.channel for f in link.fields)
         folder = open_folder(settings.out, kept, channels, settings.passage, planned=settings.poses, beside=beside)
         _state_uncertainty(settings, folder, ask)
-        how = stage.Settings(settings.by, settings.dwell_s, settings.settle_s, settings.closure)
-        session = stage.Session(folder, how, say)
+        how = stage_Settings(settings.by, settings.dwell_s, settings.settle_s, settings.closure)
+        session = Session(folder, how, say)
         if keys is None:
             session.keys_are_gone()
         ended = "complete" if session.finished else _record(session, link, progress, keys, show)
@@ -108,7 +105,7 @@ def run(
 
 def _state_uncertainty(settings: Settings, folder: "CaptureFolder", ask: Callable[[str], str] | None) -> None:
     """What the options say, and where they do not and the file does not either, what a person answers."""
-    from lmeasure.capture.folder import UNCERTAINTIES
+    from lmeasure.procedures import UNCERTAINTIES
 
     stated = {name: value for name in UNCERTAINTIES if (value := getattr(settings, name)) is not None}
     poses = folder.poses
@@ -142,7 +139,7 @@ def _number(ask: Callable[[str], str], question: str) -> float | None:
 
 def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | None, show: "Callable[[Session], None] | None") -> str:
     """Record frames while the session goes on; how the recording ended."""
-    from lmeasure.acquisition.recorder import record
+    from lmeasure.acquisition import record
 
     folder = session.folder
     cables = tuple(c.model_copy(update={"passage": 1}) for c in folder.rig.cables_of(folder.passage))

@@ -3,11 +3,20 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import OtherTrajectoryError, SettingsError
-from lmeasure.saying import Say
+from lmeasure.core import OtherTrajectoryError, SettingsError
+from lmeasure.text import Say, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Paths, Point, Writing, option
+from lmeasure.workflows.settings import (
+    COLUMNS,
+    LANGUAGE,
+    TRAJECTORY,
+    U_POSITION,
+    U_ROTATION,
+    Paths,
+    Point,
+    Writing,
+    option,
+)
 
 CHOICES = "What is certified"
 
@@ -47,7 +56,7 @@ class Settings(Writing):
     seed: Annotated[int, option("Its seed.", ge=0, panel=CHOICES)] = 0
 
     def paths(self) -> Paths:
-        """A folder, which is replaced as a whole (`certification.bundle.new_folder`) and known by its manifest, and a zip beside it."""
+        """A folder, which is replaced as a whole (`certificate.bundle.new_folder`) and known by its manifest, and a zip beside it."""
         folder, zipped = self.out, f"{self.out.resolve().name}.zip"
         packed = inside(folder.resolve().parent, zipped, f"{zipped}.sha256") if self.zipped else ()
         read = (self.trajectory, self.program, *present(self.details, self.key, self.xsd))
@@ -57,10 +66,10 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
     """Evaluate the measurement and write the sealed folder; what was made is the certificate."""
-    from lmeasure import certification as stage
-    from lmeasure.certification.measure import Inputs
-    from lmeasure.conventions import CONVENTIONS
-    from lmeasure.report.certificate import Choices, every_figure, headline, write_certificate
+    from lmeasure.certificate import Inputs
+    from lmeasure.core import CONVENTIONS
+    from lmeasure.iso9283 import CertificationSettings
+    from lmeasure.report import Choices, every_figure, headline, write_certificate
 
     if settings.xsd is not None and not settings.dcc:
         raise SettingsError("xsd", "goes with --dcc")
@@ -75,7 +84,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     if settings.angles is not None and settings.angles not in CONVENTIONS:
         raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
     same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "rule", "still_mm", "trials", "seed")
-    chosen = stage.Settings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
+    chosen = CertificationSettings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
     measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
     choices = Choices(settings.language or of_terminal(), settings.key, settings.dcc, settings.xsd, settings.zipped, settings.force)

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import LMeasureError
+from lmeasure.core import LMeasureError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.check import Ask, Check
+    from lmeasure.acquisition import Ask, Check
 
 
 class Settings(Writing):
@@ -30,10 +30,8 @@ class Settings(Writing):
 def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Result[Check]":
     """Walk through the self-test: ask tells a person what to do and comes back when it is done;
     progress names the devices that were found. Faults are a failure."""
-    from lmeasure import files
-    from lmeasure.acquisition.check import check, corrected, not_corrected
-    from lmeasure.acquisition.session import connect, options_from_text
-    from lmeasure.acquisition.wraps import range_notes
+    from lmeasure.acquisition import connect, corrected, not_corrected, options_from_text, range_notes, self_test
+    from lmeasure.io import files
     from lmeasure.rig import rig_from_dict
 
     document = files.read_toml(settings.rig)
@@ -44,7 +42,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
             progress(0.0, note)
         for device in link.devices:
             progress(0.0, ", ".join(f"{k} {v}" for k, v in device.identity().items()))
-        result = check(rig, link, ask, passage=settings.passage, turns=settings.turns)
+        result = self_test(rig, link, ask, passage=settings.passage, turns=settings.turns)
     finally:
         link.source.close()
     faults = result.all_faults

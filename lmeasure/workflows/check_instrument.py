@@ -4,14 +4,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, START, Distances, Paths, Start, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.interim import Checked
-    from lmeasure.interim.closures import Closure
+    from lmeasure.procedures import Checked, Closure
 
 
 class Settings(Writing):
@@ -50,13 +49,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     """Check, append to the trend, and write record and page."""
     import json
 
-    from lmeasure import files
-    from lmeasure.interim import Distance, Limits, check_instrument
-    from lmeasure.interim.check import as_dict, said, verdict_text
-    from lmeasure.interim.trend import appended, now
-    from lmeasure.report.interim import write_check_page
-    from lmeasure.run import read_run
-    from lmeasure.start import stated_start
+    from lmeasure.calibration import Distance
+    from lmeasure.io import files
+    from lmeasure.procedures import Limits, appended, as_dict, check_instrument, now, said, verdict_text
+    from lmeasure.recording import read_run, stated_start
+    from lmeasure.report import write_check_page
     from lmeasure.workflows.settings import distances
 
     if settings.trend is not None and settings.trend.suffix.lower() != ".csv":

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.calibration.compare import Comparison as Moved
-    from lmeasure.certification.compare import Comparison
+    from lmeasure.calibration import Comparison as Moved
+    from lmeasure.certificate import Comparison
 
 
 class Settings(Writing):
@@ -49,15 +49,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
     """Compare, and write the figures where they are asked for."""
     if any(_is_calibration(path) for path in settings.certificates):
         return _calibrations(settings)
-    from lmeasure import files
-    from lmeasure.certification.bundle import CERTIFICATE
-    from lmeasure.certification.canonical import canonical
-    from lmeasure.certification.compare import as_dict, compare_certificates, lines
-    from lmeasure.certification.improvement import improvement
-    from lmeasure.certification.verify import read_certificate
-    from lmeasure.report.comparison import told as of_improvement
-    from lmeasure.report.comparison import write_comparison_page
-    from lmeasure.robots.corrected_program import identified_mm
+    from lmeasure.certificate import CERTIFICATE, as_dict, canonical, compare_certificates, improvement, lines, read_certificate
+    from lmeasure.io import files
+    from lmeasure.report import told as of_improvement
+    from lmeasure.report import write_comparison_page
+    from lmeasure.robot_programs import identified_mm
 
     read = [(str(path), read_certificate(path / CERTIFICATE if path.is_dir() else path)) for path in settings.certificates]
     found = compare_certificates(read)
@@ -95,9 +91,9 @@ def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
     """What moved between two calibrations, by their records."""
     from dataclasses import asdict
 
-    from lmeasure import files
-    from lmeasure.calibration.compare import compare_records, read_earlier, summary
-    from lmeasure.certification.canonical import canonical
+    from lmeasure.calibration import compare_records, comparison_summary, read_earlier
+    from lmeasure.certificate import canonical
+    from lmeasure.io import files
 
     other = next((path for path in settings.certificates if not _is_calibration(path)), None)
     if other is not None:
@@ -111,4 +107,4 @@ def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
     if settings.out is not None:
         files.write_text(settings.out, canonical(asdict(found)).decode("utf-8"))
     figures = {"largest_shift_mm": found.together.distance_mm, "moved": float(sum(p.moved for p in found.points))}
-    return Result(found, tuple(summary(found).splitlines()), figures, found.notes)
+    return Result(found, tuple(comparison_summary(found).splitlines()), figures, found.notes)

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import RobotError, SettingsError
+from lmeasure.core import RobotError, SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import BOX, LANGUAGE, Box, Names, Numbers, Paths, Spans, Writing, option, pose_of
 
 if TYPE_CHECKING:
-    from lmeasure.arrays import FloatArray
-    from lmeasure.robots.corrected_program import Corrected
-    from lmeasure.robots.correction import Limits
-    from lmeasure.robots.dialects.program_text import Dialect, Listing
+    from lmeasure.core import FloatArray
+    from lmeasure.robot_programs import Corrected, Dialect, Listing
+    from lmeasure.robots import Limits
 
 
 class Settings(Writing):
@@ -85,8 +84,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     """Correct, and write the programs and what was done."""
     import numpy as np
 
-    from lmeasure.chains.correction import write_correction
-    from lmeasure.robots.dialects.known import NAMES
+    from lmeasure.demo import write_correction
+    from lmeasure.robot_programs import NAMES
 
     names = [path.name for path in settings.programs]
     if len(set(names)) != len(names):
@@ -125,8 +124,8 @@ Correcting = Callable[["Listing", "Dialect"], "tuple[Corrected, list[str]]"]
 
 
 def _by_model(settings: Settings) -> Correcting:
-    from lmeasure.robots.corrected_program import corrected_program
-    from lmeasure.robots.identified_robot import read_identified
+    from lmeasure.robot_programs import corrected_program
+    from lmeasure.robots import read_identified
 
     assert settings.identified is not None
     robot = read_identified(settings.identified)
@@ -140,10 +139,9 @@ def _by_model(settings: Settings) -> Correcting:
 def _by_map(settings: Settings) -> Correcting:
     import numpy as np
 
-    from lmeasure.foreign import columns_of
-    from lmeasure.robots.error_map import error_map
-    from lmeasure.robots.mapped_program import mapped_program
-    from lmeasure.robots.read_map import read_map
+    from lmeasure.io import columns_of
+    from lmeasure.robot_programs import mapped_program
+    from lmeasure.robots import error_map, read_map
 
     assert settings.map is not None
     for name in ("near", "base"):
@@ -174,7 +172,7 @@ def _frame(values: tuple[float, ...] | None, name: str) -> "FloatArray | None":
 def _limits(settings: Settings) -> "Limits":
     import numpy as np
 
-    from lmeasure.robots.correction import Limits
+    from lmeasure.robots import Limits
 
     box = () if settings.keep_out is None else (np.array(settings.keep_out),)
     return Limits(settings.most_mm, float(np.radians(settings.most_deg)), settings.clip, box)
@@ -182,9 +180,8 @@ def _limits(settings: Settings) -> "Limits":
 
 def _listing(settings: Settings) -> "tuple[Listing, Dialect]":
     """The program with the frames that are stated, without the targets that are skipped; RobotError where nothing is left."""
-    from lmeasure.foreign import columns_of
-    from lmeasure.robots.dialects.known import dialect_of, opened
-    from lmeasure.robots.dialects.program_text import Unread
+    from lmeasure.io import columns_of
+    from lmeasure.robot_programs import Unread, dialect_of, opened
 
     names = [path.name for path in settings.programs]
     sources = opened(settings.programs)
@@ -208,10 +205,9 @@ def read_frames(path: Path) -> "dict[str, FloatArray]":
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from lmeasure import files, se3
-    from lmeasure.conventions import CONVENTIONS, MAX_LENGTH_MM, rotation_from_angles
-    from lmeasure.errors import FileFormatError
-    from lmeasure.poses import UNIT_TOLERANCE
+    from lmeasure.core import CONVENTIONS, MAX_LENGTH_MM, FileFormatError, rotation_from_angles, se3
+    from lmeasure.io import files
+    from lmeasure.recording import UNIT_TOLERANCE
 
     out = {}
     for name, table in dict(files.read_toml(path)).items():

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import pasted
+from lmeasure.core import pasted
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.chains import Demo
-    from lmeasure.chains.robot_demo import RobotDemo
+    from lmeasure.demo import Demo, RobotDemo
 
 
 class Settings(Writing):
@@ -30,7 +29,7 @@ class Settings(Writing):
 
     def paths(self) -> Paths:
         """Everything in the folder that the demo writes."""
-        from lmeasure.chains.folder import OF_CELL, OF_ROBOT, existing
+        from lmeasure.demo import OF_CELL, OF_ROBOT, existing
 
         return Paths() if self.out is None else Paths(tuple(existing(self.out, OF_ROBOT if self.robot else OF_CELL)))
 
@@ -43,11 +42,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
         progress(done / of if of else 0.0, stage)
 
     progress(0.0, "load")
-    from lmeasure.chains.folder import fresh
+    from lmeasure.demo import fresh
 
     if settings.robot:
-        from lmeasure.chains.robot_demo import robot_demo
-        from lmeasure.report.comparison import told
+        from lmeasure.demo import robot_demo
+        from lmeasure.report import told
 
         tested = robot_demo(settings.out or fresh("lmeasure-robot-demo"), step, settings.seed, correct=settings.correct)
         head = ("characteristic", "value", "U95", "truth", "unit", "")
@@ -66,7 +65,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
             figures |= {"improvement": better.factor, "improvement_at_least": better.factor_95[0], "noise_floor_mm": better.floor_mm}
         said = _told([head, *rows], tested.remarks, tested.look, corrected)
         return Result(tested, said, figures, tested.remarks, tested.look)
-    from lmeasure.chains import demo
+    from lmeasure.demo import demo
 
     shown = demo(settings.out or fresh("lmeasure-demo"), step, settings.seed)
     lines = [("", "error against the truth", "stated without knowing it"), *((x.what, x.error, x.stated) for x in shown.lines)]

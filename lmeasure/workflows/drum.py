@@ -32,9 +32,8 @@ WRITTEN = ("tangent_length_mm", "axial_offset_mm", "count_length_mm")
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Rig]":
     """Write the rig with its drums."""
-    from lmeasure import files
-    from lmeasure.drum import choose, drum_geometry, drum_summary, drums_into, read_drums
-    from lmeasure.rig import rig_from_dict
+    from lmeasure.io import files
+    from lmeasure.rig import choose, drum_geometry, drum_summary, drums_into, read_drums, rig_from_dict
 
     before = files.read_toml(settings.rig)
     measured = choose(read_drums(settings.measurements), list(settings.point), str(settings.measurements))

@@ -4,13 +4,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import FileFormatError
+from lmeasure.core import FileFormatError
 from lmeasure.workflows.flow import Progress, Result, inside, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.arrays import FloatArray
-    from lmeasure.robots.mechanisms.dyads import Dyad, Minimax
+    from lmeasure.core import FloatArray
+    from lmeasure.robots import Dyad, Minimax
 
 LEAST = 7
 
@@ -38,9 +38,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     """Find links, and write them and by how much they miss each pose."""
     import numpy as np
 
-    from lmeasure import files
-    from lmeasure.poses import read_poses
-    from lmeasure.robots.mechanisms import dyads
+    from lmeasure.io import files
+    from lmeasure.recording import read_poses
+    from lmeasure.robots import all_fitted, minimax, misses
+    from lmeasure.robots import turned as dyads_turned
 
     given = read_poses(settings.poses, "puma-oat", unnamed=True)
     poses = given.rows
@@ -51,7 +52,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     if not reach > 0.0:
         raise FileFormatError(f"{settings.poses}: all poses are at one place; --reach-mm says how far ball joints may lie from it")
     progress(0.0, "least squares")
-    near = [d for d in dyads.all_fitted(poses, reach, settings.starts, settings.seed) if _within(d, poses, reach)]
+    near = [d for d in all_fitted(poses, reach, settings.starts, settings.seed) if _within(d, poses, reach)]
     if len(near) < settings.links:
         raise FileFormatError(
             f"{settings.poses}: {len(near)} different links found within {reach:.4g} mm, {settings.links} asked for: "
@@ -60,10 +61,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     best = near[: settings.links]
     anchors, points, lengths = (np.array(part) for part in list(zip(*best, strict=True))[:3])
     progress(0.7, "minimax")
-    found = dyads.minimax(poses, anchors, points, lengths, turn_free=settings.turn_free)
+    found = minimax(poses, anchors, points, lengths, turn_free=settings.turn_free)
     first = np.array([d.misses for d in best]).T
-    turned = dyads.turned(poses, found.turns)
-    last = dyads.misses(turned, found.anchors, found.points, found.lengths)
+    turned = dyads_turned(poses, found.turns)
+    last = misses(turned, found.anchors, found.points, found.lengths)
     columns = {"pose": list(given.names), "turn_deg": np.degrees(found.turns)}
     columns |= {f"link_{j + 1}_{name}_mm": of[:, j] for name, of in (("least_squares", first), ("minimax", last)) for j in range(len(best))}
     names = ("links.csv", "minimax.csv", "misses.csv")

@@ -8,9 +8,9 @@ from functools import wraps
 from pathlib import Path
 from typing import Concatenate, Generic, ParamSpec, TypeVar, cast
 
-from lmeasure.catalogue import plain
-from lmeasure.errors import CancelledError, LMeasureError
-from lmeasure.files import abandoned
+from lmeasure.core import CancelledError, LMeasureError
+from lmeasure.io import abandoned
+from lmeasure.text import plain
 from lmeasure.workflows.outputs import writing
 from lmeasure.workflows.settings import Asked, Writing
 
@@ -121,9 +121,8 @@ def _of_unlikely(inputs: Iterable[Path]) -> Iterator[list[str]]:
 
 def sizes_of(paths: Iterable[Path]) -> list[str]:
     """What is unlikely of the sizes of rigs among files."""
-    from lmeasure.files import LARGEST_TOML, read_toml
-    from lmeasure.opened import read_regular
-    from lmeasure.rig_size import unlikely_size
+    from lmeasure.io import LARGEST_TOML, read_regular, read_toml
+    from lmeasure.rig import unlikely_size
 
     told = []
     for path in dict.fromkeys(path for path in paths if path.suffix == ".toml"):

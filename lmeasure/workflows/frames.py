@@ -4,13 +4,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from lmeasure.errors import RobotError, SettingsError
+from lmeasure.core import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.robots.frames import GivenPoses
-    from lmeasure.robots.identify import Identified
+    from lmeasure.robots import GivenPoses, Identified
 
 
 class Settings(Writing):
@@ -42,12 +41,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     import numpy as np
     import scipy.stats
 
-    from lmeasure import files
-    from lmeasure.conventions import CONVENTIONS
-    from lmeasure.foreign import ForeignTable, columns_of
-    from lmeasure.poses import read_poses
-    from lmeasure.robots.frames import frames
-    from lmeasure.robots.told import unknown_frames
+    from lmeasure.core import CONVENTIONS
+    from lmeasure.io import ForeignTable, columns_of, files
+    from lmeasure.recording import read_poses
+    from lmeasure.robots import frames, unknown_frames
 
     if settings.angles not in CONVENTIONS:
         raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")

@@ -4,15 +4,13 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import RobotError, SettingsError
+from lmeasure.core import RobotError, SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, Names, Paths, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.robots.identify import Identified
-    from lmeasure.robots.measurements import Measurements
-    from lmeasure.robots.robot import AnyRobot
+    from lmeasure.robots import AnyRobot, Identified, Measurements
 
 MAPPING = "NAME=COLUMN[UNIT],..."
 TIP = option("Link of a .urdf that is the controller's flange; the chain ends there.", metavar="LINK")
@@ -77,16 +75,22 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     """Identify, and write record, robot, page and predictions."""
     import numpy as np
 
-    from lmeasure import files
-    from lmeasure.chains.identification import judge, write_identification
-    from lmeasure.foreign import columns_of
-    from lmeasure.robots import identified
-    from lmeasure.robots.choosing import identify_with_choice
-    from lmeasure.robots.given import given
-    from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict, unmoved_in
-    from lmeasure.robots.identify import Settings as Chosen
-    from lmeasure.robots.mistaken import mended
-    from lmeasure.robots.read_measurements import read_measurements
+    from lmeasure.demo import judge, write_identification
+    from lmeasure.io import columns_of, files
+    from lmeasure.robots import (
+        FAMILIES,
+        check_foreign,
+        given,
+        identify,
+        identify_with_choice,
+        mended,
+        predict,
+        prediction_columns,
+        read_measurements,
+        summary,
+        unmoved_in,
+    )
+    from lmeasure.robots import Settings as Chosen
     from lmeasure.trajectory import Stated
 
     unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]
@@ -140,12 +144,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         joints = mend.joints(asked.joints)
         predicted = predict(found, joints, of)
         findings = (*findings, *unmoved_in(found, joints, predicted.u95_mm, str(settings.predict)))
-        files.write_table(out / "predictions.csv", identified.prediction_columns(asked.names, predicted))
+        files.write_table(out / "predictions.csv", prediction_columns(asked.names, predicted))
         names.insert(names.index("report.html") + 1, "predictions.csv")
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
     told = (*(f"{f.code}: {f.text}" for f in findings), *unasked)
-    lines = (*identified.summary(found, done.held, findings, done.over), *(f"warning {text}" for text in unasked), *frames_of(robot))
+    lines = (*summary(found, done.held, findings, done.over), *(f"warning {text}" for text in unasked), *frames_of(robot))
     return Result(found, (*lines, written), figures, told)
 
 
@@ -171,8 +175,7 @@ def frames_of(robot: "AnyRobot") -> list[str]:
 
 def nominal(name: str, tip: str | None = None, base_link: str | None = None) -> "AnyRobot":
     """A robot by the name under which it comes along, or from a robot.toml or .urdf."""
-    from lmeasure.robots.robot import any_shipped, read_robot, shipped_names
-    from lmeasure.robots.urdf import read_urdf
+    from lmeasure.robots import any_shipped, read_robot, read_urdf, shipped_names
 
     path = Path(name)
     if path.suffix.lower() == ".urdf":

@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, model_validator
 
-from lmeasure.errors import SettingsError, pasted
+from lmeasure.core import SettingsError, pasted
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.import_log import Imported
-    from lmeasure.acquisition.scan_log import Scan
-    from lmeasure.start import StatedStart
+    from lmeasure.acquisition import Imported, Scan
+    from lmeasure.recording import StatedStart
 
 
 class Settings(Writing):
@@ -60,9 +59,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
         return _scanned(settings, progress)
     assert settings.rig is not None
     assert settings.out is not None
-    from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
-    from lmeasure.run import read_linked_rig
-    from lmeasure.start import start_of_rig, start_uncertainty
+    from lmeasure.acquisition import import_logs, with_dbc, write_import
+    from lmeasure.recording import start_of_rig, start_uncertainty
+    from lmeasure.rig import read_linked_rig
 
     stated = _start(settings)
     rig, calibration = read_linked_rig(settings.rig)
@@ -82,7 +81,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
     )
     write_import(settings.out, imported, ".parquet" if settings.parquet else ".csv", force=settings.force)
     if settings.rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         write_recording(settings.rerun, imported.run.rig, run=imported.run)
     missing = "note: no start pose: where the tool started is unknown; "
@@ -98,7 +97,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
 
 
 def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple[Scan, ...]]":
-    from lmeasure.acquisition.scan_log import scan_log
+    from lmeasure.acquisition import scan_log
 
     found = tuple(scan_log(log, steps(progress, "bytes")) for log in settings.logs)
     lines = [line for scan in found for line in scan.lines()]
@@ -108,7 +107,7 @@ def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple
 
 
 def _start(settings: Settings) -> "StatedStart | None":
-    from lmeasure.start import StatedStart, stated_start
+    from lmeasure.recording import StatedStart, stated_start
 
     position, turn = settings.position_mm, settings.quaternion_xyzw
     if settings.start is not None and (position is not None or turn is not None):

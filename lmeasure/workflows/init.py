@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import SettingsError, pasted
+from lmeasure.core import SettingsError, pasted
 from lmeasure.workflows.flow import Progress, Result, inside, silent, sizes_of, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -86,7 +86,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
 
 def _write(texts: Mapping[Path, str]) -> None:
     """Write all of them or none."""
-    from lmeasure import files
+    from lmeasure.io import files
 
     with ExitStack() as together:
         for path, text in texts.items():
@@ -103,9 +103,8 @@ def _choice(ask: Ask, question: str, options: tuple[str, ...]) -> str:
 
 def _asked(ask: Ask, template: "Template") -> "Answers":
     """What differs from rig to rig. Numbers are asked for again until they are some; Enter keeps a guess a guess."""
-    from lmeasure.conventions import CONVENTIONS
-    from lmeasure.templates import Answers
-    from lmeasure.templates.shapes import DRUM, PULLEY_RADIUS_MM
+    from lmeasure.core import CONVENTIONS
+    from lmeasure.templates import DRUM, PULLEY_RADIUS_MM, Answers
 
     name = ask("Name of the rig", Answers().name).strip()
     angles = _choice(ask, "Convention of the controller's angles", tuple(CONVENTIONS))

@@ -20,7 +20,7 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[str]:
     """Write both keys; what was made is their fingerprint."""
-    from lmeasure.certification.signature import new_key
+    from lmeasure.certificate import new_key
 
     fingerprint, public = new_key(settings.out, force=settings.force), Path(f"{settings.out}.pub")
     told = (f"private key {settings.out}, public key {public}", f"fingerprint {fingerprint}")

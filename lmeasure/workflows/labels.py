@@ -200,7 +200,8 @@ LABELS = {
     "zone_box": "Box where lengths matter",
     "zone_tilt_deg": "Tilt in the zone",
 }
-"""Label by option, or by command and option where the same name means something else there: `module.option` of `lmeasure.workflows`."""
+"""Label by option, or by command and option where the same name means something else
+there: `module.option` of `lmeasure.workflows.registry`."""
 
 
 def label_of(module: str, name: str) -> str:

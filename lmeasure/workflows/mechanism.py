@@ -5,15 +5,14 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import FileFormatError, GeometryError, SettingsError
+from lmeasure.core import FileFormatError, GeometryError, SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Paths, Point, Quaternion, Range, Recording, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.arrays import FloatArray
-    from lmeasure.robots.parallel.file import ParallelFile
-    from lmeasure.robots.parallel.study import Grid
+    from lmeasure.core import FloatArray
+    from lmeasure.robots import Grid, ParallelFile
 
 AT_A_POSE, WORKSPACE, TABLE = "At a pose", "Workspace", "Poses of a table"
 PLACES = "start:stop:step of the places that are looked at."
@@ -59,8 +58,8 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
     """Describe the mechanism, and write what is asked for."""
-    from lmeasure import files
-    from lmeasure.robots.parallel.study import described
+    from lmeasure.io import files
+    from lmeasure.robots import described
 
     _check(settings)
     file = _mechanism(settings.robot)
@@ -83,11 +82,11 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     if settings.out is not None:
         files.write_text(settings.out, json.dumps(record, indent=1, allow_nan=False) + "\n")
     if settings.report is not None:
-        from lmeasure.report.mechanism import write_mechanism_page
+        from lmeasure.report import write_mechanism_page
 
         write_mechanism_page(settings.report / "mechanism.html", file, record, grid, language=settings.language or of_terminal())
     if settings.rerun is not None:
-        from lmeasure.view.mechanism import write_mechanism_recording
+        from lmeasure.view import write_mechanism_recording
 
         write_mechanism_recording(settings.rerun, file)
     progress(1.0, "mechanism")
@@ -110,7 +109,7 @@ def _check(settings: Settings) -> None:
 
 
 def _mechanism(name: str) -> "ParallelFile":
-    from lmeasure.robots.parallel.file import ParallelFile
+    from lmeasure.robots import ParallelFile
     from lmeasure.workflows.identify import nominal
 
     found = nominal(name)
@@ -122,7 +121,7 @@ def _mechanism(name: str) -> "ParallelFile":
 def _pose(settings: Settings, file: "ParallelFile") -> "FloatArray | None":
     import numpy as np
 
-    from lmeasure.poses import UNIT_TOLERANCE, poses_from_rows
+    from lmeasure.recording import UNIT_TOLERANCE, poses_from_rows
 
     if settings.position_mm is None and settings.quaternion is None:
         return None
@@ -137,7 +136,7 @@ def _pose(settings: Settings, file: "ParallelFile") -> "FloatArray | None":
 def _grid(settings: Settings, file: "ParallelFile") -> "Grid | None":
     import numpy as np
 
-    from lmeasure.robots.parallel.study import over_grid
+    from lmeasure.robots import over_grid
 
     if settings.x is None or settings.y is None or settings.z is None:
         return None
@@ -169,7 +168,7 @@ def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
     if "leg_turns_deg" in record:
         lines.append("legs turn about themselves by " + ", ".join(f"{v:.3f}" for v in record["leg_turns_deg"].values()) + " deg")
     if grid is not None:
-        from lmeasure.report.mechanism import workspace_words
+        from lmeasure.report import workspace_words
 
         lines.append(f"workspace: {workspace_words(grid)}")
     return lines
@@ -179,9 +178,9 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
     """Joint values of a table's poses, or what completes them."""
     import numpy as np
 
-    from lmeasure import files
-    from lmeasure.poses import pose_columns, poses_from_rows, read_poses
-    from lmeasure.robots.parallel.study import at_poses, completions
+    from lmeasure.io import files
+    from lmeasure.recording import pose_columns, poses_from_rows, read_poses
+    from lmeasure.robots import at_poses, completions
 
     given = read_poses(poses, "puma-oat", unnamed=True)
     if settings.complete is None:

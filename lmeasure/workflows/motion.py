@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import SettingsError, TrajectoryError
+from lmeasure.core import SettingsError, TrajectoryError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
@@ -20,8 +20,7 @@ from lmeasure.workflows.settings import (
 )
 
 if TYPE_CHECKING:
-    from lmeasure.trajectory.motion import Motion
-    from lmeasure.trajectory.spectrum import Vibration
+    from lmeasure.trajectory import Motion, Vibration
 
 
 FASTEST_MM_S = 1e5
@@ -56,10 +55,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     """Smooth the trajectory and write its motion."""
     import numpy as np
 
-    from lmeasure.certification.fitted_frame import in_program_frame
-    from lmeasure.conventions import QUATERNION_COLUMNS
-    from lmeasure.trajectory import read_trajectory
-    from lmeasure.trajectory.motion import motion_of, write_motion
+    from lmeasure.core import QUATERNION_COLUMNS
+    from lmeasure.iso9283 import in_program_frame
+    from lmeasure.trajectory import motion_of, read_trajectory, write_motion
 
     progress(0.0, "motion")
     trajectory = read_trajectory(settings.trajectory, stated_beside(settings))

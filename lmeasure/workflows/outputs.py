@@ -10,9 +10,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from lmeasure.errors import CancelledError, LMeasureError, OverwriteError
-from lmeasure.files import abandoned, read_toml
-from lmeasure.recorded import recording_at
+from lmeasure.core import CancelledError, LMeasureError, OverwriteError
+from lmeasure.io import abandoned, read_toml
+from lmeasure.recording import recording_at
 
 
 @contextmanager

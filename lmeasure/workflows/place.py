@@ -8,7 +8,7 @@ from lmeasure.workflows.flow import Progress, Result, inside, present, silent, s
 from lmeasure.workflows.settings import RERUN, Paths, Recording, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.accuracy.placement import Placed
+    from lmeasure.accuracy import Placed
 
 
 class Settings(Writing):
@@ -29,8 +29,8 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Placed]":
     """Search, and write the rig and the record of it."""
-    from lmeasure import files
-    from lmeasure.accuracy.placement import place, placement_record, read_placement
+    from lmeasure.accuracy import place, placement_record, read_placement
+    from lmeasure.io import files
     from lmeasure.rig import read_rig, write_rig
 
     wanted = read_placement(settings.task)
@@ -40,7 +40,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Placed]":
     files.write_text(settings.out / "placement.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
     write_rig(settings.out / "rig.toml", placed.rig)
     if settings.rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         write_recording(settings.rerun, placed.rig, nominal=sketch)
     figures = {"rigs_tried": float(placed.evaluations)} | placed.after | {f"before_{name}": v for name, v in placed.before.items()}

@@ -5,19 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lmeasure.errors import CalibrationError, SettingsError
+from lmeasure.core import CalibrationError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
 from lmeasure.workflows.plan_robot import run_robot
 from lmeasure.workflows.plan_settings import OPTIONS
 from lmeasure.workflows.plan_settings import Settings as Settings
-from lmeasure.workflows.settings import (
-    Box,
-    UnitQuaternion,
-)
+from lmeasure.workflows.settings import Box, UnitQuaternion
 
 if TYPE_CHECKING:
-    from lmeasure.calibration import Campaign
-    from lmeasure.calibration.reach import Region
+    from lmeasure.calibration import Campaign, Region
 
 
 @workflow
@@ -25,13 +21,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     """Plan, and write the poses."""
     import numpy as np
 
-    from lmeasure.calibration import planning
-    from lmeasure.calibration.campaign_files import further_columns
-    from lmeasure.calibration.plan_summary import summary
-    from lmeasure.calibration.reach import Limits
-    from lmeasure.conventions import convention, rounded_angles
-    from lmeasure.files import write_table
-    from lmeasure.poses import pose_columns
+    from lmeasure.calibration import Limits, PlanSettings, further_columns, plan_poses, plan_summary
+    from lmeasure.core import convention, rounded_angles
+    from lmeasure.io import write_table
+    from lmeasure.recording import pose_columns
     from lmeasure.rig import read_rig
 
     out, extend = settings.out, settings.extend
@@ -57,7 +50,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     zone = None
     if settings.zone_box is not None or zone_tilt is not None:
         zone = _region(settings.zone_box or settings.box, tilt if zone_tilt is None else zone_tilt, settings.quaternion, recorded)
-    chosen = planning.Settings(
+    chosen = PlanSettings(
         settings.poses,
         replace(region, angles=rig.angles if settings.rounded else None),
         zone,
@@ -77,7 +70,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
         settings.further,
         settings.seed,
     )
-    plan = planning.plan_poses(rig, chosen, recorded, steps(progress, "planning"))
+    plan = plan_poses(rig, chosen, recorded, steps(progress, "planning"))
     more = {} if extend is None or recorded is None else further_columns(extend, len(plan.poses) - plan.recorded)
     # planned as if exact where nothing is said of it; how exactly they will be known nobody has stated yet
     unsaid = {"position": plan.poses.u_position_mm, "rotation": plan.poses.u_rotation_rad}
@@ -88,14 +81,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
             columns[name] = np.concatenate([columns[name][: plan.recorded], rounded_angles(rig.angles, columns[name][plan.recorded :])])
     write_table(out, columns)
     if settings.rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         write_recording(settings.rerun, rig, reference=plan.poses)
     fill_in = "; fill in temperature_c of the new poses when they are counted" if "temperature_c" in more else ""
     figures = {"poses": len(plan.poses), "recorded": plan.recorded, "usable_part": plan.usable, "equations": plan.equations}
     figures |= {"unknowns": len(plan.parameters), "directions_determined": plan.outlook.rank}
     figures |= {"u_length_rms_mm": plan.outlook.rms_mm, "u_length_worst_mm": plan.outlook.worst_mm}
-    return Result(plan, (*summary(plan).splitlines(), f"written: {out}{fill_in}"), figures)
+    return Result(plan, (*plan_summary(plan).splitlines(), f"written: {out}{fill_in}"), figures)
 
 
 def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Campaign":
@@ -124,7 +117,7 @@ def _region(box: Box | None, tilt_deg: float, quaternion: UnitQuaternion | None,
     """The box given, or that of the recorded poses; tilts about the orientation given, the recorded ones' mean, or the identity."""
     import numpy as np
 
-    from lmeasure.calibration.reach import Region
+    from lmeasure.calibration import Region
 
     if box is not None:
         low, high = np.array(box).T

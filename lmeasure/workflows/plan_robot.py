@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result
 from lmeasure.workflows.identify import frames_of, nominal
 from lmeasure.workflows.plan_settings import Settings, poses_file
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
 
-    from lmeasure.arrays import FloatArray
+    from lmeasure.core import FloatArray
     from lmeasure.rig import Rig
-    from lmeasure.robots.plan import Plan
+    from lmeasure.robots import Plan
 
 U_MM = 0.05
 """Standard uncertainty of a measured coordinate, robot and instrument together, where none is stated."""
@@ -26,13 +26,10 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     """Plan poses of a robot, and write its joint values and the poses expected at them."""
     import numpy as np
 
-    from lmeasure import files, se3
-    from lmeasure.foreign import columns_of
-    from lmeasure.poses import pose_columns, poses_from_rows
-    from lmeasure.robots.allowed import REGULAR, Allowed
-    from lmeasure.robots.identify import freed
-    from lmeasure.robots.plan import planned, to_plan
-    from lmeasure.robots.read_measurements import read_measurements
+    from lmeasure.core import se3
+    from lmeasure.io import columns_of, files
+    from lmeasure.recording import pose_columns, poses_from_rows
+    from lmeasure.robots import REGULAR, Allowed, freed, planned, read_measurements, to_plan
 
     robot = nominal(str(settings.robot), settings.tip, settings.base_link)
     model = robot.model
@@ -95,7 +92,7 @@ def _typed(joints: "FloatArray", sliding: "np.typing.NDArray[np.bool_]") -> "Flo
 
 
 def _zone(settings: Settings) -> "xr.Dataset | Rig | None":
-    from lmeasure.accuracy.zone_dataset import read_zone
+    from lmeasure.accuracy import read_zone
     from lmeasure.rig import read_rig
 
     if settings.zone is not None and settings.rig is not None:

@@ -4,7 +4,19 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from lmeasure.workflows.flow import inside, present
-from lmeasure.workflows.settings import BOX, RERUN, Box, Names, Numbers, Paths, Recording, UnitQuaternion, WholeNumbers, Writing, option
+from lmeasure.workflows.settings import (
+    BOX,
+    RERUN,
+    Box,
+    Names,
+    Numbers,
+    Paths,
+    Recording,
+    UnitQuaternion,
+    WholeNumbers,
+    Writing,
+    option,
+)
 
 LIMITS = "What a cable allows"
 ROBOT = "Poses of a robot"

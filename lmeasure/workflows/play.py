@@ -4,13 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import CancelledError, GeometryError, LMeasureError, SettingsError
+from lmeasure.core import CancelledError, GeometryError, LMeasureError, SettingsError
 from lmeasure.workflows.capture import Keys
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Names, Paths, Start, option
 
 if TYPE_CHECKING:
-    from lmeasure.chains.played_cell import PlayedCell
+    from lmeasure.demo import PlayedCell
     from lmeasure.rig import Rig
 
 BUILT = "How the cell differs from its rig"
@@ -61,10 +61,7 @@ def run(
 ) -> Result[None]:
     """Play until nobody types any more, or without keys until Ctrl-C. say takes lines for a person, keys gives what the person types, show
     is told of the cell."""
-    from lmeasure.acquisition.decoders import counter_fields
-    from lmeasure.acquisition.feed import Pace, play
-    from lmeasure.acquisition.session import options_from_text
-    from lmeasure.acquisition.sources import bus_opener
+    from lmeasure.acquisition import Pace, bus_opener, counter_fields, options_from_text, play
     from lmeasure.rig import read_rig
 
     rig = read_rig(settings.rig)
@@ -109,9 +106,8 @@ def _do(cell: "PlayedCell", line: str, say: Callable[[str], None]) -> None:
 def _cell(settings: Settings, rig: "Rig", progress: Progress) -> "PlayedCell":
     import numpy as np
 
-    from lmeasure.chains.played_cell import Built, PlayedCell
-    from lmeasure.poses import read_poses
-    from lmeasure.start import start_from_text
+    from lmeasure.demo import Built, PlayedCell
+    from lmeasure.recording import read_poses, start_from_text
 
     if settings.passage > rig.passes:
         raise SettingsError("passage", f"{settings.passage}: the rig has {rig.passes}")

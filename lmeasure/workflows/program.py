@@ -3,14 +3,25 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.catalogue import numbers
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
+from lmeasure.text import numbers
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import COLUMNS, Names, Numbers, Pair, Paths, Quaternion, Writing, known_convention, notes_of_file, option
+from lmeasure.workflows.settings import (
+    COLUMNS,
+    Names,
+    Numbers,
+    Pair,
+    Paths,
+    Quaternion,
+    Writing,
+    known_convention,
+    notes_of_file,
+    option,
+)
 
 if TYPE_CHECKING:
-    from lmeasure.certification.cube import Cube
-    from lmeasure.program import Program
+    from lmeasure.iso9283 import Cube
+    from lmeasure.recording import Program
 
 KEPT = "Paths within the zone"
 EDGES = "The box that the robot's program uses most, mm."
@@ -77,9 +88,7 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     """Write the program and its commands; or fill in when it ran."""
-    from lmeasure.certification.asked_tests import TESTS, Tests
-    from lmeasure.certification.campaign import campaign, duration_s
-    from lmeasure.certification.command_files import write_campaign
+    from lmeasure.iso9283 import TESTS, Tests, campaign, duration_s, write_campaign
 
     if settings.ran is not None:
         return _filled_in(settings, settings.ran)
@@ -123,10 +132,10 @@ def _corrected(settings: Settings, commanded: Path) -> "Result[Program]":
     """A program whose paths keep the limits of a rig."""
     from scipy.spatial.transform import Rotation
 
-    from lmeasure import files
-    from lmeasure.accuracy.correction import columns, corrected
-    from lmeasure.program import read_program, write_program
-    from lmeasure.run import read_linked_rig
+    from lmeasure.accuracy import corrected, correction_columns
+    from lmeasure.io import files
+    from lmeasure.recording import read_program, write_program
+    from lmeasure.rig import read_linked_rig
 
     if settings.rig is None:
         raise SettingsError("correct", "needs --rig, whose limits the paths have to keep")
@@ -140,13 +149,13 @@ def _corrected(settings: Settings, commanded: Path) -> "Result[Program]":
     made, found = corrected(rig, program, turn, limit_deg=settings.limit_deg, lengths_mm=settings.length_mm)
     with files.whole(settings.out / "program.toml") as written, files.whole(settings.out / "corrected.csv") as table:
         write_program(written, made)
-        files.write_table(table, columns(found))
+        files.write_table(table, correction_columns(found))
     left = tuple(one.line() for one in found if one.left)
     return Result(made, tuple(one.line() for one in found), {"led_around": float(sum(one.changed for one in found))}, left)
 
 
 def _cube(settings: Settings) -> "Cube":
-    from lmeasure.certification.cube import cube_in_zone, largest_cube
+    from lmeasure.iso9283 import cube_in_zone, largest_cube
 
     edges = [edge for edge in (settings.x, settings.y, settings.z) if edge is not None]
     if settings.zone is not None and not edges:
@@ -159,11 +168,10 @@ def _cube(settings: Settings) -> "Cube":
 def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
     from dataclasses import replace
 
-    from lmeasure.certification.command_windows import windows_from_rests
-    from lmeasure.foreign import columns_of
-    from lmeasure.program import read_program, write_program
-    from lmeasure.trajectory import Stated, read_trajectory
-    from lmeasure.trajectory.stamps import stamps_of
+    from lmeasure.io import columns_of
+    from lmeasure.iso9283 import windows_from_rests
+    from lmeasure.recording import read_program, write_program
+    from lmeasure.trajectory import Stated, read_trajectory, stamps_of
 
     if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
         raise SettingsError("ran", "fills in the program that --out holds; it makes no other")

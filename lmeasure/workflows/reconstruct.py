@@ -8,9 +8,8 @@ from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, si
 from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.run import RunHead
-    from lmeasure.trajectory import Summary, Trajectory
-    from lmeasure.trajectory.stream import Each
+    from lmeasure.recording import RunHead
+    from lmeasure.trajectory import Each, Summary, Trajectory
 
 
 class Settings(Writing):
@@ -45,9 +44,8 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory | Summary]":
     """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
-    from lmeasure.pipeline import explained
-    from lmeasure.run import read_run, read_run_head
-    from lmeasure.start import stated_start
+    from lmeasure.api import explained
+    from lmeasure.recording import read_run, read_run_head, stated_start
     from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory
 
     stated = None if settings.start is None else stated_start(settings.start)
@@ -73,7 +71,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     progress(1.0, "reconstruct")
     write_trajectory(settings.out, trajectory, named)
     if settings.rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         write_recording(settings.rerun, recorded.rig, run=recorded, trajectory=trajectory)
     return Result(trajectory, tuple(trajectory.summary().splitlines()), trajectory.told().figures())
@@ -83,6 +81,6 @@ def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["
     """What takes the pieces of a run into the recording that is asked for, if one is."""
     if rerun is None:
         return nullcontext()
-    from lmeasure.view.stages import streamed_recording
+    from lmeasure.view import streamed_recording
 
     return streamed_recording(rerun, head)

@@ -5,15 +5,15 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import CancelledError, GeometryError, RigError, TrajectoryError
+from lmeasure.core import CancelledError, GeometryError, RigError, TrajectoryError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.counting import Progress as State
-    from lmeasure.acquisition.recorder import Recording as Recorded
-    from lmeasure.acquisition.samples import Samples
-    from lmeasure.trajectory.live import PoseWatch
+    from lmeasure.acquisition import Progress as State
+    from lmeasure.acquisition import Recording as Recorded
+    from lmeasure.acquisition import Samples
+    from lmeasure.trajectory import PoseWatch
 
     Show = Callable[[State, PoseWatch | str], None]
     """Takes the state of a recording, and where its poses are, or why there are none."""
@@ -41,7 +41,7 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[Recorded]":
     """Record a pass. show is told of it all the while, where `live` is asked for. A recording that ends early is kept, and a failure."""
-    from lmeasure.acquisition.session import record_session
+    from lmeasure.acquisition import record_session
 
     pose = pose_watch(settings.rig, settings.start, settings.passage) if settings.live else ""
     asked_to_end = False
@@ -84,7 +84,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
     ended = recording.ended
     if ended == "complete" and settings.rerun is not None:
         from lmeasure.rig import read_rig
-        from lmeasure.view.stages import write_counts_recording
+        from lmeasure.view import write_counts_recording
 
         passes = [recording.folder / f"pass{i}.csv" for i in range(1, settings.passage + 1)]
         write_counts_recording(settings.rerun, read_rig(settings.rig), passes)
@@ -104,7 +104,7 @@ def _files(folder: Path) -> dict[Path, int]:
 def _missing(settings: Settings) -> str:
     """What is said of a run without a start."""
     from lmeasure.rig import read_rig
-    from lmeasure.trajectory.live import enough_absolute
+    from lmeasure.trajectory import enough_absolute
 
     if enough_absolute(read_rig(settings.rig)):
         return "note: no --start pose: the absolute encoders are to tell where the tool started"
@@ -114,9 +114,9 @@ def _missing(settings: Settings) -> str:
 
 def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
     """What follows the poses of a pass of a rig's file from a start, compiled before the bus is opened, or why there are none."""
-    from lmeasure.run import read_linked_rig
-    from lmeasure.start import start_from_text
-    from lmeasure.trajectory.live import LivePose, PoseWatch, enough_absolute
+    from lmeasure.recording import start_from_text
+    from lmeasure.rig import read_linked_rig
+    from lmeasure.trajectory import LivePose, PoseWatch, enough_absolute
 
     measured, calibration = read_linked_rig(rig)
     if start is None and not enough_absolute(measured):
@@ -136,6 +136,6 @@ def _growing(settings: Settings) -> "AbstractContextManager[Callable[[Samples], 
     if settings.rerun is None or not settings.live:
         return nullcontext(None)
     from lmeasure.rig import read_rig
-    from lmeasure.view.live import growing_counts
+    from lmeasure.view import growing_counts
 
     return growing_counts(settings.rerun, tuple(read_rig(settings.rig).counters_of(settings.passage)), settings.passage)

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
@@ -23,7 +23,7 @@ from lmeasure.workflows.settings import (
 )
 
 if TYPE_CHECKING:
-    from lmeasure.accuracy.along import Along
+    from lmeasure.accuracy import Along
     from lmeasure.rig import Rig
 
 
@@ -59,15 +59,14 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     """Read or reconstruct the trajectory and write its page."""
-    from lmeasure import files
-    from lmeasure.accuracy.along import along
-    from lmeasure.certification.fitted_frame import in_program_frame
-    from lmeasure.pipeline import explained
-    from lmeasure.report.trajectory import summary, write_trajectory_page
-    from lmeasure.run import read_linked_rig, read_run
-    from lmeasure.start import stated_start
-    from lmeasure.trajectory import read_trajectory, reconstruct
-    from lmeasure.trajectory.stamps import stamps_of
+    from lmeasure.accuracy import along
+    from lmeasure.api import explained
+    from lmeasure.io import files
+    from lmeasure.iso9283 import in_program_frame
+    from lmeasure.recording import read_run, stated_start
+    from lmeasure.report import trajectory_summary, write_trajectory_page
+    from lmeasure.rig import read_linked_rig
+    from lmeasure.trajectory import read_trajectory, reconstruct, stamps_of
 
     progress(0.0, "read")
     if settings.measured.is_dir():
@@ -95,7 +94,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     name = settings.measured.resolve().name
     write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language or of_terminal())
     progress(1.0, "report")
-    told = [f"{label}: {value}" for label, value in summary(found, "en")]
+    told = [f"{label}: {value}" for label, value in trajectory_summary(found, "en")]
     figures = {"samples": float(len(trajectory.time_s)), "left_out": float(sum(s.samples for s in found.stretches if not s.ok))}
     if found.worst is not None:
         figures["worst_u95_position_mm"] = float(found.u95_mm[found.worst])

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
-from lmeasure.errors import CancelledError, SettingsError
+from lmeasure.core import CancelledError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.listening import Spoken
+    from lmeasure.acquisition import Spoken
 
 
 class Settings(Asked):
@@ -29,10 +29,7 @@ def run(
     settings: Settings, progress: Progress = silent, *, show: "Callable[[float, tuple[Spoken, ...]], None] | None" = None
 ) -> Result[Any]:
     """List adapters, or listen; show is told who speaks all the while."""
-    from lmeasure.acquisition.adapters import adapters
-    from lmeasure.acquisition.listening import listen
-    from lmeasure.acquisition.session import options_from_text
-    from lmeasure.acquisition.sources import open_source
+    from lmeasure.acquisition import adapters, listen, open_source, options_from_text
 
     if settings.bus is None:
         if settings.bus_option or settings.bit_rate is not None:

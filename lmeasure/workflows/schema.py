@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -12,7 +12,8 @@ class Settings(Writing):
     """What `lmeasure schema` is asked."""
 
     name: Annotated[
-        str | None, option("Which file's; without it they are listed.", metavar="NAME", positional=True, words="lmeasure.schemas:KINDS")
+        str | None,
+        option("Which file's; without it they are listed.", metavar="NAME", positional=True, words="lmeasure.io.schemas:FILE_KINDS"),
     ] = None
     out: Annotated[Path | None, option("Write it to this file instead of the screen.", metavar="FILE.json")] = None
 
@@ -24,16 +25,15 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[str]:
     """Print or write a schema."""
-    from lmeasure import files
-    from lmeasure.schemas import KINDS, shipped
+    from lmeasure.io import FILE_KINDS, files, shipped
 
     if settings.name is None:
-        listed = tuple(f"{name:<10} {kind.file:<15} {kind.text}" for name, kind in KINDS.items())
+        listed = tuple(f"{name:<10} {kind.file:<15} {kind.text}" for name, kind in FILE_KINDS.items())
         return Result("", listed)
-    if settings.name not in KINDS:
-        raise SettingsError("name", f"{settings.name!r} is not one of {', '.join(KINDS)}")
+    if settings.name not in FILE_KINDS:
+        raise SettingsError("name", f"{settings.name!r} is not one of {', '.join(FILE_KINDS)}")
     text = shipped(settings.name)
     if settings.out is None:
         return Result(text, (text.rstrip("\n"),))
     files.write_text(settings.out, text)
-    return Result(text, (f'in the first line of a {KINDS[settings.name].file} beside it: "#:schema {settings.out.name}"',))
+    return Result(text, (f'in the first line of a {FILE_KINDS[settings.name].file} beside it: "#:schema {settings.out.name}"',))

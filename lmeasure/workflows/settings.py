@@ -22,12 +22,12 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
-from lmeasure.checked import complaints
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
+from lmeasure.io import complaints
 
 if TYPE_CHECKING:
-    from lmeasure.arrays import FloatArray
-    from lmeasure.findings import Finding
+    from lmeasure.core import FloatArray
+    from lmeasure.text import Finding
     from lmeasure.trajectory import Stated
 
 START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
@@ -253,7 +253,9 @@ RERUN = option("Also write a recording to look at with `lmeasure view`.", metava
 TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, Motive, Nexus, .mcap."
 COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")
 ANGLES = option(
-    "Convention of the file's angles, where their units do not tell it.", metavar="CONVENTION", words="lmeasure.conventions:CONVENTIONS"
+    "Convention of the file's angles, where their units do not tell it.",
+    metavar="CONVENTION",
+    words="lmeasure.core.conventions:CONVENTIONS",
 )
 ALIGN = option("Bring the poses into the frame of this program, fitted to its poses in their windows.", metavar="program.toml")
 U_POSITION = option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)
@@ -262,7 +264,7 @@ U_ROTATION = option("Standard uncertainty of a measured orientation about each a
 
 def stated_beside(settings: Any) -> "Stated":
     """Return what a command's options state of a trajectory's file: columns, uncertainties, convention of angles."""
-    from lmeasure.foreign import columns_of
+    from lmeasure.io import columns_of
     from lmeasure.trajectory import Stated
 
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
@@ -277,7 +279,7 @@ def notes_of_file(notes: "Iterable[Finding]") -> tuple[tuple[str, ...], tuple[st
 
 def known_convention(name: str | None) -> str | None:
     """Return the name of a convention of angles; SettingsError lists the known ones."""
-    from lmeasure.conventions import CONVENTIONS
+    from lmeasure.core import CONVENTIONS
 
     if name is not None and name not in CONVENTIONS:
         raise SettingsError("angles", f"{name!r} is not one of {', '.join(CONVENTIONS)}")

@@ -42,14 +42,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
         progress(1.0, "simulate")
         write_simulated(settings.out, simulated)
     else:
-        from lmeasure.robot_scenario import simulate_robot, write_robot_run
+        from lmeasure.iso9283 import simulate_robot, write_robot_run
 
         performed = simulate_robot(scenario, rig, settings.scenario.parent, str(settings.scenario))
         simulated, remarks = performed.simulated, performed.remarks
         progress(1.0, "simulate")
         write_robot_run(settings.out, performed)
     if settings.rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         moved, campaign = simulated.run, simulated.campaign
         write_recording(

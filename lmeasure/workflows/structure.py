@@ -5,15 +5,26 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import FileFormatError, SettingsError, StructureError
+from lmeasure.core import FileFormatError, SettingsError, StructureError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, Writing, option
+from lmeasure.workflows.settings import (
+    LANGUAGE,
+    RERUN,
+    Numbers,
+    Pair,
+    Paths,
+    Point,
+    Quaternion,
+    Range,
+    Recording,
+    Writing,
+    option,
+)
 
 if TYPE_CHECKING:
-    from lmeasure.arrays import FloatArray
-    from lmeasure.linkage.links import Linkage
-    from lmeasure.linkage.record import Workspace
+    from lmeasure.core import FloatArray
+    from lmeasure.structure import Linkage, Workspace
 
 AT_A_POSE = "At a pose"
 LENGTHS = "Lengths"
@@ -80,16 +91,14 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     """Describe the links, and write it where that is asked for."""
-    from lmeasure import files
-    from lmeasure.linkage.links import read_linkage
-    from lmeasure.linkage.record import all_structures, described
-    from lmeasure.linkage.words import told, told_list
+    from lmeasure.io import files
+    from lmeasure.structure import all_structures, described, read_linkage, told, told_list
 
     _check(settings)
     if settings.file is None:
         every = all_structures()
         if settings.report is not None:
-            from lmeasure.report.structure import write_list_page
+            from lmeasure.report import write_list_page
 
             write_list_page(settings.report / "structure.html", every, settings.language or of_terminal())
         made: Any = every
@@ -107,12 +116,12 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         lines = told(made)
         progress(0.5, "structure")
         if settings.report is not None:
-            from lmeasure.report.structure import write_structure_page
+            from lmeasure.report import write_structure_page
 
             page, language = settings.report / "structure.html", settings.language or of_terminal()
             write_structure_page(page, settings.file.name, linkage, made, pose=pose, language=language)
         if settings.rerun is not None:
-            from lmeasure.view.structure import write_structure_recording
+            from lmeasure.view import write_structure_recording
 
             write_structure_recording(settings.rerun, settings.file.name, linkage, made, pose=pose)
     progress(1.0, "structure")
@@ -127,11 +136,9 @@ def _of_robot(path: Path) -> "Linkage | None":
     six equations are lengths, with its drives standing as at home. FileFormatError for a robot that is no such platform."""
     import numpy as np
 
-    from lmeasure import files
-    from lmeasure.linkage.links import Linkage
-    from lmeasure.robots.parallel.file import ParallelFile
-    from lmeasure.robots.platform import PlatformFile
-    from lmeasure.robots.robot import SCHEMA, read_robot
+    from lmeasure.io import files
+    from lmeasure.robots import SCHEMA, ParallelFile, PlatformFile, read_robot
+    from lmeasure.structure import Linkage
 
     if files.read_toml(path).get("schema") != SCHEMA:
         return None
@@ -192,7 +199,7 @@ def _check(settings: Settings) -> None:
 def _pose(settings: Settings, position: tuple[float, float, float]) -> "FloatArray":
     import numpy as np
 
-    from lmeasure.poses import UNIT_TOLERANCE, poses_from_rows
+    from lmeasure.recording import UNIT_TOLERANCE, poses_from_rows
 
     quaternion = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
     length = math.hypot(*quaternion)
@@ -202,7 +209,7 @@ def _pose(settings: Settings, position: tuple[float, float, float]) -> "FloatArr
 
 
 def _workspace(settings: Settings) -> "Workspace | None":
-    from lmeasure.linkage.record import Workspace
+    from lmeasure.structure import Workspace
 
     if settings.boundary is None:
         return None

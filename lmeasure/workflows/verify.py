@@ -8,7 +8,7 @@ from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
 from lmeasure.workflows.settings import Asked, option
 
 if TYPE_CHECKING:
-    from lmeasure.certification.verify import Verification
+    from lmeasure.certificate import Verification
 
 
 class Settings(Asked):
@@ -21,10 +21,8 @@ class Settings(Asked):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Verification]":
     """Look at every byte and compute every figure again; the exit code says what came of it."""
-    from lmeasure.certification.bundle import opened_zip
-    from lmeasure.certification.signature import read_public_key
-    from lmeasure.certification.verify import told, verify
-    from lmeasure.report.certificate import PRINTERS
+    from lmeasure.certificate import opened_zip, read_public_key, told, verify
+    from lmeasure.report import PRINTERS
 
     key = None if settings.public_key is None else read_public_key(settings.public_key)
     step = steps(progress, "verify")

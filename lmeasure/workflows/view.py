@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, option
 
@@ -22,13 +22,13 @@ class Settings(Asked):
 def run(settings: Settings, progress: Progress = silent) -> Result[None]:
     """Open the viewer, or serve it until it is ended; progress is told where."""
     if settings.web:
-        from lmeasure.view.web import serve
+        from lmeasure.view import serve
 
         serve(settings.recording, 9090 if settings.port is None else settings.port, lambda text: progress(0.0, text))
     elif settings.port is not None:
         raise SettingsError("port", "goes with --web")
     else:
-        from lmeasure.view.viewer import open_viewer
+        from lmeasure.view import open_viewer
 
         open_viewer(settings.recording)
     return Result(None, ())

@@ -4,15 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import CancelledError
+from lmeasure.core import CancelledError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.record import pose_watch
 from lmeasure.workflows.settings import START, Asked, Paths, Start, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.counting import Progress as State
-    from lmeasure.acquisition.samples import Samples
-    from lmeasure.trajectory.live import PoseWatch
+    from lmeasure.acquisition import Progress as State
+    from lmeasure.acquisition import Samples
+    from lmeasure.trajectory import PoseWatch
 
     Show = Callable[[State, PoseWatch | str], None]
     """Takes the state of things, and where the poses are, or why there are none."""
@@ -37,9 +37,8 @@ class Settings(Asked):
 @workflow
 def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[State]":
     """Watch until the time is over or somebody ends it; show is told of counts, speeds, faults and the pose all the while."""
-    from lmeasure.acquisition.counting import watch
-    from lmeasure.acquisition.session import connect, options_from_text
-    from lmeasure.run import read_linked_rig
+    from lmeasure.acquisition import connect, options_from_text, watch
+    from lmeasure.rig import read_linked_rig
 
     rig, _ = read_linked_rig(settings.rig)
     pose = pose_watch(settings.rig, settings.start, settings.passage)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
-from lmeasure.errors import SettingsError
+from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, option
 

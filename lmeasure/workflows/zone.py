@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from lmeasure.catalogue import of_terminal
-from lmeasure.errors import AccuracyError, SettingsError
+from lmeasure.core import AccuracyError, SettingsError
+from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Pair, Paths, Range, Recording, UnitQuaternion, Writing, option
 
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from scipy.spatial.transform import Rotation
 
-    from lmeasure.arrays import FloatArray
-    from lmeasure.linkage.slices import Piece
+    from lmeasure.core import FloatArray
+    from lmeasure.structure import Piece
 
 RANGE = "START:STOP:STEP"
 LIMITS = "Limits"
@@ -83,16 +83,23 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]":
     """Scan the box and write the zone, with its page, its recording and a program held against it where they are asked for."""
-    from lmeasure import files
-    from lmeasure.accuracy.bodies import read_bodies
-    from lmeasure.accuracy.faults import said as faults_said
-    from lmeasure.accuracy.guard import columns, guard
-    from lmeasure.accuracy.limits import Limits
-    from lmeasure.accuracy.surroundings import box_around
-    from lmeasure.accuracy.zone import Scan, map_zone
-    from lmeasure.accuracy.zone_dataset import advice, goes_on, summary, write_zone
-    from lmeasure.program import read_program
-    from lmeasure.run import read_linked_rig
+    from lmeasure.accuracy import (
+        Limits,
+        Scan,
+        advice,
+        box_around,
+        goes_on,
+        guard,
+        guard_columns,
+        map_zone,
+        read_bodies,
+        summary,
+        write_zone,
+    )
+    from lmeasure.accuracy import said as faults_said
+    from lmeasure.io import files
+    from lmeasure.recording import read_program
+    from lmeasure.rig import read_linked_rig
 
     rotations = _rotations(settings)
     given = {name: getattr(settings, name) for name in "xyz"}
@@ -121,16 +128,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     followed: list[Piece] = []
     said: list[str] = []
     if settings.boundary:
-        from lmeasure.accuracy import edge
+        from lmeasure.accuracy import columns as edge_columns
+        from lmeasure.accuracy import edges
 
-        followed, said = edge.edges(rig, data, rotations, settings.length_mm)
-        files.write_table(settings.out.with_suffix(".boundary.csv"), edge.columns(followed))
+        followed, said = edges(rig, data, rotations, settings.length_mm)
+        files.write_table(settings.out.with_suffix(".boundary.csv"), edge_columns(followed))
     if settings.report is not None:
-        from lmeasure.report.zone import write_zone_report
+        from lmeasure.report import write_zone_report
 
         write_zone_report(settings.report, data, rig, calibration, language=settings.language or of_terminal(), followed=followed)
     if settings.rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         write_recording(settings.rerun, rig, zone=data)
     chosen = " ".join(f"--{name} {':'.join(f'{v:g}' for v in ranges[name])}" for name, span in given.items() if span is None)
@@ -144,7 +152,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     lines += [*faults_said(data), *(piece.line("z") for piece in followed), *said]
     if program is not None:
         parts = guard(rig, calibration, data, program, rotation=rotations.mean())
-        files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))
+        files.write_table(settings.out.with_suffix(".path.csv"), guard_columns(parts))
         lines += [part.line() for part in parts]
     inside = data["in_zone"].values.astype(bool)
     figures = {"zone_volume_mm3": float(data.attrs["zone_volume_mm3"]), "nodes": float(inside.size), "nodes_in_zone": float(inside.sum())}
@@ -160,8 +168,8 @@ def _rotations(settings: Settings) -> "Rotation":
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from lmeasure.accuracy.zone import MAX_ORIENTATIONS, tilts
-    from lmeasure.conventions import rotation_from_angles
+    from lmeasure.accuracy import MAX_ORIENTATIONS, tilts
+    from lmeasure.core import rotation_from_angles
 
     angles = {"o": settings.o, "a": settings.a, "t": settings.t}
     missing = next((name for name, span in angles.items() if span is None), None)
@@ -179,7 +187,7 @@ def _rotations(settings: Settings) -> "Rotation":
 
 
 def _axis(name: str, span: tuple[float, float, float]) -> "FloatArray":
-    from lmeasure.accuracy.zone import axis
+    from lmeasure.accuracy import axis
 
     try:
         return axis(*span)

@@ -9,18 +9,14 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure import zone
-from lmeasure.accuracy.edge import edges
-from lmeasure.accuracy.limits import Limits
-from lmeasure.accuracy.zone import Scan, tilts
-from lmeasure.cli import app
-from lmeasure.errors import StructureError
-from lmeasure.lcoordinate.detour import detour
-from lmeasure.lcoordinate.workspace import Slice, first_met
-from lmeasure.linkage.links import read_linkage
-from lmeasure.linkage.slices import bounds_of
-from lmeasure.program import CommandedPath, Program, read_program, write_program
-from lmeasure.report.zone_html import write_zone_page
+from lmeasure.accuracy import Limits, Scan, edges, tilts
+from lmeasure.cli.app import app
+from lmeasure.core import StructureError
+from lmeasure.linkages import Slice, detour, first_met
+from lmeasure.recording import CommandedPath, Program, read_program, write_program
+from lmeasure.report import write_zone_page
 from lmeasure.rig import read_rig
+from lmeasure.structure import bounds_of, read_linkage
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 RIG = TRUTH / "cell-run" / "rig.toml"

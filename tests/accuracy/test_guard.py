@@ -7,12 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lmeasure import files
-from lmeasure.accuracy.guard import guard
-from lmeasure.accuracy.zone import axis, scan_zone, tilts
-from lmeasure.cli import app
-from lmeasure.errors import FileFormatError
-from lmeasure.program import read_program
+from lmeasure.accuracy import axis, guard, scan_zone, tilts
+from lmeasure.cli.app import app
+from lmeasure.core import FileFormatError
+from lmeasure.io import files
+from lmeasure.recording import read_program
 from lmeasure.rig import read_rig
 
 RIG = Path(__file__).parents[2] / "datasets" / "thesis-5.7" / "placed.toml"

@@ -10,25 +10,12 @@ from scipy.spatial.transform import Rotation
 from zone_oracle import length_rows
 from zone_rigs import cell, published
 
+from lmeasure.accuracy import Limits, Scan, axis, map_zone, scan_zone, tilts
 from lmeasure.accuracy import zone as zones
-from lmeasure.accuracy.limits import Limits
-from lmeasure.accuracy.zone import (
-    Scan,
-    axis,
-    covers,
-    drum_variance,
-    make_plan,
-    map_zone,
-    named_figures,
-    sampled,
-    scan_zone,
-    taken_as_exact,
-    tilts,
-)
-from lmeasure.calibration_record import CalibrationRecord, Parameter
-from lmeasure.errors import AccuracyError, GeometryError
-from lmeasure.kernels.zone import FIGURES
-from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.accuracy.zone import covers, drum_variance, make_plan, named_figures, sampled, taken_as_exact
+from lmeasure.core import AccuracyError, GeometryError
+from lmeasure.kernels import FIGURES
+from lmeasure.rig import CalibrationRecord, RecordedParameter, Rig, rig_from_dict
 
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 ONE = Rotation.identity(1)
@@ -46,7 +33,7 @@ def changed(rig: Rig, drum: dict[str, Any] | None = None, point: dict[str, Any] 
 def record(*names: str) -> CalibrationRecord:
     return CalibrationRecord(
         rig="test",
-        parameters=tuple(Parameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
         covariance=tuple(tuple(float(v) for v in row) for row in 0.01 * np.eye(len(names))),
         residuals=(),
         equations=100,

@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 from zone_oracle import pressure_angles
 from zone_rigs import cell
 
-from lmeasure.accuracy.placement import Box, Placement, Search, Where, Work, place, read_placement
-from lmeasure.accuracy.zone import axis, scan_zone, tilts
-from lmeasure.cli import app
-from lmeasure.errors import AccuracyError, FileFormatError
+from lmeasure.accuracy import Placement, axis, place, read_placement, scan_zone, tilts
+from lmeasure.accuracy.placement import Box, Search, Where, Work
+from lmeasure.cli.app import app
+from lmeasure.core import AccuracyError, FileFormatError
 from lmeasure.rig import read_rig, write_rig
 
 TASK = Work(low_mm=(-300, -300, -300), high_mm=(300, 300, 300), nodes=3, tilt_rad=0.3, tilt_steps=2)

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, norm
 from zone_oracle import sphere_radius
 
-from lmeasure.accuracy.radius import exact_radius_95, fit_radius_95
-from lmeasure.kernels.gaussian import RADIUS_95, radius_95
+from lmeasure.accuracy import exact_radius_95
+from lmeasure.accuracy.radius import fit_radius_95
+from lmeasure.kernels import RADIUS_95, radius_95
 
 RELATIVE = 5e-5
 

@@ -8,19 +8,15 @@ from scipy.spatial.transform import Rotation
 from zone_oracle import cable_length, length_rows
 from zone_rigs import cell, point, rig
 
-from lmeasure.accuracy import scan_zone
+from lmeasure.accuracy import REASONS, Limits, Placement, axis, exact_radius_95, guard, place, scan_zone, tilts
 from lmeasure.accuracy.bodies import Body
-from lmeasure.accuracy.guard import guard
-from lmeasure.accuracy.limits import REASONS, Limits
-from lmeasure.accuracy.placement import Box, Placement, Search, Where, Work, place
-from lmeasure.accuracy.radius import exact_radius_95
+from lmeasure.accuracy.placement import Box, Search, Where, Work
 from lmeasure.accuracy.scan import Plan, run, scan_positions
-from lmeasure.accuracy.zone import axis, make_plan, taken_as_exact, tilts
-from lmeasure.calibration_record import CalibrationRecord, Parameter
-from lmeasure.errors import RigError
+from lmeasure.accuracy.zone import make_plan, taken_as_exact
+from lmeasure.core import RigError
 from lmeasure.kernels import zone as kernels
-from lmeasure.program import Program
-from lmeasure.rig import Rig
+from lmeasure.recording import Program
+from lmeasure.rig import CalibrationRecord, RecordedParameter, Rig
 
 START = np.array([30.0, -20.0, 10.0, *Rotation.from_rotvec([0.05, -0.1, 0.08]).as_quat()])
 KEYS = ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")
@@ -50,7 +46,7 @@ def record(rig: Rig) -> CalibrationRecord:
     covariance = draws @ draws.T + np.diag(random.uniform(1e-6, 1e-4, len(names)))
     return CalibrationRecord(
         rig=rig.name,
-        parameters=tuple(Parameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
         covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)),
         residuals=(),
         equations=100,

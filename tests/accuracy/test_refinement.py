@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from zone_rigs import cell
 
+from lmeasure.accuracy import axis, scan_zone, tilts
 from lmeasure.accuracy.refinement import refined_volume
-from lmeasure.accuracy.zone import axis, scan_zone, tilts
 
 
 def ball(points: np.ndarray) -> np.ndarray:

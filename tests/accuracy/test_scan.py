@@ -16,15 +16,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from zone_rigs import cell, published
 
-from lmeasure.accuracy import scan
+from lmeasure.accuracy import axis, scan, tilts
 from lmeasure.accuracy.bodies import Body
 from lmeasure.accuracy.scan import Plan, run
-from lmeasure.accuracy.zone import axis, make_plan, tilts
-from lmeasure.errors import AccuracyError
-from lmeasure.kernels import layout
+from lmeasure.accuracy.zone import make_plan
+from lmeasure.core import AccuracyError
+from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS, guide_direction, layout, wrap_geometry
 from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.cable import guide_direction, wrap_geometry
-from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS
 from lmeasure.rig import Rig
 
 BODIES = (

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from lmeasure.accuracy.surface import zone_surface
+from lmeasure.accuracy import zone_surface
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,18 +9,12 @@ from zeroed import exactly
 from zone_oracle import length_rows, pressure_angles, sphere_radius
 from zone_rigs import cell, published
 
-from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
-from lmeasure.accuracy.limits import REASONS, Limits
-from lmeasure.accuracy.zone import axis, covers, drum_variance, tilts
-from lmeasure.accuracy.zone_dataset import summary
-from lmeasure.cable_parameters import cable_covariance
-from lmeasure.calibration_record import CalibrationRecord, Parameter
-from lmeasure.conventions import rotation_from_angles
-from lmeasure.errors import AccuracyError, FileFormatError, RigError
-from lmeasure.kernels.pose_covariance import pose_covariances
-from lmeasure.lengths import counts_from_poses
-from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.zeroing import length_variance
+from lmeasure.accuracy import REASONS, Limits, axis, limit_from_accuracy, read_zone, scan_zone, summary, tilts, write_zone
+from lmeasure.accuracy.zone import covers, drum_variance
+from lmeasure.core import AccuracyError, FileFormatError, RigError, rotation_from_angles
+from lmeasure.kernels import pose_covariances
+from lmeasure.rig import CalibrationRecord, RecordedParameter, Rig, rig_from_dict
+from lmeasure.sensors import cable_covariance, counts_from_poses, length_variance
 
 COUNT_MM = 0.0125
 
@@ -101,7 +95,7 @@ def record(rig: Rig, random: np.random.Generator) -> CalibrationRecord:
     covariance = draws @ draws.T / len(names)
     return CalibrationRecord(
         rig=rig.name,
-        parameters=tuple(Parameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
         covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)),
         residuals=(),
         equations=100,

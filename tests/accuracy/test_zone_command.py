@@ -10,10 +10,9 @@ import pytest
 from typer.testing import CliRunner
 from zone_rigs import cell, published
 
-from lmeasure.accuracy import read_zone
-from lmeasure.accuracy.surroundings import box_around
-from lmeasure.cli import app
-from lmeasure.errors import LMeasureError
+from lmeasure.accuracy import box_around, read_zone
+from lmeasure.cli.app import app
+from lmeasure.core import LMeasureError
 from lmeasure.rig import rig_from_dict, write_rig
 
 
@@ -176,7 +175,7 @@ def test_limits_that_make_no_sense_are_one_line(rig_file: Path, wrong: list[str]
 def test_a_full_disk_is_one_line_and_leaves_no_file(rig_file: Path) -> None:
     """HDF5 crashes when its file cannot grow."""
     words = ["zone", str(rig_file), *box("-100:100:50"), "--out", str(rig_file.with_name("zone.nc"))]
-    limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000)); from lmeasure.cli import main; main()"
+    limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000)); from lmeasure.cli.app import main; main()"
     done = subprocess.run([sys.executable, "-c", limited, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 1, done.stderr
     assert re.fullmatch(r"lmeasure: \S+zone\.nc: cannot be written: File too large; [^\n]+\n", done.stderr)

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lmeasure.accuracy.zone import scan_zone, tilts
+from lmeasure.accuracy import scan_zone, tilts
 from lmeasure.kernels import screw
-from lmeasure.lengths import changes_from_counts, counts_from_poses, span_lengths
 from lmeasure.rig import Rig, read_rig
-from lmeasure.zeroing import drawn_phases, length_variance
+from lmeasure.sensors import changes_from_counts, counts_from_poses, drawn_phases, length_variance, span_lengths
 
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 LENGTH_MM = 0.0125  # full width of a reading: half a count either way, which thesis 5.7 takes for delta_l

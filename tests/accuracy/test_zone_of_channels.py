@@ -12,17 +12,15 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from typer.testing import CliRunner
 
-from lmeasure.accuracy.guard import guard
-from lmeasure.accuracy.placement import Placement, Search, Where, Work
-from lmeasure.accuracy.radius import exact_radius_95
+from lmeasure.accuracy import Placement, Scan, exact_radius_95, guard, map_zone, tilts
+from lmeasure.accuracy.placement import Search, Where, Work
 from lmeasure.accuracy.readings import worst_figures
 from lmeasure.accuracy.scan import Plan, run
-from lmeasure.accuracy.zone import Scan, make_plan, map_zone, tilts
-from lmeasure.cli import app
-from lmeasure.errors import AccuracyError, RigError
-from lmeasure.kernels.layout import BASE, BODY_COLUMNS
-from lmeasure.kernels.zone import LONGEST, SHORTEST, SPEED2, U95_POSITION
-from lmeasure.program import Program
+from lmeasure.accuracy.zone import make_plan
+from lmeasure.cli.app import app
+from lmeasure.core import AccuracyError, RigError
+from lmeasure.kernels import BASE, BODY_COLUMNS, LONGEST, SHORTEST, SPEED2, U95_POSITION
+from lmeasure.recording import Program
 from lmeasure.rig import Rig, read_rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]

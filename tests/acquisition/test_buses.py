@@ -20,12 +20,11 @@ import pytest
 from can_devices import slcan_adapter
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.recorder import Recording, record
-from lmeasure.acquisition.session import Link, connect
-from lmeasure.acquisition.sources import BusSource, open_source
-from lmeasure.errors import LMeasureError
+from lmeasure.acquisition import Link, Recording, connect, open_source, record
+from lmeasure.acquisition.bus.sources import BusSource
+from lmeasure.core import LMeasureError
+from lmeasure.recording import read_run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig
 
 pytestmark = pytest.mark.live

@@ -11,15 +11,11 @@ import pytest
 from rigged_feed import HOME, cell
 from test_buses import a_group, positions
 
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
-from lmeasure.acquisition.frames import FD
-from lmeasure.acquisition.import_log import import_logs
-from lmeasure.acquisition.logfiles import read_frames
-from lmeasure.acquisition.recorder import record
-from lmeasure.acquisition.session import connect, record_session
+from lmeasure.acquisition import connect, counter_fields, import_logs, read_frames, record, record_session
+from lmeasure.acquisition.bus.feed import frames_from_counts, send, virtual_place
+from lmeasure.acquisition.bus.frames import FD
+from lmeasure.recording import read_run
 from lmeasure.rig import rig_from_dict, write_rig
-from lmeasure.run import read_run
 
 pytestmark = pytest.mark.live
 

@@ -2,9 +2,8 @@ from typing import Any
 
 import pytest
 
-from lmeasure.can_table import RawCan
-from lmeasure.errors import RigError
-from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.core import RigError
+from lmeasure.rig import RawCan, Rig, rig_from_dict
 
 POINT = {
     "name": "B1",

@@ -12,16 +12,13 @@ import numpy as np
 import pytest
 from can_devices import Encoders
 
-from lmeasure import files
-from lmeasure.acquisition.feed import virtual_place
-from lmeasure.acquisition.import_log import import_logs, write_import
-from lmeasure.acquisition.recorder import Recording, record
-from lmeasure.acquisition.session import Link, connect, record_session
-from lmeasure.acquisition.sources import BusSource
-from lmeasure.can_table import CanOpenCan
-from lmeasure.counts import Counts, read_counts
-from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
-from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
+from lmeasure.acquisition import Link, Recording, connect, import_logs, record, record_session, write_import
+from lmeasure.acquisition.bus.feed import virtual_place
+from lmeasure.acquisition.bus.sources import BusSource
+from lmeasure.core import AcquisitionError, FileFormatError, LMeasureError
+from lmeasure.io import files
+from lmeasure.recording import Counts, read_counts
+from lmeasure.rig import CanOpenCan, Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.simulation import cell_rig
 
 pytestmark = pytest.mark.live

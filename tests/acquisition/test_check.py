@@ -14,15 +14,14 @@ import pytest
 from rigged_feed import cell
 from test_buses import a_group
 
-from lmeasure import files
-from lmeasure.acquisition.bus_watch import BusWatch
-from lmeasure.acquisition.check import CableCheck, Check, Step, check, corrected
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
-from lmeasure.acquisition.frames import frames_from_messages
-from lmeasure.acquisition.session import Link
-from lmeasure.acquisition.sources import BusSource
-from lmeasure.errors import AcquisitionError
+from lmeasure.acquisition import Check, Link, Step, corrected, counter_fields, self_test
+from lmeasure.acquisition.bus.bus_watch import BusWatch
+from lmeasure.acquisition.bus.feed import frames_from_counts, send, virtual_place
+from lmeasure.acquisition.bus.frames import frames_from_messages
+from lmeasure.acquisition.bus.sources import BusSource
+from lmeasure.acquisition.check.self_test import CableCheck
+from lmeasure.core import AcquisitionError
+from lmeasure.io import files
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.workflows import check as check_workflow
 
@@ -101,7 +100,7 @@ class Bench:
     def check(self) -> Check:
         source = BusSource(lambda: can.Bus(**self.bus), "virtual:bench")
         try:
-            return check(self.rig, Link(source, self.fields), self.ask, turns=self.faults.get("turns", True), settle_s=0.05)
+            return self_test(self.rig, Link(source, self.fields), self.ask, turns=self.faults.get("turns", True), settle_s=0.05)
         finally:
             source.close()
 
@@ -255,7 +254,7 @@ def test_a_check_whose_rig_finds_no_room_keeps_what_it_showed(tmp_path: Path, mo
         raise AcquisitionError(files.not_written(path, OSError(28, "")))
 
     monkeypatch.setattr(files, "rewrite_toml", full)
-    monkeypatch.setattr("lmeasure.acquisition.check.check", lambda *_, **__: found)
+    monkeypatch.setattr("lmeasure.acquisition.check.self_test.check", lambda *_, **__: found)
     settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
     told = check_workflow.run(settings, ask=lambda step: "")
     assert (
@@ -354,7 +353,7 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
         *(CableCheck(f"c{i}", f"ch{i}", f"ch{i}", -1 if i == 6 else 1) for i in (4, 5, 6)),
     ]
     write_rig(tmp_path / "rig.toml", RIG)
-    monkeypatch.setattr("lmeasure.acquisition.check.check", lambda *_, **__: Check(200.0, {}, tuple(seen), ()))
+    monkeypatch.setattr("lmeasure.acquisition.check.self_test.check", lambda *_, **__: Check(200.0, {}, tuple(seen), ()))
     settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
     told = check_workflow.run(settings, ask=lambda step: "").summary
     assert told == (
@@ -418,7 +417,7 @@ def test_error_frames_alone_are_named_over_a_real_bus() -> None:
     source = BusSource(lambda: can.Bus(**place), "udp_multicast:test", 250_000)
     try:
         with pytest.raises(AcquisitionError, match=r"error frames and none that can be read: another bit rate than the 250000 bit/s"):
-            check(RIG, Link(source, counter_fields(RIG)), lambda step: "", turns=False, settle_s=0.05)
+            self_test(RIG, Link(source, counter_fields(RIG)), lambda step: "", turns=False, settle_s=0.05)
     finally:
         done.set()
         thread.join()

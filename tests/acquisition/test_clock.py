@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.import_log import Imported, import_logs
-from lmeasure.acquisition.scan_log import scan_log
+from lmeasure.acquisition import Imported, import_logs, scan_log
 from lmeasure.rig import Rig, read_rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]

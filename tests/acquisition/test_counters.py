@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure.acquisition import counters
-from lmeasure.acquisition.counters import CounterState
-from lmeasure.acquisition.decoders import ALL_BITS, CounterField
-from lmeasure.acquisition.events import Event, EventLog
-from lmeasure.kernels.counter import rests
+from lmeasure.acquisition import Event
+from lmeasure.acquisition.counters import counters
+from lmeasure.acquisition.counters.counters import CounterState
+from lmeasure.acquisition.counters.decoders import ALL_BITS, CounterField
+from lmeasure.acquisition.counters.events import EventLog
+from lmeasure.kernels import rests
 
 STEPS = st.one_of(st.integers(-60, 60), st.sampled_from([190, -210, 2000, -2000, 40_000, -40_000, None]))
 

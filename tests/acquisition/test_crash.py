@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lmeasure import files
-from lmeasure.acquisition.logfiles import read_frames
+from lmeasure.acquisition import read_frames
+from lmeasure.io import files
+from lmeasure.recording import read_run
 from lmeasure.rig import write_rig
-from lmeasure.run import read_run
 from lmeasure.simulation import read_scenario, simulate
 
 pytestmark = pytest.mark.live

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.decoders import ALL_BITS, CounterField, counter_fields, decode, encode
-from lmeasure.acquisition.feed import frames_from_counts
-from lmeasure.acquisition.frames import Frames, frames_from_messages
-from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.acquisition import counter_fields
+from lmeasure.acquisition.bus.feed import frames_from_counts
+from lmeasure.acquisition.bus.frames import Frames, frames_from_messages
+from lmeasure.acquisition.counters.decoders import ALL_BITS, CounterField, decode, encode
+from lmeasure.core import AcquisitionError, FileFormatError
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
 

@@ -12,11 +12,11 @@ from feed_process import UNSENT
 from test_buses import a_group, feeding
 from typer.testing import CliRunner
 
-from lmeasure.cli import app
+from lmeasure.cli.app import app
+from lmeasure.core import Status
+from lmeasure.core.se3 import displacement
+from lmeasure.recording import read_run
 from lmeasure.rig import read_rig, rig_from_dict, write_rig
-from lmeasure.run import read_run
-from lmeasure.se3 import displacement
-from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 
 TRUTH = Path(__file__).parent.parent / "authorities" / "truth" / "swivel-run"

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of, record_frames
 
-from lmeasure import files
-from lmeasure.acquisition import sources
-from lmeasure.acquisition.frames import Frames, frames_from_messages, join
-from lmeasure.acquisition.sources import BusSource
-from lmeasure.errors import AcquisitionError
+from lmeasure.acquisition.bus import sources
+from lmeasure.acquisition.bus.frames import Frames, frames_from_messages, join
+from lmeasure.acquisition.bus.sources import BusSource
+from lmeasure.core import AcquisitionError
+from lmeasure.io import files
 from lmeasure.rig import rig_from_dict
 
 pytestmark = pytest.mark.live

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of
 
-from lmeasure.acquisition.assembly import counts_from_frames, new_assembler
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.frames import Frames, TimestampSource, frames_from_messages, join, no_frames
-from lmeasure.acquisition.samples import SyncAssembler
+from lmeasure.acquisition import counter_fields
+from lmeasure.acquisition.bus.frames import Frames, TimestampSource, frames_from_messages, join, no_frames
+from lmeasure.acquisition.counters.assembly import counts_from_frames, new_assembler
+from lmeasure.acquisition.counters.samples import SyncAssembler
 from lmeasure.rig import rig_from_dict
 
 FloatArray = NDArray[np.float64]

@@ -5,13 +5,13 @@ import can
 import numpy as np
 import pytest
 
-from lmeasure.acquisition import feed
-from lmeasure.acquisition.feed import BEHIND_S, CLOSEST, Pace, record_feed, send
-from lmeasure.acquisition.frames import frames_from_messages
-from lmeasure.counts import Counts
-from lmeasure.errors import AcquisitionError
+from lmeasure.acquisition import Pace, record_feed
+from lmeasure.acquisition.bus import feed
+from lmeasure.acquisition.bus.feed import BEHIND_S, CLOSEST, send
+from lmeasure.acquisition.bus.frames import frames_from_messages
+from lmeasure.core import AcquisitionError
+from lmeasure.recording import Counts, read_run
 from lmeasure.rig import rig_from_dict
-from lmeasure.run import read_run
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 
 TRUTH = Path(__file__).parent.parent / "authorities" / "truth"

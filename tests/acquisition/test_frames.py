@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure.acquisition.frames import Frames, frames_from_messages, join, messages_from_frames, no_frames
-from lmeasure.errors import AcquisitionError
+from lmeasure.acquisition.bus.frames import Frames, frames_from_messages, join, messages_from_frames, no_frames
+from lmeasure.core import AcquisitionError
 
 FD_LENGTHS = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64]
 

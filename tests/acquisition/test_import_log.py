@@ -13,14 +13,13 @@ import pytest
 from log_corpus import write
 from log_fuzz import START_POSE, counter_log, six_cables
 
-from lmeasure import files
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
-from lmeasure.cli import main
-from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
-from lmeasure.files import read_table
+from lmeasure.acquisition import counter_fields, import_logs, with_dbc, write_import
+from lmeasure.cli.app import main
+from lmeasure.core import AcquisitionError, FileFormatError, LMeasureError
+from lmeasure.io import files
+from lmeasure.io.tables import read_table
+from lmeasure.recording import read_run
 from lmeasure.rig import Rig, rig_from_dict, write_rig
-from lmeasure.run import read_run
 
 POSE = ["--position-mm", "1", "2", "3", "--quaternion-xyzw", "0", "0", "0", "1"]
 
@@ -88,7 +87,7 @@ def test_an_import_where_metadata_were_removed_says_that_the_version_is_unknown(
         raise PackageNotFoundError(name)
 
     path = write(tmp_path / "drive.blf", counter_log(20, 4))
-    for module in ("lmeasure.extras", "lmeasure.acquisition.import_log"):
+    for module in ("lmeasure.core.packages", "lmeasure.acquisition.logs.import_log"):
         monkeypatch.setattr(f"{module}.version", gone, raising=False)
     write_rig(tmp_path / "rig.toml", six_cables())
     words = ["lmeasure", "import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE]

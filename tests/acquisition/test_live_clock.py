@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion
 
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.feed import send, virtual_place
-from lmeasure.acquisition.recorder import record
-from lmeasure.acquisition.sources import BusSource, SteadyClock
-from lmeasure.acquisition.wraps import range_notes
+from lmeasure.acquisition import counter_fields, range_notes, record
+from lmeasure.acquisition.bus.feed import send, virtual_place
+from lmeasure.acquisition.bus.sources import BusSource, SteadyClock
 from lmeasure.rig import rig_from_dict
 
 RIG = cell()

@@ -11,10 +11,11 @@ import pytest
 from log_corpus import START, Row, library_rows, messages, rows, write
 from log_fuzz import mutated
 
-from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR_STATE, messages_from_frames
-from lmeasure.acquisition.log_lines import FD_LENGTHS
-from lmeasure.acquisition.logfiles import LogReport, read_frames
-from lmeasure.errors import FileFormatError
+from lmeasure.acquisition import read_frames
+from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, ERROR_STATE, messages_from_frames
+from lmeasure.acquisition.logs.lines import FD_LENGTHS
+from lmeasure.acquisition.logs.report import LogReport
+from lmeasure.core import FileFormatError
 
 DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
 EXTENDED, REMOTE, ERROR, FD, SWITCH, STATE, RECEIVED, LENGTH, DATA, BUS = range(2, 12)

@@ -16,9 +16,11 @@ from hypothesis import strategies as st
 from log_corpus import library_rows, messages, rows, write
 from read_logs import read_rows
 
-from lmeasure.acquisition.frames import messages_from_frames
-from lmeasure.acquisition.logfiles import LogReport, log_batches, read_frames
-from lmeasure.errors import FileFormatError
+from lmeasure.acquisition import read_frames
+from lmeasure.acquisition.bus.frames import messages_from_frames
+from lmeasure.acquisition.logs.read import log_batches
+from lmeasure.acquisition.logs.report import LogReport
+from lmeasure.core import FileFormatError
 from lmeasure.kernels.frames import _seconds
 
 SUFFIXES = (".blf", ".asc", ".log")
@@ -42,7 +44,7 @@ def test_same_frames_as_the_library(tmp_path: Path, suffix: str, seed: int, fd: 
 )
 def test_blf_containers(tmp_path: Path, options: dict[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
     """Stored instead of packed, and so small that objects span two and three containers; blocks as small as one container."""
-    monkeypatch.setattr("lmeasure.acquisition.log_blf.BLOCK_BYTES", 1)
+    monkeypatch.setattr("lmeasure.acquisition.logs.blf.BLOCK_BYTES", 1)
     path = write(tmp_path / "log.blf", messages(400, 9), **options)
     expected, whole = library_rows(path)
     found, report = read_rows(path)
@@ -53,7 +55,7 @@ def test_blf_containers(tmp_path: Path, options: dict[str, int], monkeypatch: py
 
 @pytest.mark.parametrize("suffix", [".asc", ".log"])
 def test_text_blocks_break_anywhere(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.acquisition.log_text.BLOCK_BYTES", 97)
+    monkeypatch.setattr("lmeasure.acquisition.logs.asc_and_candump.BLOCK_BYTES", 97)
     path = write(tmp_path / f"log{suffix}", messages(300, 10))
     assert read_rows(path)[0] == library_rows(path)[0]
 

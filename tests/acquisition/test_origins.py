@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from rigged_feed import cell, frames_of, motion, record_frames
 
-from lmeasure.acquisition.assembly import counts_from_frames
-from lmeasure.acquisition.decoders import counter_fields, is_no_value
-from lmeasure.acquisition.frames import frames_from_messages, join
-from lmeasure.acquisition.import_log import import_logs, write_import
-from lmeasure.files import read_table
+from lmeasure.acquisition import counter_fields, import_logs, write_import
+from lmeasure.acquisition.bus.frames import frames_from_messages, join
+from lmeasure.acquisition.counters.assembly import counts_from_frames
+from lmeasure.acquisition.counters.decoders import is_no_value
+from lmeasure.io.tables import read_table
+from lmeasure.recording import read_run
 from lmeasure.rig import read_rig, rig_from_dict
-from lmeasure.run import read_run
 
 CASES = Path(__file__).parents[1] / "authorities"
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

@@ -9,11 +9,19 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of
 
-from lmeasure.acquisition.assembly import counts_from_frames, new_assembler
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.frames import PIECE_FRAMES, Frames, TimestampSource, frames_from_messages, join, no_frames, pieces
-from lmeasure.acquisition.samples import pace
-from lmeasure.errors import AcquisitionError
+from lmeasure.acquisition import counter_fields
+from lmeasure.acquisition.bus.frames import (
+    PIECE_FRAMES,
+    Frames,
+    TimestampSource,
+    frames_from_messages,
+    join,
+    no_frames,
+    pieces,
+)
+from lmeasure.acquisition.counters.assembly import counts_from_frames, new_assembler
+from lmeasure.acquisition.counters.samples import pace
+from lmeasure.core import AcquisitionError
 from lmeasure.rig import Rig, rig_from_dict
 
 RIG = cell()

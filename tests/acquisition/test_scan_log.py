@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from rigged_feed import cell, frames_of, motion
 
-from lmeasure.acquisition.frames import Frames, join
-from lmeasure.acquisition.growing_files import candump_lines
-from lmeasure.acquisition.import_log import import_logs
-from lmeasure.acquisition.scan_log import scan_log
-from lmeasure.cli import main
-from lmeasure.errors import FileFormatError
-from lmeasure.files import read_toml, write_toml
+from lmeasure.acquisition import import_logs, scan_log
+from lmeasure.acquisition.bus.frames import Frames, join
+from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.cli.app import main
+from lmeasure.core import FileFormatError
+from lmeasure.io import read_toml
+from lmeasure.io.files import write_toml
+from lmeasure.recording import read_run
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
-from lmeasure.run import read_run
 
 RIG = cell()
 COUNTS = motion(RIG)

@@ -12,14 +12,12 @@ import can
 import numpy as np
 import pytest
 
-from lmeasure import files
-from lmeasure.acquisition.frames import messages_from_frames
-from lmeasure.acquisition.import_log import import_logs
-from lmeasure.acquisition.logfiles import read_frames
-from lmeasure.acquisition.session import record_session
-from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
+from lmeasure.acquisition import import_logs, read_frames, record_session
+from lmeasure.acquisition.bus.frames import messages_from_frames
+from lmeasure.core import AcquisitionError, FileFormatError, LMeasureError
+from lmeasure.io import files
+from lmeasure.recording import read_run
 from lmeasure.rig import rig_from_dict, write_rig
-from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig, read_scenario, simulate
 
 pytestmark = pytest.mark.live

@@ -15,13 +15,13 @@ from log_fuzz import START_POSE, counter_log, six_cables
 from typer.testing import CliRunner
 
 import lmeasure as lm
-from lmeasure import files
-from lmeasure.acquisition.canopen_objects import DataSheet
-from lmeasure.acquisition.frames import CLASSED, ERROR, EXTENDED
-from lmeasure.cli import app
-from lmeasure.errors import FileFormatError
+from lmeasure.acquisition.bus.canopen_objects import DataSheet
+from lmeasure.acquisition.bus.frames import CLASSED, ERROR, EXTENDED
+from lmeasure.cli.app import app
+from lmeasure.core import FileFormatError
+from lmeasure.io import files
+from lmeasure.recording import read_run
 from lmeasure.rig import write_rig
-from lmeasure.run import read_run
 
 CASES = Path(__file__).parents[1] / "authorities" / "recordings-read"
 

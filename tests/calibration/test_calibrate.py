@@ -10,17 +10,15 @@ from campaigns_of_truth import TRUTH, codes, held_out_errors, true_rig
 from scipy.spatial.transform import Rotation
 from zeroed import exact_poses, zeroed_exactly
 
-from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model, rig_with
-from lmeasure.calibration_record import read_calibration_record, write_calibration_record
-from lmeasure.errors import CalibrationError, FileFormatError, LMeasureError
+from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, Model, calibrate, read_campaign, unknowns_of
+from lmeasure.calibration.solve.noise import Noise
+from lmeasure.calibration.solve.unknowns import rig_with
+from lmeasure.core import CalibrationError, FileFormatError, LMeasureError
 from lmeasure.estimation import fit
-from lmeasure.kernels.cable import guide_direction
-from lmeasure.lengths import counts_from_poses, span_lengths
-from lmeasure.poses import poses_from_rows
-from lmeasure.rig import rig_from_dict
+from lmeasure.kernels import guide_direction
+from lmeasure.recording import poses_from_rows
+from lmeasure.rig import read_calibration_record, rig_from_dict, write_calibration_record
+from lmeasure.sensors import counts_from_poses, span_lengths
 
 PUBLISHED = Path(__file__).parents[2] / "calibration" / "thesis-5.5"
 
@@ -95,7 +93,7 @@ def test_silent_directions_stay_at_the_nominal_value(four: Calibration) -> None:
 
 
 def test_prior_everywhere_pulls_towards_the_nominal(four: Calibration) -> None:
-    both = calibrate(four.campaign, Settings(prior=True))
+    both = calibrate(four.campaign, CalibrationSettings(prior=True))
     for free, held in zip(four.record.parameters, both.record.parameters, strict=True):
         assert held.u <= held.prior_u * (1 + 1e-9)
         assert held.u <= free.u * 1.01  # the two optima differ a little, and so do their derivatives
@@ -145,7 +143,7 @@ def test_one_bad_reference_pose_is_named(twelve: Calibration) -> None:
 
 
 def test_edge_of_the_neighbourhood_warns(twelve: Calibration) -> None:
-    result = calibrate(twelve.campaign, Settings(neighbourhood_mm=0.5, neighbourhood_deg=0.1))
+    result = calibrate(twelve.campaign, CalibrationSettings(neighbourhood_mm=0.5, neighbourhood_deg=0.1))
     assert "edge" in codes(result)
 
 
@@ -282,7 +280,7 @@ def test_same_seed_same_result(twelve: Calibration) -> None:
 
 def test_nothing_to_solve_is_refused(twelve: Calibration) -> None:
     with pytest.raises(CalibrationError, match="colour"):
-        calibrate(twelve.campaign, Settings(("colour",)))
+        calibrate(twelve.campaign, CalibrationSettings(("colour",)))
 
 
 def folder_with(tmp_path: Path, **texts: str) -> Path:

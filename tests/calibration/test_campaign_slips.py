@@ -11,8 +11,8 @@ from real_world import Case, Made, make
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, Campaign, calibrate
-from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
+from lmeasure.sensors import span_lengths
 
 FloatArray = NDArray[np.float64]
 SLIPS = {"columns", "outlier", "exchanged_poses", "angles", "sign", "scale", "swapped", "attachment", "slip", "pass"}

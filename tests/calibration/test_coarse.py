@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure.calibration.coarse import coarse_solutions
-from lmeasure.conventions import rotation_from_angles
+from lmeasure.calibration.solve.coarse import coarse_solutions
+from lmeasure.core import rotation_from_angles
 
 # Thesis Rashoyan 2021, 5.5: centre of the flange [mm], A, Theta, T [deg], counts K1..K3, attachment points.
 CENTRE = np.array([[84.63, -838.03, 298.41], [107.66, -615.09, 480.59], [361.59, -640.03, 479.72], [361.50, -159.72, 479.53]])

@@ -2,27 +2,33 @@
 
 import json
 import re
-import sys
 from html import unescape
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.stats
+from bench import client
 from typer.testing import CliRunner
 
-from lmeasure.calibration import Calibration, Campaign, Settings, calibrate
-from lmeasure.calibration.compare import Comparison, Earlier, compare, read_earlier, summary
-from lmeasure.calibration_record import CalibrationRecord, write_calibration_record
-from lmeasure.cli import app
-from lmeasure.errors import CalibrationError, FileFormatError
-from lmeasure.files import write_table
-from lmeasure.poses import write_poses
-from lmeasure.rig import Rig, rig_from_dict, write_rig
-from lmeasure.simulation import cell, simulate_campaign
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "workbench"))
-from bench import client
+from lmeasure.calibration import (
+    Calibration,
+    CalibrationSettings,
+    Campaign,
+    Comparison,
+    calibrate,
+    compare,
+    comparison_summary,
+    read_earlier,
+)
+from lmeasure.calibration.validation.compare import Earlier
+from lmeasure.cli.app import app
+from lmeasure.core import CalibrationError, FileFormatError
+from lmeasure.io import write_table
+from lmeasure.recording import write_poses
+from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict, write_calibration_record, write_rig
+from lmeasure.simulation import cell
+from lmeasure.simulation.instrument import simulate_campaign
 
 MIDDLE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 NOISE_MM = 0.01
@@ -39,7 +45,7 @@ def three_drums(shift_mm: float = 0.0, alpha_deg: float = 0.0) -> Rig:
     return rig_from_dict(data)
 
 
-def calibrated(rig: Rig, seed: int, poses: int = 14, settings: Settings | None = None, u_mm: float = NOISE_MM) -> Calibration:
+def calibrated(rig: Rig, seed: int, poses: int = 14, settings: CalibrationSettings | None = None, u_mm: float = NOISE_MM) -> Calibration:
     """A campaign with errors of the reference poses and rounded counts, calibrated from the rig as it was before anything moved."""
     rng = np.random.default_rng(seed)
     made = simulate_campaign(rig, poses, rng, centre=MIDDLE, half_mm=(300.0, 300.0, 300.0), tilt_rad=0.3, u_position_mm=u_mm)
@@ -66,7 +72,7 @@ def test_a_rig_that_stood_still_has_not_moved(first: Calibration) -> None:
     assert 12 <= found.together.freedom <= found.together.values == 15
     assert [p.point for p in found.points] == ["B1", "B2", "B3"]
     assert [c.cable for c in found.lengths] == ["c1", "c2", "c3"]
-    assert "nothing moved" in summary(found)
+    assert "nothing moved" in comparison_summary(found)
 
 
 def test_a_knocked_point_is_named_and_no_other(first: Calibration) -> None:
@@ -115,7 +121,7 @@ def test_directions_that_only_priors_hold_take_no_part(first: Calibration) -> No
 
 
 def test_a_value_solved_in_one_only_is_said(first: Calibration) -> None:
-    second = calibrated(three_drums(), 5, settings=Settings(solve=("position",)))
+    second = calibrated(three_drums(), 5, settings=CalibrationSettings(solve=("position",)))
     found = compare(earlier(first), second)
     assert any("solved in one of the two only" in note and "guide_alpha_deg" in note for note in found.notes)
     assert {v.name for v in found.values} == {p.name for p in first.record.parameters}

@@ -10,13 +10,11 @@ import scipy.stats
 from random_campaigns import draw
 from test_with_encoders import campaign_of, swivelled
 
-from lmeasure.calibration import misfit
-from lmeasure.calibration.misfit import explain_misfit
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.estimation import Fit, fit
-from lmeasure.estimation.explanations import Explained as State
-from lmeasure.estimation.explanations import improbable
+from lmeasure.calibration import Model, unknowns_of
+from lmeasure.calibration.validation import misfit
+from lmeasure.calibration.validation.misfit import explain_misfit
+from lmeasure.estimation import Explained as State
+from lmeasure.estimation import Fit, fit, improbable
 
 
 def fitted(times: float, poses: int = 20) -> Fit:

@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 from test_with_encoders import campaign_of, swivelled
 
-from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.effects_named import effects, named_effects
-from lmeasure.calibration.frame import model_of
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration import Campaign, Model, effects, unknowns_of
+from lmeasure.calibration.solve.effect_candidates import named_effects
+from lmeasure.calibration.solve.frame import model_of
 from lmeasure.estimation import fit
 from lmeasure.rig import rig_from_dict
-from lmeasure.simulation import campaign_at, cell_rig
-from lmeasure.simulation.cell import reference_poses
-from lmeasure.simulation.motion import scattered_poses
+from lmeasure.simulation import campaign_at, cell_rig, reference_poses, scattered_poses
 
 SIZE = {"run-out of the drum": 0.15, "an eccentric pulley": 0.1, "an eccentric encoder": 0.086, "a groove beside its swivel axis": 0.1}
 

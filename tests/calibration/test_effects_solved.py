@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
 from lmeasure.accuracy.zone import drum_variance
-from lmeasure.calibration import Calibration, Campaign, Settings, calibrate
-from lmeasure.lengths import span_lengths
-from lmeasure.pipeline import reconstruct
+from lmeasure.api import reconstruct
+from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, calibrate
+from lmeasure.core import se3
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.simulation import Leg, campaign_at, cell_rig, simulate_run, smooth_path
-from lmeasure.simulation.cell import reference_poses
+from lmeasure.sensors import span_lengths
+from lmeasure.simulation import Leg, campaign_at, cell_rig, reference_poses, simulate_run, smooth_path
 
 
 def machine(point: dict[str, Any], drum: dict[str, Any], phased: bool = False) -> Rig:
@@ -33,7 +32,7 @@ def calibrated(true: Rig, solve: tuple[str, ...], seed: int = 0) -> Calibration:
         true, reference_poses(), np.random.default_rng(seed), u_position_mm=0.005, nominal_shift_mm=3.0, nominal_shift_deg=0.5
     )
     campaign = Campaign(made.nominal, made.measured, true.cable, made.recorded, np.zeros(6, np.int64))
-    return calibrate(campaign, Settings(solve=("position", "guide", *solve)))
+    return calibrate(campaign, CalibrationSettings(solve=("position", "guide", *solve)))
 
 
 @pytest.mark.parametrize(

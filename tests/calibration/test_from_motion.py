@@ -15,21 +15,15 @@ from test_with_encoders import campaign_of as campaign_at
 from test_with_encoders import swivelled
 from typer.testing import CliRunner
 
-from lmeasure import se3
-from lmeasure.calibration import Settings, calibrate
-from lmeasure.calibration.continuing import continued
-from lmeasure.calibration.frame import model_of
-from lmeasure.calibration.known_lengths import Distance, distance_of
-from lmeasure.calibration.motion import campaign_of
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.cli import app
-from lmeasure.errors import CalibrationError
-from lmeasure.observation.parameters import value_of, with_values
-from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run, read_run, write_run
-from lmeasure.simulation.instrument import simulate_run
-from lmeasure.simulation.motion import Leg, smooth_path
+from lmeasure.calibration import CalibrationSettings, Distance, calibrate, continued, unknowns_of
+from lmeasure.calibration.campaign.known_lengths import distance_of
+from lmeasure.calibration.solve.frame import model_of
+from lmeasure.calibration.solve.run_samples import campaign_of
+from lmeasure.cli.app import app
+from lmeasure.core import CalibrationError, se3
+from lmeasure.recording import Run, read_run, write_run
+from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict, value_of, with_values
+from lmeasure.simulation import Leg, simulate_run, smooth_path
 
 FloatArray = NDArray[np.float64]
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
@@ -60,7 +54,7 @@ def test_a_motion_without_a_pose_calibrates_six_cables_and_six_encoders() -> Non
     begun = true[0, 1:] + np.r_[5.0, -3.0, 4.0, 0, 0, 0, 0]
     campaign = campaign_of(replace(run, rig=shaken(run.rig, 10.0, 2.0), start=begun), 40)
     before = campaign.poses.rows[1:, :3]
-    found = calibrate(campaign, Settings(self_calibration=True))
+    found = calibrate(campaign, CalibrationSettings(self_calibration=True))
     assert found.record.rank == found.record.unknowns - 6
     assert 0.7 < found.record.noise["chi_squared"] / found.record.noise["degrees_of_freedom"] < 1.3
     # the same shape as the true motion, wherever the frame is
@@ -92,7 +86,7 @@ def test_one_length_gives_the_scale_that_counts_do_not() -> None:
     names = campaign.poses.names
     solve = ("position", "guide", "scale")
     blind, told = (
-        calibrate(campaign, Settings(self_calibration=True, solve=solve, distances=given))
+        calibrate(campaign, CalibrationSettings(self_calibration=True, solve=solve, distances=given))
         for given in ((), (Distance(names[3], names[7], known, 0.02),))
     )
     way = np.linalg.norm(told.campaign.poses.rows[3, :3] - told.campaign.poses.rows[7, :3])

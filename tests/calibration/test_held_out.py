@@ -10,10 +10,9 @@ from random_campaigns import draw
 from scipy.optimize import least_squares
 from zeroed import zeroed_exactly
 
-from lmeasure.calibration import Settings, calibrate, read_campaign
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model, rig_with
-from lmeasure.errors import CalibrationError
+from lmeasure.calibration import CalibrationSettings, Model, calibrate, read_campaign, unknowns_of
+from lmeasure.calibration.solve.unknowns import rig_with
+from lmeasure.core import CalibrationError
 
 
 def test_held_out_poses_are_told_with_their_uncertainty() -> None:
@@ -21,7 +20,7 @@ def test_held_out_poses_are_told_with_their_uncertainty() -> None:
     squares = []
     for seed in range(12):
         drawn = draw(seed, points=2, poses=24, u_position_mm=0.05)
-        told = calibrate(drawn.campaign, Settings(hold_out=("5", "9", "14", "20"))).record.validation["held_out"]
+        told = calibrate(drawn.campaign, CalibrationSettings(hold_out=("5", "9", "14", "20"))).record.validation["held_out"]
         squares += [(p["error_mm"] / p["u_mm"]) ** 2 for p in told["poses"]]
     assert len(squares) == 12 * 4 * 2
     # 96 of them, poses shared by two channels: standard deviation of the mean about 0.18
@@ -33,7 +32,7 @@ def test_held_out_poses_take_no_part() -> None:
     counts = drawn.campaign.counts.copy()
     counts[[3, 7]] = np.nan
     without = calibrate(replace(drawn.campaign, counts=counts)).record
-    record = calibrate(drawn.campaign, Settings(hold_out=("4", "8"))).record
+    record = calibrate(drawn.campaign, CalibrationSettings(hold_out=("4", "8"))).record
     assert record.parameters == without.parameters
     assert record.equations == 13
 
@@ -41,7 +40,7 @@ def test_held_out_poses_take_no_part() -> None:
 @pytest.mark.parametrize(("pose", "message"), [("99", "no such pose"), ("1", "zeroed there")])
 def test_poses_that_cannot_be_held_out(pose: str, message: str) -> None:
     with pytest.raises(CalibrationError, match=message):
-        calibrate(draw(2).campaign, Settings(hold_out=(pose,)))
+        calibrate(draw(2).campaign, CalibrationSettings(hold_out=(pose,)))
 
 
 def test_spectrum_counts_the_rank() -> None:

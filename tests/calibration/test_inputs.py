@@ -10,16 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration import Settings, calibrate, read_campaign
-from lmeasure.calibration.dwells import mean_variance, noise_of, pooled_scatter, rounding_left
-from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.errors import CalibrationError, FileFormatError
-from lmeasure.files import read_table, write_table
-from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import read_poses
-from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
+from lmeasure.calibration import CalibrationSettings, Model, calibrate, mean_variance, pooled_scatter, read_campaign, unknowns_of
+from lmeasure.calibration.campaign.dwells import noise_of, rounding_left
+from lmeasure.calibration.solve.noise import Noise
+from lmeasure.core import CalibrationError, FileFormatError
+from lmeasure.io import write_table
+from lmeasure.io.tables import read_table
+from lmeasure.recording import read_poses
+from lmeasure.sensors import counts_from_poses
+from lmeasure.simulation import cell_rig, write_campaign
+from lmeasure.simulation.instrument import simulate_campaign
 
 FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
@@ -147,7 +147,7 @@ def test_dwells_that_move_are_worth_more_and_still_ones_are_not(tmp_path: Path) 
     dwell(folder, 0.6, 100)
     moving, model = covariance_of(folder)
     assert np.diag(moving).max() < 0.2 * np.diag(one).min()
-    found = calibrate(model.campaign, Settings()).record
+    found = calibrate(model.campaign, CalibrationSettings()).record
     assert found.noise["residual_rms_mm"] < 0.0015
     assert 0.3 < found.noise["chi_squared"] / found.noise["degrees_of_freedom"] < 2.0
 
@@ -165,7 +165,7 @@ def test_a_pose_visited_again_shares_its_error(tmp_path: Path) -> None:
     assert np.diag(V)[back] == pytest.approx(2 * 0.012**2 / 12)
     first, again = (np.flatnonzero((model.pose_index == i) & (model.cable_index == 0))[0] for i in (3, 13))
     assert V[first, again] == pytest.approx(V[first, first] - 0.012**2 / 12)
-    assert any("later visit(s)" in w.text for w in calibrate(campaign, Settings()).record.warnings)
+    assert any("later visit(s)" in w.text for w in calibrate(campaign, CalibrationSettings()).record.warnings)
     # with the robot's repeatability each visit has an error of its own
     edit(folder / "reference_poses.csv", lambda c: c | {"u_repeatability_mm": np.full(12, 0.02), "u_repeatability_deg": np.zeros(12)})
     V, model = covariance_of(folder)
@@ -186,5 +186,5 @@ def test_a_channel_that_never_counts_is_refused_unless_its_cable_may_have_kept_i
     note = "channel ch1: all its counts are zero; its cable is taken to have kept its length"
     assert note in read_campaign(folder).notes
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
-    monkeypatch.setattr("lmeasure.calibration.campaign_files.STILL_PART", 2.0)
+    monkeypatch.setattr("lmeasure.calibration.campaign.files.STILL_PART", 2.0)
     assert note in read_campaign(folder).notes

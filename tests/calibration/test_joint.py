@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.frame import model_of, motions, moved
-from lmeasure.calibration.joint import solve_jointly
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknown_poses import free_components
-from lmeasure.cli import app
-from lmeasure.errors import CalibrationError
-from lmeasure.files import read_table, write_table
-from lmeasure.lengths import span_lengths
-from lmeasure.poses import read_poses
+from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, calibrate, read_campaign, unknowns_of
+from lmeasure.calibration.solve.frame import model_of, motions, moved
+from lmeasure.calibration.solve.joint_estimation import solve_jointly
+from lmeasure.calibration.solve.unknown_poses import free_components
+from lmeasure.cli.app import app
+from lmeasure.core import CalibrationError
+from lmeasure.io import write_table
+from lmeasure.io.tables import read_table
+from lmeasure.recording import read_poses
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
+from lmeasure.sensors import span_lengths
+from lmeasure.simulation import cell_rig, write_campaign
+from lmeasure.simulation.instrument import simulate_campaign
 
 FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
@@ -107,7 +108,7 @@ def test_a_body_on_eight_cables_calibrates_itself(frame: Any) -> None:
     """Poses stated 5 mm and one degree wrong come out to hundredths, shapes of rig and poses as the counts have them."""
     rig = body_rig()
     campaign, true = simulated(rig, 45, 5.0, 0.02)
-    result = calibrate(campaign, Settings(self_calibration=True, frame=frame))
+    result = calibrate(campaign, CalibrationSettings(self_calibration=True, frame=frame))
     record = result.record
     assert (record.equations, record.unknowns) == (8 * 44, 40 + 6 * 45)
     assert next(w for w in record.warnings if w.code == "frame").value == 6
@@ -141,7 +142,7 @@ def test_errors_are_those_that_the_covariance_states() -> None:
 def test_one_point_on_five_cables_calibrates_itself() -> None:
     rig = point_rig()
     campaign, true = simulated(rig, 40, 5.0, 0.0)
-    result = calibrate(campaign, Settings(self_calibration=True))
+    result = calibrate(campaign, CalibrationSettings(self_calibration=True))
     place, _ = aligned(np.column_stack([result.campaign.poses.rows[:, :3], true[:, 3:]]), true)
     assert result.record.unknowns == 25 + 3 * 40
     assert np.sqrt(np.mean(place**2)) < 0.15
@@ -153,18 +154,18 @@ def test_what_the_counts_cannot_do_is_refused_in_one_line() -> None:
         campaign, _ = simulated(rig, 12, 1.0, 0.01)
         if text:
             with pytest.raises(CalibrationError, match=text) as error:
-                calibrate(campaign, Settings(self_calibration=True))
+                calibrate(campaign, CalibrationSettings(self_calibration=True))
             assert "\n" not in str(error.value)
     campaign, _ = simulated(body_rig(), 3, 1.0, 0.01)
     with pytest.raises(CalibrationError, match=r"16 equations cannot tell 6 unknowns of each of 3 poses and 40 values of the rig; with 8"):
-        calibrate(campaign, Settings(self_calibration=True))
+        calibrate(campaign, CalibrationSettings(self_calibration=True))
     with pytest.raises(CalibrationError, match="--self: needs position and guide in --solve"):
-        calibrate(campaign, Settings(("position",), self_calibration=True))
+        calibrate(campaign, CalibrationSettings(("position",), self_calibration=True))
 
 
 def test_too_few_poses_say_what_they_leave_open() -> None:
     campaign, _ = simulated(body_rig(), 14, 2.0, 0.01)
-    record = calibrate(campaign, Settings(self_calibration=True)).record
+    record = calibrate(campaign, CalibrationSettings(self_calibration=True)).record
     assert any(w.code == "underdetermined" and "the nominal rig's priors decide" in w.text for w in record.warnings)
     assert record.rank < record.unknowns - 6
 
@@ -198,7 +199,7 @@ def test_positions_alone_that_state_nothing_say_what_is_taken(tmp_path: Path) ->
 def test_positions_alone_calibrate_and_the_counts_tell_the_orientations(tmp_path: Path, u_mm: float) -> None:
     rig = cell_rig(1)
     folder, true = xyz_folder(tmp_path, rig, u_mm=u_mm)
-    result = calibrate(read_campaign(folder), Settings())
+    result = calibrate(read_campaign(folder), CalibrationSettings())
     turn = (Rotation.from_quat(result.campaign.poses.rows[:, 3:]) * Rotation.from_quat(true[:, 3:]).inv()).magnitude()
     assert turn.max() < (0.002 if u_mm == 0.0 else 0.05)
     assert result.record.unknowns == 30 + 3 * 18
@@ -210,17 +211,17 @@ def test_positions_alone_calibrate_and_the_counts_tell_the_orientations(tmp_path
 def test_positions_alone_with_too_few_equations_are_refused(tmp_path: Path) -> None:
     folder, _ = xyz_folder(tmp_path, cell_rig(1), 8)
     with pytest.raises(CalibrationError, match=r"has no orientations, and 42 equations cannot tell 3 unknowns.*at least 12 poses"):
-        calibrate(read_campaign(folder), Settings())
+        calibrate(read_campaign(folder), CalibrationSettings())
 
 
 def test_positions_of_one_point_need_no_orientation(tmp_path: Path) -> None:
     folder, _ = xyz_folder(tmp_path / "a", point_rig(), 14)
-    result = calibrate(read_campaign(folder), Settings())
+    result = calibrate(read_campaign(folder), CalibrationSettings())
     assert result.record.noise["residual_rms_mm"] < 0.005
     assert result.rig.observation_point[0].position_mm == pytest.approx(point_rig().observation_point[0].position_mm, abs=20.0)
     folder, _ = xyz_folder(tmp_path / "b", point_rig(offset=(0.0, 0.0, 50.0)), 14)
     with pytest.raises(CalibrationError, match=r"all cables lead to P: give the positions of P itself and P = \[0\.0, 0\.0, 0\.0\]"):
-        calibrate(read_campaign(folder), Settings())
+        calibrate(read_campaign(folder), CalibrationSettings())
 
 
 def test_the_command_writes_the_poses_it_found(tmp_path: Path) -> None:

@@ -11,20 +11,17 @@ from numpy.typing import NDArray
 from random_campaigns import Drawn, draw, true_unknowns
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration import Campaign, Settings, calibrate
-from lmeasure.calibration.compare import Earlier, compare
-from lmeasure.calibration.frame import condition, in_frame, model_of, motions, moved
-from lmeasure.calibration.joint import solve_jointly
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknown_poses import counted_poses, free_components
-from lmeasure.calibration.unknowns import Model
-from lmeasure.calibration.validation import deletion_residuals, shifted_lengths
-from lmeasure.calibration_record import CalibrationRecord, Input
-from lmeasure.errors import CalibrationError
-from lmeasure.estimation import Fit, fit
-from lmeasure.estimation.deletion import Deletion
-from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import read_poses, write_poses
+from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate, compare, unknowns_of
+from lmeasure.calibration.solve.frame import condition, in_frame, model_of, motions, moved
+from lmeasure.calibration.solve.joint_estimation import solve_jointly
+from lmeasure.calibration.solve.unknown_poses import counted_poses, free_components
+from lmeasure.calibration.validation.compare import Earlier
+from lmeasure.calibration.validation.hold_out import deletion_residuals, shifted_lengths
+from lmeasure.core import CalibrationError
+from lmeasure.estimation import Deletion, Fit, fit
+from lmeasure.recording import read_poses, write_poses
+from lmeasure.rig import CalibrationRecord, Input
+from lmeasure.sensors import counts_from_poses
 
 FloatArray = NDArray[np.float64]
 
@@ -32,7 +29,7 @@ POINT: dict[str, Any] = {"points": 6, "poses": 24, "attachments": 1, "off": (3.0
 FEW = POINT | {"poses": 16}
 BODY: dict[str, Any] = {"points": 10, "poses": 24, "off": (3.0, 0.01), "spread": (500.0, 0.6)}
 XYZ: dict[str, Any] = {"points": 6, "poses": 36, "oriented": False, "u_position_mm": 0.02, "spread": (500.0, 0.4)}
-SELF = Settings(self_calibration=True)
+SELF = CalibrationSettings(self_calibration=True)
 
 
 def solved(drawn: Drawn, frame: Any = "rig", prior: bool = False) -> tuple[Model, Fit]:
@@ -138,7 +135,9 @@ def test_a_pose_left_out_is_judged_as_by_a_fit_without_it(given: dict[str, Any],
         start = found.theta[np.isin(model.names, other.names)]
         assert found.chi2 - fit(other, start).chi2 == pytest.approx(judged.square, rel=0.02)
         name = drawn.campaign.poses.names[pose]
-        kept = calibrate(drawn.campaign, Settings(hold_out=(name,), self_calibration=drawn.campaign.poses.oriented)).record.validation
+        kept = calibrate(
+            drawn.campaign, CalibrationSettings(hold_out=(name,), self_calibration=drawn.campaign.poses.oriented)
+        ).record.validation
         errors = np.array([[p["error_mm"], p["u_mm"]] for p in kept["held_out"]["poses"]])
         assert np.sqrt(np.sum(errors[:, 0] ** 2) / left) == pytest.approx(told[name], rel=0.02)
         rows = model.pose_index == pose
@@ -302,7 +301,7 @@ def test_visits_of_positions_alone_share_the_stated_error_and_turn_on_their_own(
 def test_poses_found_have_the_uncertainty_of_their_own(tmp_path: Path) -> None:
     """Errors of the poses in units of what poses.csv states of them, after a way through the file; the frame is the reference poses'."""
     drawn = draw(3, **(BODY | {"poses": 30}))
-    result = calibrate(drawn.campaign, Settings(self_calibration=True, frame="poses"))
+    result = calibrate(drawn.campaign, CalibrationSettings(self_calibration=True, frame="poses"))
     write_poses(tmp_path / "poses.csv", result.campaign.poses)
     poses = read_poses(tmp_path / "poses.csv", "puma-oat")
     assert poses.covariance is not None

@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 from test_laws_of_residuals import POSES, campaign_of
 from test_with_encoders import swivelled
 
-from lmeasure.calibration import Campaign
-from lmeasure.calibration.frame import model_of
-from lmeasure.calibration.residuals import parameters_of, unknowns_of
-from lmeasure.calibration.unknowns import Model, rig_with
+from lmeasure.calibration import Campaign, Model, unknowns_of
+from lmeasure.calibration.solve.frame import model_of
+from lmeasure.calibration.solve.residuals import parameters_of
+from lmeasure.calibration.solve.unknowns import rig_with
 from lmeasure.rig import rig_from_dict
-from lmeasure.unused_counts import ARM_MM
+from lmeasure.sensors import ARM_MM
 
 FloatArray = NDArray[np.float64]
 COUNT_MM, TICK_MM = 0.012, 2.0 * np.pi / 131072 * ARM_MM

@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from test_with_encoders import swivelled
 
-from lmeasure import se3
-from lmeasure.calibration import Campaign
-from lmeasure.calibration.frame import model_of
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.lengths import counts_from_poses
-from lmeasure.observation.parameters import GROUPS
-from lmeasure.poses import Poses
-from lmeasure.rig import Rig, Turned, rig_from_dict
+from lmeasure.calibration import Campaign, Model, unknowns_of
+from lmeasure.calibration.solve.frame import model_of
+from lmeasure.core import se3
+from lmeasure.recording import Poses
+from lmeasure.rig import GROUPS, Rig, Turned, rig_from_dict
+from lmeasure.sensors import counts_from_poses
 
 FloatArray = NDArray[np.float64]
 PARTS = ("run-out", "eccentricity", "offset", "diameter", "backlash", "tilt")

@@ -7,9 +7,9 @@ import pytest
 from campaigns_of_truth import TRUTH, codes, held_out_errors, true_rig
 from zeroed import zeroed_exactly
 
-from lmeasure.calibration import Settings, calibrate, read_campaign
-from lmeasure.conventions import angles_from_rotation, rotation_from_angles
-from lmeasure.poses import poses_from_rows
+from lmeasure.calibration import CalibrationSettings, calibrate, read_campaign
+from lmeasure.core import angles_from_rotation, rotation_from_angles
+from lmeasure.recording import poses_from_rows
 from lmeasure.rig import rig_from_dict
 
 
@@ -41,7 +41,7 @@ def test_a_scale_that_is_solved_for_is_found() -> None:
     data["observation_point"][2]["drum"]["scale"] = 0.49
     halved = campaign.counts.copy()
     halved[:, 2] /= 0.49
-    result = calibrate(replace(campaign, rig=rig_from_dict(data), counts=halved), Settings(("position", "guide", "scale")))
+    result = calibrate(replace(campaign, rig=rig_from_dict(data), counts=halved), CalibrationSettings(("position", "guide", "scale")))
     scales = {p.name: p for p in result.record.parameters if p.name.endswith(".scale")}
     assert scales["B3.scale"].value == pytest.approx(0.5, abs=5 * scales["B3.scale"].u)
     assert result.rig.point("B3").drum.scale == scales["B3.scale"].value

@@ -11,18 +11,13 @@ from random_campaigns import Drawn, draw, true_values
 from scipy.stats import chi2
 from zeroed import exactly, zeroed_exactly
 
-from lmeasure.calibration import Campaign, read_campaign
-from lmeasure.calibration.campaign import of_cables
-from lmeasure.calibration.dwells import rounding_left
-from lmeasure.calibration.information import Instrument
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.estimation import fit
-from lmeasure.estimation.regions import regions
-from lmeasure.files import write_table
-from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import pose_columns, poses_from_rows
+from lmeasure.calibration import Campaign, Instrument, Model, of_cables, read_campaign, unknowns_of
+from lmeasure.calibration.campaign.dwells import rounding_left
+from lmeasure.estimation import fit, regions
+from lmeasure.io import write_table
+from lmeasure.recording import pose_columns, poses_from_rows
 from lmeasure.rig import Rig, rig_from_dict, write_rig
+from lmeasure.sensors import counts_from_poses
 from lmeasure.simulation import cell_rig, scattered_poses
 
 FloatArray = NDArray[np.float64]

@@ -9,24 +9,22 @@ from hypothesis import strategies as st
 from planned import CELL, IDENTITY, RIG, random_rows, two_drums
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration.planning import Settings, plan_poses
-from lmeasure.calibration.reach import Limits, Region, Usable
-from lmeasure.errors import CalibrationError
-from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.kernels.clearance import least_clearances
-from lmeasure.lengths import span_lengths
+from lmeasure.calibration import Limits, PlanSettings, Region, Usable, plan_poses
+from lmeasure.core import CalibrationError
+from lmeasure.kernels import least_clearances, wrap_geometry
 from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.sensors import span_lengths
 
 
 def test_limits_that_nothing_keeps_name_what_breaks_them() -> None:
     with pytest.raises(CalibrationError, match=r"a cable too short or too long at 100% of the poses tried"):
-        plan_poses(RIG, Settings(4, CELL, limits=Limits(max_length_mm=500.0)))
+        plan_poses(RIG, PlanSettings(4, CELL, limits=Limits(max_length_mm=500.0)))
 
 
 def test_a_point_is_no_room_for_many_poses() -> None:
     region = Region(np.zeros(3), np.array([100.0, 0.0, 0.0]), 0.0, IDENTITY)
     with pytest.raises(CalibrationError, match="has room for"):
-        plan_poses(two_drums(), Settings(20, region))
+        plan_poses(two_drums(), PlanSettings(20, region))
 
 
 @given(seed=st.integers(0, 1000))
@@ -117,7 +115,7 @@ def test_a_cable_that_cannot_carry_itself_is_slack() -> None:
 
 def test_a_plan_keeps_every_cable_taut() -> None:
     rig = springs(cable_tension_n=4.0, cable_tension_n_per_m=8.0, cable_stiffness_n=1e4)
-    plan = plan_poses(rig, Settings(6, CELL, criterion="I", limits=Limits(min_tension_n=2.0)))
+    plan = plan_poses(rig, PlanSettings(6, CELL, criterion="I", limits=Limits(min_tension_n=2.0)))
     change = span_lengths(rig, plan.poses.rows) - span_lengths(rig, CELL.centre[None])
     assert (4.0 + 8.0 * change / 1000.0 >= 2.0 - 1e-9).all()
     assert dict(plan.broken)["a slack cable"] > 0.05

@@ -12,24 +12,32 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from zeroed import zeroed_exactly
 
-from lmeasure.calibration import Campaign, calibrate, read_campaign
-from lmeasure.calibration.campaign import extended
-from lmeasure.calibration.candidates import APART, candidates
-from lmeasure.calibration.information import Instrument
-from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.planning import Plan, Settings, plan_poses
-from lmeasure.calibration.reach import Limits, Region, Usable
-from lmeasure.calibration.unknowns import Model, rig_with
-from lmeasure.cli import app
-from lmeasure.cli import main as command
-from lmeasure.errors import CalibrationError
-from lmeasure.estimation import fit
-from lmeasure.estimation.exchange import Criterion, empty, grown, improved
-from lmeasure.estimation.information import estimated_covariance, parameter_information
-from lmeasure.files import read_table, write_table
-from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
-from lmeasure.poses import Poses, pose_columns, read_poses
+from lmeasure.calibration import (
+    Campaign,
+    Instrument,
+    Limits,
+    Model,
+    Plan,
+    PlanSettings,
+    Region,
+    Usable,
+    calibrate,
+    extended,
+    plan_poses,
+    read_campaign,
+)
+from lmeasure.calibration.plan.candidates import APART, candidates
+from lmeasure.calibration.solve.noise import Noise
+from lmeasure.calibration.solve.unknowns import rig_with
+from lmeasure.cli.app import app
+from lmeasure.cli.app import main as command
+from lmeasure.core import CalibrationError
+from lmeasure.estimation import Criterion, empty, estimated_covariance, fit, grown, improved, parameter_information
+from lmeasure.io import write_table
+from lmeasure.io.tables import read_table
+from lmeasure.recording import Poses, pose_columns, read_poses
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
+from lmeasure.sensors import counts_from_poses, recorded_from_counts, span_lengths
 
 TRUTH = Path(__file__).parent.parent / "authorities" / "truth"
 NEVER = np.zeros(6)  # a robot that comes back exactly
@@ -55,7 +63,7 @@ def estimated(campaign: Campaign, instrument: Instrument) -> tuple[np.ndarray, i
 
 @pytest.fixture(scope="module")
 def eight() -> Plan:
-    return plan_poses(RIG, Settings(8, CELL))
+    return plan_poses(RIG, PlanSettings(8, CELL))
 
 
 @pytest.mark.parametrize(("u_position_mm", "u_rotation_rad"), [(0.0, 0.0), (0.05, 2e-4)])
@@ -180,7 +188,7 @@ def test_a_plan_keeps_to_the_robot_and_repeats_nothing(eight: Plan) -> None:
 
 
 def test_a_plan_is_the_same_for_the_same_seed() -> None:
-    once, again, other = (plan_poses(two_drums(), Settings(4, CELL, criterion="I", seed=seed)) for seed in (1, 1, 2))
+    once, again, other = (plan_poses(two_drums(), PlanSettings(4, CELL, criterion="I", seed=seed)) for seed in (1, 1, 2))
     np.testing.assert_array_equal(again.poses.rows, once.poses.rows)
     assert again.course == once.course
     assert np.abs(other.poses.rows - once.poses.rows).max() > 1.0
@@ -199,7 +207,7 @@ def test_the_course_falls_and_each_pose_is_worth_something(eight: Plan) -> None:
 def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eight: Plan) -> None:
     """100 campaigns at the planned poses with rounded counts and pose errors: rms length error against the predicted rms."""
     u_position_mm, u_rotation_rad = 0.01, 3e-5
-    plan = plan_poses(RIG, Settings(10, CELL, criterion="I", u_position_mm=u_position_mm, u_rotation_rad=u_rotation_rad))
+    plan = plan_poses(RIG, PlanSettings(10, CELL, criterion="I", u_position_mm=u_position_mm, u_rotation_rad=u_rotation_rad))
     rng = np.random.default_rng(8)
     held_out = CELL.rows(rng.uniform(0.0, 1.0, (100, 6)))
     instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(u_position_mm, u_rotation_rad), visit=NEVER)
@@ -233,7 +241,7 @@ def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eig
 def test_four_poses_leave_two_directions_of_each_point() -> None:
     rig = read_rig(TRUTH / "thesis-4-poses" / "rig.toml")
     region = Region(np.array([-300.0, -900.0, 200.0]), np.array([300.0, -300.0, 700.0]), 0.3, IDENTITY)
-    plan = plan_poses(rig, Settings(4, region, further=2))
+    plan = plan_poses(rig, PlanSettings(4, region, further=2))
     assert (plan.outlook.rank, plan.equations, len(plan.parameters)) == (9, 9, 15)
     assert [u.point for u in plan.undetermined] == ["B1", "B1", "B2", "B2", "B3", "B3"]
     assert [(count, outlook.rank) for count, outlook in plan.course] == [(2, 3), (3, 6), (4, 9), (5, 12), (6, 15)]
@@ -243,7 +251,7 @@ def test_recorded_poses_are_kept_and_built_upon() -> None:
     campaign = zeroed_exactly(read_campaign(TRUTH / "thesis-4-poses"))
     rows = campaign.poses.rows
     region = Region(rows[:, :3].min(axis=0), rows[:, :3].max(axis=0), 0.3, campaign.poses.rotation.mean().as_quat())
-    plan = plan_poses(campaign.rig, Settings(2, region, further=0), campaign)
+    plan = plan_poses(campaign.rig, PlanSettings(2, region, further=0), campaign)
     assert plan.recorded == 4
     assert plan.poses.names == ("1", "2", "3", "4", "5", "6")
     np.testing.assert_array_equal(plan.poses.rows[:4], rows)
@@ -255,7 +263,7 @@ def test_recorded_poses_are_kept_and_built_upon() -> None:
 def test_recorded_cables_that_are_not_the_rigs_are_refused() -> None:
     campaign = zeroed_exactly(read_campaign(TRUTH / "thesis-4-poses"))
     with pytest.raises(CalibrationError, match=r"cable .* of the recorded campaign is not one of its cables"):
-        plan_poses(RIG, Settings(2, CELL), campaign)
+        plan_poses(RIG, PlanSettings(2, CELL), campaign)
 
 
 def test_command_extends_with_all_that_the_folder_states(tmp_path: Path) -> None:
@@ -301,7 +309,7 @@ def test_command_writes_poses_that_calibrate(tmp_path: Path) -> None:
     write_table(folder / "counts.csv", {"pose": list(poses.names)} | {c.channel: counts[:, j] for j, c in enumerate(rig.cable)})
     campaign = read_campaign(folder)
     record = calibrate(replace(campaign, poses=campaign.poses.with_uncertainty(0.0, 0.0))).record
-    plan = plan_poses(rig, Settings(8, Region(CELL.low, CELL.high, math.radians(17), IDENTITY), criterion="I"))
+    plan = plan_poses(rig, PlanSettings(8, Region(CELL.low, CELL.high, math.radians(17), IDENTITY), criterion="I"))
     assert record.rank == 10
     # linearised at the nominal rig there, at the estimate here
     for found, (name, predicted, _) in zip(record.parameters, plan.parameters, strict=True):

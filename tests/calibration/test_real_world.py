@@ -12,16 +12,16 @@ from real_rig import Flaws
 from real_world import Case, Made, make, score, score_of, told
 from typer.testing import CliRunner
 
-from lmeasure.calibration import Calibration, Settings, calibrate, explanations, solve
-from lmeasure.calibration.misfit import Explained, explain_misfit
-from lmeasure.calibration.unknowns import Model
-from lmeasure.calibration_record import Finding
-from lmeasure.cli import app
-from lmeasure.errors import CalibrationError
+from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate
+from lmeasure.calibration.solve import solve
+from lmeasure.calibration.validation import explanations
+from lmeasure.calibration.validation.misfit import Explained, explain_misfit
+from lmeasure.cli.app import app
+from lmeasure.core import CalibrationError
 from lmeasure.estimation import Fit
-from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import write_poses
-from lmeasure.rig import Rig, rig_from_dict, write_rig
+from lmeasure.recording import write_poses
+from lmeasure.rig import Finding, Rig, rig_from_dict, write_rig
+from lmeasure.sensors import counts_from_poses
 
 
 def misfits(result: Calibration) -> list[Finding]:
@@ -76,7 +76,7 @@ def test_what_can_be_stated_costs_no_more_than_stating_it(case: Case, says: str,
             assert float(told_size[1]) == pytest.approx(size, rel=0.4)
         groups = ("position", "guide", *case.cure)
         ours.append(score_of(result, made).error_mm)
-        theirs.append(score_of(calibrate(told(made, case), Settings(groups)), made).error_mm)
+        theirs.append(score_of(calibrate(told(made, case), CalibrationSettings(groups)), made).error_mm)
     assert np.sqrt(np.mean(np.square(ours))) < 1.5 * np.sqrt(np.mean(np.square(theirs)))
 
 

@@ -9,12 +9,10 @@ import scipy.stats
 from random_campaigns import Drawn, draw, errors, square_of, true_values
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.calibration import Calibration, Settings, calibrate
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.lengths import span_lengths
+from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate, unknowns_of
+from lmeasure.core import se3
 from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.sensors import span_lengths
 
 SEEDS = range(5)
 CHANCE = 1e-5  # of a correct calibration failing one comparison
@@ -53,10 +51,10 @@ def test_stated_pose_errors(seed: int) -> None:
 
 
 OPTIONS = {
-    "default": Settings(),
-    "robust": Settings(robust=True),
-    "held out": Settings(hold_out=("4", "11")),
-    "scale": Settings(("position", "guide", "scale")),
+    "default": CalibrationSettings(),
+    "robust": CalibrationSettings(robust=True),
+    "held out": CalibrationSettings(hold_out=("4", "11")),
+    "scale": CalibrationSettings(("position", "guide", "scale")),
 }
 
 
@@ -84,13 +82,13 @@ POINT: dict[str, Any] = {"points": 6, "poses": 24, "attachments": 1, "off": (3.0
 BODY: dict[str, Any] = {"points": 10, "poses": 24, "off": (3.0, 0.01), "spread": (500.0, 0.6)}
 XYZ: dict[str, Any] = {"points": 7, "poses": 22, "oriented": False, "u_position_mm": 0.02, "spread": (500.0, 0.4)}
 UNKNOWN_POSES = {
-    "self, one point": (POINT, Settings(self_calibration=True)),
-    "self, a body": (BODY, Settings(self_calibration=True)),
-    "self, frame of the poses": (POINT, Settings(self_calibration=True, frame="poses")),
-    "self, robust": (POINT, Settings(self_calibration=True, robust=True)),
-    "self, held out": (POINT, Settings(self_calibration=True, hold_out=("4", "11"))),
-    "self, prior": (POINT, Settings(self_calibration=True, prior=True, frame="poses")),
-    "positions alone": (XYZ, Settings()),
+    "self, one point": (POINT, CalibrationSettings(self_calibration=True)),
+    "self, a body": (BODY, CalibrationSettings(self_calibration=True)),
+    "self, frame of the poses": (POINT, CalibrationSettings(self_calibration=True, frame="poses")),
+    "self, robust": (POINT, CalibrationSettings(self_calibration=True, robust=True)),
+    "self, held out": (POINT, CalibrationSettings(self_calibration=True, hold_out=("4", "11"))),
+    "self, prior": (POINT, CalibrationSettings(self_calibration=True, prior=True, frame="poses")),
+    "positions alone": (XYZ, CalibrationSettings()),
 }
 
 
@@ -130,7 +128,7 @@ def test_more_unknowns(seed: int, group: str, key: str, shift: float) -> None:
     """What is not solved for biases; what is solved for is covered by its stated uncertainty."""
     drawn = draw(seed, points=1, poses=24, noise="gaussian")
     off = replace(drawn, campaign=replace(drawn.campaign, rig=without(drawn, key, shift)))
-    result = calibrate(off.campaign, Settings(("position", "guide", group)))
+    result = calibrate(off.campaign, CalibrationSettings(("position", "guide", group)))
     compare(off, result)
 
 
@@ -142,13 +140,13 @@ def test_scale(seed: int) -> None:
     truth = drawn.truth.to_dict()
     truth["observation_point"][0]["drum"]["scale"] = 1.0
     moved = Drawn(replace(drawn.campaign, rig=off, counts=counts), rig_from_dict(truth), drawn.poses)
-    compare(moved, calibrate(moved.campaign, Settings(("position", "guide", "scale"))))
+    compare(moved, calibrate(moved.campaign, CalibrationSettings(("position", "guide", "scale"))))
 
 
 @pytest.mark.parametrize("seed", SEEDS[:3])
 def test_prior_everywhere(seed: int) -> None:
     drawn = draw(seed, points=1, poses=6, noise="gaussian")
-    held = calibrate(drawn.campaign, Settings(prior=True))
+    held = calibrate(drawn.campaign, CalibrationSettings(prior=True))
     assert "not_converged" not in {w.code for w in held.record.warnings}
     compare(drawn, held)
 

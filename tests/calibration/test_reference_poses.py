@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lmeasure.calibration.campaign_files import read_campaign
-from lmeasure.calibration.slips import without_slips
-from lmeasure.errors import CalibrationError, LMeasureError
-from lmeasure.foreign import columns_of
+from lmeasure.calibration import read_campaign, without_slips
+from lmeasure.core import CalibrationError, LMeasureError
+from lmeasure.io import columns_of
 
 CELL = Path(__file__).parents[1] / "authorities" / "truth" / "cell-12-poses"
 

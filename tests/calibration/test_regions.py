@@ -8,12 +8,10 @@ import pytest
 import scipy.stats
 from random_campaigns import Drawn, draw
 
-from lmeasure.calibration import calibrate
-from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.estimation import Fit, fit
-from lmeasure.estimation.regions import DRAWS, Regions, _noise, regions
+from lmeasure.calibration import Model, calibrate, unknowns_of
+from lmeasure.calibration.solve.noise import Noise
+from lmeasure.estimation import Fit, Regions, fit, regions
+from lmeasure.estimation.confidence_regions import DRAWS, _noise
 
 
 def fitted(drawn: Drawn) -> tuple[Model, Fit]:

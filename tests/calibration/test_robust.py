@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from random_campaigns import Drawn, draw, true_values
 
-from lmeasure.calibration import Calibration, Settings, calibrate
-from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.calibration import Calibration, CalibrationSettings, calibrate
+from lmeasure.rig import CalibrationRecord
 
 
 def with_bad_poses(drawn: Drawn, bad: dict[int, tuple[float, float, float]]) -> Drawn:
@@ -25,7 +25,7 @@ def squares(drawn: Drawn, record: CalibrationRecord) -> float:
 
 
 def robust(drawn: Drawn) -> Calibration:
-    return calibrate(drawn.campaign, Settings(robust=True))
+    return calibrate(drawn.campaign, CalibrationSettings(robust=True))
 
 
 @pytest.mark.parametrize("bad", [{5: (1.0, -2.0, 1.5)}, {3: (0.4, 0.3, -0.5), 8: (-1.0, 2.0, 1.0), 12: (0.2, -0.9, 0.3)}])
@@ -68,6 +68,6 @@ def test_clean_campaigns_lose_little(seed: int) -> None:
 
 def test_hypotheses_of_outliers_stay() -> None:
     drawn = with_bad_poses(draw(11, points=2, poses=22, noise="rounded"), {5: (1.0, -2.0, 1.5)})
-    for settings in (Settings(), Settings(robust=True)):
+    for settings in (CalibrationSettings(), CalibrationSettings(robust=True)):
         record = calibrate(drawn.campaign, settings).record
         assert [w.pose for w in record.warnings if w.code == "outlier"] == ["6"]

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration.information import Instrument
-from lmeasure.calibration.reach import Region
-from lmeasure.conventions import CONVENTIONS, from_singular_deg, rotation_from_angles
-from lmeasure.estimation.information import estimated_covariance, parameter_information
-from lmeasure.files import read_table
-from lmeasure.poses import read_poses
+from lmeasure.calibration import Instrument, Region
+from lmeasure.core import CONVENTIONS, rotation_from_angles
+from lmeasure.core.conventions import from_singular_deg
+from lmeasure.estimation import estimated_covariance, parameter_information
+from lmeasure.io.tables import read_table
+from lmeasure.recording import read_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig
-from lmeasure.simulation.cell import cell_rig
+from lmeasure.simulation import cell_rig
 from lmeasure.workflows import plan_poses
 
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])

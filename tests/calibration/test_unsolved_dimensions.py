@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from test_unsolved import delta, drawn_flaws, run_of, stating
 
 from lmeasure import covariances
-from lmeasure.cable_parameters import cable_covariance, unsolved_columns
-from lmeasure.calibration import Campaign, Settings, calibrate
-from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
-from lmeasure.errors import FileFormatError
-from lmeasure.poses import Poses
-from lmeasure.run import Run
+from lmeasure.calibration import CalibrationSettings, Campaign, calibrate
+from lmeasure.core import FileFormatError
+from lmeasure.recording import Poses, Run
+from lmeasure.rig import CalibrationRecord, read_calibration_record, write_calibration_record
+from lmeasure.sensors import cable_covariance, unsolved_columns
 from lmeasure.trajectory import reconstruct
 
 FloatArray = NDArray[np.float64]
@@ -108,7 +107,7 @@ def test_what_is_solved_is_not_counted_again() -> None:
     """With --solve scale a stated count length is the prior of scale, and no error beside it."""
     true, rng = drawn(2, ("count length",))
     campaign = campaign_of(true, ("count length", "attachment"), rng)
-    found = calibrate(campaign, Settings(solve=("position", "guide", "scale")))
+    found = calibrate(campaign, CalibrationSettings(solve=("position", "guide", "scale")))
     assert {own.name for own in found.record.dimensions} == {f"tool.P{i}.{axis}_mm" for i in (1, 2, 3) for axis in "xyz"}
     columns = unsolved_columns(found.rig, found.record).reshape(6, 13, -1)
     assert columns.shape[2] == 9
@@ -127,7 +126,7 @@ def test_what_is_solved_is_not_counted_again() -> None:
 def test_corrected_dimensions_are_those_that_solving_would_give() -> None:
     true, rng = drawn(3, ("count length",))
     campaign = campaign_of(true, ("count length",), rng, poses=24)
-    told, solved = calibrate(campaign), calibrate(campaign, Settings(solve=("position", "guide", "scale"), prior=True))
+    told, solved = calibrate(campaign), calibrate(campaign, CalibrationSettings(solve=("position", "guide", "scale"), prior=True))
     for d in told.record.dimensions:
         scale = next(p for p in solved.record.parameters if p.name == d.name.replace("count_length_mm", "scale"))
         assert d.value / real_rig.COUNT_MM == pytest.approx(1.0 / scale.value, abs=0.2 * scale.u)

@@ -9,17 +9,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration import Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.calibration.validation import deletion_residuals
-from lmeasure.errors import FileFormatError
+from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate, read_campaign, unknowns_of
+from lmeasure.calibration.validation.hold_out import deletion_residuals
+from lmeasure.core import FileFormatError
 from lmeasure.estimation import fit
-from lmeasure.files import read_table, write_table
-from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import Poses
+from lmeasure.io import write_table
+from lmeasure.io.tables import read_table
+from lmeasure.recording import Poses
 from lmeasure.rig import rig_from_dict
-from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
+from lmeasure.sensors import counts_from_poses
+from lmeasure.simulation import cell_rig, write_campaign
+from lmeasure.simulation.instrument import simulate_campaign
 
 FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
@@ -72,7 +72,7 @@ def write_visits(folder: Path, again: tuple[str, ...], **columns: Any) -> Path:
 def test_holding_a_pose_out_holds_all_its_visits_out(tmp_path: Path) -> None:
     folder = write_visits(tmp_path, ("5", "8"))
     whole = calibrate(read_campaign(folder)).record
-    record = calibrate(read_campaign(folder), Settings(hold_out=("5",))).record
+    record = calibrate(read_campaign(folder), CalibrationSettings(hold_out=("5",))).record
     assert whole.equations - record.equations == 2 * 6
     told = [p["pose"] for p in record.validation["held_out"]["poses"]]
     assert told == ["5"] * 6 + ["5 (visit 2)"] * 6
@@ -105,7 +105,7 @@ def test_a_wrong_pose_seen_twice_is_named_and_taken_back(wrong: int) -> None:
     campaign = campaign_of(TWICE, rows, stated, 0.01)
     outlier = next(w for w in calibrate(campaign).record.warnings if w.code == "outlier")
     assert outlier.pose == str(wrong + 1)
-    record = calibrate(campaign, Settings(robust=True)).record
+    record = calibrate(campaign, CalibrationSettings(robust=True)).record
     weights = {w["pose"]: w["weight"] for w in record.robust["weights"]}
     assert weights[str(wrong + 1)] == weights[f"{wrong + 1} (visit 2)"] <= 1e-6
     assert sum(w < 0.5 for w in weights.values()) == 2

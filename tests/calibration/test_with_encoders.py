@@ -14,19 +14,14 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration import Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.frame import condition, free_motions, model_of, motions, moved
-from lmeasure.calibration.information import Instrument
-from lmeasure.calibration.residuals import unknowns_of
-from lmeasure.calibration.unknowns import Model
-from lmeasure.errors import CalibrationError, FileFormatError
-from lmeasure.estimation.information import parameter_information
-from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
-from lmeasure.observation.parameters import GUIDE, PLACE, with_values
-from lmeasure.poses import Poses
-from lmeasure.rig import Rig, Turned, rig_from_dict
+from lmeasure.calibration import CalibrationSettings, Campaign, Instrument, Model, calibrate, read_campaign, unknowns_of
+from lmeasure.calibration.solve.frame import condition, free_motions, model_of, motions, moved
+from lmeasure.core import CalibrationError, FileFormatError
+from lmeasure.estimation import parameter_information
+from lmeasure.recording import Poses
+from lmeasure.rig import GUIDE, PLACE, Rig, Turned, rig_from_dict, with_values
+from lmeasure.sensors import counts_from_poses, drawn_phases, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig
-from lmeasure.zeroing import drawn_phases
 
 FloatArray = NDArray[np.float64]
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth" / "swivel-12-poses"
@@ -223,7 +218,7 @@ def test_a_plan_reckons_with_encoders() -> None:
 def test_six_cables_and_six_encoders_calibrate_themselves() -> None:
     """Nothing is known of the poses but about where they are; distances between them are told as well as stated."""
     campaign, rows = campaign_of(swivelled(2), 20, 4, u_mm=2.0)
-    found = calibrate(campaign, Settings(self_calibration=True))
+    found = calibrate(campaign, CalibrationSettings(self_calibration=True))
     told = found.campaign.poses
     assert told.covariance is not None
     way, right = (p[1:, :3] - p[:1, :3] for p in (told.rows, rows))

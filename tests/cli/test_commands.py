@@ -13,10 +13,10 @@ import pytest
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.feed import frames_from_counts
-from lmeasure.acquisition.frames import messages_from_frames
-from lmeasure.cli import app
+from lmeasure.acquisition import counter_fields
+from lmeasure.acquisition.bus.feed import frames_from_counts
+from lmeasure.acquisition.bus.frames import messages_from_frames
+from lmeasure.cli.app import app
 from lmeasure.cli.commands import command
 from lmeasure.rig import write_rig
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
@@ -37,7 +37,9 @@ def test_every_stage_writes_a_recording_when_asked() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    code = "import sys\nfrom lmeasure.cli import app\ntry: app(['--help'])\nexcept SystemExit: pass\nprint(*sys.modules, file=sys.stderr)"
+    code = (
+        "import sys\nfrom lmeasure.cli.app import app\ntry: app(['--help'])\nexcept SystemExit: pass\nprint(*sys.modules, file=sys.stderr)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "reconstruct" in done.stdout
     assert HEAVY & set(done.stderr.split()) == set()

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import lmeasure.cli as cli
+import lmeasure.cli.app as cli
 from lmeasure.accuracy import read_zone
-from lmeasure.conventions import rotation_from_angles
-from lmeasure.errors import LONGEST_TEXT, FileFormatError, LMeasureError
-from lmeasure.run import read_run
+from lmeasure.core import FileFormatError, LMeasureError, rotation_from_angles
+from lmeasure.core.errors import LONGEST_TEXT
+from lmeasure.recording import read_run
 from lmeasure.trajectory import reconstruct
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"

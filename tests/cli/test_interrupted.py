@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.feed import frames_from_counts
-from lmeasure.acquisition.growing_files import candump_lines
-from lmeasure.cli import main
+from lmeasure.acquisition import counter_fields
+from lmeasure.acquisition.bus.feed import frames_from_counts
+from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.cli.app import main
 from lmeasure.cli.interrupts import heeded, noted
-from lmeasure.errors import CancelledError
-from lmeasure.files import write_table
-from lmeasure.run import read_run
+from lmeasure.core import CancelledError
+from lmeasure.io import write_table
+from lmeasure.recording import read_run
 
 HERE = Path(__file__).parents[1]
 SEALED = HERE / "authorities" / "sealed" / "with-run"

@@ -12,16 +12,16 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from lmeasure.catalogue import of_terminal as language
-from lmeasure.catalogue import texts
-from lmeasure.cli import app, machine, main
+from lmeasure.cli import machine
+from lmeasure.cli.app import app, main
 from lmeasure.cli.commands import command
-from lmeasure.cli.faces import told_of_compiling
-from lmeasure.cli.words import retold, said
-from lmeasure.compiling import compilation
-from lmeasure.schemas import KINDS
-from lmeasure.workflows import COMMANDS, JOBS
-from lmeasure.workflows.flow import Result
+from lmeasure.cli.progress import told_of_compiling
+from lmeasure.cli.text import retold, said
+from lmeasure.io import FILE_KINDS
+from lmeasure.kernels import compilation
+from lmeasure.text import of_terminal as language
+from lmeasure.text import texts
+from lmeasure.workflows import COMMANDS, JOBS, Result
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 KEYS = ["schema", "command", "exit_code", "error", "summary", "figures", "warnings", "files", "notes", "made"]
@@ -171,7 +171,7 @@ def completed(line: str) -> set[str]:
     """What completion offers behind a line."""
     words = line.split(" ")
     environment = {**os.environ, "_LMEASURE_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-    code = "import sys; sys.argv = ['lmeasure']; from lmeasure.cli import main; main()"
+    code = "import sys; sys.argv = ['lmeasure']; from lmeasure.cli.app import main; main()"
     return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment).stdout.split())
 
 
@@ -179,7 +179,7 @@ def test_completion_knows_commands_and_words() -> None:
     assert {"reconstruct", "record"} <= completed("lmeasure re")
     assert completed("lmeasure capture rig.toml --by ") == {"key", "rest", "both"}
     assert completed("lmeasure init --template six-") == {"six-cables"}
-    assert completed("lmeasure schema r") == {name for name in KINDS if name.startswith("r")}
+    assert completed("lmeasure schema r") == {name for name in FILE_KINDS if name.startswith("r")}
 
 
 def test_words_in_english_are_the_texts() -> None:
@@ -191,7 +191,7 @@ def test_a_command_ends_when_it_has_said_its_last_line(tmp_path: Path) -> None:
     """What is taken apart behind it is never begun: here it would fail."""
     code = (
         "import sys\nclass Slow:\n    def __del__(self): print('taken apart')\nkept = Slow()\n"
-        "from lmeasure.cli import program\nsys.argv = ['lmeasure', *sys.argv[1:]]\nprogram()"
+        "from lmeasure.cli.app import program\nsys.argv = ['lmeasure', *sys.argv[1:]]\nprogram()"
     )
     for words, expected in ((["--version"], 0), (["key", "--out", str(tmp_path / "k")], 0), (["verify", "nothing"], 1), (["nothing"], 2)):
         done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
@@ -206,7 +206,7 @@ def test_every_text_of_the_help_is_said_in_russian() -> None:
     for name in COMMANDS:
         for one in command(name).params:
             asked |= {text for text in (getattr(one, "help", None), getattr(one, "rich_help_panel", None)) if text}
-    assert sorted(asked - set(known)) == [], "add them to lmeasure/locale/ru/cli.po"
+    assert sorted(asked - set(known)) == [], "add them to lmeasure/text/locale/ru/cli.po"
     for english, russian in known.items():
         names = [sorted(name for _, name, _, _ in string.Formatter().parse(text) if name) for text in (english, russian) if "{" in english]
         assert not names or names[0] == names[1], english

@@ -12,18 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
-from test_json_and_words import KEYS, called
-
-sys.path += [str(Path(__file__).parents[1] / name) for name in ("capture", "interim", "report")]
 import pages
+import pytest
 import test_interim as interim
 from capture_bench import POSES, RIG, going, nominal_of, write_inputs
+from test_json_and_words import KEYS, called
 
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.feed import frames_from_counts
-from lmeasure.acquisition.growing_files import candump_lines
-from lmeasure.run import read_run, write_run
+from lmeasure.acquisition import counter_fields
+from lmeasure.acquisition.bus.feed import frames_from_counts
+from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.recording import read_run, write_run
 from lmeasure.workflows import COMMANDS
 
 HERE = Path(__file__).parents[1]

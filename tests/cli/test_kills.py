@@ -8,7 +8,7 @@ import pytest
 from desk import RECORDINGS, SHORT, set_up
 from kills import content, ended, looked_at, made, torn, watched
 
-from lmeasure.certification.bundle import new_folder
+from lmeasure.certificate import new_folder
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="not every other system brings folders to the disk")
 
@@ -56,7 +56,7 @@ def test_a_certificate_is_replaced_in_one_step(tmp_path: Path) -> None:
 @pytest.mark.parametrize("left_out", ["replace", "fsync", "fsync of the folder"])
 def test_what_is_left_out_is_seen(left_out: str, desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing else here would tell that it looks."""
-    from lmeasure import files
+    from lmeasure.io import files
 
     usual = files.to_disk
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from lmeasure.accuracy.limits import REASONS
-from lmeasure.acquisition.log_kinds import DIALECTS
-from lmeasure.cli import main
-from lmeasure.cli.words import as_typed, marked, retold
-from lmeasure.saying import Say
-from lmeasure.schemas import KINDS
+from lmeasure.accuracy import REASONS
+from lmeasure.acquisition.logs.registry import DIALECTS
+from lmeasure.cli.app import main
+from lmeasure.cli.text import as_typed, marked, retold
+from lmeasure.io import FILE_KINDS
+from lmeasure.text import Say
 from lmeasure.workflows.schema import Settings, run
 
 SAID = [
@@ -259,9 +259,9 @@ def test_a_line_is_told_in_russian(line: str, told: str) -> None:
 
 @pytest.mark.usefixtures("russian")
 def test_the_list_of_schemas_keeps_its_names_and_columns() -> None:
-    for line, name in zip(run(Settings()).summary, KINDS, strict=True):
+    for line, name in zip(run(Settings()).summary, FILE_KINDS, strict=True):
         told = retold(line)
-        assert told[:27] == line[:27] == f"{name:<10} {KINDS[name].file:<15} "
+        assert told[:27] == line[:27] == f"{name:<10} {FILE_KINDS[name].file:<15} "
         assert not re.search("[A-Za-z]{3}", told[27:])
 
 

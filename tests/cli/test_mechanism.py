@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lmeasure import files
-from lmeasure.cli import app
-from lmeasure.errors import LMeasureError
-from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.parallel.study import over_grid
-from lmeasure.robots.robot import any_shipped
+from lmeasure.cli.app import app
+from lmeasure.core import LMeasureError
+from lmeasure.io import files
+from lmeasure.robots import ParallelFile, any_shipped, over_grid
 from lmeasure.view.viewer import check_recording
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])

@@ -8,16 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
 from capture_bench import POSES, RIG, nominal_of, write_inputs
 from desk import LONG, RECORDINGS, SEALED, SHORT, set_up
 
-from lmeasure import files
-from lmeasure.capture.folder import CaptureFolder, open_folder
-from lmeasure.certification.bundle import opened_zip, write_zip
-from lmeasure.certification.signature import new_key
-from lmeasure.errors import LMeasureError
+from lmeasure.certificate import new_key, opened_zip, write_zip
+from lmeasure.core import LMeasureError
+from lmeasure.io import files
+from lmeasure.procedures import CaptureFolder, open_folder
 from lmeasure.rig import read_rig
 from lmeasure.workflows import init
 
@@ -100,7 +97,7 @@ def test_a_zip_that_finds_no_room_was_not_changed(tmp_path: Path, monkeypatch: p
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("lmeasure.certification.bundle.shutil.copyfileobj", full)
+    monkeypatch.setattr("lmeasure.certificate.bundle.shutil.copyfileobj", full)
     with (
         pytest.raises(LMeasureError, match=r"c\.zip cannot be unpacked there: No space left on device; make room"),
         opened_zip(tmp_path / "c.zip", tmp_path),

@@ -11,11 +11,10 @@ import pytest
 from desk import LONG, RECORDINGS, SHORT, set_up
 from typer.testing import CliRunner
 
-from lmeasure.cli import app
-from lmeasure.errors import LMeasureError, OverwriteError
+from lmeasure.cli.app import app
+from lmeasure.core import LMeasureError, OverwriteError
 from lmeasure.workbench.forms import of_words
-from lmeasure.workflows import COMMANDS, load
-from lmeasure.workflows.settings import Asked, Writing
+from lmeasure.workflows import COMMANDS, Asked, Writing, load
 
 EVERY = SHORT | LONG
 SAME = ("schema", "program", "init", "frames", "dyads", "simulate", "drum", "reconstruct tum")
@@ -188,7 +187,7 @@ def test_a_demo_without_a_folder_makes_a_fresh_one(tmp_path: Path, monkeypatch: 
         out.mkdir()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lmeasure.chains.demo", demo)
+    monkeypatch.setattr("lmeasure.demo.demo", demo)
     monkeypatch.chdir(tmp_path)
     for _ in range(3):
         run("demo")
@@ -200,7 +199,7 @@ def test_what_killed_processes_left_of_files_whose_names_are_not_known_before_is
 ) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    monkeypatch.setattr("lmeasure.chains.demo", interrupted)
+    monkeypatch.setattr("lmeasure.demo.demo", interrupted)
     left = ("demo/.demo.rrd.{}.part.rrd", "demo/run/.pass1.csv.{}.part.csv", "simulated/.pass2.csv.{}.part.csv")
     for name in left:
         path = desk / "out" / name.format(gone.pid)

@@ -12,19 +12,16 @@ from rerun.chunk import RrdReader
 from rich.console import Console
 from typer.testing import CliRunner
 
-from lmeasure import files
-from lmeasure.acquisition.counting import Progress
-from lmeasure.acquisition.samples import Samples
-from lmeasure.cli import app
+from lmeasure.acquisition import Progress, Samples
+from lmeasure.cli.app import app
 from lmeasure.cli.live import render
-from lmeasure.counts import read_counts
-from lmeasure.errors import LMeasureError
+from lmeasure.core import LMeasureError
+from lmeasure.io import files
+from lmeasure.recording import read_counts, read_run
 from lmeasure.rig import rig_from_dict, write_rig
-from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.live import LivePose, PoseWatch
-from lmeasure.view.live import growing_counts
+from lmeasure.trajectory import LivePose, PoseWatch, reconstruct
+from lmeasure.view import growing_counts
 
 SCENARIO = """
 schema = "lmeasure.scenario/1"

@@ -10,13 +10,12 @@ import typer
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3, zone
-from lmeasure.arrays import FloatArray
-from lmeasure.cli import main
+from lmeasure.api import zone
+from lmeasure.cli.app import main
 from lmeasure.cli.commands import command
-from lmeasure.lcoordinate import singularity
-from lmeasure.lcoordinate.tetrahedra import closed_form
-from lmeasure.robots.robot import Robot, any_shipped, write_robot
+from lmeasure.core import FloatArray, se3
+from lmeasure.linkages import closed_form, singularity
+from lmeasure.robots import Robot, any_shipped, write_robot
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 BASE = {"B1": (1, 5, 0), "B2": (3, 3, 0), "B3": (4, 2, 0), "B4": (1, 1, 0)}

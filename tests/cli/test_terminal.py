@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from lmeasure.cli import terminal
-from lmeasure.files import read_table
+from lmeasure.io.tables import read_table
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.simulation import cell_rig
 
@@ -25,7 +25,6 @@ fcntl = pytest.importorskip("fcntl")
 termios = pytest.importorskip("termios")
 
 HERE = Path(__file__).parents[1]
-sys.path[:0] = [str(HERE), str(HERE / "capture")]
 from capture_bench import nominal_of, some_poses, write_inputs  # noqa: E402
 from simulated_cell import Person, cell, exchanged  # noqa: E402
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from lmeasure.cli import app
-from lmeasure.errors import LMeasureError
+from lmeasure.cli.app import app
+from lmeasure.core import LMeasureError
 from lmeasure.workflows import COMMANDS
 
 HERE = Path(__file__).parents[1]

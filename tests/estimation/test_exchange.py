@@ -12,9 +12,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from problems import Line, Readings
 
-from lmeasure.estimation import fit
-from lmeasure.estimation.exchange import WORST, Criterion, Numbered, empty, grown, improved, ordered
-from lmeasure.estimation.information import blocks, estimated_covariance, parameter_information
+from lmeasure.estimation import (
+    Criterion,
+    Numbered,
+    blocks,
+    empty,
+    estimated_covariance,
+    fit,
+    grown,
+    improved,
+    ordered,
+    parameter_information,
+)
+from lmeasure.estimation.exchange import WORST
 
 FloatArray = NDArray[np.float64]
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from problems import Line, Readings
 
-from lmeasure.estimation import fit
-from lmeasure.estimation.deletion import Deletion, deletion_squares
+from lmeasure.estimation import Deletion, deletion_squares, fit
 
 
 def test_squares_of_groups_are_those_of_fits_without_each() -> None:

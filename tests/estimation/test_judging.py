@@ -9,10 +9,22 @@ import scipy.stats
 from numpy.typing import NDArray
 from problems import Line, Plane, Readings, Stations, plane
 
-from lmeasure.estimation import fit
-from lmeasure.estimation.deletion import Deletion, fall_test, held_out
-from lmeasure.estimation.explanations import Evidence, Explained, Explanation, embedded, evidence, explained, improbable, settled
-from lmeasure.estimation.robust import Group, normal_deviates, robust_fit
+from lmeasure.estimation import (
+    Deletion,
+    Explained,
+    Explanation,
+    Group,
+    evidence,
+    explained,
+    fall_test,
+    fit,
+    held_out,
+    improbable,
+    normal_deviates,
+    robust_fit,
+    settled,
+)
+from lmeasure.estimation.explanations import Evidence, embedded
 
 FloatArray = NDArray[np.float64]
 

@@ -6,8 +6,7 @@ import scipy.stats
 from numpy.typing import NDArray
 from problems import Curve, Line, Readings, Tied, plane
 
-from lmeasure.estimation import Parameters, fit
-from lmeasure.estimation.regions import regions
+from lmeasure.estimation import Parameters, fit, regions
 
 FloatArray = NDArray[np.float64]
 

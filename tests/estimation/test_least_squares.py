@@ -9,10 +9,8 @@ import scipy.stats
 from numpy.typing import NDArray
 from problems import Curve, Line, Plane, Readings, Stations, arc, plane
 
-from lmeasure.errors import CalibrationError
-from lmeasure.estimation import Fit, Nuisance, Parameters, Problem, fit
-from lmeasure.estimation.elimination import Eliminated, linear_objective
-from lmeasure.estimation.regions import regions
+from lmeasure.core import CalibrationError
+from lmeasure.estimation import Eliminated, Fit, Nuisance, Parameters, Problem, fit, linear_objective, regions
 
 FloatArray = NDArray[np.float64]
 

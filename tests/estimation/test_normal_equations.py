@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 from numpy.typing import NDArray
 
-from lmeasure.estimation.normal_equations import optimum
+from lmeasure.estimation import optimum
 
 FloatArray = NDArray[np.float64]
 

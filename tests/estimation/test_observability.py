@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lmeasure.calibration.observability import _text
-from lmeasure.estimation import Parameters
-from lmeasure.estimation.observability import by_few, by_owner
-from lmeasure.observation.parameters import PLACE
+from lmeasure.calibration.validation.observability import _text
+from lmeasure.estimation import Parameters, by_few, by_owner
+from lmeasure.rig import PLACE
 
 NAMES = ("a.x", "a.y", "b.x", "b.y", "c.x")
 PARAMETERS = Parameters(NAMES, np.zeros(5), np.array([1.0, 2.0, 3.0, 4.0, 5.0]))

@@ -9,8 +9,8 @@ import scipy.stats
 from numpy.typing import NDArray
 from problems import Line, Readings, arc
 
-from lmeasure.estimation import Parameters, Problem, fit
-from lmeasure.estimation.explanations import Evidence, Explained, Explanation, evidence, explained, improbable
+from lmeasure.estimation import Explained, Explanation, Parameters, Problem, evidence, explained, fit, improbable
+from lmeasure.estimation.explanations import Evidence
 
 FloatArray = NDArray[np.float64]
 

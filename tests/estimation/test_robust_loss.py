@@ -10,8 +10,7 @@ import scipy.stats
 from numpy.typing import NDArray
 from problems import Curve, Line, Readings
 
-from lmeasure.estimation import fit
-from lmeasure.estimation.robust import Group, biweights, robust_fit, scatter, trust
+from lmeasure.estimation import Group, biweights, fit, robust_fit, scatter, trust
 
 FloatArray = NDArray[np.float64]
 

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from problems import arc, plane
 
-from lmeasure.estimation import Fit, fit
-from lmeasure.estimation.regions import regions
-from lmeasure.roots import covariance_root, symmetric_root
+from lmeasure.core import covariance_root, symmetric_root
+from lmeasure.estimation import Fit, fit, regions
 
 FloatArray = NDArray[np.float64]
 

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from rows import row_of
 
-from lmeasure.kernels import cable, layout
-from lmeasure.kernels.layout import CABLE_COLUMNS, PARAMETERS
+from lmeasure.kernels import CABLE_COLUMNS, PARAMETERS, cable, layout
 from lmeasure.simulation import cell_rig
 
 FloatArray = NDArray[np.float64]

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
-from lmeasure.kernels import effects, kernel
-from lmeasure.kernels.cable import counts_from_changes, drum_change, span_lengths
+from lmeasure.kernels import counts_from_changes, effects, span_lengths
+from lmeasure.kernels.cable import drum_change
+from lmeasure.kernels.decorators import kernel
 
 FloatArray = NDArray[np.float64]
 

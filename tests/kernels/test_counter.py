@@ -7,22 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure.kernels.counter import (
+from lmeasure.kernels import (
     BELIEVED_AT,
     EMPTY,
     FOLLOWED,
     FOREIGN,
     JUMPED,
     PAUSE,
-    RETURN_S,
     STATE,
     UNSURE,
     WENT_ON,
-    follow,
-    resume,
+    resume_counting,
     runs_on,
-    shortest,
 )
+from lmeasure.kernels.counter import RETURN_S, follow, shortest
 
 
 def nearest(step: float, full: int) -> float:
@@ -104,7 +102,9 @@ def test_a_counter_is_what_its_rules_say(
     expected = [reference.next(a, b) for a, b in zip(recorded, times, strict=True)]
     values, time_s, state = np.array(recorded), np.array(times), np.zeros(STATE)
     state[BELIEVED_AT] = believed
-    parts = [resume(values[part], time_s[part], rate, float(full), state, least_s) for part in (slice(None, cut), slice(cut, None))]
+    parts = [
+        resume_counting(values[part], time_s[part], rate, float(full), state, least_s) for part in (slice(None, cut), slice(cut, None))
+    ]
     np.testing.assert_array_equal(np.concatenate([p[1] for p in parts]), [kind for _, kind in expected])
     np.testing.assert_array_equal(np.concatenate([p[0] for p in parts]), [count for count, _ in expected])
     if least_s == 0.0 and not believed:
@@ -177,5 +177,5 @@ def test_a_jump_back_within_a_tenth_of_a_second_was_a_wrong_number(back_s: float
 def test_what_a_motion_makes_believe_of_pauses(believed: float, least_s: float, pause_s: float, full: float, kind: int) -> None:
     state = np.zeros(STATE)
     state[BELIEVED_AT] = believed
-    _, what = resume(np.array([0.0, 1.0]), np.array([10.0, 10.0 + pause_s]), 1000.0, full, state, least_s)
+    _, what = resume_counting(np.array([0.0, 1.0]), np.array([10.0, 10.0 + pause_s]), 1000.0, full, state, least_s)
     assert what.tolist() == [FOLLOWED, kind]

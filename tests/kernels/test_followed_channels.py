@@ -7,12 +7,8 @@ from numpy.typing import NDArray
 from rows import HOME, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.kernels import cable, least_squares
-from lmeasure.kernels.cable import span_lengths
-from lmeasure.kernels.damped import search
-from lmeasure.kernels.layout import ATTACHMENT, BASE, RADIUS
-from lmeasure.status import Status
+from lmeasure.core import Status, se3
+from lmeasure.kernels import ATTACHMENT, BASE, RADIUS, cable, damped_search, least_squares, span_lengths
 
 FloatArray = NDArray[np.float64]
 ALL = np.arange(6)
@@ -41,7 +37,7 @@ def followed(
     m = len(rows)
     state = least_squares.new_state(start, m) if state is None else state
     zero, flags = span_lengths(rows, start[None])[0], np.full(len(changes), int(Status.GAP))
-    found = least_squares.follow(rows, start, zero, state, changes, flags, np.full(m, 0.003), free)
+    found = least_squares.follow_least_squares(rows, start, zero, state, changes, flags, np.full(m, 0.003), free)
     return found[0], found[3].tolist(), found[2]
 
 
@@ -200,7 +196,7 @@ def test_a_stage_keeps_what_is_not_free() -> None:
     np.testing.assert_allclose(se3.displacement(poses, truth), 0.0, atol=1e-9)
     assert not poses[:, [2, 3, 4]].any()
     # sought from beside
-    sought, chi = search(rows, lengths(rows, truth)[3], np.full(4, 0.01), free, truth[[0]])
+    sought, chi = damped_search(rows, lengths(rows, truth)[3], np.full(4, 0.01), free, truth[[0]])
     np.testing.assert_allclose(se3.displacement(sought, truth[[3]]), 0.0, atol=1e-6)
     assert not sought[:, [2, 3, 4]].any()
     assert chi[0] < 1e-9

@@ -14,15 +14,15 @@ import numba
 import numpy as np
 import pytest
 
-from lmeasure import kernels
-from lmeasure.kernels.kept import own_folder
+from lmeasure.kernels import decorators
+from lmeasure.kernels.cache import own_folder
 
 RECONSTRUCT = """
 import hashlib
 import numpy as np
-from lmeasure.kernels.lanes import follow
+from lmeasure.kernels import follow_lanes as follow
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
-from lmeasure.lengths import lengths_from_counts
+from lmeasure.sensors import lengths_from_counts
 home = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 there = np.array([150.0, 80.0, -120.0, 0.1, 0.0, 0.0, 0.99**0.5])
 time_s, poses = smooth_path(home, [Leg(there, 300.0, 1.0, 0.5), Leg(home, 300.0, 1.0, 0.5)], 1000.0)
@@ -39,8 +39,8 @@ print(hashlib.sha256(found[0].tobytes()).hexdigest())
 def test_a_kernel_is_inlined_into_those_that_call_it() -> None:
     found = [
         value
-        for module in pkgutil.iter_modules(kernels.__path__)
-        for value in vars(importlib.import_module(f"{kernels.__name__}.{module.name}")).values()
+        for module in pkgutil.iter_modules(decorators.__path__)
+        for value in vars(importlib.import_module(f"{decorators.__name__}.{module.name}")).values()
         if hasattr(value, "py_func") and value.targetoptions.get("fastmath")  # a strict kernel has one set of digits only
     ]
     assert len(found) > 50
@@ -61,7 +61,7 @@ def test_a_process_that_compiles_gives_the_digits_of_one_that_loads(tmp_path: Pa
 
 ONE = """
 import numpy as np
-from lmeasure.kernels.counter import rests
+from lmeasure.kernels import rests
 found = rests(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
 assert found.tolist() == [[1, 3]], found
 print("hits", sum(rests.stats.cache_hits.values()), "misses", sum(rests.stats.cache_misses.values()))
@@ -83,7 +83,7 @@ def one(folder: Path, **environment: str) -> str:
 def here(folder: Path) -> str:
     """The same by a copy of the module in this process, which need not load the libraries again."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kernels, "_KEEPS", own_folder(folder))
+        patch.setattr(decorators, "_KEEPS", own_folder(folder))
         patch.setattr(numba.config, "CACHE_DIR", str(folder))
         spec = importlib.util.find_spec("lmeasure.kernels.counter")
         assert spec is not None
@@ -161,8 +161,8 @@ TOGETHER = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from lmeasure.compiling import compilation
-from lmeasure.kernels.counter import rests
+from lmeasure.kernels import compilation
+from lmeasure.kernels import rests
 Path(sys.argv[1]).touch()
 while not all(map(Path.exists, map(Path, sys.argv[1:]))):
     time.sleep(0.001)

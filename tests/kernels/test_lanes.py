@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rows import HOME, cell_rows, singular_angle, turned
 from scipy.spatial.transform import Rotation
 
+from lmeasure.core import Status
 from lmeasure.kernels import cable, lanes, screw
-from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -37,7 +37,7 @@ def changes(rows: FloatArray, poses: FloatArray, noise_mm: float = 0.0, seed: in
 def both(rows: FloatArray, change: FloatArray, flags: IntArray | None = None) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
     flags = np.zeros(len(change), np.int64) if flags is None else flags
     one = screw.track(rows, HOME, change, flags, U)
-    many = lanes.follow(rows, HOME, screw.new_state(HOME), change, flags, U)
+    many = lanes.follow_lanes(rows, HOME, screw.new_state(HOME), change, flags, U)
     return one, many
 
 
@@ -136,8 +136,8 @@ def test_a_short_dip_through_a_singular_pose_between_coarse_samples_is_seen(rows
 def test_a_run_given_in_pieces_is_the_same_run(rows: FloatArray) -> None:
     change = changes(rows, path(3000), 0.01)
     flags = np.zeros(3000, np.int64)
-    whole = lanes.follow(rows, HOME, screw.new_state(HOME), change, flags, U)
-    for kernel in (lanes.follow, screw.resume):
+    whole = lanes.follow_lanes(rows, HOME, screw.new_state(HOME), change, flags, U)
+    for kernel in (lanes.follow_lanes, screw.resume_screw):
         state = screw.new_state(HOME)
         parts = [kernel(rows, HOME, state, change[i : i + 700], flags[i : i + 700], U)[0] for i in range(0, 3000, 700)]
         np.testing.assert_allclose(np.vstack(parts), whole[0], rtol=0, atol=SAME_MM)
@@ -215,7 +215,7 @@ def test_few_samples_near_a_singular_pose_go_one_by_one(rows: FloatArray) -> Non
         lengths = cable.span_lengths(rows, poses)
         change, flags = lengths - lengths[0], np.zeros(n, np.int64)
         one = screw.track(rows, poses[0], change, flags, U)
-        many = lanes.follow(rows, poses[0], screw.new_state(poses[0]), change, flags, U)
+        many = lanes.follow_lanes(rows, poses[0], screw.new_state(poses[0]), change, flags, U)
         assert (one[3] == Status.OK).all()
         assert_same(one, many)
         assert (one[4] > lanes.CLEAR_OF_SINGULAR).all() != taken
@@ -226,7 +226,7 @@ def test_few_samples_near_a_singular_pose_go_one_by_one(rows: FloatArray) -> Non
 
 def test_few_samples_at_rest_take_a_tile_in_one_step(rows: FloatArray) -> None:
     change, state = np.zeros((2 * lanes.WIDTH, 6)), screw.new_state(HOME)
-    found = lanes.follow(rows, HOME, state, change, np.zeros(len(change), np.int64), U)
+    found = lanes.follow_lanes(rows, HOME, state, change, np.zeros(len(change), np.int64), U)
     assert (found[2] == 1).all()
     np.testing.assert_allclose(found[0], np.tile(HOME, (len(change), 1)), atol=1e-12)
 

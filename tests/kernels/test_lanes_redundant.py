@@ -6,12 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lmeasure import se3
-from lmeasure.kernels import lanes_redundant, least_squares
-from lmeasure.kernels.cable import span_lengths
+from lmeasure.core import Status, se3
+from lmeasure.kernels import lanes_redundant, least_squares, span_lengths
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
-from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -56,7 +54,7 @@ def both(rig: Rig, poses: FloatArray, seed: int, missing: float = 0.0, wrong_mm:
     flags = np.where(np.isnan(changes).any(axis=1), Status.GAP, Status.OK).astype(np.int64)
     state = np.concatenate([HOME, np.where([c.codes is None for c in counters], 0.0, span_lengths(rows, HOME[None])[0]), [0.0]])
     out, ends = [], []
-    for follow in (least_squares.follow, lanes_redundant.follow):
+    for follow in (least_squares.follow_least_squares, lanes_redundant.follow_redundant_lanes):
         own = state.copy()
         out.append(follow(rows, HOME, zero, own, changes, flags, unit / np.sqrt(12.0), FREE))
         ends.append(own)

@@ -13,11 +13,8 @@ from rows import HOME, cell, cell_rows, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
 from screw_poses import U, changes_of, random_pose
 
-from lmeasure import se3
-from lmeasure.kernels import cable, screw
-from lmeasure.kernels.cable import span_lengths
-from lmeasure.kernels.layout import ATTACHMENT, BASE
-from lmeasure.status import Status
+from lmeasure.core import Status, se3
+from lmeasure.kernels import ATTACHMENT, BASE, cable, screw, span_lengths
 
 FloatArray = NDArray[np.float64]
 NANOMETRE = 1e-6  # mm

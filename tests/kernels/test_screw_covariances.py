@@ -9,10 +9,8 @@ from rows import HOME, cell_rows
 from scipy.spatial.transform import Rotation
 from screw_poses import U, changes_of, random_pose
 
-from lmeasure.kernels import cable, screw
-from lmeasure.kernels.layout import PARAMETERS
-from lmeasure.kernels.pose_covariance import pose_covariances
-from lmeasure.status import Status
+from lmeasure.core import Status
+from lmeasure.kernels import PARAMETERS, cable, pose_covariances, screw
 
 FloatArray = NDArray[np.float64]
 

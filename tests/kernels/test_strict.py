@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lmeasure.kernels import kernel, strict_kernel
 from lmeasure.kernels.clearance import square_distance
+from lmeasure.kernels.decorators import kernel, strict_kernel
 from lmeasure.kernels.vector import ARCTANGENT, angle, dot
 
 FloatArray = NDArray[np.float64]

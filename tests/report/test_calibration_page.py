@@ -7,11 +7,13 @@ from pathlib import Path
 import pages
 import pytest
 
-from lmeasure.calibration.compare import Earlier, compare
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.report.calibration import verdict, write_calibration_page
+from lmeasure.calibration import compare
+from lmeasure.calibration.validation.compare import Earlier
+from lmeasure.report import write_calibration_page
+from lmeasure.report.calibration import verdict
 from lmeasure.report.calibration_figures import narrowed_figure, spectrum_figure
 from lmeasure.report.readable import page_text
+from lmeasure.rig import CalibrationRecord
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import re
-import sys
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -11,20 +10,14 @@ from typing import Any
 import pypdfium2
 import pytest
 from browser import LOOK, opened
-
-sys.path.append(str(Path(__file__).parents[1] / "certification"))
-
-
 from campaigns import write_campaign
 
-from lmeasure.certification import Settings
-from lmeasure.certification.measure import Inputs
-from lmeasure.errors import CertificationError
+from lmeasure.certificate import Inputs
+from lmeasure.core import CertificationError
+from lmeasure.iso9283 import CertificationSettings
+from lmeasure.report import Choices, html, word, write_certificate
 from lmeasure.report import certificate_text as say
-from lmeasure.report import html
-from lmeasure.report.certificate import Choices, write_certificate
 from lmeasure.report.certificate_figures import _LINES
-from lmeasure.report.words import word
 
 HOSTILE = {
     "P1": "<script>window.hacked=1</script>",
@@ -69,7 +62,7 @@ def certified(campaign: Path, out: Path, language: str, details: bool = True) ->
         campaign / "run",
         details=campaign / "details.toml" if details else None,
     )
-    return write_certificate(out, given, Settings(), Choices(language))
+    return write_certificate(out, given, CertificationSettings(), Choices(language))
 
 
 @pytest.fixture(scope="module")
@@ -272,7 +265,7 @@ def test_accreditation_is_the_users_word_only(campaign: Path, tmp_path: Path) ->
     path = tmp_path / "details.toml"
     path.write_text(DETAILS + '[accreditation]\nstatement = "Accredited to ISO/IEC 17025"\nbody = "Body"\nnumber = "123"\n')
     given = Inputs(campaign / "trajectory.parquet", campaign / "program.toml", details=path)
-    content = write_certificate(tmp_path / "c", given, Settings(), Choices())
+    content = write_certificate(tmp_path / "c", given, CertificationSettings(), Choices())
     assert content["kind"] == "test certificate"
     text = " ".join(pages_of(tmp_path / "c" / "certificate.pdf"))
     assert text.startswith("Test certificate")
@@ -350,5 +343,5 @@ def test_each_path_has_a_colour_and_can_be_looked_at_alone(english: tuple[Path, 
 def test_a_program_without_poses_gives_no_certificate(campaign: Path, tmp_path: Path) -> None:
     (tmp_path / "p.toml").write_text('schema = "lmeasure.program/1"\n')
     with pytest.raises(CertificationError):
-        write_certificate(tmp_path / "c", Inputs(campaign / "trajectory.parquet", tmp_path / "p.toml"), Settings(), Choices())
+        write_certificate(tmp_path / "c", Inputs(campaign / "trajectory.parquet", tmp_path / "p.toml"), CertificationSettings(), Choices())
     assert not (tmp_path / "c").exists()

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from lmeasure.catalogue import LANGUAGES
-from lmeasure.certification.details import read_details
-from lmeasure.certification.pictures import prediction_ellipse, round_up, targets
-from lmeasure.errors import FileFormatError
+from lmeasure.certificate import round_up, targets
+from lmeasure.certificate.details import read_details
+from lmeasure.certificate.pictures import prediction_ellipse
+from lmeasure.core import FileFormatError
 from lmeasure.report import certificate_text as say
-from lmeasure.report.words import characteristic_name
-from lmeasure.trajectory.attained import AttainedPose
-from lmeasure.trajectory.vibration import vibration
+from lmeasure.report.text import characteristic_name
+from lmeasure.text import LANGUAGES
+from lmeasure.trajectory import AttainedPose
+from lmeasure.trajectory.motion.vibration import vibration
 
 
 def test_the_verdict_of_a_component_alone_stands_beside_that_of_its_vector() -> None:

@@ -11,9 +11,9 @@ import pypdfium2
 import pytest
 from pages import PAGES, PDFS, ROOT
 
-from lmeasure.catalogue import Writer, number, retold, texts, typed
-from lmeasure.saying import PAGES as DOMAIN
-from lmeasure.saying import TOLD, Say
+from lmeasure.text import PAGES as DOMAIN
+from lmeasure.text import TOLD, Say, number, retold, texts, typed
+from lmeasure.text.catalogue import Writer
 
 QUICK = ("calibration", "zone", "structures")
 KINDS = [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in PAGES if kind != "certificate-in-full"]

@@ -9,15 +9,15 @@ import pytest
 import segno
 from lxml import etree
 
-from lmeasure.certification.details import Logo, read_details, read_logo
-from lmeasure.certification.pictures import round_down, round_scale
-from lmeasure.errors import CertificationError
+from lmeasure.certificate import round_scale
+from lmeasure.certificate.details import Logo, read_details, read_logo
+from lmeasure.certificate.pictures import round_down
+from lmeasure.core import CertificationError
 from lmeasure.report import certificate_text as say
-from lmeasure.report import drawings
-from lmeasure.report.certificate import every_figure, headline
+from lmeasure.report import drawings, every_figure, headline
 from lmeasure.report.certificate_pictures import errors_in_space, figures
 from lmeasure.report.summary import MOST, ORDER, chosen
-from lmeasure.report.words import with_indices
+from lmeasure.report.text import with_indices
 
 SVG = "{http://www.w3.org/2000/svg}"
 

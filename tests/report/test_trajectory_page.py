@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from browser import opened
 
-from lmeasure.accuracy.along import MOST_ROWS, along, kept_rows
-from lmeasure.causes import Cause
-from lmeasure.findings import finding
-from lmeasure.foreign import columns_of
+from lmeasure.accuracy import along, kept_rows
+from lmeasure.accuracy.trajectory_quality import MOST_ROWS
+from lmeasure.core import Status
+from lmeasure.io import columns_of
+from lmeasure.recording import read_run
+from lmeasure.report import trajectory_summary, write_trajectory_page
 from lmeasure.report.readable import page_text
-from lmeasure.report.trajectory import space_figure, summary, time_figure, write_trajectory_page
-from lmeasure.run import read_run
-from lmeasure.status import Status
-from lmeasure.trajectory import Stated, Trajectory, read_trajectory, reconstruct, write_trajectory
-from lmeasure.trajectory.budget import RESTORED_ORIGIN
+from lmeasure.report.trajectory import space_figure, time_figure
+from lmeasure.text import Cause, finding
+from lmeasure.trajectory import RESTORED_ORIGIN, Stated, Trajectory, read_trajectory, reconstruct, write_trajectory
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 
@@ -48,7 +48,7 @@ def lost(trajectory: Trajectory, first: int, last: int, status: Status, cause: C
 
 def test_what_is_said_of_a_circle() -> None:
     found = along(lost(circle(2001), 500, 549, Status.GAP, "channel ch2 has no count", "c2"))
-    told = dict(summary(found, "en"))
+    told = dict(trajectory_summary(found, "en"))
     assert told["Duration"] == "10 s"
     assert told["Samples"] == "2001, 200 per second"
     assert told["With a pose"] == "1951 (97.5 %)"
@@ -57,7 +57,7 @@ def test_what_is_said_of_a_circle() -> None:
     assert float(told["Largest speed"].split()[0]) == pytest.approx(2 * np.pi * 10, rel=1e-3)
     assert float(told["Length of the path"].split()[0]) == pytest.approx(200 * np.pi, rel=5e-3)
     assert np.nanmax(np.abs(found.rotation_deg - np.column_stack([np.zeros((2001, 2)), np.linspace(0, 90, 2001)]))) < 1e-6
-    russian = dict(summary(found, "ru"))
+    russian = dict(trajectory_summary(found, "ru"))
     # between numbers whose decimal mark is a comma stands something else
     assert russian["Наибольшая U95 положения (радиус)"].count("; ") == 2
     assert russian["С известной позой"] == "1951 (97,5 %)"
@@ -178,18 +178,18 @@ def test_a_trajectory_of_another_instrument(tmp_path: Path) -> None:
             assert read.poses[:, 3:] == pytest.approx(made.poses[:, 3:], abs=1e-9)
         found = along(read)
         assert found.worst is None
-        assert dict(summary(found, "en"))["Largest U95 of the position (radius)"] == "not stated"
+        assert dict(trajectory_summary(found, "en"))["Largest U95 of the position (radius)"] == "not stated"
         write_trajectory_page(tmp_path / "t.html", "t", found, None, inputs=[])
         assert ("rotation vectors" in page_text((tmp_path / "t.html").read_bytes())) is turned
     stated = along(read_trajectory(tmp_path / "tracker.csv", Stated(mapped, 0.01)))
-    assert dict(summary(stated, "en"))["Largest U95 of the rotation (radius)"] == "orientation not measured"
+    assert dict(trajectory_summary(stated, "en"))["Largest U95 of the rotation (radius)"] == "orientation not measured"
     assert stated.u95_mm == pytest.approx(np.full(50, 0.027955), rel=1e-4)
     write_trajectory(tmp_path / "own.parquet", made)
     assert read_trajectory(tmp_path / "own.parquet").u == pytest.approx(made.u, rel=1e-12)
 
 
 def test_the_catalogues_have_the_same_keys() -> None:
-    from lmeasure.catalogue import texts
+    from lmeasure.text import texts
 
     assert list(texts("trajectory", "en")) == list(texts("trajectory", "ru"))
     assert json.dumps(dict(texts("trajectory", "ru"))) != json.dumps(dict(texts("trajectory", "en")))

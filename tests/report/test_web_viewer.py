@@ -16,10 +16,10 @@ import pytest
 from browser import opened
 from PIL import Image
 
-from lmeasure.run import read_run
+from lmeasure.recording import read_run
 from lmeasure.trajectory import reconstruct
+from lmeasure.view import write_recording
 from lmeasure.view.recording import CABLE_COLOURS
-from lmeasure.view.stages import write_recording
 
 pytestmark = pytest.mark.live
 

@@ -12,18 +12,14 @@ from browser import LOOK, opened
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from lmeasure.accuracy.ellipsoids import ellipsoids
-from lmeasure.accuracy.extent import extent
-from lmeasure.accuracy.limits import Limits
-from lmeasure.accuracy.radius import radii_95
-from lmeasure.accuracy.zone import axis, scan_zone, tilts
+from lmeasure.accuracy import Limits, axis, ellipsoids, extent, radii_95, scan_zone, tilts
 from lmeasure.accuracy.zone_dataset import within
+from lmeasure.report import write_zone_report
 from lmeasure.report.readable import page_text, pdf_text
-from lmeasure.report.zone import write_zone_report
 from lmeasure.report.zone_maps import log_colours, maps, ticks
 from lmeasure.report.zone_pdf import _edge
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.saying import ENGLISH
+from lmeasure.text import ENGLISH
 
 
 @pytest.fixture(scope="module")

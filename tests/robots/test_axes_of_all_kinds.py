@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lmeasure import se3
-from lmeasure.cli import app
-from lmeasure.files import read_table, write_table
-from lmeasure.robots.identified_robot import read_identified
-from lmeasure.robots.read_measurements import read_measurements
+from lmeasure.cli.app import app
+from lmeasure.core import se3
+from lmeasure.io import write_table
+from lmeasure.io.tables import read_table
+from lmeasure.robots import read_identified, read_measurements, read_urdf
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
-from lmeasure.robots.urdf import read_urdf
 
 FloatArray = NDArray[np.float64]
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])

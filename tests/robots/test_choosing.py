@@ -7,14 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from lmeasure import se3
-from lmeasure.robots.choosing import AMONG, FALSE_ALARM, identify_with_choice
-from lmeasure.robots.identify import Identified, Settings, freed, identify, predict
-from lmeasure.robots.judged import worth_freeing
-from lmeasure.robots.measurements import Measurements, measured
+from lmeasure.core import se3
+from lmeasure.robots import Identified, Measurements, Settings, freed, identify, identify_with_choice, predict, workspace, worth_freeing
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.model_choice import AMONG, FALSE_ALARM
 from lmeasure.robots.robot import Payload, shipped
 from lmeasure.robots.serial_robot import SerialRobot
-from lmeasure.robots.workspace import workspace
 
 FloatArray = NDArray[np.float64]
 PAYLOAD = Payload(mass_kg=8.0, centre_mm=(0.0, 0.0, 120.0))

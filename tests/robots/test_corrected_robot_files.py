@@ -8,9 +8,9 @@ import pytest
 from kinematics_readers import by_table, by_urdf
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.robots.robot import Robot, robot_from_dict, serial, shipped, write_robot
-from lmeasure.robots.urdf import read_urdf, write_urdf
+from lmeasure.core import se3
+from lmeasure.robots import Robot, read_urdf, write_robot, write_urdf
+from lmeasure.robots.robot import robot_from_dict, serial, shipped
 
 
 def chain(kinds: str, seed: int) -> Robot:

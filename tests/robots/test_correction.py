@@ -8,13 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.cli import app
-from lmeasure.robots.correction import Limits, correct, fits, in_keep_out, ways
-from lmeasure.robots.identified_robot import IdentifiedRobot, read_identified
-from lmeasure.robots.model import RobotModel
-from lmeasure.robots.placed import Placed
+from lmeasure.cli.app import app
+from lmeasure.core import FloatArray, se3
+from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, fits, in_keep_out, read_identified, ways
+from lmeasure.robots.correction.correction import correct
+from lmeasure.robots.identification.stated_frames import Placed
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 

@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.errors import RobotError
-from lmeasure.robots.corrected_program import Corrected, corrected_program
-from lmeasure.robots.correction import MOST_JOINT_RAD, Limits, correct, fits, whole_turns
-from lmeasure.robots.dialects import fanuc, krl, rapid, tables
-from lmeasure.robots.dialects.program_text import Dialect, Source
-from lmeasure.robots.identified_robot import IdentifiedRobot
-from lmeasure.robots.model import RobotModel
+from lmeasure.core import FloatArray, RobotError, se3
+from lmeasure.robot_programs import Corrected, Dialect, corrected_program, fanuc, krl, rapid, target_tables
+from lmeasure.robot_programs.program import Source
+from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, any_shipped, fits, whole_turns
+from lmeasure.robots.correction.correction import MOST_JOINT_RAD, correct
 from lmeasure.robots.platform import Platform
-from lmeasure.robots.robot import any_shipped, shipped
+from lmeasure.robots.robot import shipped
 
 SIZES = {"theta_deg": 5e-4, "alpha_deg": 5e-4, "beta_deg": 5e-4, "d_mm": 0.3, "a_mm": 0.3}
 HERE = np.array([0.0, 0, 0, 0, 0, 0, 1.0])
@@ -233,8 +229,8 @@ def test_lengths_that_no_pose_has_are_refused_in_words() -> None:
     rows = [",".join([n, *(f"{v:.6f}" for v in values)]) for n, values in (("far", far), ("home", near))]
     text = "\n".join(["Name,J1,J2,J3,J4,J5,J6", *rows])
     wide = replace(nominal, low=low - 300.0, high=high + 300.0)
-    listing = tables.ROBODK.read([Source("a.csv", text)]).stated({})
-    outcomes = corrected_program(listing, tables.ROBODK, identified(wide, built(wide, 1)), limits=Limits()).outcomes
+    listing = target_tables.ROBODK.read([Source("a.csv", text)]).stated({})
+    outcomes = corrected_program(listing, target_tables.ROBODK, identified(wide, built(wide, 1)), limits=Limits()).outcomes
     assert outcomes[0].left.startswith("no pose")
     assert not outcomes[1].left
 

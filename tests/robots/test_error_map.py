@@ -8,14 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.cli import app
-from lmeasure.errors import RobotError
-from lmeasure.robots.choosing import identify_with_choice
-from lmeasure.robots.error_map import NUGGET, Process, _affine, _apart, _covariance, error_map, inside
-from lmeasure.robots.identify import predict
-from lmeasure.robots.measurements import measured
+from lmeasure.cli.app import app
+from lmeasure.core import FloatArray, RobotError, se3
+from lmeasure.robots import error_map, identify_with_choice, predict
+from lmeasure.robots.correction.error_map import NUGGET, Process, _affine, _apart, _covariance, inside
+from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 

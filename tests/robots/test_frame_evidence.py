@@ -10,15 +10,13 @@ import pytest
 from kinematics_readers import Matrix, by_table
 from scipy.spatial.transform import Rotation
 
-from lmeasure.errors import RobotError
-from lmeasure.foreign import Column, columns_of
-from lmeasure.robots.corrected_program import Corrected, corrected_program
-from lmeasure.robots.correction import Limits
-from lmeasure.robots.dialects.known import dialect_of
-from lmeasure.robots.dialects.program_text import Source
-from lmeasure.robots.fields import Frame
-from lmeasure.robots.identified_robot import IdentifiedRobot
-from lmeasure.robots.robot import Revolute, Robot, shipped, write_robot
+from lmeasure.core import RobotError
+from lmeasure.io import Column, columns_of
+from lmeasure.robot_programs import Corrected, corrected_program, dialect_of
+from lmeasure.robot_programs.program import Source
+from lmeasure.robots import IdentifiedRobot, Limits, Robot, write_robot
+from lmeasure.robots.file_fields import Frame
+from lmeasure.robots.robot import Revolute, shipped
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 TURNED = Frame(position_mm=(0.0, 0.0, 0.0), quaternion_xyzw=(0.0, 0.0, 1.0, 0.0))

@@ -7,17 +7,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.errors import LMeasureError
-from lmeasure.foreign import columns_of
-from lmeasure.lengths import counts_from_poses
+from lmeasure.core import LMeasureError, se3
+from lmeasure.io import columns_of
 from lmeasure.rig import read_rig
-from lmeasure.robots.given import Given, given
-from lmeasure.robots.identify import Settings, identify
-from lmeasure.robots.rested import aligned
+from lmeasure.robots import Settings, given, identify
+from lmeasure.robots.identification.inputs import Given
+from lmeasure.robots.identification.trajectory_rests import aligned
 from lmeasure.robots.robot import shipped
+from lmeasure.sensors import counts_from_poses
 from lmeasure.trajectory import Stated, read_trajectory
-from lmeasure.trajectory.markers import body_of, read_markers
+from lmeasure.trajectory.files.markers import body_of, read_markers
 
 FloatArray = NDArray[np.float64]
 CELL = Path(__file__).parents[1] / "authorities" / "truth" / "cell-run" / "rig.toml"

@@ -8,19 +8,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.errors import LMeasureError, RobotError
-from lmeasure.foreign import columns_of
-from lmeasure.robots import judged, mistaken
-from lmeasure.robots.frame_start import find_frames
-from lmeasure.robots.identify import Settings, identify, predict
-from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.problem import Noise, Problem
-from lmeasure.robots.read_measurements import read_measurements
-from lmeasure.robots.robot import Robot, shipped
+from lmeasure.core import LMeasureError, RobotError, se3
+from lmeasure.io import columns_of
+from lmeasure.robots import Measurements, Robot, Settings, identify, predict, read_measurements, unknown_frames
+from lmeasure.robots.identification import hold_out, slips
+from lmeasure.robots.identification.initial_frames import find_frames
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.observability import determined, silent_directions
+from lmeasure.robots.identification.problem import Noise, Problem
+from lmeasure.robots.identification.unknowns import Unknowns
+from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
-from lmeasure.robots.told import determined, silent_directions, unknown_frames
-from lmeasure.robots.unknowns import Unknowns
 
 FloatArray = NDArray[np.float64]
 UR5 = Path(__file__).parents[2] / "datasets" / "ur5" / "grid.csv"
@@ -151,10 +149,10 @@ def test_the_real_arm_is_predicted_as_well_as_by_outside_fits() -> None:
         error = np.linalg.norm(predicted.pose[:, :3] - others.position, axis=1)
         assert error.mean() < most
         assert 0.92 < np.mean(error <= predicted.u95_mm) < 0.98
-    held = judged.held_out(found)
+    held = hold_out.held_out(found)
     assert held is not None
     assert 0.92 < held.within < 0.98
-    worth = {w.family: w for w in judged.worth_freeing(found)}
+    worth = {w.family: w for w in hold_out.worth_freeing(found)}
     assert worth["links"].bic < 0.0
     assert worth["once"].bic < 0.0
     assert worth["twice"].chance < 1e-6
@@ -163,16 +161,16 @@ def test_the_real_arm_is_predicted_as_well_as_by_outside_fits() -> None:
 @pytest.mark.parametrize(
     ("slip", "code", "said"),
     [
-        (mistaken._other_way(2), "sign", "joint_3 counts the other way"),
-        (mistaken._turns_times(np.pi / 180), "units", "radians where their columns say degrees"),
-        (mistaken._robot_times(1.0, np.pi / 180), "units", "angles are radians"),
-        (mistaken._values_swapped(1, 2), "swapped", "joint_2 and joint_3 are swapped"),
-        (mistaken._robot_times(1e-3, 1.0), "units", "lengths are metres"),
+        (slips._other_way(2), "sign", "joint_3 counts the other way"),
+        (slips._turns_times(np.pi / 180), "units", "radians where their columns say degrees"),
+        (slips._robot_times(1.0, np.pi / 180), "units", "angles are radians"),
+        (slips._values_swapped(1, 2), "swapped", "joint_2 and joint_3 are swapped"),
+        (slips._robot_times(1e-3, 1.0), "units", "lengths are metres"),
     ],
 )
-def test_slips_are_named_and_undone(slip: mistaken._Slip, code: str, said: str) -> None:
+def test_slips_are_named_and_undone(slip: slips._Slip, code: str, said: str) -> None:
     rows = real(slice(0, 1000, 25))
-    mend = mistaken.mended(*slip(shipped("ur5"), rows))
+    mend = slips.mended(*slip(shipped("ur5"), rows))
     assert [f.code for f in mend.findings] == [code]
     assert said in mend.findings[0].text
     found = identify(mend.robot.model, mend.rows)
@@ -180,7 +178,7 @@ def test_slips_are_named_and_undone(slip: mistaken._Slip, code: str, said: str) 
 
 
 def test_a_robot_that_fits_has_no_slips() -> None:
-    mend = mistaken.mended(shipped("ur5"), real(slice(0, 1000, 25)))
+    mend = slips.mended(shipped("ur5"), real(slice(0, 1000, 25)))
     assert mend.findings == ()
 
 

@@ -9,10 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.cli import main
-from lmeasure.files import read_table
-from lmeasure.robots.robot import read_robot
-from lmeasure.robots.urdf import read_urdf
+from lmeasure.cli.app import main
+from lmeasure.io.tables import read_table
+from lmeasure.robots import read_robot, read_urdf
 
 UR5 = Path(__file__).parents[2] / "datasets" / "ur5" / "grid.csv"
 NAMES = [f"joint_{i}_deg" for i in range(1, 7)]

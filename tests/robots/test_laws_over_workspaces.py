@@ -7,13 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from lmeasure import se3
-from lmeasure.robots.allowed import REGULAR, Allowed
-from lmeasure.robots.mounted import Mounted
+from lmeasure.core import se3
+from lmeasure.robots import REGULAR, Allowed, Mounted, any_shipped, shipped_names
 from lmeasure.robots.parallel import model as strides
 from lmeasure.robots.parallel.limits import spread
 from lmeasure.robots.parallel.model import Parallel
-from lmeasure.robots.robot import any_shipped, shipped_names
 
 FloatArray = NDArray[np.float64]
 

@@ -7,16 +7,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import estimation, se3
-from lmeasure.estimation.deletion import Deletion
-from lmeasure.robots.contradicted_rows import of_all
-from lmeasure.robots.frame_start import Frames
-from lmeasure.robots.identify import Identified, Settings, identify
-from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.problem import Problem, solved
+from lmeasure.core import se3
+from lmeasure.estimation import Deletion, fit
+from lmeasure.robots import Identified, Measurements, Settings, identify
+from lmeasure.robots.identification.initial_frames import Frames
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.outliers import of_all
+from lmeasure.robots.identification.problem import Problem, solved
+from lmeasure.robots.identification.unknowns import Unknowns
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
-from lmeasure.robots.unknowns import Unknowns
 
 FloatArray = NDArray[np.float64]
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
@@ -44,7 +44,7 @@ def found(rows: Measurements) -> Identified[SerialRobot]:
 
 def test_the_general_fit_ends_where_its_own_ends() -> None:
     one = found(poses(3)).fit
-    other = estimation.fit(one.problem, one.problem.start, prior_everywhere=True)
+    other = fit(one.problem, one.problem.start, prior_everywhere=True)
     u = np.sqrt(np.diag(one.covariance))
     np.testing.assert_allclose((other.theta - one.theta) / u, 0.0, atol=1e-3)
     np.testing.assert_allclose(other.covariance / np.outer(u, u), one.covariance / np.outer(u, u), atol=1e-3)
@@ -70,7 +70,7 @@ def test_shared_errors_as_unknowns_and_in_a_dense_covariance_are_the_same() -> N
     frames = Frames(start.base, start.targets, start.stations, 0.0, np.ones(len(rows), np.bool_))
     unknowns = Unknowns(start.robot, one.problem.unknowns.freed, frames, own)
     problem = Correlated(unknowns, own, one.problem.noise, False, shared=rows.systematic[rows.known])
-    dense = estimation.fit(problem, problem.start, prior_everywhere=True)
+    dense = fit(problem, problem.start, prior_everywhere=True)
     asked = one.problem.unknowns.asked
     u = np.sqrt(np.diag(one.covariance))[:asked]
     np.testing.assert_allclose((dense.theta - one.theta[:asked]) / u, 0.0, atol=1e-3)
@@ -82,7 +82,7 @@ def test_rows_are_judged_by_the_general_deletion() -> None:
     one = found(rows)
     squares, components = of_all(one.fit, rows, np.ones(30, np.bool_))
     # priors a hundred metres wide leave the general way, which inverts over all residuals, four digits
-    general = Deletion(estimation.fit(one.fit.problem, one.fit.theta, prior_everywhere=True))
+    general = Deletion(fit(one.fit.problem, one.fit.theta, prior_everywhere=True))
     of = np.nonzero(rows.known)[0]
     for i in range(30):
         told = general.shift(np.eye(len(of))[:, of == i])

@@ -8,21 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lmeasure import se3
-from lmeasure.errors import RobotError
-from lmeasure.robots.identify import Settings, identify, predict
-from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.mechanisms.crank import CrankPlatform
-from lmeasure.robots.mechanisms.four_chains import FourChains
-from lmeasure.robots.mechanisms.ring_limits import RingLimits
-from lmeasure.robots.mechanisms.rotopod import Rotopod
+from lmeasure.core import RobotError, se3
+from lmeasure.robots import Measurements, ParallelFile, Settings, any_shipped, checked, identify, predict
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.observability import determined
 from lmeasure.robots.parallel import limits, model
 from lmeasure.robots.parallel.bounds import Limits
-from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.parallel.limits import checked, own_roots
+from lmeasure.robots.parallel.limits import own_roots
+from lmeasure.robots.parallel.mechanisms.crank import CrankPlatform
+from lmeasure.robots.parallel.mechanisms.four_chains import FourChains
+from lmeasure.robots.parallel.mechanisms.ring_limits import RingLimits
+from lmeasure.robots.parallel.mechanisms.rotopod import Rotopod
 from lmeasure.robots.parallel.model import Parallel
-from lmeasure.robots.robot import any_shipped, robot_from_dict
-from lmeasure.robots.told import determined
+from lmeasure.robots.robot import robot_from_dict
 
 FloatArray = NDArray[np.float64]
 NAMES = (

@@ -7,23 +7,18 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from lmeasure import se3
-from lmeasure.cli import app
-from lmeasure.errors import RobotError, SettingsError
-from lmeasure.poses import read_poses
+from lmeasure.cli.app import app
+from lmeasure.core import RobotError, SettingsError, se3
+from lmeasure.recording import read_poses
 from lmeasure.rig import read_rig
-from lmeasure.robots.allowed import Allowed
-from lmeasure.robots.frame_start import Frames
-from lmeasure.robots.identify import freed
-from lmeasure.robots.measurements import POSITION, measured
-from lmeasure.robots.mechanisms.jacobians import nearness
-from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots import Allowed, ParallelFile, any_shipped, freed, nearness, read_measurements
+from lmeasure.robots.identification.initial_frames import Frames
+from lmeasure.robots.identification.measurements import POSITION, measured
+from lmeasure.robots.identification.plan import chosen
+from lmeasure.robots.identification.unknowns import Unknowns
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.parallel.study import inside
-from lmeasure.robots.plan import chosen
-from lmeasure.robots.read_measurements import read_measurements
-from lmeasure.robots.robot import any_shipped, shipped
-from lmeasure.robots.unknowns import Unknowns
+from lmeasure.robots.robot import shipped
 
 ROOT = Path(__file__).parents[2]
 

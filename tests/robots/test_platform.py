@@ -7,14 +7,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.errors import RobotError
-from lmeasure.lcoordinate.straight import assemblies
-from lmeasure.robots.identify import Settings, identify, predict
-from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.platform import Platform, PlatformFile
-from lmeasure.robots.robot import any_shipped, robot_from_dict
-from lmeasure.robots.told import determined, silent_directions
+from lmeasure.core import RobotError, se3
+from lmeasure.linkages import assemblies
+from lmeasure.robots import Measurements, PlatformFile, Settings, any_shipped, identify, predict
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.observability import determined, silent_directions
+from lmeasure.robots.platform import Platform
+from lmeasure.robots.robot import robot_from_dict
 
 FloatArray = NDArray[np.float64]
 KINDS = ("gough", "suspended")

@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.errors import LMeasureError, RobotError
-from lmeasure.robots import inverse
-from lmeasure.robots.robot import Robot, read_robot, robot_from_dict, serial, shipped, write_robot
+from lmeasure.core import LMeasureError, RobotError
+from lmeasure.robots import Robot, inverse_kinematics, read_robot, read_urdf, write_robot, write_urdf
+from lmeasure.robots.robot import robot_from_dict, serial, shipped
 from lmeasure.robots.serial_robot import SerialRobot
-from lmeasure.robots.urdf import read_urdf, write_urdf
 
 FloatArray = NDArray[np.float64]
 
@@ -126,8 +125,8 @@ def test_newton_finds_all_ways_of_the_closed_form() -> None:
     rng = np.random.default_rng(5)
     for joints in rng.uniform(np.maximum(arm.low, -3), np.minimum(arm.high, 3), (3, 6)):
         pose = arm.forward(joints)
-        found = inverse._different(arm, inverse._wrapped(arm, inverse._newton(arm, pose, 0)))
-        closed = inverse.solutions(arm, pose)
+        found = inverse_kinematics._different(arm, inverse_kinematics._wrapped(arm, inverse_kinematics._newton(arm, pose, 0)))
+        closed = inverse_kinematics.solutions(arm, pose)
         inside = found[((found >= arm.low) & (found <= arm.high)).all(axis=1)]
         assert len(inside) == len(closed) > 0
         gap = np.abs(np.mod(inside[:, None] - closed[None] + math.pi, 2 * math.pi) - math.pi).max(axis=2)

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 from typer.testing import CliRunner
 
-from lmeasure import files, se3
-from lmeasure.cli import app
-from lmeasure.errors import RobotError
-from lmeasure.poses import Poses, pose_columns
-from lmeasure.robots.frames import frames
+from lmeasure.cli.app import app
+from lmeasure.core import RobotError, se3
+from lmeasure.io import files
+from lmeasure.recording import Poses, pose_columns
+from lmeasure.robots import frames
 
 FloatArray = NDArray[np.float64]
 U_MM, U_RAD = 0.05, 2e-4

@@ -6,20 +6,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lmeasure import files, se3
-from lmeasure.certification.asked_tests import Tests
-from lmeasure.certification.campaign import campaign
-from lmeasure.certification.command_files import write_commands
-from lmeasure.certification.cube import largest_cube
-from lmeasure.cli import app
-from lmeasure.errors import FileFormatError, RobotError
-from lmeasure.program import read_program
-from lmeasure.robot_scenario import simulate_robot
-from lmeasure.robots.mechanisms.jacobians import nearness
+from lmeasure.cli.app import app
+from lmeasure.core import FileFormatError, RobotError, se3
+from lmeasure.io import files
+from lmeasure.iso9283 import Tests, campaign, largest_cube, simulate_robot, write_commands
+from lmeasure.recording import read_program, read_run
+from lmeasure.robots import any_shipped, nearness, read_robot
 from lmeasure.robots.parallel.limits import spread
 from lmeasure.robots.parallel.model import Parallel
-from lmeasure.robots.robot import any_shipped, read_robot
-from lmeasure.run import read_run
 from lmeasure.simulation import scenario_from_dict
 from lmeasure.trajectory import reconstruct
 

@@ -9,17 +9,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.cli import main
-from lmeasure.errors import RobotError
-from lmeasure.estimation.robust import biweights, normal_deviates, scatter, trust
-from lmeasure.robots import judged
-from lmeasure.robots.identify import Identified, Settings, identify, predict
-from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.problem import solved, stay_distances
+from lmeasure.cli.app import main
+from lmeasure.core import RobotError, se3
+from lmeasure.estimation import biweights, normal_deviates, scatter, trust
+from lmeasure.robots import Identified, Measurements, Settings, identify, predict
+from lmeasure.robots.identification import hold_out
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.problem import solved, stay_distances
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
-from lmeasure.robots.told import determined
 
 FloatArray = NDArray[np.float64]
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
@@ -103,7 +102,7 @@ def test_bad_rows_lose_their_weight_and_the_others_keep_what_they_say(
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.5
     assert np.mean(predict(found, found.rows.joints).u95_mm) < 0.5 * np.mean(predict(alike, found.rows.joints).u95_mm)
     # rows held out are judged with weights of their own
-    held = judged.held_out(found)
+    held = hold_out.held_out(found)
     assert held is not None
     assert held.misfit < 1.3
     assert len(held.rows) == found.kept.sum()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from lmeasure.errors import RobotError
+from lmeasure.core import RobotError
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial import ALPHA, BETA, A, D, SerialArm
 

@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from lmeasure.errors import RobotError
-from lmeasure.robots.cell_robot import cell_robot
-from lmeasure.robots.commands import Command
+from lmeasure.core import RobotError
+from lmeasure.robots import Command, Performance, SimulatedRobot, cell_robot
 from lmeasure.robots.serial import SerialArm
-from lmeasure.robots.simulated import Performance, SimulatedRobot
 
 FloatArray = NDArray[np.float64]
 

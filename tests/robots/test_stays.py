@@ -11,16 +11,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.cli import main
-from lmeasure.files import read_table
-from lmeasure.robots.choosing import identify_with_choice
-from lmeasure.robots.identified_robot import read_identified
-from lmeasure.robots.identify import Identified, identify, predict
-from lmeasure.robots.judged import beyond, held_out
-from lmeasure.robots.measurements import Measurements, measured
+from lmeasure.cli.app import main
+from lmeasure.core import se3
+from lmeasure.io.tables import read_table
+from lmeasure.robots import Identified, Measurements, beyond, held_out, identify, identify_with_choice, predict, read_identified
+from lmeasure.robots.identification.measurements import measured
+from lmeasure.robots.identification.stays import stays_of
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.stays import stays_of
 
 FloatArray = NDArray[np.float64]
 CASE = Path(__file__).parents[1] / "authorities" / "repeated-readings"

@@ -10,7 +10,7 @@ from kinematics_readers import Matrix, shift, turn
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lmeasure.cli import app
+from lmeasure.cli.app import app
 
 CASES = Path(__file__).parents[1] / "authorities"
 OFF = np.radians([0.0, 0.06, -0.05, 0.0, 0.04, 0.0])

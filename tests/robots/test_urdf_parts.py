@@ -10,12 +10,8 @@ import numpy as np
 import pytest
 from kinematics_readers import Matrix, by_table, by_urdf, shift, turn
 
-from lmeasure import se3
-from lmeasure.errors import RobotError
-from lmeasure.robots.identify import Settings, identify
-from lmeasure.robots.read_measurements import read_measurements
-from lmeasure.robots.robot import read_robot, write_robot
-from lmeasure.robots.urdf import read_urdf, write_urdf
+from lmeasure.core import RobotError, se3
+from lmeasure.robots import Settings, identify, read_measurements, read_robot, read_urdf, write_robot, write_urdf
 
 
 @dataclass

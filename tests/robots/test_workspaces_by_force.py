@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.parallel.study import over_grid
-from lmeasure.robots.robot import any_shipped
+from lmeasure.robots import ParallelFile, any_shipped, over_grid
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))

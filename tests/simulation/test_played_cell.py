@@ -5,14 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lmeasure.certification.asked_tests import Tests
-from lmeasure.certification.campaign import campaign
-from lmeasure.certification.command_files import read_commands, write_campaign
-from lmeasure.certification.cube import largest_cube
-from lmeasure.chains.played_cell import Built, PlayedCell, built_rig
-from lmeasure.errors import FileFormatError, LMeasureError
-from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import poses_from_rows
+from lmeasure.core import FileFormatError, LMeasureError
+from lmeasure.demo import Built, PlayedCell
+from lmeasure.demo.interactive_cell import built_rig
+from lmeasure.iso9283 import Tests, campaign, largest_cube, read_commands, write_campaign
+from lmeasure.recording import poses_from_rows
+from lmeasure.sensors import counts_from_poses
 from lmeasure.simulation import cell_rig, scattered_poses
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

@@ -6,13 +6,21 @@ import pytest
 from numpy.typing import NDArray
 from zeroed import exactly
 
-from lmeasure import files
-from lmeasure.errors import FileFormatError, GeometryError
-from lmeasure.lengths import counts_from_poses, span_lengths
-from lmeasure.poses import read_poses
+from lmeasure.core import FileFormatError, GeometryError
+from lmeasure.io import files
+from lmeasure.recording import read_poses, read_run
 from lmeasure.rig import read_rig, rig_from_dict, write_rig
-from lmeasure.run import read_run
-from lmeasure.simulation import Leg, cell_rig, read_scenario, scattered_poses, simulate, simulate_run, smooth_path, write_simulated
+from lmeasure.sensors import counts_from_poses, span_lengths
+from lmeasure.simulation import (
+    Leg,
+    cell_rig,
+    read_scenario,
+    scattered_poses,
+    simulate,
+    simulate_run,
+    smooth_path,
+    write_simulated,
+)
 
 FloatArray = NDArray[np.float64]
 

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels import screw
-from lmeasure.kernels.layout import CABLE_COLUMNS
-from lmeasure.status import Status
+from lmeasure.core import Status
+from lmeasure.kernels import CABLE_COLUMNS, screw
 
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "generic-optimiser" / "poses.npz"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

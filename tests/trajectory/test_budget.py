@@ -14,17 +14,14 @@ from test_uncertainty import SAMPLES, calibrated, deviations, drawn, repeated, s
 
 from lmeasure import covariances
 from lmeasure.accuracy.zone import covariance_factor
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.errors import FileFormatError, TrajectoryError
-from lmeasure.lengths import Lengths, counts_from_poses, lengths_from_counts
-from lmeasure.rig import Rig
-from lmeasure.run import Run, read_run, write_run
-from lmeasure.trajectory import Reconstruction, read_trajectory, reconstruct, write_trajectory
-from lmeasure.trajectory.budget import Budget
-from lmeasure.trajectory.monte_carlo import by_monte_carlo
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.scheme import scheme_of
-from lmeasure.trajectory.sources import PassClock
+from lmeasure.core import FileFormatError, TrajectoryError
+from lmeasure.recording import Run, read_run, write_run
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.sensors import Lengths, counts_from_poses, lengths_from_counts
+from lmeasure.trajectory import Budget, Reconstruction, align, read_trajectory, reconstruct, write_trajectory
+from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
+from lmeasure.trajectory.reconstruction.scheme import scheme_of
+from lmeasure.trajectory.uncertainty.sources import PassClock
 
 TRIALS = 300  # a standard deviation of as many draws is known to 4 %
 RUNS = 150  # 6 %
@@ -192,7 +189,7 @@ def test_a_run_aligned_once_gives_the_same_digits(monkeypatch: pytest.MonkeyPatc
         calls.append("speed")
         return np.asarray(speed(given))
 
-    monkeypatch.setattr("lmeasure.trajectory.passes.lengths_from_counts", lengths)
+    monkeypatch.setattr("lmeasure.trajectory.time.passes.lengths_from_counts", lengths)
     own = cached_property(speeds)
     own.__set_name__(Lengths, "speed_mm_s")
     monkeypatch.setattr(Lengths, "speed_mm_s", own)

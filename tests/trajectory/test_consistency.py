@@ -14,16 +14,16 @@ import pytest
 from scipy.stats import chi2
 from test_truth import AUTHORITY
 
-from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.findings import Finding, finding
+from lmeasure.core import BoolArray, FloatArray, Status
 from lmeasure.rig import read_rig
-from lmeasure.status import Status
-from lmeasure.trajectory import consistency
-from lmeasure.trajectory.consistency import Consistency, EpochFinder, collected, consistent
-from lmeasure.trajectory.contradictions import ChanceOfContradiction
-from lmeasure.trajectory.doubts import EVERY, NONE, Doubt, Doubts
-from lmeasure.trajectory.redundancy import Epochs, Parities
-from lmeasure.unsolved import BAND
+from lmeasure.sensors.stated_errors import BAND
+from lmeasure.text import Finding, finding
+from lmeasure.trajectory import Epochs, collected
+from lmeasure.trajectory.faults import consistency
+from lmeasure.trajectory.faults.consistency import Consistency, EpochFinder, consistent
+from lmeasure.trajectory.faults.contradictions import ChanceOfContradiction
+from lmeasure.trajectory.faults.redundancy import Parities
+from lmeasure.trajectory.faults.suspicion import EVERY, NONE, Doubt, Doubts
 
 U = 0.01
 """Standard uncertainty of a reading [mm]."""

@@ -7,11 +7,11 @@ import pytest
 from cells import FloatArray, cell, record, with_recorded
 from test_counter_faults import CORNERS, along, continuity_of, round_trip
 
-from lmeasure.run import Run
-from lmeasure.trajectory.continuity import Away, Continuity, ContinuityFinder
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.steps import Break
-from lmeasure.unused_counts import Reason
+from lmeasure.recording import Run
+from lmeasure.sensors import Reason
+from lmeasure.trajectory import align
+from lmeasure.trajectory.faults.continuity import Away, Continuity, ContinuityFinder
+from lmeasure.trajectory.faults.steps import Break
 
 COUNT_MM = 0.012
 

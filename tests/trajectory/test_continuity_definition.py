@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from cells import FloatArray, cell, motion, record
 
-from lmeasure.lengths import Lengths
-from lmeasure.trajectory.continuity import Away, Continuity, ContinuityFinder
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.standing import StandingFinder
-from lmeasure.trajectory.steps import BINS, Break, off_usual_s, steps_seen
+from lmeasure.sensors import Lengths
+from lmeasure.trajectory import align
+from lmeasure.trajectory.faults.continuity import Away, Continuity, ContinuityFinder
+from lmeasure.trajectory.faults.steps import BINS, Break, off_usual_s, steps_seen
+from lmeasure.trajectory.faults.stuck_channels import StandingFinder
 
 COUNT_MM = 0.012
 CHANNELS, RATE_HZ = 6, 250.0

@@ -6,12 +6,10 @@ from cells import motion, record, with_recorded, words
 from scipy.stats import chi2
 from test_schemes import EIGHT, rig_of
 
-from lmeasure.arrays import FloatArray
-from lmeasure.lengths import lengths_from_counts
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.contradictions import chance_of
-from lmeasure.trajectory.redundancy import Redundancy
-from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.core import FloatArray
+from lmeasure.sensors import lengths_from_counts
+from lmeasure.trajectory import Reconstruction, Redundancy, reconstruct
+from lmeasure.trajectory.faults.contradictions import chance_of
 
 DRAWS = 400_000
 

@@ -10,15 +10,13 @@ from cells import FloatArray, cell, motion, record, with_recorded, words
 from scipy.spatial.transform import Rotation
 from test_schemes import EIGHT, rig_of
 
-from lmeasure.lengths import lengths_from_counts
+from lmeasure.core import Status
+from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run
-from lmeasure.status import Status
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.consistency import EpochFinder
-from lmeasure.trajectory.continuity import Continuity, ContinuityFinder
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.sensors import lengths_from_counts
+from lmeasure.trajectory import Reconstruction, align, reconstruct
+from lmeasure.trajectory.faults.consistency import EpochFinder
+from lmeasure.trajectory.faults.continuity import Continuity, ContinuityFinder
 
 COUNT_MM = 0.012
 
@@ -251,11 +249,11 @@ def test_of_an_odd_number_of_epochs_the_last_stays(monkeypatch: pytest.MonkeyPat
     assert reconstruction.redundancy is not None
     epochs = reconstruction.redundancy.epochs(lengths_from_counts(run), None)
     finder = EpochFinder(reconstruction.redundancy)
-    monkeypatch.setattr("lmeasure.trajectory.consistency.MOST_EPOCHS", 4)
+    monkeypatch.setattr("lmeasure.trajectory.faults.consistency.MOST_EPOCHS", 4)
     score = np.zeros(9)
     score[[3, 4]] = np.nan  # samples whose chi-squared is not known count most
     finder.add(epochs, motion(9)[1], score)
-    monkeypatch.setattr("lmeasure.trajectory.consistency.MOST_EPOCHS", 5)
+    monkeypatch.setattr("lmeasure.trajectory.faults.consistency.MOST_EPOCHS", 5)
     few = EpochFinder(reconstruction.redundancy)
     few.add(epochs, motion(9)[1], score)
     assert few.epochs() is epochs

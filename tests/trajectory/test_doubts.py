@@ -6,18 +6,16 @@ import numpy as np
 import pytest
 from cells import FloatArray, cell, motion, record
 
-from lmeasure.counts import Counts
-from lmeasure.findings import finding, recognised
-from lmeasure.lengths import COUNTER_STATE, lengths_from_counts
-from lmeasure.recorded import Recorded
+from lmeasure.core import Status
+from lmeasure.recording import Counts, Recorded, Run
 from lmeasure.rig import Rig
-from lmeasure.run import Run
-from lmeasure.status import Status
-from lmeasure.trajectory.continuity import Away, Continuity
-from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts, Shift, judged, unseen
-from lmeasure.trajectory.standing import Stood
-from lmeasure.trajectory.steps import Break
-from lmeasure.trajectory.visits import Rests
+from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
+from lmeasure.text import finding, recognised
+from lmeasure.trajectory.faults.continuity import Away, Continuity
+from lmeasure.trajectory.faults.steps import Break
+from lmeasure.trajectory.faults.stuck_channels import Stood
+from lmeasure.trajectory.faults.suspicion import EVERY, Doubt, Doubts, Shift, judged, unseen
+from lmeasure.trajectory.faults.visits import Rests
 
 COUNT_MM = 0.012
 NO_RESTS = Rests(np.empty(0), np.empty(0), np.empty((0, 6)))

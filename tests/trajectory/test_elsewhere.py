@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lmeasure.cli import app, main
-from lmeasure.errors import FileFormatError, LMeasureError, SettingsError
-from lmeasure.files import write_toml
-from lmeasure.foreign import columns_of
-from lmeasure.status import Status
+from lmeasure.cli.app import app, main
+from lmeasure.core import FileFormatError, LMeasureError, SettingsError, Status
+from lmeasure.io import columns_of
+from lmeasure.io.files import write_toml
 from lmeasure.trajectory import Stated, Trajectory, read_trajectory, write_trajectory
 
 FloatArray = NDArray[np.float64]

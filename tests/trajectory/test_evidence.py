@@ -8,16 +8,14 @@ import pytest
 from cells import START, FloatArray, cell, record, with_recorded
 from scipy.spatial.transform import Rotation
 
-from lmeasure.causes import in_english, within
-from lmeasure.lengths import lengths_from_counts, span_lengths
-from lmeasure.recorded import Recorded
+from lmeasure.recording import Recorded, Run, read_run, read_run_head, write_run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run, read_run, read_run_head, write_run
+from lmeasure.sensors import lengths_from_counts, span_lengths
 from lmeasure.simulation import Leg, cell_rig, smooth_path
-from lmeasure.trajectory import covariances, read_trajectory, reconstruct, reconstruct_stream
-from lmeasure.trajectory.evidence import CLOSURE, SUSPECTED, Evidence, Step, evidence_of
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.visits import LONGEST_S, RestFinder, Rests
+from lmeasure.text import in_english, within
+from lmeasure.trajectory import SUSPECTED, RestFinder, align, covariances, read_trajectory, reconstruct, reconstruct_stream
+from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence, Step, evidence_of
+from lmeasure.trajectory.faults.visits import LONGEST_S, Rests
 
 COUNT_MM = 0.012
 PLACES = ((0.0, 0.0, 0.0), (120.0, 90.0, -80.0), (-110.0, 80.0, 70.0))

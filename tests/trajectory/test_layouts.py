@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import lmeasure as lm
-from lmeasure.errors import LMeasureError
-from lmeasure.foreign import columns_of
+from lmeasure.core import LMeasureError
+from lmeasure.io import columns_of
 from lmeasure.trajectory import Stated
 
 FloatArray = NDArray[Any]

@@ -7,15 +7,12 @@ import pytest
 from cells import START, cell, motion, record
 from test_truth import AUTHORITY, truth_of
 
-from lmeasure.errors import TrajectoryError
+from lmeasure.core import WORDS, TrajectoryError
+from lmeasure.recording import Run, read_run
 from lmeasure.rig import rig_from_dict
-from lmeasure.run import Run, read_run
-from lmeasure.status import WORDS
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.live import START_UNKNOWN, LivePose, LiveSample
-from lmeasure.trajectory.live_way import AnyChannels
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.prepared import prepared
+from lmeasure.trajectory import LivePose, align, prepared, reconstruct
+from lmeasure.trajectory.reconstruction.live import START_UNKNOWN, LiveSample
+from lmeasure.trajectory.reconstruction.live_prediction import AnyChannels
 
 
 def first_of(run: Run, n: int) -> Run:

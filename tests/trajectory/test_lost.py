@@ -4,11 +4,10 @@ import numpy as np
 from cells import START, FloatArray, cell, position_error, record
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels.cable import span_lengths
-from lmeasure.kernels.layout import CABLE_COLUMNS
-from lmeasure.status import Status
+from lmeasure.core import Status
+from lmeasure.kernels import CABLE_COLUMNS, span_lengths
 from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.lost import explain, split_at
+from lmeasure.trajectory.reconstruction.lost_motions import explain, split_at
 
 ALL = np.arange(6)
 U = np.full(6, 0.0035)

@@ -9,10 +9,9 @@ from cells import cell, motion, position_error, record
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.errors import TrajectoryError
-from lmeasure.kernels.motion import local_cubics
-from lmeasure.trajectory import read_trajectory, reconstruct
-from lmeasure.trajectory.motion import motion_of, write_motion
+from lmeasure.core import TrajectoryError
+from lmeasure.kernels import local_cubics
+from lmeasure.trajectory import motion_of, read_trajectory, reconstruct, write_motion
 
 FloatArray = NDArray[np.float64]
 

@@ -11,14 +11,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from lmeasure import covariances
-from lmeasure.counts import Counts
-from lmeasure.errors import TrajectoryError
-from lmeasure.lengths import lengths_from_counts
+from lmeasure.core import Status, TrajectoryError
+from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig
-from lmeasure.run import Run
-from lmeasure.status import Status
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.passes import align
+from lmeasure.sensors import lengths_from_counts
+from lmeasure.trajectory import align, reconstruct
 
 SHIFT_S, RATE = 3.7, 1.0 - 150e-6
 

@@ -5,9 +5,9 @@ import pytest
 from made_trajectories import UNIT, by_name, dwells, trajectory_of
 from numpy.typing import NDArray
 
-from lmeasure.certification import PoseErrors, Settings, evaluate
-from lmeasure.program import Program
-from lmeasure.trajectory import Trajectory
+from lmeasure.iso9283 import CertificationSettings, evaluate
+from lmeasure.recording import Program
+from lmeasure.trajectory import PoseErrors, Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -36,7 +36,7 @@ class Fading:
         self.constant_s = constant_s
 
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
-        """See `lmeasure.certification.ErrorModel`."""
+        """See `lmeasure.iso9283.ErrorModel`."""
         time_s = trajectory.time_s[samples]
         covariance = 0.02**2 * np.exp(-np.abs(time_s[:, None] - time_s) / self.constant_s)
         shared = np.zeros((len(samples), 6, len(samples)))
@@ -52,7 +52,7 @@ def test_a_model_states_correlation_between_samples(constant_s: float) -> None:
     pose = {"name": "P1", "position_mm": (0.0, 0.0, 0.0), "quaternion_xyzw": UNIT, "windows_s": windows}
     program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [pose]})
     model = Fading(constant_s)
-    found = by_name(evaluate(trajectory_of(time_s, position), program, model, settings=Settings(trials=4000)))["AP_x", "P1"]
+    found = by_name(evaluate(trajectory_of(time_s, position), program, model, settings=CertificationSettings(trials=4000)))["AP_x", "P1"]
     apart = np.abs(np.subtract.outer(np.arange(cycles), np.arange(cycles)))
     u = 0.02 * np.sqrt(np.exp(-apart / constant_s).mean())
     assert found.u95 == pytest.approx(1.96 * u, rel=0.05)

@@ -3,30 +3,24 @@
 import json
 import re
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "certification"))
-
 from campaigns import write_campaign
 from test_truth import AUTHORITY, truth_of
 from typer.testing import CliRunner
 
-from lmeasure import se3
-from lmeasure.cli import app
-from lmeasure.errors import TrajectoryError
-from lmeasure.lengths import length_residuals, span_lengths
+from lmeasure.cli.app import app
+from lmeasure.core import TrajectoryError, se3
+from lmeasure.recording import Run, read_run
 from lmeasure.rig import rig_from_dict
-from lmeasure.run import Run, read_run
-from lmeasure.trajectory import over_motion, read_trajectory, reconstruct
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.prepared import prepared
-from lmeasure.trajectory.redundancy import repeats
+from lmeasure.sensors import length_residuals, span_lengths
+from lmeasure.trajectory import align, prepared, read_trajectory, reconstruct
+from lmeasure.trajectory.faults.redundancy import repeats
+from lmeasure.trajectory.origin import start_from_motion
 
 
 def copied(name: str, tmp_path: Path) -> Path:
@@ -150,8 +144,8 @@ def test_fewer_than_six_absolute_angles_tell_the_start_over_a_motion(some: list[
 
 def test_a_start_that_the_run_soon_contradicts_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three angles fit a short way from where the tool was not."""
-    monkeypatch.setattr(over_motion, "TRIED", 4)  # nothing is there to be found
-    monkeypatch.setattr(over_motion, "DRAWN", 300)
+    monkeypatch.setattr(start_from_motion, "TRIED", 4)  # nothing is there to be found
+    monkeypatch.setattr(start_from_motion, "DRAWN", 300)
     run = with_swivels([0, 2, 4], every=8)
     (counts,) = run.passes
     recorded = counts.recorded.copy()

@@ -13,9 +13,9 @@ import tomli_w
 from cells import cell, motion, record
 from scipy.spatial.transform import Rotation
 
-from lmeasure import cli
-from lmeasure.conventions import rotation_from_angles
-from lmeasure.run import write_run
+from lmeasure.cli.app import main
+from lmeasure.core import rotation_from_angles
+from lmeasure.recording import write_run
 from lmeasure.trajectory import read_trajectory
 
 COLUMNS = ["time_s", "x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw", "residual_mm", "iterations", "status", "cause", "cable"]
@@ -34,7 +34,7 @@ def folder(tmp_path: Path) -> Path:
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
     monkeypatch.setattr("sys.argv", ["lmeasure", *map(str, arguments)])
     with pytest.raises(SystemExit) as stop:
-        cli.main()
+        main()
     return int(stop.value.code or 0)
 
 

@@ -11,13 +11,13 @@ from scipy.linalg import block_diag, null_space, sqrtm
 from test_schemes import EIGHT, SEVEN, rig_of
 from test_truth import AUTHORITY, truth_of
 
-from lmeasure.kernels.cable import span_lengths, span_rows_of
-from lmeasure.lengths import changes_from_counts, lengths_from_counts
+from lmeasure.kernels import span_lengths, span_rows_of
+from lmeasure.recording import read_run
 from lmeasure.rig import Rig
-from lmeasure.run import read_run
-from lmeasure.trajectory.contradictions import chance_of
-from lmeasure.trajectory.redundancy import Epochs, Redundancy, repeats
-from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.sensors import changes_from_counts, lengths_from_counts
+from lmeasure.trajectory import Epochs, Reconstruction, Redundancy
+from lmeasure.trajectory.faults.contradictions import chance_of
+from lmeasure.trajectory.faults.redundancy import repeats
 
 N = 40
 
@@ -209,7 +209,7 @@ def test_what_a_channel_errs_by_is_the_best_estimate_that_no_motion_moves(
 ) -> None:
     """Generalised least squares of the pose and one more unknown, whose weights say what of its error is a sample's own and what samples
     share. A channel that is not used has no part; one that the others do not control, and a place without a pose, tell nothing."""
-    monkeypatch.setattr("lmeasure.trajectory.redundancy.CHUNK", 7)
+    monkeypatch.setattr("lmeasure.trajectory.faults.redundancy.CHUNK", 7)
     redundancy, epochs, poses = made()
     n, m = epochs.change_mm.shape
     rows, offsets = span_rows_of(redundancy._rows, poses) * np.repeat([1.0 / 150.0, 1.0], 3), 0.003 * np.arange(1.0, m + 1.0)[None]

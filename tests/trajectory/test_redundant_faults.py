@@ -9,9 +9,9 @@ import pytest
 from cells import START, cell, motion, position_error, record, with_recorded, words
 from test_schemes import EIGHT, SEVEN, rig_of
 
-from lmeasure.causes import in_english
-from lmeasure.run import read_run, read_run_head, write_run
-from lmeasure.status import Status
+from lmeasure.core import Status
+from lmeasure.recording import read_run, read_run_head, write_run
+from lmeasure.text import in_english
 from lmeasure.trajectory import covariances, read_trajectory, reconstruct, reconstruct_stream
 
 
@@ -107,8 +107,8 @@ def test_without_two_cables_the_covariance_is_that_of_the_others(tmp_path: Path)
 
 
 def test_from_file_to_file_the_same_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.tables.PIECE_ROWS", 257)
-    monkeypatch.setattr("lmeasure.tables.PIECE_BYTES", 20_000)
+    monkeypatch.setattr("lmeasure.io.tables.PIECE_ROWS", 257)
+    monkeypatch.setattr("lmeasure.io.tables.PIECE_BYTES", 20_000)
     run = record(rig_of(EIGHT), *motion(2000, rate_hz=250.0))
     recorded = run.passes[0].recorded.copy()
     recorded[700:, 5] += 90.0
@@ -152,7 +152,7 @@ def test_a_drawing_that_is_off_is_not_called_a_fault_of_a_cable() -> None:
 
 
 def test_more_faults_than_anybody_counts_are_never_called_ok(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.trajectory.consistency.ROUNDS", 2)
+    monkeypatch.setattr("lmeasure.trajectory.faults.consistency.ROUNDS", 2)
     run = record(rig_of(EIGHT), *motion(4800, rate_hz=200.0))
     recorded = run.passes[0].recorded.copy()
     for k in range(8):

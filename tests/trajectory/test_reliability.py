@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from test_truth import AUTHORITY
 
-from lmeasure.catalogue import plain
-from lmeasure.run import read_run
-from lmeasure.trajectory.consistency import collected
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.prepared import prepared
-from lmeasure.trajectory.redundancy import Epochs
-from lmeasure.trajectory.reliability import SHIFT, of_run, reliability, said, said_apart
+from lmeasure.recording import read_run
+from lmeasure.text import plain
+from lmeasure.trajectory import Epochs, align, collected, prepared
+from lmeasure.trajectory.faults.reliability import SHIFT, of_run, reliability, said, said_apart
 
 
 @pytest.mark.parametrize(("name", "samples", "channels"), [("eight-run", 300, 8), ("swivel-run", 200, 12)])

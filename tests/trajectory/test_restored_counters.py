@@ -12,13 +12,11 @@ import pytest
 from test_slips import PATH, TIME_S, faulty, sound
 from test_truth import AUTHORITY
 
-from lmeasure.interim.explained import explained
-from lmeasure.run import Run, read_run
-from lmeasure.status import Status
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.live_way import AnyChannels
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.prepared import prepared
+from lmeasure.core import Status
+from lmeasure.procedures import explained
+from lmeasure.recording import Run, read_run
+from lmeasure.trajectory import align, prepared, reconstruct
+from lmeasure.trajectory.reconstruction.live_prediction import AnyChannels
 
 
 @pytest.fixture(scope="module")

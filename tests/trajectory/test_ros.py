@@ -11,8 +11,8 @@ from cells import cell, motion, record, with_recorded
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from lmeasure.errors import TrajectoryError
-from lmeasure.run import write_run
+from lmeasure.core import TrajectoryError
+from lmeasure.recording import write_run
 from lmeasure.trajectory import reconstruct, write_trajectory
 
 
@@ -57,7 +57,7 @@ def test_times_before_zero_are_refused_and_leave_nothing(tmp_path: Path) -> None
 
 def test_without_the_package_one_line_says_what_to_install(tmp_path: Path) -> None:
     write_run(tmp_path / "run", record(cell(), *motion(5)))
-    code = "import sys; sys.modules['mcap'] = None; from lmeasure.cli import main; main()"
+    code = "import sys; sys.modules['mcap'] = None; from lmeasure.cli.app import main; main()"
     words = ["reconstruct", str(tmp_path / "run"), "--out", str(tmp_path / "out.mcap")]
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 1

@@ -9,17 +9,15 @@ import pytest
 from cells import START, FloatArray, cell
 from scipy.stats import chi2
 
-from lmeasure import covariances, se3
-from lmeasure.errors import TrajectoryError
-from lmeasure.observation import Observation, predictions, solve_poses
-from lmeasure.observation.of_rig import cable_lengths, swivel_angle
+from lmeasure.core import Status, TrajectoryError, se3
+from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run
+from lmeasure.sensors import Observation, cable_lengths, swivel_angle
+from lmeasure.sensors.channel import predictions
+from lmeasure.sensors.solver import solve_poses
 from lmeasure.simulation import simulate_run
-from lmeasure.status import Status
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import LIGHT_RAD, NEAR_RAD, variance_until_told
+from lmeasure.trajectory import NEAR_RAD, Reconstruction, covariances, reconstruct
+from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, variance_until_told
 
 TIME_S = np.arange(0.0, 1.5, 0.005)
 ROUGH: dict[str, Any] = {"zero_deg": 20.0, "u_zero_deg": 2.0}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lmeasure.certification import PoseErrors
-from lmeasure.roots import symmetric_root
-from lmeasure.trajectory.rounding import kept, of_crossings, of_dwells, scatter_counts, whitened_variance
+from lmeasure.core import symmetric_root
+from lmeasure.trajectory import PoseErrors, of_crossings, of_dwells
+from lmeasure.trajectory.uncertainty.rounding import kept, scatter_counts, whitened_variance
 
 FloatArray = NDArray[np.float64]
 

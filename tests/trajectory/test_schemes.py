@@ -10,10 +10,9 @@ import pytest
 from cells import PAIRS, POINTS, START, FloatArray, cell, motion, observation_point, position_error, record, rotation_error, with_recorded
 from scipy.spatial.transform import Rotation
 
-from lmeasure.errors import RigError
+from lmeasure.core import WORDS, RigError, Status
+from lmeasure.recording import Run
 from lmeasure.rig import Rig
-from lmeasure.run import Run
-from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import read_trajectory, reconstruct, write_trajectory
 
 N = 300

@@ -9,12 +9,12 @@ import numpy as np
 from cells import START, FloatArray, cell, motion, record
 from scipy.spatial.transform import Rotation
 
+from lmeasure.core import Status
 from lmeasure.kernels import screw
-from lmeasure.lengths import span_lengths
+from lmeasure.recording import write_run
 from lmeasure.rig import Rig
-from lmeasure.run import write_run
-from lmeasure.status import Status
-from lmeasure.trajectory import screw_numpy
+from lmeasure.sensors import span_lengths
+from lmeasure.trajectory.reconstruction import reference
 
 U = np.full(6, 0.0035)
 
@@ -24,10 +24,10 @@ def changes(rig: Rig, poses: FloatArray, noise_mm: float = 0.0) -> FloatArray:
     return np.asarray(lengths + np.random.default_rng(0).normal(0.0, 1.0, lengths.shape) * noise_mm)
 
 
-def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[screw_numpy.Followed | None, FloatArray]:
+def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[reference.Followed | None, FloatArray]:
     flags = np.zeros(len(change), np.int64) if flags is None else flags
     state = screw.new_state(START)
-    return screw_numpy.follow(rig.cable_rows(), START, state, change, flags=flags), state
+    return reference.follow(rig.cable_rows(), START, state, change, flags=flags), state
 
 
 def test_where_a_run_has_got_to_is_the_kernels() -> None:
@@ -35,7 +35,7 @@ def test_where_a_run_has_got_to_is_the_kernels() -> None:
     change = changes(rig, motion(1000)[1], 0.5)
     found, state = follow(rig, change)
     there = screw.new_state(START)
-    expected = screw.resume(rig.cable_rows(), START, there, change, np.zeros(len(change), np.int64), U)
+    expected = screw.resume_screw(rig.cable_rows(), START, there, change, np.zeros(len(change), np.int64), U)
     assert found is not None
     np.testing.assert_allclose(found[1], expected[1], rtol=0, atol=1e-10)
     np.testing.assert_allclose(state, there, rtol=0, atol=1e-9)
@@ -53,7 +53,7 @@ def test_what_is_not_plain_is_left_to_the_kernels() -> None:
     np.testing.assert_array_equal(state, screw.new_state(START))
     lost = screw.new_state(START)
     lost[screw.LOST] = 1.0
-    assert screw_numpy.follow(rig.cable_rows(), START, lost, change, flags=np.zeros(300, np.int64)) is None
+    assert reference.follow(rig.cable_rows(), START, lost, change, flags=np.zeros(300, np.int64)) is None
     contradicting = change.copy()
     contradicting[200, 0] = np.nan
     assert follow(rig, contradicting)[0] is None
@@ -76,8 +76,8 @@ import sys
 from numba.core import event
 compiled = event.RecordingListener()
 event.register("numba:compile", compiled)
-from lmeasure.cli import main
-from lmeasure.status import Status
+from lmeasure.cli.app import main
+from lmeasure.core import Status
 try:
     main()
 except SystemExit as end:

@@ -12,14 +12,12 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
-from lmeasure import covariances, se3
-from lmeasure.kernels.cable import span_lengths, span_rows_of
-from lmeasure.kernels.layout import ANGLE_ZERO, ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ
+from lmeasure.core import se3
+from lmeasure.kernels import ANGLE_ZERO, ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, span_lengths, span_rows_of
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.second_order import DRAWS, beyond_first, variables
+from lmeasure.trajectory import Reconstruction, covariances, reconstruct
+from lmeasure.trajectory.uncertainty.second_order import DRAWS, beyond_first, variables
 
 DRUMS, POINTS = 3, (1, 3, 5)
 TIME_S = np.arange(0.0, 0.5, 0.02)

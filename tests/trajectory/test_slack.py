@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from cells import FloatArray, cell, motion, position_error, record, with_recorded
 
+from lmeasure.core import Status
 from lmeasure.rig import Rig
-from lmeasure.status import Status
+from lmeasure.sensors.rejected_samples import slack_samples
 from lmeasure.trajectory import reconstruct
-from lmeasure.unused_counts import slack_samples
 
 LIMIT = 30000.0
 

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from test_truth import AUTHORITY
 
-from lmeasure import Trajectory, se3
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray, Status, se3
+from lmeasure.recording import Run, read_run
 from lmeasure.rig import rig_from_dict
-from lmeasure.run import Run, read_run
-from lmeasure.simulation.instrument import simulate_run
-from lmeasure.status import Status
-from lmeasure.trajectory import covariances, reconstruct
+from lmeasure.simulation import simulate_run
+from lmeasure.trajectory import Trajectory, covariances, reconstruct
 
 TIME_S = np.arange(0.0, 6.0, 0.004)
 WAY = np.array([0.2, -0.15, 0.25, 150.0, 120.0, -100.0])
@@ -143,7 +141,7 @@ def test_drums_alone_are_not_searched_for_slips(monkeypatch: pytest.MonkeyPatch)
     def searched(*_: object) -> None:
         raise AssertionError("searched")
 
-    monkeypatch.setattr("lmeasure.trajectory.prepared.slip", searched)
+    monkeypatch.setattr("lmeasure.trajectory.reconstruction.preparation.slip", searched)
     found = reconstruct(read_run(AUTHORITY / "eight-run"))
     assert (found.status == Status.OK).all()
 

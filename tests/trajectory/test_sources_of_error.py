@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 from cells import START, FloatArray, cell, motion
 
-from lmeasure import se3
-from lmeasure.counts import Counts
-from lmeasure.effects import effects_of
-from lmeasure.lengths import Lengths, counts_from_poses, lengths_from_counts, span_lengths
+from lmeasure.core import se3
+from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run
-from lmeasure.trajectory.budget import PHYSICAL, RESTORED, Budget
-from lmeasure.trajectory.corrections import Correction
-from lmeasure.trajectory.scheme import scheme_of
-from lmeasure.trajectory.sources import PassClock, Situation, Told
+from lmeasure.sensors import Lengths, counts_from_poses, effects_of, lengths_from_counts, span_lengths
+from lmeasure.trajectory import Budget
+from lmeasure.trajectory.reconstruction.corrections import Correction
+from lmeasure.trajectory.reconstruction.scheme import scheme_of
+from lmeasure.trajectory.uncertainty.budget import PHYSICAL, RESTORED
+from lmeasure.trajectory.uncertainty.sources import PassClock, Situation, Told
 
 TIMES, POSES = motion(5, rate_hz=2.0)
 PLAY, SCALE, COUNT_MM = 3.0, 1.25, 0.012
@@ -272,7 +271,7 @@ def test_origins_are_the_start_the_phases_and_the_zeros_and_stand_last() -> None
 @pytest.mark.parametrize("timed", [False, True])
 def test_covariances_in_pieces_are_those_of_the_factors(monkeypatch: pytest.MonkeyPatch, chunk: int, phased: bool, timed: bool) -> None:
     """Of all that a run may have, and after it told of its origins."""
-    monkeypatch.setattr("lmeasure.trajectory.budget.CHUNK", chunk)
+    monkeypatch.setattr("lmeasure.trajectory.uncertainty.budget.CHUNK", chunk)
     data = cell().to_dict()
     for point in data["observation_point"]:
         point["drum"] |= {"zero_exact": not phased, "u_run_out_mm": 0.02}

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.trajectory.spans import spans
+from lmeasure.core import FloatArray, IntArray
+from lmeasure.trajectory.faults.suspect_intervals import spans
 
 
 def by_definition(time_s: FloatArray, alarms: list[int], error: FloatArray, u: FloatArray) -> list[tuple[int, int]]:

@@ -10,16 +10,14 @@ from cells import cell
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from lmeasure.cli import app
-from lmeasure.counts import Counts, unwrap
-from lmeasure.kernels.counter import JUMPED
-from lmeasure.lengths import counts_from_poses, recorded_from_counts
-from lmeasure.run import Run, read_run, write_run
-from lmeasure.status import Status
-from lmeasure.trajectory import read_trajectory, reconstruct
-from lmeasure.trajectory.evenly import clock, numbers
-from lmeasure.trajectory.motion import motion_of
-from lmeasure.trajectory.stamps import judged
+from lmeasure.cli.app import app
+from lmeasure.core import Status
+from lmeasure.kernels import JUMPED
+from lmeasure.recording import Counts, Run, read_run, unwrap, write_run
+from lmeasure.sensors import counts_from_poses, recorded_from_counts
+from lmeasure.trajectory import motion_of, read_trajectory, reconstruct
+from lmeasure.trajectory.time.even_clock import clock, numbers
+from lmeasure.trajectory.time.stamps import judged
 
 FloatArray = NDArray[np.float64]
 Law = Callable[[np.random.Generator, FloatArray], FloatArray]

@@ -7,10 +7,9 @@ import pytest
 from cells import START, FloatArray, cell, motion, position_error, record, rotation_error, with_recorded
 from scipy.spatial.transform import Rotation
 
-from lmeasure.errors import GeometryError, RigError, TrajectoryError
+from lmeasure.core import WORDS, GeometryError, RigError, Status, TrajectoryError
+from lmeasure.recording import Run
 from lmeasure.rig import Rig
-from lmeasure.run import Run
-from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory, reconstruct
 
 N = 400
@@ -124,7 +123,7 @@ def test_through_a_singular_pose_no_wrong_assembly_is_called_ok(rig: Rig, axis: 
 
 
 def _rows(rows: FloatArray, poses: FloatArray) -> list[FloatArray]:
-    from lmeasure.kernels.cable import span_rows
+    from lmeasure.kernels import span_rows
 
     return [np.asarray(span_rows(rows, pose)) for pose in poses]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lmeasure.arrays import FloatArray
-from lmeasure.trajectory.steps import (
+from lmeasure.core import FloatArray
+from lmeasure.trajectory.faults.steps import (
     BINS,
     STEP_MM,
     Break,

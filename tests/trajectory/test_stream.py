@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from cells import FloatArray, cell, motion, record, with_recorded
 
-from lmeasure import tables
-from lmeasure.errors import FileFormatError
+from lmeasure.core import FileFormatError
+from lmeasure.io import tables
+from lmeasure.recording import Run, read_run, read_run_head, write_run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run, read_run, read_run_head, write_run
 from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory
 
 N = 3000

@@ -8,18 +8,12 @@ import pytest
 from cells import START, FloatArray, cell
 from scipy.stats import chi2
 
-from lmeasure import covariances, se3
-from lmeasure.interim.moved import Together
+from lmeasure.core import Status, se3
+from lmeasure.procedures.intermediate_check.moved_parts import Together
+from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run
 from lmeasure.simulation import simulate_run
-from lmeasure.status import Status
-from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.budget import RESTORED_ORIGIN
-from lmeasure.trajectory.passes import align
-from lmeasure.trajectory.prepared import prepared
-from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import zero_columns
+from lmeasure.trajectory import RESTORED_ORIGIN, Reconstruction, align, covariances, prepared, reconstruct, zero_columns
 
 TIME_S = np.arange(0.0, 1.2, 0.006)
 ZEROS_DEG = np.array([12.0, -140.0, 71.0])

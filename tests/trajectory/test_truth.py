@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from zeroed import zeroed_exactly
 
-from lmeasure.run import read_run
-from lmeasure.trajectory import Trajectory, reconstruct
-from lmeasure.trajectory.motion import motion_of
+from lmeasure.recording import read_run
+from lmeasure.trajectory import Trajectory, motion_of, reconstruct
 
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "truth"
 

@@ -5,16 +5,13 @@ import pytest
 from cells import START, FloatArray, cell, motion, record
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.counts import Counts
-from lmeasure.errors import TrajectoryError
-from lmeasure.kernels.layout import PARAMETERS
-from lmeasure.lengths import lengths_from_counts
-from lmeasure.observation.parameters import parameter_names
-from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run
+from lmeasure.core import TrajectoryError
+from lmeasure.kernels import PARAMETERS
+from lmeasure.recording import Counts, Run
+from lmeasure.rig import CalibrationRecord, Rig, parameter_names, rig_from_dict
+from lmeasure.sensors import lengths_from_counts
 from lmeasure.trajectory import Reconstruction, reconstruct
-from lmeasure.trajectory.monte_carlo import by_monte_carlo, moved_rows
+from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo, moved_rows
 
 TRIALS = 600
 SAMPLES = (0, 700, 1500, 2999)

@@ -7,10 +7,11 @@ from made_trajectories import UNIT, StatedErrors, by_name, trajectory_of
 from numpy.typing import NDArray
 from scipy.special import j0
 
-from lmeasure.certification import PoseErrors, Settings, evaluate
-from lmeasure.program import Program
-from lmeasure.roots import symmetric_root
-from lmeasure.trajectory.vibration import Swing, Vibration, averaged, vibration, with_rest
+from lmeasure.core import symmetric_root
+from lmeasure.iso9283 import CertificationSettings, evaluate
+from lmeasure.recording import Program
+from lmeasure.trajectory import PoseErrors, averaged, with_rest
+from lmeasure.trajectory.motion.vibration import Swing, Vibration, vibration
 
 FloatArray = NDArray[np.float64]
 
@@ -150,7 +151,7 @@ def test_u95_of_a_vibrating_robot_holds_where_it_rests(amplitude_mm: float, wind
         program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [pose]})
         trajectory = trajectory_of(time_s, np.concatenate([np.zeros((1, 3)), *seen]))
         law = StatedErrors(LAW, rounded=True)
-        found = by_name(evaluate(trajectory, program, law, settings=Settings(trials=300, seed=seed)))
+        found = by_name(evaluate(trajectory, program, law, settings=CertificationSettings(trials=300, seed=seed)))
         mean = rests.mean(axis=0)
         distance = np.linalg.norm(rests - mean, axis=1)
         expected = dict(zip(("AP_x", "AP_y", "AP_z"), mean, strict=True))

@@ -18,15 +18,13 @@ from test_truth import AUTHORITY, rms, truth_of
 from zeroed import exactly
 
 from lmeasure import PoseCovariances, Trajectory, covariances
-from lmeasure.counts import Counts
-from lmeasure.lengths import count_variance, counts_from_poses, lengths_from_counts, recorded_from_counts, span_lengths
+from lmeasure.core import Status
+from lmeasure.recording import Counts, Run, read_run
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
-from lmeasure.run import Run, read_run
+from lmeasure.sensors import count_variance, counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.status import Status
 from lmeasure.trajectory import Reconstruction, reconstruct
-from lmeasure.trajectory.monte_carlo import by_monte_carlo
-from lmeasure.zeroing import drawn_phases
+from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
 
 FloatArray = NDArray[np.float64]
 

@@ -12,18 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 
-from lmeasure import cli, tables
-from lmeasure.counts import Counts
-from lmeasure.errors import FileFormatError
-from lmeasure.lengths import Lengths
+from lmeasure.cli.app import main
+from lmeasure.core import FileFormatError
+from lmeasure.io import tables
+from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run, read_run, read_run_head, write_run
-from lmeasure.simulation import cell_rig, simulate_run, smooth_path
-from lmeasure.simulation.motion import Leg
+from lmeasure.sensors import Lengths
+from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct, reconstruct_stream
-from lmeasure.view import space, trajectory
-from lmeasure.view.stages import streamed_recording, write_recording
-from lmeasure.view.thinned import Thinned
+from lmeasure.view import space, streamed_recording, trajectory, write_recording
+from lmeasure.view.subsample import Thinned
 
 N = 1500
 PIECE = 128
@@ -166,11 +164,11 @@ def test_the_command_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
     def whole(*_: object) -> Run:
         raise AssertionError("the whole run was read")
 
-    monkeypatch.setattr("lmeasure.run.read_run", whole)
+    monkeypatch.setattr("lmeasure.recording.run.read_run", whole)
     arguments = ["reconstruct", tmp_path / "run", "--out", tmp_path / "a.parquet", "--rerun", tmp_path / "a.rrd"]
     monkeypatch.setattr("sys.argv", ["lmeasure", *map(str, arguments)])
     with pytest.raises(SystemExit) as stop:
-        cli.main()
+        main()
     assert not stop.value.code
     assert f"{N} samples" in capsys.readouterr().out
     assert len(cells(tmp_path / "a.rrd")["/position_mm/x_mm", "Scalars:scalars"]) == N

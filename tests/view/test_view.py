@@ -15,14 +15,14 @@ from recordings import HOME, SINGLE, scalars, stored
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from lmeasure.accuracy.radius import stated_radii_95
-from lmeasure.errors import FileFormatError, LMeasureError
+from lmeasure.accuracy import stated_radii_95
+from lmeasure.core import FileFormatError, LMeasureError
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import Leg, SimulatedRun, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct
+from lmeasure.view import open_viewer, write_recording
 from lmeasure.view.space import ZONE_COLOURS
-from lmeasure.view.stages import write_recording
-from lmeasure.view.viewer import RERUN, check_recording, open_viewer
+from lmeasure.view.viewer import RERUN, check_recording
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,11 +8,11 @@ import xarray as xr
 from numpy.typing import NDArray
 from recordings import HOME, SINGLE, scalars, stored
 
-from lmeasure.accuracy.surface import zone_surface
-from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.poses import poses_from_rows
+from lmeasure.accuracy import zone_surface
+from lmeasure.recording import poses_from_rows
+from lmeasure.rig import CalibrationRecord
 from lmeasure.simulation import cell_rig, scattered_poses
-from lmeasure.view.stages import write_recording
+from lmeasure.view import write_recording
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

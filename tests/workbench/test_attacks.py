@@ -25,10 +25,10 @@ from bench import client, served_apart, token
 from hostile import DIGITS, LONG
 from starlette.testclient import TestClient
 
-from lmeasure.errors import FileFormatError
+from lmeasure.core import FileFormatError
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
-from lmeasure.workbench import things
+from lmeasure.workbench import project_files
 from lmeasure.workbench.worker import worker
 
 
@@ -182,7 +182,7 @@ def test_what_is_taken_in_holds_up_nobody(asked: TestClient, monkeypatch: pytest
         assert others.wait(20.0), "others were held up"
         return []
 
-    monkeypatch.setattr(things, "take_in", slow)
+    monkeypatch.setattr(project_files, "take_in", slow)
     answers: list[int] = []
     upload = threading.Thread(target=lambda: answers.append(asked.post("/upload", files={"files": ("a.csv", b"1")}).status_code))
     upload.start()

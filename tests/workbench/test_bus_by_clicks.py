@@ -1,23 +1,19 @@
 """A simulated cell on a real bus of this machine, by clicks alone: a motion is watched, then recorded, in large figures."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bench import served
-
-from lmeasure.cli import app
-from lmeasure.counts import read_counts
-from lmeasure.rig import write_rig
-from lmeasure.run import read_run_head
-from lmeasure.simulation import cell_rig
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import LOOK, Page, opened
 from clicks import ENDED, HERE, entered, fill, press, visit
 from journeys import QUICK, plugged, tap
 from typer.testing import CliRunner
+
+from lmeasure.cli.app import app
+from lmeasure.recording import read_counts, read_run_head
+from lmeasure.rig import write_rig
+from lmeasure.simulation import cell_rig
 
 pytestmark = pytest.mark.live
 

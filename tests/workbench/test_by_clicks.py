@@ -1,21 +1,18 @@
 """What a person does with the mouse: a rig changed; how all pages look."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from access import faults
 from bench import served
+from browser import LOOK, Page, opened
+from clicks import entered, fill, press, visit
+from test_check import two_cables
+from test_tour import some_files_of_the_demo
 
-from lmeasure import workflows
 from lmeasure.rig import read_rig, write_rig
-
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "acquisition")]
-from access import faults  # noqa: E402
-from browser import LOOK, Page, opened  # noqa: E402
-from clicks import entered, fill, press, visit  # noqa: E402
-from test_check import two_cables  # noqa: E402
-from test_tour import some_files_of_the_demo  # noqa: E402
+from lmeasure.workflows import load
 
 PAGES = (
     "/",
@@ -75,7 +72,7 @@ def test_every_page_at_every_width(language: str, tmp_path: Path) -> None:
 
 def test_a_rig_is_changed_and_every_page_stands(tmp_path: Path) -> None:
     """In both languages; nothing is asked of another machine, nothing runs over."""
-    init = workflows.load("init")
+    init = load("init")
     init.run(init.settings.model_validate({"out": tmp_path, "template": "six-cables"}))
     with served(tmp_path) as address, opened(address) as page:
         base = entered(page)

@@ -11,8 +11,8 @@ import pytest
 from bench import client, until
 from starlette.testclient import TestClient
 
-from lmeasure.certification.details import read_details
-from lmeasure.report.words import word
+from lmeasure.certificate.details import read_details
+from lmeasure.report import word
 from lmeasure.workbench import details
 from lmeasure.workbench.certificates import courses
 from lmeasure.workbench.project import look_at

@@ -2,18 +2,15 @@
 
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 from bench import client, served
+from browser import Page, opened
+from campaigns import write_campaign
+from clicks import HERE, begin, choose, ended, entered, press, visit
 
-from lmeasure.cli import main
-
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "certification")]
-from browser import Page, opened  # noqa: E402
-from campaigns import write_campaign  # noqa: E402
-from clicks import HERE, begin, choose, ended, entered, press, visit  # noqa: E402
+from lmeasure.cli.app import main
 
 
 def onward(page: Page, part: str) -> None:

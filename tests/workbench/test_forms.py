@@ -10,15 +10,15 @@ from bench import client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure import workflows
 from lmeasure.cli.commands import command
-from lmeasure.errors import LMeasureError, SettingsError
+from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.workbench import forms
 from lmeasure.workbench.cards import PAGES, card
 from lmeasure.workbench.project import Found, Project, look_at
-from lmeasure.workflows.options import Option, command_line, limits_of, options_of
+from lmeasure.workflows import COMMANDS, Option, command_line, load, options_of
+from lmeasure.workflows.options import limits_of
 
-RUN = [name for name in workflows.COMMANDS if name not in forms.NOT_HERE]
+RUN = [name for name in COMMANDS if name not in forms.NOT_HERE]
 WORDS = st.text("abcxyz-_.0123456789", min_size=1, max_size=12)
 
 
@@ -48,8 +48,8 @@ def parsed(name: str, words: list[str]) -> dict[str, Any]:
 @pytest.mark.parametrize("name", RUN)
 def test_a_form_and_its_command_line_say_the_same(name: str) -> None:
     """And the command line's own parser understands the same by it."""
-    options = list(options_of(workflows.load(name).settings))
-    model = workflows.load(name).settings
+    options = list(options_of(load(name).settings))
+    model = load(name).settings
 
     @settings(max_examples=25)
     @given(st.data())
@@ -81,7 +81,7 @@ def test_a_form_and_its_command_line_say_the_same(name: str) -> None:
 def test_every_command_has_a_form_whose_fields_know_unit_range_and_help(name: str) -> None:
     shown = card(name, Project(Path(), (Found("rig", "rig.toml"), Found("run", "run"))))
     fields = [*shown.first, *(field for _, fields in shown.more for field in fields)]
-    settings = workflows.load(name).settings
+    settings = load(name).settings
     left_out = forms.HIDDEN | forms.INSTEAD.get(name, set()) | set(forms.ALWAYS.get(name, {}))
     assert {f.option.name for f in fields} | left_out >= {o.name for o in options_of(settings)}
     for field in fields:

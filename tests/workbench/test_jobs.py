@@ -4,7 +4,6 @@ import json
 import random
 import re
 import shutil
-import sys
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,12 @@ from urllib.request import Request, urlopen
 import numpy as np
 import pytest
 from bench import client, kill_server, served_apart, token, until
+from capture_bench import motion, on_bus, some_poses, true_rig, write_inputs
 
-from lmeasure.cli import main
-from lmeasure.counts import read_counts
+from lmeasure.cli.app import main
+from lmeasure.recording import read_counts
 from lmeasure.rig import write_rig
 from lmeasure.workbench import jobs
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
-from capture_bench import motion, on_bus, some_poses, true_rig, write_inputs
 
 SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run"
 

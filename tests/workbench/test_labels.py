@@ -3,22 +3,21 @@
 import re
 from pathlib import Path
 
-from lmeasure import workbench, workflows
-from lmeasure.catalogue import texts
-from lmeasure.workbench import api, cards, details, forms, pages, rig_form, tour
+from lmeasure.text import texts
+from lmeasure.workbench import __file__, api, cards, details, forms, pages, rig_form, tour
 from lmeasure.workbench.project import _BY_SCHEMA, Project
-from lmeasure.workbench.words import said
+from lmeasure.workbench.text import said
+from lmeasure.workflows import COMMANDS, load, options_of
 from lmeasure.workflows.labels import LABELS
-from lmeasure.workflows.options import options_of
 
-HERE = Path(workbench.__file__).parent
+HERE = Path(__file__).parent
 SPOKEN = re.compile(r"""_\(\s*(?:"([^"]+)"|'([^']+)')""")
 
 
 def test_every_option_has_a_label_and_every_label_an_option() -> None:
     used = set()
-    for name in workflows.COMMANDS:
-        settings = workflows.load(name).settings
+    for name in COMMANDS:
+        settings = load(name).settings
         for option in options_of(settings):
             own = f"{settings.__module__.rpartition('.')[2]}.{option.name}"
             used.add(own if own in LABELS else option.name)
@@ -39,7 +38,7 @@ def test_labels_and_words_of_pages_are_said_in_russian() -> None:
     spoken |= {verb["summary"] for ways in api.described()["paths"].values() for verb in ways.values() if "summary" in verb}
     for template in (HERE / "templates").glob("*.html"):
         spoken |= {a or b for a, b in SPOKEN.findall(template.read_text(encoding="utf-8"))}
-    assert sorted(spoken - set(known)) == [], "add them to lmeasure/locale/ru/workbench.po"
+    assert sorted(spoken - set(known)) == [], "add them to lmeasure/text/locale/ru/workbench.po"
 
 
 def test_help_names_other_options_as_the_page_does() -> None:
@@ -47,7 +46,7 @@ def test_help_names_other_options_as_the_page_does() -> None:
     assert fields["o"].told(lambda text, **v: said("en", text, **v)).startswith("Angle O of the thesis [deg], with “Angle A” and “Angle T”")
     assert "«Угол A»" in fields["o"].told(lambda text, **v: said("ru", text, **v))
     assert fields["limit_deg"].told(lambda text, **v: said("ru", text, **v)).endswith("От 0 до 90.")
-    for name in workflows.COMMANDS:
+    for name in COMMANDS:
         if name in forms.NOT_HERE:
             continue
         for field in forms.fields(name, Project(Path())):

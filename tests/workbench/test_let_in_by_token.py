@@ -2,7 +2,6 @@
 
 import io
 import re
-import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,23 +10,20 @@ from urllib.request import urlopen
 
 import pytest
 from bench import HOST, ORIGIN, PORT, TOKEN, client, served_apart, session, stranger, token, until
+from browser import opened
+from clicks import entered
 from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from lmeasure import workbench, workflows
-from lmeasure.cli import main
-from lmeasure.errors import SettingsError
-from lmeasure.workbench import forms
+from lmeasure.cli.app import main
+from lmeasure.core import SettingsError
+from lmeasure.workbench import __file__, forms
 from lmeasure.workbench.guard import Door
 from lmeasure.workbench.project import OutsideError, inside
+from lmeasure.workbench.project_list import Shelf
 from lmeasure.workbench.server import ROUTES, application
-from lmeasure.workbench.shelf import Shelf
-from lmeasure.workflows.options import options_of
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import opened
-from clicks import entered
+from lmeasure.workflows import COMMANDS, load, options_of
 
 EVERY = [route for module in ROUTES for route in module.routes()]
 SECRET = "nobody's business 4711"
@@ -230,7 +226,7 @@ def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, pr
 
 
 def test_every_name_that_pages_ask_for_is_walked() -> None:
-    source = "".join(path.read_text(encoding="utf-8") for path in Path(workbench.__file__).parent.glob("*.py"))
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.py"))
     asked = set(re.findall(r"""query_params\.get(?:list)?\("(\w+)\"""", source))
     asked |= set(re.findall(r"""form\.get\("(\w+)\"""", source))
     assert asked - {"token", "tour", "saved", "begin", "end", "line", "language", "_digest"} <= {*NAMED}
@@ -294,8 +290,8 @@ def test_no_project_lies_outside_the_folder_of_projects(project: Path, name: str
 def test_no_file_of_any_command_lies_outside(project: Path, away: str) -> None:
     """Options that are paths, and texts that may hold one."""
     walked = 0
-    for command in (name for name in workflows.COMMANDS if name not in forms.NOT_HERE):
-        for option in options_of(workflows.load(command).settings):
+    for command in (name for name in COMMANDS if name not in forms.NOT_HERE):
+        for option in options_of(load(command).settings):
             if option.name in forms.HIDDEN or option.kind not in ("path", "list", "text"):
                 continue
             for text in (away,) if option.kind == "path" else (away, f"replay:{away}", f"x={away}"):

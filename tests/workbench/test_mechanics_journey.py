@@ -1,18 +1,15 @@
 """The mechanic's whole job by clicks alone, over a real bus to a simulated cell; the same files by hand."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 from bench import client, served
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import opened
 from journeys import QUICK, Job, looked, mechanic
 from test_engineers_journey import by_hand
 
-from lmeasure.files import read_toml
+from lmeasure.io import read_toml
 
 OVER_A_BUS = ("play", "scan", "check", "capture")
 

@@ -1,17 +1,14 @@
 """Two tabs, a reload in the middle, the button back: what was typed and what runs is still there."""
 
-import sys
 from pathlib import Path
 
 from bench import client, served
+from browser import opened
+from clicks import HERE, ended, entered, fill, press, visit
 
 from lmeasure.rig import read_rig, write_rig
 from lmeasure.simulation import cell_rig
 from lmeasure.workbench import rig_form
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import opened
-from clicks import HERE, ended, entered, fill, press, visit
 
 
 def test_what_was_typed_outlives_a_reload_and_the_button_back(tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def test_forked_commands_hold_nothing_of_each_other(cells: Path) -> None:
 @pytest.mark.slow
 def test_without_the_prepared_process_jobs_go_on(cells: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is killed while two work: one works on until its input ends, one until it is ended. The next is begun with nothing loaded."""
-    quick = "from lmeasure.cli import prepared; prepared.load = lambda: None; prepared.main()"
+    quick = "from lmeasure.cli.app import fork_server as prepared; prepared.load = lambda: None; prepared.main()"
     monkeypatch.setattr(processes, "PREPARED", (sys.executable, "-c", quick))
     mine = processes._Prepared()
     monkeypatch.setattr(processes, "prepared", mine)

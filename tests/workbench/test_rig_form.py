@@ -1,7 +1,6 @@
 """The rig as a form: what is typed is written with the file's comments, and nothing that is no rig is written."""
 
 import json
-import sys
 import threading
 from functools import cache
 from pathlib import Path
@@ -9,17 +8,15 @@ from typing import Any
 
 import pytest
 from bench import client, served
+from browser import opened
+from clicks import entered, press, visit
 
-from lmeasure import workflows
-from lmeasure.compiling import compilation
+from lmeasure.kernels import compilation
 from lmeasure.rig import read_rig, write_rig
 from lmeasure.simulation import cell_rig
 from lmeasure.templates import TEMPLATES, Answers, rig_of, rig_text
 from lmeasure.workbench import rig_form
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import opened
-from clicks import entered, press, visit
+from lmeasure.workflows import load
 
 
 @cache
@@ -109,9 +106,7 @@ def test_the_page_saves_and_shows_again_what_was_typed(path: Path) -> None:
 
 def test_a_coarse_zone_is_the_zone_on_its_grid(tmp_path: Path) -> None:
     """Against the map itself on the same nodes; and a rig whose points fall together has none."""
-    from lmeasure.accuracy.limits import Limits
-    from lmeasure.accuracy.surroundings import box_around
-    from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
+    from lmeasure.accuracy import Limits, Scan, axis, box_around, map_zone, tilts
 
     rig = cell_rig(0)
     write_rig(tmp_path / "rig.toml", rig)
@@ -171,7 +166,7 @@ def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monk
 
 def test_drums_and_the_task_of_a_placement_have_forms_too(tmp_path: Path) -> None:
     """With the command that takes them below; what would be none of them is not written."""
-    init = workflows.load("init")
+    init = load("init")
     init.run(init.settings.model_validate({"out": tmp_path, "template": "six-cables"}))
     with client(tmp_path) as asked:
         for name, key, text, wrong, command in (

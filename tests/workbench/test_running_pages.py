@@ -7,22 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from access import faults
 from bench import client, kill_server, served_apart, until
+from browser import LOOK, Page, opened
+from clicks import HERE, entered, fill, press, visit
 
-from lmeasure import workflows
-from lmeasure.acquisition.counting import STALE_S, Counting
-from lmeasure.acquisition.decoders import counter_fields
-from lmeasure.acquisition.feed import frames_from_counts
-from lmeasure.acquisition.sources import Notice
+from lmeasure.acquisition import STALE_S, counter_fields
+from lmeasure.acquisition.bus.feed import frames_from_counts
+from lmeasure.acquisition.bus.sources import Notice
+from lmeasure.acquisition.counters.counting import Counting
 from lmeasure.cli import events
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
-from lmeasure.workflows.options import options_of
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from access import faults
-from browser import LOOK, Page, opened
-from clicks import HERE, entered, fill, press, visit
+from lmeasure.workflows import load, options_of
 
 SCRIPT = """
 import json, sys
@@ -90,7 +87,7 @@ def test_a_job_is_done_again_as_it_was(command: str, tmp_path: Path) -> None:
     """Of a choice that was left as it is by default the form shows that, not the first of its words."""
     with client(tmp_path) as asked:
         page = asked.get(f"/run/{command}?_form=1").text
-    for option in (o for o in options_of(workflows.load(command).settings) if o.kind == "choice" and o.default):
+    for option in (o for o in options_of(load(command).settings) if o.kind == "choice" and o.default):
         assert f"<option selected>{option.default}</option>" in page
 
 

@@ -1,23 +1,20 @@
 """Runs: a start that is not stated keeps from what follows, a trajectory over time as its file has it, rerun's viewer."""
 
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bench import client, served
+from browser import opened
+from clicks import entered, press, visit
 
-from lmeasure.accuracy.along import AXIS_95, along
-from lmeasure.run import read_run, write_run
-from lmeasure.status import Status
+from lmeasure.accuracy import AXIS_95, along
+from lmeasure.core import Status
+from lmeasure.recording import read_run, write_run
 from lmeasure.trajectory import read_trajectory, reconstruct, write_trajectory
 from lmeasure.workbench.trajectories import SHOWN, series
-
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "certification")]
-from browser import opened  # noqa: E402
-from clicks import entered, press, visit  # noqa: E402
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 

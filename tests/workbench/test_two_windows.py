@@ -1,20 +1,17 @@
 """Two browsers at once on one project, and several projects at once: nothing is lost, and each shows what is."""
 
 import random
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bench import served
+from browser import Page, opened, window
+from capture_bench import motion, on_bus, some_poses, true_rig
+from clicks import ENDED, HERE, begin, entered, fill, press, visit
 
-from lmeasure.counts import read_counts
+from lmeasure.recording import read_counts
 from lmeasure.rig import read_rig, write_rig
-
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "capture")]
-from browser import Page, opened, window  # noqa: E402
-from capture_bench import motion, on_bus, some_poses, true_rig  # noqa: E402
-from clicks import ENDED, HERE, begin, entered, fill, press, visit  # noqa: E402
 
 SAMPLES = "Number(document.getElementById('live-samples')?.textContent)"
 JOBS = "[...document.querySelectorAll('.jobs tbody tr')].map(r => [r.cells[1].textContent, r.cells[2].textContent])"

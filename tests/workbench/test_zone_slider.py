@@ -1,19 +1,16 @@
 """The page Zone and place: the zone of the slider is the zone of the command."""
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
 import xarray as xr
 from bench import client
+from browser import opened
 
-from lmeasure.cli import main
+from lmeasure.cli.app import main
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import opened
 
 GRID = ("--x=-400:400:100", "--y=-400:400:100", "--z=-200:200:100")
 

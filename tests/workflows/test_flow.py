@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from lmeasure import cli
-from lmeasure.cli.faces import FACES
-from lmeasure.errors import CancelledError, OverwriteError
+from lmeasure.cli.app import main
+from lmeasure.cli.progress import FACES
+from lmeasure.core import CancelledError, OverwriteError
 from lmeasure.rig import write_rig
-from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
+from lmeasure.simulation import cell_rig, write_campaign
+from lmeasure.simulation.instrument import simulate_campaign
 from lmeasure.workflows import load
 from lmeasure.workflows.flow import Cancellable
 
@@ -104,7 +105,7 @@ def test_a_command_that_is_ended_is_as_by_ctrl_c(
     monkeypatch.setitem(FACES, "reconstruct", lambda workflow, settings: workflow.run(settings, Watch(0)))
     monkeypatch.setattr("sys.argv", ["lmeasure", "reconstruct", str(cell / "run"), "--out", str(tmp_path / "t.csv")])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        main()
     assert ended.value.code == 130
     assert capsys.readouterr().err == "lmeasure: interrupted; nothing was left half-written\n"
     assert list(tmp_path.iterdir()) == []

@@ -5,18 +5,17 @@ from typing import Any
 
 import pytest
 
-from lmeasure import calibration, certification
-from lmeasure.accuracy.limits import Limits
-from lmeasure.accuracy.placement import GENERATIONS
-from lmeasure.calibration import planning, reach
-from lmeasure.certification.asked_tests import Tests as CubeTests
-from lmeasure.certification.certificate import LANGUAGES
-from lmeasure.errors import SettingsError
-from lmeasure.estimation.exchange import CRITERIA
-from lmeasure.report.certificate import Choices
-from lmeasure.workflows import COMMANDS, load
-from lmeasure.workflows.options import options_of, rows_of_numbers, with_commas
-from lmeasure.workflows.settings import Separated, Spans, Words, said_of, unit_of
+from lmeasure.accuracy import GENERATIONS, Limits
+from lmeasure.calibration import CalibrationSettings
+from lmeasure.calibration.plan import pose_choice, reach
+from lmeasure.core import SettingsError
+from lmeasure.estimation import CRITERIA
+from lmeasure.iso9283 import CertificationSettings
+from lmeasure.iso9283 import Tests as CubeTests
+from lmeasure.report import Choices
+from lmeasure.text import LANGUAGES
+from lmeasure.workflows import COMMANDS, load, options_of, rows_of_numbers, said_of, with_commas
+from lmeasure.workflows.settings import Separated, Spans, Words, unit_of
 
 HERE = Path("here")
 GIVEN: dict[str, dict[str, Any]] = {
@@ -107,10 +106,10 @@ def test_a_box_and_words_with_blanks() -> None:
 
 
 def test_defaults_are_those_of_the_stages() -> None:
-    fit, chosen = calibration.Settings(), asked("calibrate")
+    fit, chosen = CalibrationSettings(), asked("calibrate")
     assert all(getattr(chosen, name) == value for name, value in vars(fit).items() if name != "distances")
     assert fit.distances == chosen.distance == ()
-    certified, chosen = vars(certification.Settings()) | {"trials": 4000}, asked("certify")
+    certified, chosen = vars(CertificationSettings()) | {"trials": 4000}, asked("certify")
     assert chosen.limit_deg == certified.pop("limit_angle_deg")
     del certified["planes"]
     assert all(getattr(chosen, name) == value for name, value in certified.items())
@@ -120,7 +119,7 @@ def test_defaults_are_those_of_the_stages() -> None:
     assert chosen.limit_deg == limits.pop("angle_deg")
     assert all(getattr(chosen, name) == value for name, value in limits.items())
     chosen = asked("plan-poses")
-    plan = vars(planning.Settings(4, None))  # type: ignore[arg-type]
+    plan = vars(pose_choice.PlanSettings(4, None))  # type: ignore[arg-type]
     assert all(getattr(chosen, name) == plan[name] for name in ("criterion", "solve", "passes", "further", "seed"))
     assert set(CRITERIA) == {"G", "I", "D"}
     # a form knows no infinity, and what a person types into a controller is wanted away from its singular angles

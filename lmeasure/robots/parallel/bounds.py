@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lmeasure.checked import Strict
-from lmeasure.robots.fields import Length
+from lmeasure.io import Strict
+from lmeasure.robots.file_fields import Length
 
 Cone = Annotated[float, Field(gt=0.0, le=180.0)]
 

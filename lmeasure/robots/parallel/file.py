@@ -6,17 +6,15 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from lmeasure import se3
-from lmeasure.arrays import FloatArray
-from lmeasure.checked import Name, Strict
-from lmeasure.errors import GeometryError
-from lmeasure.robots.fields import Angle, Length, Place, named_once
-from lmeasure.robots.mechanisms.jacobians import nearness
+from lmeasure.core import FloatArray, GeometryError, se3
+from lmeasure.io import Name, Strict
+from lmeasure.robots.file_fields import Angle, Length, Place, named_once
 from lmeasure.robots.parallel.bounds import Limits
 from lmeasure.robots.parallel.kinds import KINDS
 from lmeasure.robots.parallel.leg import Leg
+from lmeasure.robots.parallel.mechanisms.jacobians import nearness
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Parallel
-from lmeasure.robots.parallel.ways import Driver, way_of
+from lmeasure.robots.parallel.point_path import Driver, way_of
 
 NEAR_HOME = 0.2
 """Of the platform's size: how far the pose may lie from the stated home in which the legs meet."""

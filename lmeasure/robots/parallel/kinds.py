@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray
 
 STEP = 1e-30
 """Of complex steps: its square is nothing."""

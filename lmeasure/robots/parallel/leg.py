@@ -5,7 +5,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
+from lmeasure.core import FloatArray
 from lmeasure.robots.model import Parameter
 from lmeasure.robots.parallel.kinds import KINDS, STEP, Equation, Kind
 

@@ -8,7 +8,7 @@ by what these may be off by.
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.core import FloatArray, IntArray
 from lmeasure.robots.parallel.model import Parallel
 
 U_MM = 0.1

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.robots.mechanisms.jacobians import nearness
-from lmeasure.robots.mechanisms.ring_limits import RingChecks, stands
-from lmeasure.robots.mechanisms.study import ranges
+from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.robots.parallel.bounds import Limits
+from lmeasure.robots.parallel.mechanisms.jacobians import nearness
+from lmeasure.robots.parallel.mechanisms.ring_limits import RingChecks, stands
+from lmeasure.robots.parallel.mechanisms.study import ranges
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 
 RING = ("carriage", "radial", "radial-arm")

@@ -18,16 +18,13 @@ from typing import Self
 
 import numpy as np
 
-from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.catalogue import numbers
-from lmeasure.errors import RobotError
-from lmeasure.kernels.legs import driven, placed
-from lmeasure.robots.mechanisms.jacobians import Jacobians
+from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, Status, se3
+from lmeasure.kernels import driven, placed
 from lmeasure.robots.model import Parameter
 from lmeasure.robots.parallel.bounds import Limits
 from lmeasure.robots.parallel.leg import Leg
-from lmeasure.status import Status
+from lmeasure.robots.parallel.mechanisms.jacobians import Jacobians
+from lmeasure.text import numbers
 
 EQUATIONS = 6
 STRIDE_RAD, STRIDE = 0.2, 0.1

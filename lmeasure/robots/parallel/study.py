@@ -6,16 +6,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.errors import GeometryError
-from lmeasure.robots.mechanisms import study
-from lmeasure.robots.mechanisms.completion import KINDS as COMPLETED
-from lmeasure.robots.mechanisms.completion import completed
-from lmeasure.robots.mechanisms.jacobians import Singular, nearness, singular
-from lmeasure.robots.mechanisms.study import Workspace
+from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, se3
 from lmeasure.robots.parallel.file import ParallelFile, Strut
 from lmeasure.robots.parallel.limits import Checks, checked, own_roots
+from lmeasure.robots.parallel.mechanisms import study
+from lmeasure.robots.parallel.mechanisms.completion import KINDS as COMPLETED
+from lmeasure.robots.parallel.mechanisms.completion import completed
+from lmeasure.robots.parallel.mechanisms.jacobians import Singular, nearness, singular
+from lmeasure.robots.parallel.mechanisms.study import Workspace
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS
 
 BLOCK = 20000

@@ -6,11 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from lmeasure import se3
-from lmeasure.errors import GeometryError
-from lmeasure.robots.mechanisms import legs, virtual_points
-from lmeasure.robots.mechanisms.crank import CrankPlatform
-from lmeasure.robots.mechanisms.jacobians import Singular, singular
+from lmeasure.core import GeometryError, se3
+from lmeasure.robots.parallel.mechanisms import legs, virtual_points
+from lmeasure.robots.parallel.mechanisms.crank import CrankPlatform
+from lmeasure.robots.parallel.mechanisms.jacobians import Singular, singular
 
 UNITS = np.array([1 / 200.0] * 3 + [1.0] * 3)
 

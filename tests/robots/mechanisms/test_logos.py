@@ -6,11 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.errors import GeometryError
-from lmeasure.robots.mechanisms import legs
-from lmeasure.robots.mechanisms.jacobians import Singular, singular
-from lmeasure.robots.mechanisms.logos import HookeHexapod
+from lmeasure.core import GeometryError, se3
+from lmeasure.robots.parallel.mechanisms import legs
+from lmeasure.robots.parallel.mechanisms.jacobians import Singular, singular
+from lmeasure.robots.parallel.mechanisms.logos import HookeHexapod
 
 LOWER = np.array([-460.0, -421.0, 0.0])
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

@@ -8,12 +8,12 @@ from mechanism_tables import TABLE_1, TABLE_2, TABLE_3, TABLE_4, poses
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.robots.mechanisms import dyads, legs, virtual_points
-from lmeasure.robots.mechanisms.crank import CrankPlatform
-from lmeasure.robots.mechanisms.four_chains import FourChains
-from lmeasure.robots.mechanisms.rotopod import Rotopod
-from lmeasure.robots.mechanisms.seven_link import SevenLink, coordinates_of, pose_of
+from lmeasure.core import se3
+from lmeasure.robots.parallel.mechanisms import dyads, legs, virtual_points
+from lmeasure.robots.parallel.mechanisms.crank import CrankPlatform
+from lmeasure.robots.parallel.mechanisms.four_chains import FourChains
+from lmeasure.robots.parallel.mechanisms.rotopod import Rotopod
+from lmeasure.robots.parallel.mechanisms.seven_link import SevenLink, coordinates_of, pose_of
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure.errors import GeometryError
-from lmeasure.robots.mechanisms.jacobians import Singular, singular
-from lmeasure.robots.mechanisms.prr import CarriagePlatform, carriages
+from lmeasure.core import GeometryError
+from lmeasure.robots.parallel.mechanisms.jacobians import Singular, singular
+from lmeasure.robots.parallel.mechanisms.prr import CarriagePlatform, carriages
 
 SEEDS = st.integers(0, 10**6)
 

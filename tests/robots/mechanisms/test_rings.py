@@ -6,13 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.errors import GeometryError
-from lmeasure.robots.mechanisms import legs
-from lmeasure.robots.mechanisms.four_chains import FourChains
-from lmeasure.robots.mechanisms.jacobians import Singular, singular
-from lmeasure.robots.mechanisms.ring_limits import RingLimits, gaps
-from lmeasure.robots.mechanisms.rotopod import Rotopod
+from lmeasure.core import GeometryError, se3
+from lmeasure.robots.parallel.mechanisms import legs
+from lmeasure.robots.parallel.mechanisms.four_chains import FourChains
+from lmeasure.robots.parallel.mechanisms.jacobians import Singular, singular
+from lmeasure.robots.parallel.mechanisms.ring_limits import RingLimits, gaps
+from lmeasure.robots.parallel.mechanisms.rotopod import Rotopod
 
 PARAMETER, CUT, RING, ROD = 1024.0, 87.0, 1019.8, 980.0
 """r is 1.024: the printed derivative has 0.0435 sqrt(3) - 1.024; the joint circle then is the stated 0.95."""

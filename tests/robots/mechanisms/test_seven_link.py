@@ -8,11 +8,10 @@ from mechanism_tables import MINIMAX_L5, TABLE_1, TABLE_2, TABLE_3, TABLE_4, mec
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from lmeasure import se3
-from lmeasure.errors import GeometryError
-from lmeasure.robots.mechanisms import dyads
-from lmeasure.robots.mechanisms.completion import KINDS, completed
-from lmeasure.robots.mechanisms.seven_link import SevenLink, coordinates_of, exact_positions
+from lmeasure.core import GeometryError, se3
+from lmeasure.robots.parallel.mechanisms import dyads
+from lmeasure.robots.parallel.mechanisms.completion import KINDS, completed
+from lmeasure.robots.parallel.mechanisms.seven_link import SevenLink, coordinates_of, exact_positions
 
 DISTANCES = np.array([0.00182, 0.00167, 0.00270, 0.00063, 0.00065, 0.00252, 0.00246, 0.00208, 0.00088, 0.00042])
 

@@ -1,0 +1,1 @@
+"""CAN buses: adapters, sources of frames, CANopen nodes, a simulated feed."""

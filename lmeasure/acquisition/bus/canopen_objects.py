@@ -1,0 +1,181 @@
+"""What an encoder's objects say of its frames: read from the device, from its electronic data sheet (EDS), or from the rig, for a log."""
+
+import itertools
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Collection
+from configparser import Error as ParserError
+from configparser import RawConfigParser
+from pathlib import Path
+
+from lmeasure.acquisition.counters.decoders import ALL_BITS, CounterField, Place, field_at
+from lmeasure.core import AcquisitionError, FileFormatError
+from lmeasure.io import read_regular
+from lmeasure.rig import CanOpenCan, NodeChannel, Rig
+
+POSITIONS = {0x6004: "position value", 0x6008: "64-bit position value"}
+LAST_SYNC_TYPE = 240
+"""Transmission types from 1 (0: acyclic) up to here are sent after a SYNC."""
+PDO_INVALID, EXTENDED_COB = 1 << 31, 1 << 29
+TRANSMIT_PDOS = 8
+LARGEST_SHEET = 1 << 24
+OBJECT = re.compile(r"[0-9a-f]{4}", re.IGNORECASE)
+HEXADECIMAL, DECIMAL = re.compile(r"0X[0-9A-F]+"), re.compile(r"[0-9]+")
+OWN_TIMER_PDO, SYNC_PDO = 0x180, 0x280
+"""CiA 406: TPDO1 is sent by the device's own timer, TPDO2 after SYNC; the node's number is added."""
+
+
+class Objects(ABC):
+    """An encoder's objects as numbers, wherever they come from."""
+
+    name: str
+
+    @abstractmethod
+    def read(self, index: int, subindex: int = 0) -> int | None:
+        """The object's value, unsigned; None when there is none."""
+
+    def need(self, index: int, subindex: int = 0) -> int:
+        """A value that must be there."""
+        value = self.read(index, subindex)
+        if value is None:
+            raise AcquisitionError(f"{self.name}: has no object {index:04X}h:{subindex}")
+        return value
+
+
+class DataSheet(Objects):
+    """The numbers that an EDS or DCF file (CiA 306) states: its parameter values, else its defaults; `$NODEID` is the node's number.
+
+    Only the objects that are asked for are looked at: other entries may be odd or blank. A transmit PDO with a blank identifier or type has
+    those of CiA 301 and CiA 406. FileFormatError when the file cannot be read, or a number that is needed is none.
+    """
+
+    def __init__(self, path: Path, node: int) -> None:
+        self.name, self._path, self._node = f"{path}: node {node}", path, node
+        parser = RawConfigParser(delimiters=("=",), inline_comment_prefixes=(";",), strict=False, allow_no_value=True)
+        try:
+            lines = read_regular(path, LARGEST_SHEET).decode("utf-8-sig", "replace").splitlines()
+            parser.read_string("\n".join(line.strip() for line in lines))  # an indented line would continue the one before
+        except ParserError as error:
+            raise FileFormatError(f"{path}: is no EDS file: {' '.join(str(error).split())[:200]}") from error
+        self._sections: dict[str, dict[str, str | None]] = {name.lower(): dict(parser[name]) for name in parser.sections()}
+        if not any(OBJECT.fullmatch(name) for name in self._sections):
+            raise FileFormatError(f"{path}: is no EDS file: it has no section that is named by an object, such as [1000]")
+
+    def read(self, index: int, subindex: int = 0) -> int | None:
+        """Return the object's value; None when the file has none."""
+        whole = self._sections.get(f"{index:04x}", {})
+        own: dict[str, str | None] | None = self._sections.get(f"{index:04x}sub{subindex:x}")
+        if own is None and subindex == 0 and "subnumber" not in whole and "compactsubobj" not in whole:
+            own = whole
+        if own is None and whole.get("compactsubobj"):
+            values = self._sections.get(f"{index:04x}value", {})
+            own = {"defaultvalue": whole["compactsubobj"]} if subindex == 0 else whole | {"parametervalue": values.get(str(subindex))}
+        if own is None:
+            return None
+        for key in ("parametervalue", "defaultvalue"):
+            if (text := own.get(key) or "").strip():
+                return self._number(text, f"{index:04X}h:{subindex}")
+        return self._blank(index, subindex)
+
+    def _blank(self, index: int, subindex: int) -> int | None:
+        """What the standards say where an object is there and states nothing."""
+        if 0x1800 <= index < 0x1804 and subindex == 1:
+            return OWN_TIMER_PDO + 0x100 * (index - 0x1800) + self._node
+        if index in (0x1800, 0x1801) and subindex == 2:
+            return 254 if index == 0x1800 else 1
+        if 0x1A00 <= index < 0x1A00 + TRANSMIT_PDOS and subindex == 0:
+            return next(n for n in itertools.count() if not self._sections.get(f"{index:04x}sub{n + 1:x}", {}).get("defaultvalue"))
+        return None
+
+    def _number(self, text: str, what: str) -> int | None:
+        """A sum of numbers of CiA 306 (0x: hexadecimal, a leading 0: octal) and $NODEID; None for a text that is no number."""
+        total = 0
+        for part in text.replace(" ", "").upper().split("+"):
+            if part == "$NODEID":
+                total += self._node
+            elif HEXADECIMAL.fullmatch(part):
+                total += int(part, 16)
+            elif DECIMAL.fullmatch(part):
+                digits = part.lstrip("0") or "0"
+                if len(digits) < len(part) and len(digits) > 1 and not set(digits) & {"8", "9"}:
+                    raise FileFormatError(f"{self._path}: {what} = {text}: may be octal or decimal; write it as 0x...")
+                total += int(digits)
+            else:
+                return None
+        return total
+
+
+def position_place(node: Objects, timing: str, cyclic_ms: int | None) -> Place:
+    """The place of the position in the PDO that is sent as the table's timing asks: identifier, mask, extended, first bit, bits, ..."""
+    seen = []
+    for number in range(TRANSMIT_PDOS):
+        cob = node.read(0x1800 + number, 1)
+        if cob is None or cob & PDO_INVALID:
+            continue
+        kind = node.need(0x1800 + number, 2)
+        first_bit = 0
+        for entry in range(1, node.need(0x1A00 + number) + 1):
+            value = node.need(0x1A00 + number, entry)
+            index, bits = value >> 16, value & 0xFF
+            if index in POSITIONS and bits <= 64:
+                seen.append(f"TPDO{number + 1} of type {kind}")
+                if (1 <= kind <= LAST_SYNC_TYPE) == (timing == "sync"):
+                    timer = node.read(0x1800 + number, 5)
+                    if timing == "free" and not timer and not cyclic_ms:
+                        raise AcquisitionError(f"{node.name}: its timer is off (6200h and 1800h:5): it would send only changes")
+                    return cob & ALL_BITS, ALL_BITS, bool(cob & EXTENDED_COB), first_bit, bits, "little", False
+            first_bit += bits
+    wish = "after each SYNC" if timing == "sync" else "by its own timer"
+    raise AcquisitionError(
+        f"{node.name}: no transmit PDO sends its position {wish}; "
+        + (f"it is in {', '.join(seen)}" if seen else "no valid one has 6004h or 6008h mapped")
+    )
+
+
+def check_identity(sheet: Path, name: str, node: int, *, vendor: int | None, product: int | None) -> None:
+    """AcquisitionError where a device is not of the vendor or product that its EDS file describes (1018h)."""
+    described = DataSheet(sheet, node)
+    for subindex, what, value in ((1, "vendor", vendor), (2, "product", product)):
+        want = described.read(0x1018, subindex)
+        if want and value is not None and value != want:
+            raise AcquisitionError(f"{name}: its {what} is {value:#x} (1018h:{subindex}), {sheet} describes {want:#x}")
+
+
+def fields_in_log(rig: Rig, passage: int, folder: Path, seen: Collection[int]) -> tuple[CounterField, ...]:
+    """The fields of a CiA 406 rig's channels in a log, where nobody can be asked; seen: 11-bit identifiers of its frames.
+
+    Each stands where the rig says (cob_id), else where the EDS file says, else in the PDO that CiA 406 names for the table's timing, or in
+    TPDO1 where the log has that one only. FileFormatError when the EDS file does not tell.
+    """
+    table = rig.can_table
+    if not isinstance(table, CanOpenCan):
+        raise AcquisitionError(f"rig {rig.name!r}: its decoder is {table.decoder!r}, not 'cia406'")
+    channels = {c.channel: c for c in table.channel}
+    drums = rig.counters_of(passage)
+    return tuple(field_at(channels[n], _place_in_log(channels[n], table, folder, seen), drum) for n, drum in drums.items())
+
+
+def _place_in_log(channel: NodeChannel, table: CanOpenCan, folder: Path, seen: Collection[int]) -> Place:
+    if channel.cob_id is None and table.eds is not None:
+        # the timer is set in the device, whatever the sheet's default
+        return position_place(DataSheet(folder / table.eds, channel.node), table.timing, 1)
+    own_timer, at_sync = OWN_TIMER_PDO + channel.node, SYNC_PDO + channel.node
+    named = at_sync if table.timing == "sync" and (at_sync in seen or own_timer not in seen) else own_timer
+    cob_id = named if channel.cob_id is None else channel.cob_id
+    return cob_id, ALL_BITS, cob_id > 0x7FF, 8 * channel.byte_offset, channel.bits, "little", False
+
+
+def as_mapped(rig: Rig, fields: tuple[CounterField, ...]) -> Rig:
+    """The rig with what was found out of its encoders' frames and ranges, so that recorded frames can be read by it alone."""
+    table = rig.can
+    if not isinstance(table, CanOpenCan):
+        return rig
+    found = {
+        f.channel: {"cob_id": f.identifier, "byte_offset": f.first_bit // 8, "bits": f.bits, "range": f.modulus}
+        | ({"absolute": True} if f.absolute else {})
+        for f in fields
+        if f.first_bit % 8 == 0 and f.bits in (16, 24, 32, 64) and f.bytes_needed <= 8
+    }
+    channels = tuple(c.model_copy(update=found.get(c.channel, {})) for c in table.channel)
+    eds = None if len(found) == len(fields) else table.eds
+    return rig.model_copy(update={"can": table.model_copy(update={"channel": channels, "eds": eds})})

@@ -1,0 +1,169 @@
+"""What devices and the bus say of themselves while counts come: emergencies, states and restarts (CiA 301, J1939), and error frames.
+
+Whether a word ends the origin of an incremental counter:
+
+- it does: boot-up (700h + node, state 0), NMT reset node or communication (000h, 81h or 82h), an emergency of the device's hardware,
+  of its software (a watchdog) or of its sensor, or with the register's bit of the device profile, in which CiA 406 has position errors;
+- it may: an emergency of no stated kind, of the supply's voltage, or "no error" without an error before, as some send at power-on; a node
+  that is pre-operational again and was not told to be; a J1939 address claim. Then the next counts decide (`counters.CounterState`);
+- it does not: temperature, current, communication, and all else.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.acquisition.bus.frames import BUS_OFF, CLASSED, CONTROLLER, ERROR, EXTENDED, PASSIVE, REMOTE, Frames
+from lmeasure.acquisition.counters.decoders import CounterField
+
+EMERGENCY, HEARTBEAT = 0x80, 0x700
+OTHERS = 0x780
+"""Above every identifier that is looked for."""
+BOOT_UP, OPERATIONAL, PRE_OPERATIONAL = 0, 5, 127
+STATES = {BOOT_UP: "boot-up", 4: "stopped", OPERATIONAL: "operational", PRE_OPERATIONAL: "pre-operational"}
+RESETS = {0x81: "reset node", 0x82: "reset communication"}
+ENTER_PRE_OPERATIONAL = 0x80
+ERROR_CLASSES = {
+    0x00: "error reset or no error",
+    0x10: "generic error",
+    0x20: "current",
+    0x30: "voltage",
+    0x40: "temperature",
+    0x50: "device hardware",
+    0x60: "device software",
+    0x70: "additional modules",
+    0x80: "monitoring or communication",
+    0x90: "external error",
+    0xF0: "additional functions",
+    0xFF: "device specific",
+}
+LOST, DOUBTFUL = "lost", "doubtful"
+"""What a word makes of an origin."""
+POSITION_CODES = (0x50, 0x60, 0x61, 0x63, 0x73)
+DOUBTFUL_CODES = (0x00, 0x10, 0x30, 0x31, 0x32, 0x33, 0x51, 0x52, 0x53, 0x62, 0xFF)
+"""High bytes of emergency codes."""
+PROFILE_ERROR = 0x20
+"""Bit of the error register (1001h): device profile specific."""
+ADDRESS_CLAIM, ADDRESS_CLAIM_MASK = 0x00EEFF00, 0x03FFFF00
+ADDRESS = 0xFF
+ERROR_NAMES = {
+    0x01: "transmit timeout",
+    0x02: "lost arbitration",
+    0x04: "controller",
+    0x08: "protocol",
+    0x10: "transceiver",
+    0x20: "no acknowledge",
+    0x40: "bus-off",
+    0x80: "bus error",
+    0x100: "controller restarted",
+    0x200: "error counters",
+}
+
+
+@dataclass(frozen=True)
+class Word:
+    """Something that was said in frame `row` of a batch: kind of event and text, of the fields `of` (all: of the bus), and what it makes of
+    their origins: LOST, DOUBTFUL or nothing."""
+
+    row: int
+    kind: str
+    text: str
+    of: tuple[int, ...] = ()
+    origin: str = ""
+
+
+class NetworkWatch:
+    """Listens to the nodes that send the counters, to their master, and to error frames."""
+
+    def __init__(self, fields: tuple[CounterField, ...], sync_id: int) -> None:
+        self._nodes: dict[int, tuple[int, ...]] = {}
+        self._addresses: dict[int, tuple[int, ...]] = {}
+        for j, f in enumerate(fields):
+            if f.node is not None:
+                self._nodes[f.node] = (*self._nodes.get(f.node, ()), j)
+            elif f.extended and f.mask & ADDRESS == ADDRESS and f.mask != 0x1FFFFFFF:
+                address = f.identifier & ADDRESS
+                self._addresses[address] = (*self._addresses.get(address, ()), j)
+        wanted = {EMERGENCY + n for n in self._nodes} | {HEARTBEAT + n for n in self._nodes} | ({0} if self._nodes else set())
+        self._wanted = np.zeros(OTHERS + 1, np.bool_)
+        self._wanted[list(wanted - {sync_id} - {f.identifier for f in fields})] = True
+        self._state: dict[int, int] = {}
+        self._failed: set[int] = set()
+        """Nodes that sent an emergency."""
+
+    def words(self, frames: Frames) -> list[Word]:
+        """What was said in a batch, in its order."""
+        looked = self._wanted[np.minimum(frames.identifier, OTHERS)]
+        if self._addresses:
+            looked |= (frames.identifier & ADDRESS_CLAIM_MASK) == ADDRESS_CLAIM
+        looked |= (frames.flags & ERROR) != 0
+        out = []
+        for row in np.flatnonzero(looked).tolist():
+            identifier, data, flags = int(frames.identifier[row]), frames.data[row, : frames.length[row]].tobytes(), int(frames.flags[row])
+            if flags & ERROR:
+                word: Word | None = _error(row, identifier, data, bool(flags & CLASSED))
+            else:
+                word = None if flags & REMOTE else self._word(row, identifier, bool(flags & EXTENDED), data)
+            if word is not None:
+                out.append(word)
+        return out
+
+    def _word(self, row: int, identifier: int, extended: bool, data: bytes) -> Word | None:
+        if extended:
+            address = identifier & ADDRESS
+            if identifier & ADDRESS_CLAIM_MASK != ADDRESS_CLAIM or address not in self._addresses:
+                return None
+            return Word(row, "heartbeat", f"address {address}: claimed its address", self._addresses[address], DOUBTFUL)
+        if identifier == 0:
+            return self._command(row, data)
+        node = identifier & 0x7F
+        of = self._nodes[node]
+        if identifier < HEARTBEAT and len(data) == 8:
+            code, register = data[0] | data[1] << 8, data[2]
+            kind = ERROR_CLASSES.get(code >> 8, ERROR_CLASSES.get(code >> 8 & 0xF0, "unknown"))
+            text = f"node {node}: code {code:04X}h ({kind}), register {register:02X}h"
+            origin = self._after_emergency(node, code, register)
+            return Word(row, "emcy", text, of, origin)
+        if identifier > HEARTBEAT and len(data) == 1:
+            state = data[0] & 0x7F  # the highest bit toggles in node guarding
+            before = self._state.get(node)
+            self._state[node] = state
+            if state == BOOT_UP or before not in {None, state}:
+                again = before == OPERATIONAL and state == PRE_OPERATIONAL
+                origin = LOST if state == BOOT_UP else DOUBTFUL if again else ""
+                return Word(row, "heartbeat", f"node {node}: {STATES.get(state, state)}", of, origin)
+        return None
+
+    def _after_emergency(self, node: int, code: int, register: int) -> str:
+        first = node not in self._failed
+        if code >> 8 == 0:
+            self._failed.discard(node)
+        else:
+            self._failed.add(node)
+        if code >> 8 in POSITION_CODES or (code and register & PROFILE_ERROR):
+            return LOST
+        return DOUBTFUL if code >> 8 in DOUBTFUL_CODES and (code >> 8 or first) else ""
+
+    def _command(self, row: int, data: bytes) -> Word | None:
+        """Network management: a reset of one node, or of all (0)."""
+        if len(data) != 2:
+            return None
+        command, node = data[0], data[1]
+        if command == ENTER_PRE_OPERATIONAL:
+            for one in self._nodes if node == 0 else (node,):
+                self._state[one] = PRE_OPERATIONAL
+        of = tuple(j for number, fields in self._nodes.items() for j in fields if node in (0, number))
+        if command not in RESETS or not of:
+            return None
+        return Word(row, "nmt", f"{RESETS[command]}, {f'node {node}' if node else 'all nodes'}", of, LOST)
+
+
+def _error(row: int, identifier: int, data: bytes, classed: bool) -> Word:
+    """Return the event of an error frame: its class and data, as far as the interface or the log has them."""
+    shown = f", data {data.hex().upper()}" if data else ""
+    if not classed or not identifier:
+        return Word(row, "bus_error", f"error frame{f' with identifier {identifier:X}h' if identifier else ''}{shown}")
+    passive = identifier & CONTROLLER and len(data) > 1 and data[1] & sum(PASSIVE[1:])
+    kind = "bus_off" if identifier & BUS_OFF else "error_passive" if passive else "bus_error"
+    names = ", ".join(name for bit, name in ERROR_NAMES.items() if identifier & bit)
+    return Word(row, kind, f"error frame of class {identifier:03X}h ({names}){shown}")

@@ -1,0 +1,399 @@
+"""Sources of frames, all alike: open, receive for a while, close.
+
+`open_source` takes what a person writes after `--bus`: INTERFACE:CHANNEL for any interface of python-can, `replay:FILE` for a log, in its
+own time, and `simulated:SCENARIO` for the simulated cell.
+"""
+
+import contextlib
+import logging
+import os
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from lmeasure.acquisition.bus.feed import frames_from_counts, send, virtual_place
+from lmeasure.acquisition.bus.frames import Frames, TimestampSource, frames_from_messages, no_frames
+from lmeasure.acquisition.bus.udp_group import bind_to_group, is_garbled
+from lmeasure.acquisition.counters.clock import MODULI_S
+from lmeasure.acquisition.logs.read import log_batches
+from lmeasure.acquisition.logs.report import LogReport
+from lmeasure.core import AcquisitionError, LMeasureError
+
+if TYPE_CHECKING:
+    import can
+
+MOST_AT_ONCE = 4096
+MOST_WAITING = 200_000
+"""Frames that wait to be taken: half a minute of six encoders at 1 kHz, a hundred megabytes."""
+RECEIVE_BUFFER = 1 << 23
+HARDWARE_CLOCKS = ("vector", "pcan", "kvaser", "ixxat", "canalystii", "systec", "etas", "nican", "nixnet", "neovi")
+"""Interfaces of python-can whose devices stamp frames by their own clock."""
+SOCKETCAN_ERRORS = ("socketcan", "socketcand", "gs_usb", "virtual", "udp_multicast", "simulated")
+"""Interfaces of python-can whose error frames have the classes and data of SocketCAN; others have codes of their own, or none."""
+KERNEL_CLOCKS = ("socketcan", "socketcand", "udp_multicast")
+SMALLEST_STEP_S = 0.05
+"""Of a clock that is set: the latency of a busy host stays below."""
+REOPEN_EVERY_S = 0.2
+
+
+@dataclass(frozen=True)
+class Notice:
+    """What happened to a source: kind of event, what to say about it, when by the frames' clock [s] (this moment if None), frames lost."""
+
+    kind: str
+    text: str
+    time_s: float | None = None
+    lost: int = 0
+
+
+class Source(Protocol):
+    """Where frames come from."""
+
+    name: str
+    timestamp_source: TimestampSource
+    bit_rate: int | None
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """Frames that came within the time, perhaps none; None when there will be no more. AcquisitionError when the source is lost."""
+
+    def notices(self) -> list[Notice]:
+        """What happened to the source since the last question."""
+
+    def close(self) -> None:
+        """Let go of it; a second time does nothing."""
+
+
+class BusSource:
+    """A bus of python-can, emptied by a thread of its own, so that a busy disk or screen costs no frame.
+
+    Where frames are not taken for so long that MOST_WAITING wait, those that come are dropped until there is room, and counted.
+    A bus that fails is opened again for up to patience_s. Where the clock that stamps the frames is set while frames come, their times are
+    brought back to this program's steady clock: a stamp is never later than the arrival, so the step is how far the best stamps moved.
+    """
+
+    def __init__(self, open_bus: Callable[[], "can.BusABC"], name: str, bit_rate: int | None = None, patience_s: float = 30.0) -> None:
+        interface = name.split(":", 1)[0]
+        self.name, self.bit_rate = name, bit_rate
+        self.timestamp_source: TimestampSource = (
+            "hardware" if interface in HARDWARE_CLOCKS else "kernel" if interface in KERNEL_CLOCKS else "host"
+        )
+        self._classes = interface in SOCKETCAN_ERRORS
+        self._open, self._patience_s = open_bus, patience_s
+        self.bus = self._opened()
+        self._arrived: deque[_Arrival] = deque()
+        self._notices: deque[Notice] = deque()
+        self._lost: AcquisitionError | None = None
+        self._garbled = 0
+        self._clock = SteadyClock()
+        self._done = threading.Event()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _opened(self) -> "can.BusABC":
+        try:
+            bus = self._open()
+        except LMeasureError:
+            raise
+        except Exception as error:  # each driver has its own way to say that there is no such device
+            # python-can calls functions of a driver's library that it has not found: Kvaser's
+            told = "its driver is not installed" if isinstance(error, NameError) else " ".join(str(error).split()) or type(error).__name__
+            raise AcquisitionError(f"{self.name}: cannot be opened: {told}; `lmeasure scan` lists the adapters of this machine") from error
+        _enlarge_buffer(bus)
+        return bus
+
+    def _read(self) -> None:
+        import can
+
+        lost = 0
+        while not self._done.is_set():
+            try:
+                message = self.bus.recv(0.1)
+                if len(self._arrived) >= MOST_WAITING:
+                    lost += message is not None
+                elif message is not None or lost:
+                    self._arrived.append((message, time.monotonic(), lost))
+                    lost = 0
+            except (can.CanError, OSError, ValueError, TypeError) as error:
+                if is_garbled(error):
+                    self._garbled += 1
+                    continue
+                try:
+                    self._reopen(error)
+                except AcquisitionError as gone:
+                    self._lost = gone
+                    return
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """Frames that came until timeout_s has passed, or earlier when there are many."""
+        end = time.monotonic() + timeout_s
+        while len(self._arrived) < MOST_AT_ONCE and time.monotonic() < end and not self._done.is_set():
+            time.sleep(min(max(end - time.monotonic(), 0.0), 0.02))
+        count = len(self._arrived)
+        if self._garbled:
+            garbled, self._garbled = self._garbled, 0
+            self._notices.append(Notice("unread", f"{garbled} datagram(s) to {self.name} were no frames"))
+        if count == 0:
+            if self._lost is not None:
+                raise self._lost
+            return None if self._done.is_set() else no_frames(self.name, self.timestamp_source)
+        arrived = [self._arrived.popleft() for _ in range(count)]
+        taken = [(message, at) for message, at, _ in arrived if message is not None]
+        frames = frames_from_messages((message for message, _ in taken), self.timestamp_source, self.name, classes=self._classes)
+        step = self._clock.correct(frames.time_s, np.array([at for _, at in taken]))
+        if step:
+            self._notices.append(Notice("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))
+        row = 0
+        for message, _, lost in arrived:
+            if lost:
+                behind = float(frames.time_s[row]) if row < len(frames) else None
+                text = f"{lost} frames came while {MOST_WAITING} waited to be taken: they are lost"
+                self._notices.append(Notice("overflow", text, behind, lost))
+            row += message is not None
+        return frames
+
+    def _reopen(self, error: Exception) -> None:
+        """Wait for the bus to come back; AcquisitionError when it does not."""
+        why = " ".join(str(error).split()) or type(error).__name__
+        lost = time.monotonic()
+        self._shut()
+        while not self._done.is_set():
+            try:
+                self.bus = self._opened()
+            except AcquisitionError as again:
+                if time.monotonic() - lost > self._patience_s:
+                    raise AcquisitionError(f"{self.name}: lost ({why}), and not back after {self._patience_s:g} s: {again}") from again
+                self._done.wait(REOPEN_EVERY_S)
+            else:
+                text = f"{self.name}: {why}; open again after {time.monotonic() - lost:.3f} s"
+                self._notices.append(Notice("bus_off", text))
+                return
+
+    def notices(self) -> list[Notice]:
+        """What happened to the bus since the last question."""
+        return [self._notices.popleft() for _ in range(len(self._notices))]
+
+    def _shut(self) -> None:
+        with contextlib.suppress(Exception):  # a bus that is already gone
+            self.bus.shutdown()
+
+    def close(self) -> None:
+        """Close the bus."""
+        self._done.set()
+        self._reader.join()
+        self._shut()
+
+
+_Arrival = tuple["can.Message | None", float, int]
+"""A message, when it was taken from the bus, and how many were dropped before it; no message where none came after those."""
+
+
+def _enlarge_buffer(bus: "can.BusABC") -> None:
+    """Let the kernel hold a second of frames for us where the bus is a socket, as far as it lets us."""
+    try:
+        number = os.dup(bus.fileno())
+    except Exception:  # no descriptor behind this interface
+        return
+    try:
+        with socket.socket(fileno=number) as end:
+            for option in (getattr(socket, "SO_RCVBUFFORCE", 33), socket.SO_RCVBUF):
+                with contextlib.suppress(OSError):
+                    end.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER)
+                    return
+    except OSError:  # a descriptor, but no socket
+        os.close(number)
+
+
+class SteadyClock:
+    """Frame times held against the host's monotonic clock."""
+
+    MEMORY_S = 10.0
+
+    def __init__(self) -> None:
+        self._best: deque[tuple[float, float]] = deque()
+        self._shift = 0.0
+        self._last: float | None = None
+
+    def correct(self, time_s: "np.ndarray[Any, np.dtype[np.float64]]", arrival_s: "np.ndarray[Any, np.dtype[np.float64]]") -> float:
+        """Take steps of the frames' clock out of time_s (n,), in place; the sum of the steps found [s].
+
+        arrival_s (n,) is when each frame was taken from the bus. The stamps lag the arrivals by an unknown constant and by a latency that
+        is never negative: a leap to a lead above the best so far, or stamps that run backwards, mean that the clock was set.
+        """
+        time_s += self._shift
+        total = 0.0
+        while True:
+            lead = time_s - arrival_s
+            best = max((b for _, b in self._best), default=None)
+            if best is None:
+                break
+            before = np.concatenate([[time_s[0] if self._last is None else self._last], time_s[:-1]])
+            ahead = (lead > best + SMALLEST_STEP_S) & (time_s > before + SMALLEST_STEP_S)
+            stepped = np.flatnonzero(ahead | (time_s < before - SMALLEST_STEP_S))
+            if len(stepped) == 0:
+                break
+            i = int(stepped[0])
+            step = float(lead[i:].max()) - best
+            if abs(step) < SMALLEST_STEP_S:
+                break
+            # of a clock that started again the step is known exactly
+            step = next((-modulus for modulus in MODULI_S if abs(step + modulus) < SMALLEST_STEP_S), step)
+            time_s[i:] -= step
+            self._shift -= step
+            total += step
+        if len(time_s):
+            self._last = float(time_s[-1])
+            self._best.append((float(arrival_s[-1]), float((time_s - arrival_s).max())))
+            while arrival_s[-1] - self._best[0][0] > self.MEMORY_S:
+                self._best.popleft()
+        return total
+
+
+class ReplaySource:
+    """A log file as if it happened now, in its own time or as fast as it is asked for."""
+
+    bit_rate: int | None = None
+    timestamp_source: TimestampSource = "log"
+
+    def __init__(self, path: Path, *, paced: bool) -> None:
+        self.name = f"replay:{path}"
+        self._report = LogReport()
+        self._batches: Iterator[Frames] | None = log_batches(path, self._report)
+        self._paced = paced
+        self._held = next(self._batches, no_frames())  # a log that cannot be read is refused here, before anything is written
+        self._begin: float | None = None
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """The next frames of the log; paced, those whose time has come."""
+        if len(self._held) == 0 and self._batches is not None:
+            self._held = next(self._batches, no_frames())
+        if len(self._held) == 0:
+            self.close()
+            return None
+        if not self._paced:
+            out, self._held = self._held, no_frames()
+            return out
+        if self._begin is None:
+            self._begin = time.monotonic() - float(self._held.time_s[0])
+        # sleep until the last frame at hand is due, but no longer than asked for
+        time.sleep(min(max(self._begin + float(self._held.time_s[-1]) - time.monotonic(), 0.0), timeout_s))
+        due = self._held.time_s <= time.monotonic() - self._begin
+        count = len(due) if due.all() else int(np.argmin(due))
+        out, self._held = self._held.take(slice(count)), self._held.take(slice(count, None))
+        return out
+
+    def notices(self) -> list[Notice]:
+        """What could not be read of the log, once it has ended."""
+        if self._batches is not None:
+            return []
+        notes, self._report = self._report.notes(), LogReport()
+        return [Notice("unread", note) for note in notes]
+
+    def close(self) -> None:
+        """Stop reading."""
+        if self._batches is not None:
+            self._batches.close()  # type: ignore[attr-defined]
+        self._batches, self._held = None, no_frames()
+
+
+class SimulatedSource(BusSource):
+    """The simulated cell: a scenario's frames, sent in real time from a thread over python-can's virtual bus."""
+
+    def __init__(self, scenario: Path) -> None:
+        import can
+
+        from lmeasure.acquisition.counters.decoders import counter_fields
+        from lmeasure.simulation import read_scenario, simulate
+
+        asked, rig = read_scenario(scenario)
+        run = simulate(asked, rig).run
+        if run is None:
+            raise AcquisitionError(f"{scenario}: has no [[waypoint]] to move along")
+        counts = run.run.passes[0]
+        fields = counter_fields(rig)
+        recorded = np.column_stack([counts.of(f.channel) for f in fields])
+        frames = frames_from_counts(counts.time_s, recorded, fields, rig.can_table.sync_id)
+        place = virtual_place()
+        super().__init__(lambda: can.Bus(interface="virtual", channel=place), f"simulated:{scenario}")
+        self._stop = threading.Event()
+        self._sender = can.Bus(interface="virtual", channel=place)
+        self._thread = threading.Thread(target=send, args=(frames, self._sender), kwargs={"paced": True, "stop": self._stop}, daemon=True)
+        self._thread.start()
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """Frames of the feed; None when it has ended and all are taken."""
+        running = self._thread.is_alive()
+        frames = super().receive(timeout_s)
+        return frames if frames is None or len(frames) or running else None
+
+    def close(self) -> None:
+        """Stop the feed and close both ends."""
+        self._stop.set()
+        self._thread.join()
+        self._sender.shutdown()
+        super().close()
+
+
+def bus_opener(bus: str, bit_rate: int | None = None, options: Mapping[str, str | int] | None = None) -> Callable[[], "can.BusABC"]:
+    """What opens the bus INTERFACE:CHANNEL of python-can; AcquisitionError for an interface that it has not, what its driver raises when
+    it is opened. See `open_source`."""
+    interface, _, channel = bus.partition(":")
+    import can
+
+    # what is wrong comes as an exception and is said in one line; a driver's chatter is not for the terminal
+    logging.getLogger("can").setLevel(logging.ERROR)
+    if interface not in can.interfaces.BACKENDS:
+        raise AcquisitionError(f"--bus {bus!r}: {interface!r} is no interface; known: {', '.join(sorted(can.interfaces.BACKENDS))}")
+    given: dict[str, Any] = {k: int(v) if isinstance(v, str) and v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}
+    if bit_rate is not None:
+        given["bitrate"] = bit_rate
+    if interface == "udp_multicast":
+        given.setdefault("hop_limit", 0)
+
+    def opened() -> "can.BusABC":
+        made = can.Bus(interface=interface, channel=channel, **given)
+        if interface == "udp_multicast":
+            bind_to_group(made)
+        return made
+
+    return opened
+
+
+def open_source(
+    bus: str,
+    bit_rate: int | None = None,
+    options: Mapping[str, str | int] | None = None,
+    *,
+    paced: bool = True,
+    prepare: "Callable[[can.BusABC], object] | None" = None,
+) -> Source:
+    """Open what `--bus` names. options go to python-can's interface as they are (whole numbers as such); AcquisitionError in one line.
+
+    udp_multicast stays on this machine unless `hop_limit` says otherwise. prepare is called with the bus each time it has been opened.
+    """
+    interface, _, channel = bus.partition(":")
+    if not interface or not channel:
+        raise AcquisitionError(f"--bus {bus!r}: give INTERFACE:CHANNEL, such as socketcan:can0, slcan:/dev/ttyACM0 or replay:drive.blf")
+    if interface == "replay":
+        return ReplaySource(Path(channel), paced=paced)
+    if interface == "simulated":
+        return SimulatedSource(Path(channel))
+    open_it = bus_opener(bus, bit_rate, options)
+
+    def open_bus() -> "can.BusABC":
+        opened = open_it()
+        if prepare is not None:
+            try:
+                prepare(opened)
+            except BaseException:
+                opened.shutdown()
+                raise
+        return opened
+
+    return BusSource(open_bus, f"{interface}:{channel}", bit_rate)

@@ -1,0 +1,180 @@
+"""What a person is asked to do in a self-test, and how the counters stand meanwhile."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from lmeasure.acquisition.bus.bus_watch import BusWatch
+from lmeasure.acquisition.counters.assembly import new_assembler
+from lmeasure.acquisition.counters.codes import GoneOn, moduli
+from lmeasure.acquisition.counters.samples import SyncAssembler
+from lmeasure.acquisition.session import Link
+from lmeasure.core import AcquisitionError, FloatArray
+from lmeasure.rig import Drum, Rig
+
+PATIENCE_S = 2.0
+"""How much longer for the first of them."""
+LEAST_PULL_MM = 20.0
+LEAST_TURN_DEG = 5.0
+"""What is no motion that was asked for, of a drum's channel and of an encoder's."""
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True)
+class Moved:
+    """How far a channel has moved since a step began, in mm or degrees; moves: as far as counts for a motion; wanted: whether it is to."""
+
+    channel: str
+    by: float
+    unit: str
+    moves: bool
+    wanted: bool
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a person is asked to do: which step of how many at most, and how the counters stand meanwhile."""
+
+    text: str
+    number: int
+    of: int
+    look: Callable[[], str]
+    """Takes what has come for a tenth of a second, and says in a line what moved since the step began."""
+    moved: Callable[[], tuple["Moved", ...]] = tuple
+    """The same of each channel, by the last look."""
+    act: str = ""
+    """By which a simulated cell does it, as `play` takes it; empty where nothing is to be moved."""
+
+    def __str__(self) -> str:
+        return f"{self.number} of {self.of}: {self.text}"
+
+
+Ask = Callable[[Step], str]
+"""Shows a step and returns when the person has done it: "r" to do the cable again, anything else to go on."""
+AGAIN = "r"
+
+
+class Again(Exception):  # noqa: N818 - no error: the person wants to
+    """The cable is to be done again."""
+
+
+class Watch:
+    """The counters over a link, step by step."""
+
+    def __init__(self, rig: Rig, link: Link, passage: int, ask: Ask, *, of: int) -> None:
+        self._link, self._ask, self._of, self.number = link, ask, of, 0
+        self._assembler = new_assembler(rig, link.fields, passage)
+        self.bus = BusWatch.of_rig(rig, link.fields)
+        self.channels = [f.channel for f in link.fields]
+        known = [rig.counters_of(passage)[c] for c in self.channels]
+        self.lengths = np.array([isinstance(c, Drum) for c in known])
+        # millimetres, or degrees, of a recorded count
+        self.unit = np.array([c.per_count / c.scale if isinstance(c, Drum) else math.degrees(c.per_count) for c in known])
+        self.least = np.where(self.lengths, LEAST_PULL_MM, LEAST_TURN_DEG)
+        self._gone_on = GoneOn(moduli(rig, tuple(self.channels), passage))
+        self.last: FloatArray | None = None
+        self._least = self._most = np.full(len(self.channels), np.nan)
+
+    def look(self, seconds: float) -> tuple[FloatArray, FloatArray]:
+        """(n,) times and (n, m) counts that came since the last look and within the next seconds."""
+        times, rows = [np.empty(0)], [np.empty((0, len(self._link.fields)))]
+        end = time.monotonic() + seconds
+        while time.monotonic() < end or (len(times) == 1 and seconds > 0 and time.monotonic() < end + PATIENCE_S):
+            frames = self._link.source.receive(0.02)
+            if frames is None:
+                break
+            self.bus.feed(frames)
+            # a look at the counters, not at their times: nothing need wait for a busy host's stamps
+            samples = self._assembler.feed(replace(frames, timestamp_source="hardware"))
+            if len(samples.time_s):
+                times.append(samples.time_s)
+                rows.append(self._gone_on.of(samples.recorded))
+        time_s, recorded = np.concatenate(times), np.vstack(rows)
+        seen = recorded[np.isfinite(recorded).all(axis=1)]
+        if len(seen):
+            self.last = seen[-1]
+            self._least = np.fmin(self._least, seen.min(axis=0))
+            self._most = np.fmax(self._most, seen.max(axis=0))
+        return time_s, recorded
+
+    def begin(self, text: str) -> None:
+        """The first step, before there need be counts."""
+        self.number += 1
+        self._ask(Step(text, self.number, self._of, lambda: self._said(self.last, ""), lambda: self._moved(self.last, "")))
+        self.look(0.0)
+
+    def step(self, text: str, settle_s: float, wanted: str = "", act: str = "") -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+        """The counts when the person has done it, and the least and largest on the way; wanted: the channel that should move; act: see
+        `Step`."""
+        self.look(0.02)
+        self.number += 1
+        self._least = self._most = np.full(len(self.channels), np.nan)
+        begun = self.last
+        step = Step(text, self.number, self._of, lambda: self._said(begun, wanted), lambda: self._moved(begun, wanted), act)
+        if self._ask(step).strip().lower() == AGAIN:
+            raise Again
+        _, rows = self.look(settle_s)
+        if self.last is None or not np.isfinite(rows).any(axis=0).all():
+            raise AcquisitionError(f"no counts any more at: {text}")
+        return self.last, (self._least, self._most)
+
+    def until_right(self, once: Callable[[], Found], told: Callable[[Found], tuple[str, tuple[str, ...]]]) -> Found:
+        """What a few steps found, done again as often as the person wants; told says of what it was and which faults it has."""
+        begun = self.number
+        while True:
+            self.number = begun
+            try:
+                found = once()
+                what, faults = told(found)
+                if faults:
+                    self.number -= 1  # a question, and no step more
+                    self.step(f"{what}: {'; '.join(faults)}. Type {AGAIN} to do it again, or go on", 0.05)
+            except Again:
+                continue
+            return found
+
+    def instead(self, way: FloatArray) -> str:
+        """Which channel of any kind moved as far as is asked for, by ways (m,) in the unit of each; nothing where none did."""
+        j = int(np.argmax(way / self.least))
+        if way[j] < self.least[j]:
+            return ""
+        return f", but {self.channels[j]} moved by {way[j]:.0f} {'mm' if self.lengths[j] else 'degrees'}"
+
+    def _said(self, begun: FloatArray | None, wanted: str) -> str:
+        self.look(0.1)
+        if self.last is None or begun is None:
+            return "no counts"
+        moved = (self.last - begun) * self.unit
+        told = []
+        for unit, of in ("mm", self.lengths), ("deg", ~self.lengths):
+            shown = "  ".join(f"{self.channels[j]} {moved[j]:+.1f}" for j in np.flatnonzero(of))
+            told += [f"{unit}: {shown}"] if shown else []
+        if wanted:
+            alike = np.flatnonzero(self.lengths == self.lengths[self.channels.index(wanted)])
+            j = int(alike[np.argmax(np.abs(moved[alike]))])
+            if abs(moved[j]) > self.least[j] and self.channels[j] != wanted:
+                told.insert(0, f"{self.channels[j]} moves, not {wanted}")  # first: a narrow terminal cuts what is behind
+        return "  ".join(told)
+
+    def _moved(self, begun: FloatArray | None, wanted: str) -> tuple[Moved, ...]:
+        if self.last is None or begun is None:
+            return ()
+        by, units = (self.last - begun) * self.unit, np.where(self.lengths, "mm", "deg")
+        return tuple(
+            Moved(c, float(by[j]), str(units[j]), bool(abs(by[j]) > self.least[j]), c == wanted) for j, c in enumerate(self.channels)
+        )
+
+    def every(self) -> dict[str, int]:
+        """Channels that answer every n-th SYNC only, and their n."""
+        if not isinstance(self._assembler, SyncAssembler):
+            return {}
+        return {c: n for c, n in zip(self.channels, self._assembler.transmission.n.tolist(), strict=True) if n > 1}
+
+    def faults(self) -> dict[str, int]:
+        """Faults of the frames so far."""
+        return dict(self._assembler.events.tally)

@@ -1,0 +1,1 @@
+"""From frames to counts: decoders, one clock, wraps, origins, samples."""

@@ -1,0 +1,268 @@
+"""From log files of CAN frames to a run: each log is one pass of the motion."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure.acquisition.bus.canopen_objects import as_mapped, fields_in_log
+from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, Frames, pieces
+from lmeasure.acquisition.counters.assembly import counts_from_frames
+from lmeasure.acquisition.counters.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, dbc_file, decode
+from lmeasure.acquisition.counters.events import EventLog, event_columns
+from lmeasure.acquisition.logs.read import identifiers_in, log_batches
+from lmeasure.acquisition.logs.report import LogReport
+from lmeasure.core import AcquisitionError, FileFormatError, FloatArray, OverwriteError, pasted, version_of
+from lmeasure.io import files
+from lmeasure.recording import Counts, Run, write_run
+from lmeasure.rig import CalibrationRecord, CanOpenCan, DbcCan, DbcChannel, Rig
+
+SHOWN_IDENTIFIERS = 12
+PAUSE_S = 5.0
+"""In which no counter of a bus that is recorded says anything: an interruption."""
+SHOWN_SEAMS = 3
+
+
+@dataclass
+class Survey:
+    """What frames there are in a log: how many of each identifier (2^29 above it where extended) and bus, how many error frames."""
+
+    identifiers: Counter[int] = field(default_factory=Counter)
+    buses: Counter[str] = field(default_factory=Counter)
+    errors: int = 0
+
+    def feed(self, frames: Frames) -> None:
+        """Count a batch."""
+        data = (frames.flags & ERROR) == 0
+        extended = (frames.flags & EXTENDED) != 0
+        standard = np.bincount(frames.identifier[data & ~extended] % STANDARD_IDENTIFIERS, minlength=STANDARD_IDENTIFIERS)
+        self.identifiers.update({int(i): int(standard[i]) for i in np.flatnonzero(standard)})
+        for i, count in zip(*np.unique(frames.identifier[data & extended], return_counts=True), strict=True):
+            self.identifiers[int(i) + (1 << 29)] += int(count)
+        for i, count in enumerate(np.bincount(frames.channel, minlength=len(frames.buses))):
+            self.buses[frames.buses[i]] += int(count)
+        self.errors += int(len(frames) - data.sum())
+
+    def lines(self) -> list[str]:
+        """For people: the buses, and the most frequent identifiers."""
+        most = self.identifiers.most_common(SHOWN_IDENTIFIERS)
+        shown = ", ".join(f"{_name(i)} ({n})" for i, n in sorted(most))
+        more = f" and {len(self.identifiers) - len(most)} more" if len(self.identifiers) > len(most) else ""
+        return [
+            f"buses {', '.join(f'{bus} ({n} frames)' for bus, n in self.buses.items())}; {self.errors} error frames",
+            f"identifiers {shown}{more}",
+        ]
+
+
+def _name(identifier: int) -> str:
+    return f"{identifier - (1 << 29):08X}x" if identifier >> 29 else f"{identifier:03X}"
+
+
+@dataclass(frozen=True)
+class ImportedLog:
+    """One log as one pass: its counts, with time_s from the first sample, which was at start_s of the log's own clock."""
+
+    path: Path
+    sha256: str
+    counts: Counts
+    start_s: float
+    report: LogReport
+    survey: Survey
+    events: EventLog
+    fields: tuple[CounterField, ...]
+
+    def lines(self) -> list[str]:
+        """For people: what was found in it."""
+        duration = float(self.counts.time_s[-1])
+        return [
+            f"{self.path}: {self.report.frames} frames, {len(self.counts.time_s)} samples in {duration:.6g} s, {self.events.summary()}",
+            *self.survey.lines(),
+            *self.report.notes(),
+            *self.events.notes(),
+            *self.seams(),
+        ]
+
+    def seams(self) -> list[str]:
+        """Where the log may be two recordings, one behind the other, by the log's own clock: one line each for the first of them."""
+        advice = "if these are two recordings, cut the log there, and import each as a run of its own"
+        times, out = self.counts.time_s, []
+        steps = np.diff(times)
+        for i in np.flatnonzero(steps > max(PAUSE_S, 100.0 * float(np.median(steps)))) if len(steps) else ():
+            out.append(f"{self.path}: nothing came for {steps[i]:.6g} s behind {self.start_s + times[i]:.6f} s: {advice}")
+        for event in self.events.kept:
+            if event.kind == "time":
+                last = self.start_s + times[max(min(event.sample, len(times)) - 1, 0)]
+                out.append(f"{self.path}: its clock goes {event.text} behind {last:.6f} s: {advice}")
+        return out[:SHOWN_SEAMS]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A run made of logs, what each of them held, and the files by name that the rig's `[can]` table names."""
+
+    run: Run
+    logs: tuple[ImportedLog, ...]
+    beside: Mapping[str, bytes] = field(default_factory=dict)
+
+    def summary(self) -> str:
+        """For people."""
+        return "\n".join(line for log in self.logs for line in log.lines())
+
+
+def import_logs(
+    logs: Iterable[Path],
+    rig: Rig,
+    start: FloatArray | None,
+    *,
+    calibration: CalibrationRecord | None = None,
+    u_start: tuple[float, ...] = (0.0, 0.0),
+    folder: Path = Path(),
+    bus: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Imported:
+    """The n-th log as the n-th pass of a run.
+
+    start (7,) is the pose at which the counters were zeroed, None where it is unknown: logs do not hold it; u_start its uncertainty, as
+    `Run` takes it. folder is where the rig file stands, bus the name of the bus to read where the counters stand on several.
+    FileFormatError and AcquisitionError name the log and what it lacks.
+    """
+    logs = tuple(logs)
+    if len(logs) != rig.passes:
+        raise AcquisitionError(
+            f"rig {rig.name!r}: its cables need {rig.passes} pass{'es' * (rig.passes > 1)}, one log each; {len(logs)} given"
+        )
+    found = tuple(_import_log(log, rig, passage, folder, bus, progress) for passage, log in enumerate(logs, 1))
+    for log in found:
+        rig = as_mapped(rig, log.fields)
+    rig, beside = with_files_beside(rig, folder)
+    return Imported(Run(rig, start, tuple(log.counts for log in found), calibration, u_start), found, beside)
+
+
+def _import_log(
+    log: Path, rig: Rig, passage: int, folder: Path, bus: str | None, progress: Callable[[int, int], None] | None
+) -> ImportedLog:
+    fields = fields_of_log(rig, passage, folder, log)
+    report, survey = LogReport(), Survey()
+    batches = _of_one_bus(log_batches(log, report, progress), fields, rig.can_table.sync_id, bus, survey, log)
+    try:
+        assembled = counts_from_frames(rig, pieces(batches), fields, passage, source=str(log))
+    except AcquisitionError:
+        if report.frames == 0:
+            raise FileFormatError(report.empty(log)) from None
+        raise
+    if report.unread:
+        assembled.events.tally["unread"] = report.unread
+    for one, column in zip(fields, assembled.counts.recorded.T, strict=True):
+        if np.isnan(column).all():
+            there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
+            wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
+            told = f"not one count in frames {wanted}; identifiers in the log: {there}"
+            told += f"; `lmeasure import {pasted(log)} --scan` lists what they carry"
+            raise AcquisitionError(f"{log}: channel {one.channel}: {told}")
+    start_s = float(assembled.counts.time_s[0])
+    counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
+    digest = files.sha256(log)
+    return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events, fields)
+
+
+def fields_of_log(rig: Rig, passage: int, folder: Path, log: Path) -> tuple[CounterField, ...]:
+    """The fields of the pass' channels as the rig's `[can]` table names them, without a device to ask; see `counter_fields`."""
+    if isinstance(rig.can_table, CanOpenCan):
+        return fields_in_log(rig, passage, folder, identifiers_in(log))
+    return counter_fields(rig, passage, folder)
+
+
+def _of_one_bus(
+    batches: Iterable[Frames], fields: tuple[CounterField, ...], sync_id: int, bus: str | None, survey: Survey, log: Path
+) -> Iterator[Frames]:
+    """The batches as surveyed, only those of the bus where one is named; AcquisitionError where a counter or SYNC stands on several."""
+    where: dict[str, set[str]] = {}
+    for batch in batches:
+        survey.feed(batch)
+        if bus is not None:
+            yield batch.take(batch.channel == (batch.buses.index(bus) if bus in batch.buses else -1))
+            continue
+        if len(batch.buses) > 1:
+            readings = decode(batch, fields, sync_id)
+            for j, one in enumerate(fields):
+                channels = np.unique(batch.channel[readings.frame[readings.field == j]])
+                where.setdefault(f"channel {one.channel}", set()).update(batch.buses[c] for c in channels)
+            channels = np.unique(batch.channel[readings.sync])
+            where.setdefault("SYNC", set()).update(batch.buses[c] for c in channels)
+            for name, buses in where.items():
+                if len(buses) > 1:
+                    raise AcquisitionError(f"{log}: {name} stands on buses {', '.join(sorted(buses))}; name one with --bus")
+        yield batch
+    if bus is not None and bus not in survey.buses:
+        raise AcquisitionError(f"{log}: has no bus {bus!r}; it has {', '.join(survey.buses) or 'no frames'}")
+
+
+def with_files_beside(rig: Rig, folder: Path) -> tuple[Rig, dict[str, bytes]]:
+    """The rig, its `[can]` table's DBC or EDS file taken to stand beside it, and that file's bytes by its name; folder: where it is now."""
+    key = "dbc" if isinstance(rig.can, DbcCan) else "eds" if isinstance(rig.can, CanOpenCan) and rig.can.eds else None
+    if rig.can is None or key is None:
+        return rig, {}
+    path = folder / getattr(rig.can, key)
+    return rig.model_copy(update={"can": rig.can.model_copy(update={key: path.name})}), {path.name: files.read_bytes(path)}
+
+
+def with_dbc(rig: Rig, dbc: Path) -> Rig:
+    """The rig, its counters named by this DBC file: by its own `[can]` table of decoder `dbc`, or each channel by the signal of its name.
+
+    AcquisitionError where the table is of another decoder, or a channel's name is that of no signal or of several.
+    """
+    path = str(dbc.resolve())
+    if isinstance(rig.can, DbcCan):
+        return rig.model_copy(update={"can": rig.can.model_copy(update={"dbc": path})})
+    if rig.can is not None:
+        raise AcquisitionError(f"rig {rig.name!r}: its [can] table has decoder {rig.can.decoder!r}, which needs no DBC file")
+    database = dbc_file(dbc)
+    channels = []
+    for name in (*rig.channels, *(e.channel for e in rig.encoders)):
+        carriers = [m.name for m in database.messages if any(s.name == name for s in m.signals)]
+        if len(carriers) != 1:
+            what = "no signal of that name is" if not carriers else f"messages {', '.join(carriers)} have a signal of that name"
+            raise AcquisitionError(f"{dbc}: channel {name}: {what} in it; say which in the rig's [can] table")
+        channels.append(DbcChannel(channel=name, message=carriers[0], signal=name))
+    return rig.model_copy(update={"can": DbcCan(decoder="dbc", dbc=path, channel=tuple(channels))})
+
+
+def write_import(out: Path, imported: Imported, suffix: str = ".csv", *, force: bool = False) -> None:
+    """Write the run folder, with the faults of each pass beside its counts, and where they came from under `[[recording]]` in run.toml.
+
+    OverwriteError where a file that the rig names is in the folder with other bytes, and force does not say to replace it.
+    """
+    for name, content in imported.beside.items():
+        if not force and (out / name).exists() and files.read_bytes(out / name) != content:
+            raise OverwriteError(f"{out / name}: exists, and is not the file that the rig names; --force replaces it, or give another name")
+    recording = []
+    for passage, log in enumerate(imported.logs, 1):
+        events = out / f"pass{passage}.events.csv"
+        if log.events.kept:
+            files.write_table(events, event_columns(log.events.kept, log.start_s))
+        else:
+            events.unlink(missing_ok=True)  # of an import before this one
+        entry: dict[str, Any] = {
+            "pass": passage,
+            "ended": "early" if log.report.ended_early else "complete",
+            "bus": str(log.path.name),
+            "timestamps": "log",
+            "software": f"lmeasure {version_of('lmeasure')}",
+            "first_sample_s": log.start_s,
+            "samples": len(log.counts.time_s),
+            "seconds": float(log.counts.time_s[-1]),
+            "received": log.report.frames,
+            "read": log.report.as_dict(),
+            "faults": dict(sorted(log.events.tally.items())),
+            "sha256": {log.path.name: log.sha256},
+        }
+        if why := log.report.why():
+            entry["why"] = why
+        recording.append(entry)
+    for name, content in imported.beside.items():
+        if not (out / name).exists() or files.read_bytes(out / name) != content:
+            files.write_bytes(out / name, content)
+    write_run(out, imported.run, {"recording": recording}, suffix)

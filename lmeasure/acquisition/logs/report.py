@@ -1,0 +1,167 @@
+"""Parts that the readers of all log formats share: the account of a log, columns that compiled scans fill, reading that may break off."""
+
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, FD_BYTES, Frames
+from lmeasure.kernels import LATEST_S, NAMED_CHANNELS, Columns
+
+if TYPE_CHECKING:
+    import can
+
+BLOCK_BYTES = 1 << 21
+LARGEST_IDENTIFIER = 0x1FFFFFFF
+LARGEST_STANDARD = 0x7FF
+SHOWN_BYTES = 60
+BLANK, COMMENT, HEADER = "blank", "comment", "header"
+"""Kinds of known lines that several formats have."""
+COMMENT_SIGNS = ("#", ";", "//")
+BROKEN_FRAME, UNKNOWN_LINE, NO_END = "broken", "unknown", "without an end"
+"""Kinds of unread lines."""
+
+
+@dataclass
+class LogReport:
+    """Account of every line or object of a log; it grows while batches are taken.
+
+    frames + known + unread = total. dialect: kind of log, in words; unit: what total counts ("lines", "objects" of BLF, "records" of MF4);
+    known_kinds and unread_kinds: how many of each kind, by name; first_unread: where the first unread one is, its text and the reason;
+    ended_early: why reading stopped before the proper end, or None; remarks: other facts, such as losses that the recorder states itself.
+    """
+
+    dialect: str = ""
+    unit: str = "lines"
+    total: int = 0
+    frames: int = 0
+    known_kinds: Counter[str] = field(default_factory=Counter)
+    unread_kinds: Counter[str] = field(default_factory=Counter)
+    first_unread: str = ""
+    ended_early: str | None = None
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def known(self) -> int:
+        """Lines or objects that are no frames, of known kinds: comments, headers, statistics, events."""
+        return self.known_kinds.total()
+
+    @property
+    def unread(self) -> int:
+        """Lines or objects that are neither a frame nor of a known kind."""
+        return self.unread_kinds.total()
+
+    def cannot_read(self, line: bytes, why: str, place: str, kind: str = BROKEN_FRAME) -> None:
+        """Count a line or object as unread; place says where it is."""
+        if not self.unread:
+            shown = line[:SHOWN_BYTES].decode("utf-8", "replace").strip()
+            self.first_unread = f"{place}: {shown!r} ({why})" if shown else f"{place} ({why})"
+        self.unread_kinds[kind] += 1
+
+    def close(self) -> None:
+        """Count what no reader accounted for as unread: the sum must match."""
+        if missing := self.total - self.frames - self.known - self.unread:
+            self.unread_kinds["not accounted for"] += missing
+
+    def notes(self) -> list[str]:
+        """Return what a person should know, one line each."""
+        early = [f"ended early: {self.ended_early}; everything before it was read"] if self.ended_early else []
+        return early + self._unread() + self.remarks
+
+    def why(self) -> str:
+        """Return the same for a run.toml, which states separately that the recording ended early."""
+        return "; ".join([*([self.ended_early] if self.ended_early else []), *self._unread(), *self.remarks])
+
+    def empty(self, log: Path) -> str:
+        """Return the message about a log without a frame, and why it has none."""
+        there = ", ".join(f"{n} {kind}" for kind, n in self.known_kinds.most_common())
+        why = [*self.notes(), *([f"its {self.total} {self.unit}: {there}"] if there else [])]
+        return f"{log}: holds no CAN frame{': ' if why else ''}{'; '.join(why)}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the account for JSON and run.toml."""
+        account = {"unit": self.unit, "total": self.total, "frames": self.frames, "known": self.known, "unread": self.unread}
+        kinds = {"known_kinds": dict(self.known_kinds), "unread_kinds": dict(self.unread_kinds)}
+        return account | {k: v for k, v in kinds.items() if v} | ({"first_unread": self.first_unread} if self.first_unread else {})
+
+    def _unread(self) -> list[str]:
+        if not self.unread or (self.ended_early and set(self.unread_kinds) == {NO_END}):
+            return []
+        kinds = ", ".join(f"{n} {kind}" for kind, n in self.unread_kinds.most_common())
+        first = f"; the first is {self.first_unread}" if self.first_unread else ""
+        return [f"{self.unread} of {self.total} {self.unit} could not be read ({kinds}){first}"]
+
+
+class UnreadableError(ValueError):
+    """A line or object that is no frame anyone can read, and of no known kind."""
+
+    def __init__(self, why: str, kind: str = BROKEN_FRAME) -> None:
+        super().__init__(why)
+        self.kind = kind
+
+
+def kind_of_failure(error: Exception) -> str:
+    """Return the kind as which an unread line is counted."""
+    return error.kind if isinstance(error, UnreadableError) else BROKEN_FRAME
+
+
+def new_columns(count: int, width: int) -> Columns:
+    """Columns for at most count frames of at most width data bytes; their pages cost nothing until they are written."""
+    return (
+        np.empty(count),
+        np.empty(count, np.uint32),
+        np.empty(count, np.uint8),
+        np.empty(count, np.uint8),
+        np.empty((count, width), np.uint8),
+        np.empty(count, np.int16),
+    )
+
+
+def frames_of(columns: Columns, count: int, buses: tuple[str, ...], path: Path) -> Frames:
+    """The first count rows of the columns."""
+    return Frames(*columns, buses, "log", str(path)).take(slice(count))
+
+
+def read_into(room: memoryview, file: BinaryIO, report: LogReport) -> int:
+    """How many bytes were read into the room; a packed file that breaks off, or is broken, ends there."""
+    try:
+        return file.readinto(room)  # type: ignore[attr-defined, no-any-return]
+    except (EOFError, OSError, zlib.error) as error:
+        report.ended_early = f"the file cannot be read further: {error}"
+        return 0
+
+
+def read_some(file: BinaryIO, size: int, report: LogReport) -> bytes:
+    """At most size bytes, as `read_into`."""
+    room = bytearray(size)
+    return bytes(memoryview(room)[: read_into(memoryview(room), file, report)])
+
+
+class Channels:
+    """Names of the channels met, in the order of their first frame, for logs that number them."""
+
+    def __init__(self) -> None:
+        self.places = np.full(NAMED_CHANNELS, -1, np.int32)
+        self.used = 0
+
+    def names(self) -> tuple[str, ...]:
+        """python-can counts channels from 0, the logs from 1."""
+        numbers = np.flatnonzero(self.places >= 0)
+        return tuple(str(number - 1) for number in numbers[np.argsort(self.places[numbers])])
+
+
+def checked(message: "can.Message") -> "can.Message":
+    """The message, its length being that of its data; ValueError where it does not hold the bytes it announces."""
+    held = len(message.data)
+    if not message.is_remote_frame and not message.is_error_frame:
+        if held != message.dlc and not (held == CLASSIC_BYTES < message.dlc and not message.is_fd):
+            raise ValueError(f"{message.dlc} bytes are announced and {held} are there")
+        message.dlc = held
+    if held > FD_BYTES or not 0 <= message.dlc < 256 or not 0 <= message.arbitration_id <= LARGEST_IDENTIFIER:
+        raise ValueError("it is no frame of CAN")
+    if not abs(message.timestamp) <= LATEST_S:
+        raise ValueError(f"{message.timestamp} s is no time")
+    return message

@@ -1,0 +1,303 @@
+"""What a log holds when nobody says where its counters are: identifiers, rates, which bytes move and how, and a guess at the `[can]` table.
+
+A counter of a drum moves little from frame to frame against its range; a cyclic number counts the frames; a checksum does anything. So
+bytes are taken for a counter when its steps, the range gone round, stay a small part of the range, and are not all the same.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.bus.transmission import REGULAR, every, ordinal
+from lmeasure.acquisition.logs.read import log_batches
+from lmeasure.acquisition.logs.report import LogReport
+from lmeasure.core import FileFormatError, FloatArray, IntArray
+from lmeasure.rig import SYNC_ID
+
+KEPT = 200_000
+"""Frames of an identifier that are looked at."""
+LEAST = 8
+"""Frames that tell how bytes move."""
+SMALL = 1.0 / 16.0
+"""Part of a field's range that a counter steps by at most, but for a few of its steps."""
+FEW = 0.01
+SPREAD = 0.25
+"""Periods of a SYNC by which the delays of its answers differ at most."""
+WIDTHS = (4, 3, 2)
+DATED_S = 1e8
+"""Seconds since 1970 are more, those of a device's own clock less."""
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Field:
+    """A counter-like number at bytes first .. first + size of a frame: its order, from and to what it went, its largest step."""
+
+    first: int
+    size: int
+    order: str
+    least: int
+    most: int
+    step: int
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        span = f"{self.first}-{self.first + self.size - 1}"
+        return f"bytes {span}: counter, {8 * self.size} bits {self.order}, {self.least} .. {self.most}, steps to {self.step}"
+
+
+@dataclass(frozen=True)
+class Carried:
+    """An identifier on a bus: how many frames, how many a second, their lengths, the counter-like numbers in them, and in words how their
+    other bytes move."""
+
+    identifier: int
+    extended: bool
+    bus: str
+    frames: int
+    rate_hz: float
+    lengths: tuple[int, ...]
+    counters: tuple[Field, ...]
+    others: tuple[str, ...]
+    answers: int | None = None
+    """It answers every n-th SYNC; None of what does not answer."""
+
+    @property
+    def name(self) -> str:
+        """As logs write it."""
+        return f"{self.identifier:08X}x" if self.extended else f"{self.identifier:03X}"
+
+    def lines(self) -> list[str]:
+        """A line, and one for each thing in its bytes."""
+        size = ",".join(map(str, self.lengths))
+        head = f"{self.name:>9s}  {self.bus:8s} {self.frames:8d} {self.rate_hz:9.1f}/s  {size:>5s} bytes"
+        told = [f"answers every {ordinal(self.answers)} SYNC"] if self.answers not in (None, 1) else []
+        return [head, *(f"{'':11s}{text}" for text in (*(c.text for c in self.counters), *self.others, *told))]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """All identifiers of a log, its dialect, the time of its first frame [s] and how long it lasts [s], and what could not be read."""
+
+    path: Path
+    dialect: str
+    begins_s: float
+    lasts_s: float
+    carried: tuple[Carried, ...]
+    notes: tuple[str, ...]
+    sync: Carried | None = None
+    """The frame that the counters answer, each after a delay of its own; it has no data, or one byte that counts (CiA 301)."""
+
+    @property
+    def times(self) -> str:
+        """What its times are."""
+        return "times of day" if self.begins_s > DATED_S else "times from a beginning of its own"
+
+    def table(self) -> list[str]:
+        """The guess as the lines of a `[can]` table, none where nothing looks like a counter."""
+        found = [(c, f) for c in self.carried for f in c.counters]
+        if not found:
+            return []
+        timing = ['timing = "free"'] if self.sync is None else ['timing = "sync"', f"sync_id = {self.sync.identifier:#x}"]
+        lines = ["[can]", 'decoder = "raw"', *timing]
+        for number, (carried, field) in enumerate(found, 1):
+            bits = 32 if field.size == 4 else 8 * field.size
+            lines += ["", "[[can.channel]]", f'channel = "ch{number}"', f"id = {carried.identifier:#x}"]
+            lines += ["extended = true"] * carried.extended
+            lines += [f"byte_offset = {field.first}", f"bits = {bits}", f'byte_order = "{field.order}"']
+            if self.sync is not None and carried.answers != 1:
+                answers = "does not answer the SYNC" if carried.answers is None else f"answers every {ordinal(carried.answers)} SYNC"
+                lines[-1] += f"  # {answers}"
+        return lines
+
+    def lines(self) -> list[str]:
+        """For people: the identifiers, then the guess."""
+        out = [
+            f"{self.path}: {sum(c.frames for c in self.carried)} frames in {self.lasts_s:.6g} s; {self.dialect}, {self.times}",
+            *(line for c in self.carried for line in c.lines()),
+            *self.notes,
+        ]
+        table = self.table()
+        if not table:
+            return [*out, "nothing moves like a counter: was the robot moved while this was logged?"]
+        guess = "a guess for rig.toml; which drum is which `lmeasure check` tells:"
+        return [*out, "", guess, "", *table]
+
+
+def scan_log(path: Path, progress: Callable[[int, int], None] | None = None) -> Scan:
+    """Look at all frames of a log; FileFormatError where it has none, or is no log."""
+    report, heard = LogReport(), Heard()
+    for batch in log_batches(path, report, progress):
+        heard.add(batch)
+    if not heard.found:
+        raise FileFormatError(report.empty(path))
+    return heard.scan(path, report.dialect, tuple(report.notes()))
+
+
+class Heard:
+    """Frames, by their identifiers, as they come."""
+
+    def __init__(self) -> None:
+        self.found: dict[tuple[str, int, bool], Seen] = {}
+        self._frames = 0
+
+    def add(self, batch: Frames) -> None:
+        """The next frames."""
+        _take(batch, self.found, self._frames)
+        self._frames += len(batch)
+
+    def scan(self, path: Path, dialect: str, notes: tuple[str, ...] = ()) -> Scan:
+        """What they were, by now; there must be some."""
+        carried = tuple(_carried(key, self.found[key]) for key in sorted(self.found))
+        carried, sync = _synchronised(carried, [self.found[key] for key in sorted(self.found)])
+        begins = min(seen.first_s for seen in self.found.values())
+        lasts = max(seen.last_s for seen in self.found.values()) - begins
+        return Scan(Path(path), dialect, begins, lasts, carried, notes, sync)
+
+
+@dataclass
+class Seen:
+    """Frames of one identifier so far."""
+
+    first_s: float
+    last_s: float = 0.0
+    count: int = 0
+    kept: int = 0
+    lengths: frozenset[int] = frozenset()
+    data: tuple[Bytes, ...] = ()
+    at: tuple[tuple[IntArray, FloatArray], ...] = ()
+    """Where those stand among all frames, and their times."""
+    newest: bytes = b""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second."""
+        return (self.count - 1) / (self.last_s - self.first_s) if self.last_s > self.first_s else 0.0
+
+
+def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen], before: int) -> None:
+    good = (batch.flags & (ERROR | REMOTE)) == 0
+    key = batch.identifier.astype(np.int64) * 2 + ((batch.flags & EXTENDED) != 0) + (batch.channel.astype(np.int64) << 32)
+    for one in np.unique(key[good]):
+        rows = np.flatnonzero(good & (key == one))
+        place = batch.buses[int(one >> 32)], int(one & 0xFFFFFFFF) >> 1, bool(one & 1)
+        seen = found.setdefault(place, Seen(float(batch.time_s[rows[0]])))
+        seen.last_s, seen.count = float(batch.time_s[rows[-1]]), seen.count + len(rows)
+        seen.newest = batch.data[rows[-1], : batch.length[rows[-1]]].tobytes()
+        seen.lengths |= frozenset(np.unique(batch.length[rows]).tolist())
+        if seen.kept < KEPT:
+            seen.data, seen.kept = (*seen.data, batch.data[rows]), seen.kept + len(rows)
+            seen.at = (*seen.at, (rows + before, batch.time_s[rows]))
+
+
+def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple[Carried, ...], Carried | None]:
+    """What is carried, each counter with which SYNCs it answers, and the SYNC: that which most counters answer, 80h before others."""
+    best: tuple[tuple[int, bool, int], int, dict[int, int]] | None = None
+    counters = [i for i, c in enumerate(carried) if c.counters]
+    for i, one in enumerate(carried):
+        if i in counters or one.extended or not _may_be_sync(one, seen[i]):
+            continue
+        answers = {j: n for j in counters if carried[j].bus == one.bus and (n := _answers(seen[i], seen[j])) is not None}
+        rank = len(answers), one.identifier == SYNC_ID, -one.identifier
+        if answers and (best is None or rank > best[0]):
+            best = rank, i, answers
+    if best is None or 2 * best[0][0] < len(counters):
+        return carried, None
+    _, at, of = best
+    told = [replace(c, answers=of.get(i)) for i, c in enumerate(carried)]
+    if told[at].lengths == (1,):
+        told[at] = replace(told[at], others=("byte 0: the SYNC's counter",))
+    return tuple(told), told[at]
+
+
+def _may_be_sync(one: Carried, seen: Seen) -> bool:
+    """Whether frames have no data, or one byte that counts up and starts again at 0 or 1."""
+    if one.frames < LEAST or one.lengths not in {(0,), (1,)}:
+        return False
+    if one.lengths == (0,):
+        return True
+    value = np.concatenate([part[:, 0] for part in seen.data]).astype(np.int64)
+    counts = np.diff(value) == 1
+    again = (value[1:] <= 1) & (value[:-1] > 1)
+    return bool(np.mean(counts | again) >= 1.0 - FEW and counts.any())
+
+
+def _answers(sync: Seen, seen: Seen) -> int | None:
+    """n where frames follow every n-th SYNC, one at a time and after the same delay but for a part of the SYNC's period."""
+    place, time_s = (np.concatenate(parts) for parts in zip(*sync.at, strict=True))
+    own, own_s = (np.concatenate(parts) for parts in zip(*seen.at, strict=True))
+    window = np.searchsorted(place, own) - 1
+    inside = (window >= 0) & (window < len(place) - 1)
+    answered, counts = np.unique(window[inside], return_counts=True)
+    if len(answered) < LEAST or np.mean(counts == 1) < REGULAR:
+        return None
+    n = every(answered)
+    delays = own_s[inside] - time_s[window[inside]]
+    low, high = np.percentile(delays, [10, 90])
+    regular = n is not None and np.mean(np.diff(answered) % n == 0) >= REGULAR and np.mean(np.diff(answered) == n) >= REGULAR
+    return n if regular and high - low <= SPREAD * np.median(np.diff(time_s)) else None
+
+
+def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:
+    bus, identifier, extended = key
+    size = min(seen.lengths)
+    data = np.vstack([part[:, :size] for part in seen.data])
+    counters = _counters(data) if len(data) >= LEAST else ()
+    covered = {b for c in counters for b in range(c.first, c.first + c.size)}
+    others = tuple(text for b in range(size) if b not in covered and (text := _movement(b, data[:, b])))
+    return Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others)
+
+
+def _counters(data: Bytes) -> tuple[Field, ...]:
+    """Counter-like numbers that do not overlap, at even bytes, as devices align them; of the liveliest bytes first, as wide as can be."""
+    places = ((first, size, order) for first in range(0, data.shape[1] - 1, 2) for size in WIDTHS for order in ("little", "big"))
+    fits = [
+        one for first, size, order in places if first + size <= data.shape[1] if (one := _counter(data, first, size, order)) is not None
+    ]
+    found: list[Field] = []
+    for _, field in sorted(fits, key=lambda fit: (-fit[0], -fit[1].size, fit[1].first)):
+        if all(field.first >= f.first + f.size or f.first >= field.first + field.size for f in found):
+            found.append(field)
+    return tuple(sorted(found, key=lambda f: f.first))
+
+
+def _counter(data: Bytes, first: int, size: int, order: str) -> tuple[int, Field] | None:
+    """How often its low byte moves, and the field, where it moves as a counter does: in small steps, not all alike, a byte less often than
+    that below it, and as smoothly as its low byte alone: a byte that does not take what is carried is of another number."""
+    part = data[:, first : first + size].astype(np.int64)
+    part = part if order == "big" else part[:, ::-1]
+    moves = (part[1:] != part[:-1]).sum(axis=0)
+    # what stands above the bytes that move is a sign
+    if moves[-1] == 0 or (np.diff(moves) < 0).any() or not np.isin(part[0, moves == 0], (0x00, 0xFF)).all():
+        return None
+    span = 256**size
+    value: IntArray = np.asarray(part @ 256 ** np.arange(size - 1, -1, -1), np.int64)
+    steps, of_low_byte = _steps(value, span), _steps(part[:, -1], 256)
+    rough, least = (int(np.abs(np.diff(one)).max()) for one in (steps, of_low_byte))
+    if np.mean(np.abs(steps) > SMALL * span) > FEW or len(np.unique(steps)) == 1 or rough > 2 * least + 2:
+        return None
+    whole = value[0] + np.concatenate([[0], np.cumsum(steps)]) - (span if value[0] >= span // 2 else 0)
+    return int(moves[-1]), Field(first, size, order, int(whole.min()), int(whole.max()), int(np.abs(steps).max()))
+
+
+def _steps(value: IntArray, span: int) -> IntArray:
+    """Differences of numbers that begin anew after span, the shorter way."""
+    return np.asarray(np.mod(np.diff(value) + span // 2, span) - span // 2, np.int64)
+
+
+def _movement(place: int, values: Bytes) -> str:
+    """How a byte moves that belongs to no counter; nothing of one that does not."""
+    different = np.unique(values)
+    if len(different) == 1:
+        return ""
+    steps = np.mod(np.diff(values.astype(np.int64)), 256)
+    if len(np.unique(steps)) == 1:
+        return f"byte {place}: counts the frames, by {int(steps[0])}"
+    if len(different) == 2:
+        return f"byte {place}: toggles between {different[0]:02X} and {different[1]:02X}"
+    return f"byte {place}: {len(different)} values, no counter (a checksum, or a measurement)"

@@ -1,0 +1,1 @@
+"""Campaigns: a nominal rig, reference poses and counts, read from a folder."""

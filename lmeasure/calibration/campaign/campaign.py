@@ -1,0 +1,207 @@
+"""A calibration campaign: a nominal rig, reference poses of the robot, and what the counters showed there."""
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import BoolArray, CalibrationError, DataFrame, FloatArray, IntArray, Shown
+from lmeasure.recording import Poses, joined
+from lmeasure.rig import Cable, Input, Observed, Rig
+from lmeasure.sensors import ARM_MM, zeroed_exactly
+
+
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
+    """Counts at reference poses.
+
+    poses (n); cables (m) that were measured, and behind them the encoders of angles that were read; counts (n, m) true counts k decoded
+    with the nominal sign and scale, those of absolute encoders modulo a revolution, NaN where a pose was not counted; zero (m,) index of
+    the pose at which each counter was zeroed, of no meaning to absolute ones.
+    """
+
+    rig: Rig
+    poses: Poses
+    cables: tuple[Observed, ...]
+    counts: FloatArray
+    zero: IntArray
+    inputs: tuple[Input, ...] = ()
+    notes: tuple[str, ...] = ()
+    temperature_c: FloatArray | None = None
+    """(n, m) temperature at which each cable was counted; None where it was not recorded: then it is the rig's reference."""
+    dwell_variance: FloatArray | None = None
+    """(n, m) variances of the means of dwells [recorded counts^2]; None where each pose was read once."""
+    zero_variance: FloatArray | None = None
+    """(m,) variances of what the zero poses' readings are off [recorded counts^2], which all equations of a cable share; None where each
+    was read once. See `zero_variances`."""
+    reference: IntArray | None = None
+    """(n,) the reference pose that a pose is a visit of, whose error its visits share; None where each was visited once."""
+    u_visit: FloatArray | None = None
+    """(n, 6) standard deviations (rotation [rad]; position [mm], base axes) of a visit about its reference pose, of its own; or None."""
+
+    free_of_play: bool = False
+    """Whether the play that the rig states has been taken off the counts, as off those of a run."""
+    counted: IntArray | None = None
+    """(n, m) when each cable was counted at a pose: rows of its file; None where that is the poses' order."""
+    angles: FloatArray | None = None
+    """(n, 3) the angles of the poses as their file has them; None where it has quaternions, or nobody kept them."""
+
+    def about(self) -> dict[str, str]:
+        """Of which rig, how many poses and counts, and how well the poses are known."""
+        poses = self.poses.about()
+        read = int(np.isfinite(self.counts).sum())
+        return {
+            "rig": self.rig.name,
+            "channels": ", ".join(c.name for c in self.cables),
+            "counts": f"{read} of {self.counts.size}",
+            **poses,
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The poses, with the counts of each."""
+        return self.poses.to_frame().assign(**{c.name: self.counts[:, j] for j, c in enumerate(self.cables)})
+
+    @property
+    def reference_of(self) -> IntArray:
+        """(n,) index of the reference pose of each pose, its own where it is not a later visit."""
+        return np.arange(len(self.poses)) if self.reference is None else self.reference
+
+    @property
+    def drums(self) -> tuple[Cable, ...]:
+        """The cables alone: the first channels."""
+        return tuple(c for c in self.cables if isinstance(c, Cable))
+
+    @property
+    def from_zero(self) -> BoolArray:
+        """(m,) whether a channel counts from its zero pose; absolute encoders do not."""
+        return np.array([self.rig.counter(c).codes is None for c in self.cables], dtype=np.bool_)
+
+    @property
+    def mm_per_unit(self) -> FloatArray:
+        """(m,) what makes residuals of all channels millimetres: those of angles are what they are at `ARM_MM`."""
+        return np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in self.cables])
+
+    @property
+    def zero_variances(self) -> FloatArray:
+        """(m,) variances of what the zero poses' readings are off [recorded counts^2].
+
+        A counter zeroed at its zero pose stands anywhere within its count there, unless that zero is exact, and every count since is off
+        by that phase. Of one that was not zeroed there, and shows another count than 0, the phase cancels; its reading there is rounded.
+        Either is uniform within half a count, and it is never both. Of several readings of a dwell the mean tells the phase as well as it
+        tells any length: what is left is what a mean of rounded readings is off (`calibration.campaign.dwells`).
+        """
+        if self.zero_variance is not None:
+            return self.zero_variance
+        known = zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0)
+        return np.where(known | ~self.from_zero, 0.0, 1.0 / 12.0)
+
+    @property
+    def travel(self) -> FloatArray:
+        """(n, m) which way each cable came to a pose, if it went straight there from where it was counted before: 1 paid out, -1 wound in,
+        0 where it was counted first, and of counts that are free of play."""
+        out = np.zeros(self.counts.shape)
+        for j in range(0 if self.free_of_play else len(self.cables)):
+            own = np.flatnonzero(np.isfinite(self.counts[:, j]))
+            order = own if self.counted is None else own[np.argsort(self.counted[own, j], kind="stable")]
+            way = 0.0
+            for before, i in itertools.pairwise(order):
+                way = np.sign(self.counts[i, j] - self.counts[before, j]) or way
+                out[i, j] = way
+        return out
+
+    @property
+    def zero_readings(self) -> IntArray:
+        """(m,) numbers of the errors that the cables' zero readings have: one for cables of several passes that were counted from one
+        zeroing (`Rig.zeroings`), each its own for counters that were not zeroed at their zero pose."""
+        of = self.rig.zeroings(self.cables)
+        m = len(of)
+        return np.where(self._at_zero == 0.0, of, m + np.arange(m))
+
+    @property
+    def _at_zero(self) -> FloatArray:
+        return np.asarray(self.counts[self.zero, np.arange(len(self.cables))])
+
+    @property
+    def used(self) -> BoolArray:
+        """(n, m) True where a count gives an equation: counted, and not the cable's own zero pose."""
+        mask, since = np.isfinite(self.counts), np.flatnonzero(self.from_zero)
+        mask[self.zero[since], since] = False
+        return mask
+
+
+def all_visits(campaign: Campaign, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The named poses with all visits of their reference poses, in the campaign's order; CalibrationError for one that it has not."""
+    for name in names:
+        if name not in campaign.poses.names:
+            raise CalibrationError(f"pose {name!r} to hold out: the campaign has no such pose")
+    asked = np.array([name in names for name in campaign.poses.names])
+    asked = np.isin(campaign.reference_of, campaign.reference_of[asked])
+    return tuple(name for name, each in zip(campaign.poses.names, asked, strict=True) if each)
+
+
+def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
+    """The campaign without the counts of the named poses; CalibrationError for one that it cannot do without."""
+    counts = campaign.counts.copy()
+    for name in names:
+        pose = campaign.poses.names.index(name)
+        if (campaign.zero == pose).any():
+            raise CalibrationError(f"pose {name!r} to hold out: the counters were zeroed there")
+        counts[pose] = np.nan
+    return replace(campaign, counts=counts)
+
+
+def with_counts_of(campaign: Campaign, whole: Campaign, names: tuple[str, ...]) -> Campaign:
+    """Return the campaign with the counts of the named poses of another one, whose channels it may decode in another way."""
+    counts, rows = campaign.counts.copy(), np.isin(campaign.poses.names, names)
+    by_channel = {c.channel: j for j, c in enumerate(whole.cables)}
+    place = {(c.channel, c.passage): j for j, c in enumerate(whole.cables)}
+    for j, c in enumerate(campaign.cables):
+        # a campaign that was read as one of another pass has each channel once
+        i = place.get((c.channel, c.passage), by_channel[c.channel])
+        before, now = whole.rig.counter(whole.cables[i]), campaign.rig.counter(c)
+        decoded = (now.count_sign / now.scale) / (before.count_sign / before.scale)
+        counts[rows, j] = whole.counts[rows, i] * (1.0 if decoded == 1.0 else decoded)
+    return replace(campaign, counts=counts)
+
+
+def of_cables(campaign: Campaign, keep: list[int]) -> Campaign:
+    """The campaign with some of its cables only."""
+
+    def kept(values: Any) -> Any:
+        return None if values is None else np.ascontiguousarray(values[:, keep])
+
+    return replace(
+        campaign,
+        cables=tuple(campaign.cables[j] for j in keep),
+        counts=kept(campaign.counts),
+        zero=campaign.zero[keep],
+        temperature_c=kept(campaign.temperature_c),
+        dwell_variance=kept(campaign.dwell_variance),
+        zero_variance=None if campaign.zero_variance is None else campaign.zero_variance[keep],
+        counted=kept(campaign.counted),
+    )
+
+
+def extended(
+    campaign: Campaign, more: Poses, counts: FloatArray, u_visit: FloatArray | None = None, *, reading: float = 1.0 / 12.0
+) -> Campaign:
+    """The campaign with further poses (k), each visited once, and what is counted there (k, m).
+
+    u_visit (k, 6): as `Campaign` has it, exact by default; reading: variance of one reading [recorded counts^2]. Temperatures are left out.
+    """
+    n, k, m = len(campaign.poses), len(more), len(campaign.cables)
+    before = np.full((n, m), 1.0 / 12.0) if campaign.dwell_variance is None else campaign.dwell_variance
+    visits = [np.zeros((size, 6)) if u is None else u for size, u in ((n, campaign.u_visit), (k, u_visit))]
+    return replace(
+        campaign,
+        poses=joined(campaign.poses, more),
+        counts=np.vstack([campaign.counts, counts]),
+        temperature_c=None,
+        dwell_variance=np.vstack([before, np.full((k, m), reading)]),
+        zero_variance=campaign.zero_variances,
+        reference=np.concatenate([campaign.reference_of, n + np.arange(k)]),
+        u_visit=np.vstack(visits),
+        counted=None,
+        angles=None,
+    )

@@ -1,0 +1,292 @@
+"""Reading a calibration folder: dwells averaged, visits told apart, wrapped counters undone, channels that do not move refused."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.calibration.campaign.dwells import mean_variance, pooled_scatter
+from lmeasure.core import CalibrationError, FileFormatError, FloatArray, GeometryError, IntArray, conventions
+from lmeasure.io import Column, files, gathered, no_folder
+from lmeasure.recording import read_pose_table, read_poses
+from lmeasure.rig import AngleEncoder, Cable, Drum, Input, Turned, read_rig
+from lmeasure.sensors import ARM_MM, REFERENCE_C, counts_from_poses
+
+_REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
+MIN_POSES = 2
+STILL_MM = 1.0  # beyond it the counts of a dwell are not of a robot that stands still
+
+
+def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> Campaign:
+    """Read rig.toml (nominal), reference_poses.csv, whose columns may be stated, and counts.csv; FileFormatError or CalibrationError names
+    file, pose and channel.
+
+    Rows of one pose that follow one another are readings of one dwell and are averaged; a pose that comes again later is another visit.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileFormatError(f"{folder}: is not a calibration folder{no_folder(folder, 'reference_poses.csv')}")
+    rig = read_rig(folder / "rig.toml")
+    poses = read_poses(folder / "reference_poses.csv", rig.angles, columns, positions_alone=True)
+    inputs = tuple(Input(file=name, sha256=files.sha256(folder / name)) for name in ("rig.toml", "reference_poses.csv", "counts.csv"))
+    path = folder / "counts.csv"
+    table = files.read_table(path)
+    names = table.text("pose")
+    if not names:
+        raise FileFormatError(f"{path}: has no rows")
+    index = {name: i for i, name in enumerate(poses.names)}
+    lost = [(row + 2, name) for row, name in enumerate(names) if name not in index]
+    if lost:
+        raise gathered(str(path), [f"{path}:{line}: pose: {name!r} is not in reference_poses.csv" for line, name in lost])
+    passage = table.numbers("pass") if "pass" in table.columns else np.ones(len(names))
+    measured = tuple(c for c in rig.observed if c.passage in set(passage.tolist()))
+    if not any(isinstance(c, Cable) for c in measured):
+        raise FileFormatError(f"{path}: no cable of the rig belongs to pass {passage[0]:g}")
+    # a drum without a column is an error; what an encoder shows is more than what was always needed
+    cables = tuple(c for c in measured if isinstance(c, Cable) or c.channel in table.columns)
+    unread = dict.fromkeys(c.channel for c in measured if c not in cables)
+    notes = tuple(f"encoder {channel}: counts.csv has no column of it; nothing is told of it" for channel in unread)
+    pose_of = np.array([index[name] for name in names])
+    visit_of = _visits(pose_of, passage)
+    stated = read_pose_table(folder / "reference_poses.csv", rig.angles, columns)
+    warm = _temperatures(stated, table, pose_of)
+    # each pose's first visit in the order of reference_poses.csv, later ones behind
+    again = sorted({(v, i) for v, i in zip(visit_of.tolist(), pose_of.tolist(), strict=True) if v})
+    place = {(0, i): i for i in range(len(poses))} | {key: len(poses) + n for n, key in enumerate(again)}
+    counts, zero = np.full((len(place), len(cables)), np.nan), np.zeros(len(cables), dtype=np.int64)
+    counted = np.zeros(counts.shape, dtype=np.int64)
+    variance, at_zero, dwelt = np.full(counts.shape, 1.0 / 12.0), np.zeros(len(cables)), False
+    temperature = np.full(counts.shape, REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c)
+    for j, c in enumerate(cables):
+        recorded = table.numbers(c.channel, gaps=True)
+        rows = np.flatnonzero(passage == c.passage)
+        drum = rig.counter(c)
+        readings = {}
+        for i in dict.fromkeys(place[visit_of[row], pose_of[row]] for row in rows.tolist()):
+            own = [row for row in rows.tolist() if place[visit_of[row], pose_of[row]] == i and np.isfinite(recorded[row])]
+            if own:
+                what = f"{path}:{own[0] + 2}: channel {c.channel}"
+                if drum.codes is not None and not ((recorded[own] >= 0) & (recorded[own] < drum.codes)).all():
+                    raise FileFormatError(f"{what}: {recorded[own[0]]:g} is no code of an absolute encoder of 0 .. {drum.codes - 1}")
+                readings[i] = _dwell(recorded[own], drum, what)
+                counted[i, j] = own[0]
+                if warm is not None:
+                    temperature[i, j] = warm[own].mean()
+        scatter = pooled_scatter(list(readings.values()))
+        for i, values in readings.items():
+            counts[i, j] = values.mean() * drum.count_sign / drum.scale
+            variance[i, j] = mean_variance(scatter, len(values))
+            dwelt = dwelt or len(values) > 1
+        zero[j] = place[visit_of[rows[0]], pose_of[rows[0]]]
+        if drum.codes is not None:
+            continue
+        read = readings.get(int(zero[j]), np.zeros(1))
+        if not (drum.zero_exact and not read.any()) or (scatter > 0.0 and len(read) > 1):
+            at_zero[j] = variance[zero[j], j]
+        if not np.isfinite(counts[zero[j], j]):
+            raise FileFormatError(f"{path}:{rows[0] + 2}: channel {c.channel} has no count at its zero pose {names[rows[0]]!r}")
+    campaign = Campaign(
+        rig,
+        poses,
+        cables,
+        counts,
+        zero,
+        inputs,
+        notes,
+        temperature_c=None if warm is None else temperature,
+        dwell_variance=variance if dwelt else None,
+        zero_variance=at_zero if dwelt else None,
+        u_visit=_repeatability(stated),
+        counted=counted,
+        angles=_angles(stated, conventions.convention(rig.angles).columns),
+    )
+    return _unwrapped(_checked(_with_visits(campaign, again), path))
+
+
+def _visits(poses: IntArray, passage: FloatArray) -> IntArray:
+    """(r,) number of the visit, from 0, of its pose (r,) that each row of counts belongs to; passes are visits of their own motion."""
+    visit = np.zeros(len(poses), dtype=np.int64)
+    for p in np.unique(passage):
+        rows = np.flatnonzero(passage == p)
+        seen: dict[int, int] = {}
+        for before, row in zip([-1, *rows[:-1].tolist()], rows.tolist(), strict=True):
+            i = int(poses[row])
+            if before < 0 or int(poses[before]) != i:
+                seen[i] = seen.get(i, -1) + 1
+            visit[row] = seen[i]
+    return visit
+
+
+def _temperatures(stated: files.Table, counts: files.Table, pose_of: IntArray) -> FloatArray | None:
+    """(r,) temperature at which each row of counts was read: its own, or that stated for its reference pose; None where neither is."""
+    name = "temperature_c"
+    of_poses = _column(stated, name)
+    if name not in counts.columns:
+        return None if of_poses is None else of_poses[pose_of]
+    if of_poses is not None:
+        raise FileFormatError(f"{counts.path}: has {name!r}, and so has {stated.path.name}; one of them says how warm it was")
+    values = counts.numbers(name)
+    conventions.check_temperature(values, f"{counts.path}: column {name!r}")
+    return values
+
+
+def _dwell(recorded: FloatArray, drum: Drum | AngleEncoder, what: str) -> FloatArray:
+    """The readings of one dwell, a wrap among them undone; FileFormatError where the robot cannot have stood still."""
+    change = recorded - recorded[0]
+    full = drum.codes if drum.codes is not None else None if drum.counter_bits is None else 2.0**drum.counter_bits
+    if full is not None:
+        change = change - full * np.rint(change / full)
+    at_mm = 1.0 if isinstance(drum, Drum) else ARM_MM
+    moved = float(change.max() - change.min()) * drum.per_count / drum.scale * at_mm
+    if moved > STILL_MM:
+        raise FileFormatError(
+            f"{what}: moves {moved:.3g} mm between readings of one dwell; a robot that stands still moves less than {STILL_MM:g}"
+        )
+    return np.asarray(recorded[0] + change)
+
+
+def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
+    """The campaign with a pose for every visit: later visits repeat the pose that they return to, and share its error."""
+    if not again:
+        return campaign
+    order = np.array([*range(len(campaign.poses)), *(i for _, i in again)], dtype=np.int64)
+    poses = campaign.poses
+    names = (*poses.names, *(f"{poses.names[i]} (visit {v + 1})" for v, i in again))
+    own = campaign.u_visit
+    every = replace(poses.of(order), names=names)
+    note = f"{len(again)} later visit(s) of a pose share its error"
+    if own is None:
+        note += "; no u_repeatability_mm is stated: the robot is taken to come back exactly"
+    return replace(
+        campaign,
+        poses=every,
+        reference=order,
+        u_visit=None if own is None else own[order],
+        angles=None if campaign.angles is None else campaign.angles[order],
+        notes=(*campaign.notes, note),
+    )
+
+
+def _angles(table: files.Table, columns: tuple[str, ...]) -> FloatArray | None:
+    """(n, 3) the angles as the table has them, or None without them."""
+    return np.column_stack([table.numbers(name) for name in columns]) if set(columns) <= set(table.columns) else None
+
+
+def _column(table: files.Table, name: str) -> FloatArray | None:
+    """(n,) a column of the reference poses, or None without it."""
+    if name not in table.columns:
+        return None
+    values = table.numbers(name)
+    if name == "temperature_c":
+        conventions.check_temperature(values, f"{table.path}: column {name!r}")
+    elif (values < 0).any():
+        raise FileFormatError(f"{table.path}: column {name!r}: a standard uncertainty is negative")
+    return values
+
+
+def further_columns(folder: Path, new: int) -> dict[str, FloatArray]:
+    """What the reference poses of a folder state beside their covariances, with `new` poses more: the robot is taken to come to them no
+    better than to any other; their temperatures nobody knows yet (NaN)."""
+    stated, out = files.read_table(Path(folder) / "reference_poses.csv"), {}
+    for name in (*_REPEATABILITY, "temperature_c"):
+        values = _column(stated, name)
+        if values is not None:
+            out[name] = np.concatenate([values, np.full(new, np.nan if name == "temperature_c" else values.max())])
+    return out
+
+
+def _repeatability(stated: files.Table) -> FloatArray | None:
+    """(n, 6) standard deviations (rotation [rad]; position [mm]) with which the robot comes to a pose, or None where none is stated."""
+    place, turn = (_column(stated, name) for name in _REPEATABILITY)
+    if place is None and turn is None:
+        return None
+    n = len(place if place is not None else turn if turn is not None else ())
+    parts = [np.zeros(n) if turn is None else np.radians(turn), np.zeros(n) if place is None else place]
+    return np.repeat(np.column_stack(parts), 3, axis=1)
+
+
+STILL_PART = 0.1
+"""Of the way between poses: a cable that the nominal rig lets change by less may well not have changed at all."""
+
+
+def _checked(campaign: Campaign, path: Path) -> Campaign:
+    notes = []
+    for j, c in enumerate(campaign.cables):
+        counted = int(np.isfinite(campaign.counts[:, j]).sum())
+        if counted < MIN_POSES:
+            raise CalibrationError(f"{path}: channel {c.channel} is counted at {counted} pose(s); {MIN_POSES} are the least")
+        if isinstance(c, Turned):
+            _check_turning(campaign, j, f"{path}: channel {c.channel}")
+            continue
+        if campaign.counts[:, j][campaign.used[:, j]].any():
+            continue
+        drum = campaign.rig.point(c.from_point).drum
+        try:
+            change = float(np.nanmax(np.abs(_predicted(campaign, j)))) * drum.count_length_mm / drum.scale
+        except GeometryError:
+            change = np.inf
+        way = float(np.linalg.norm(campaign.poses.rows[:, :3] - campaign.poses.rows[campaign.zero[j], :3], axis=1).max())
+        if not drum.braked and change > STILL_PART * way:
+            raise CalibrationError(
+                f"{path}: channel {c.channel} does not move: all its counts are zero, where the nominal rig has its cable change by "
+                f"{change:.3g} mm; if its winch stood still, say braked = true in its drum"
+            )
+        notes.append(f"channel {c.channel}: all its counts are zero; its cable is taken to have kept its length")
+    return replace(campaign, notes=(*campaign.notes, *notes)) if notes else campaign
+
+
+LEAST_TURN = math.radians(1.0)
+
+
+def _check_turning(campaign: Campaign, j: int, what: str) -> None:
+    """CalibrationError where an encoder shows one count alone, and should turn by the nominal rig."""
+    if np.nanmax(campaign.counts[:, j]) > np.nanmin(campaign.counts[:, j]):
+        return
+    try:
+        turn = (
+            float(np.ptp(_predicted(campaign, j)[np.isfinite(campaign.counts[:, j])])) * campaign.rig.counter(campaign.cables[j]).per_count
+        )
+    except GeometryError:
+        return
+    if turn > LEAST_TURN:
+        raise CalibrationError(
+            f"{what} does not move: all its counts are {np.nanmax(campaign.counts[:, j]):g}, where the nominal rig has its angle change by "
+            f"{math.degrees(turn):.3g} deg; leave its column out if the encoder is dead"
+        )
+
+
+def _predicted(campaign: Campaign, j: int) -> FloatArray:
+    """(n,) counts of the j-th cable at the reference poses by the nominal rig; GeometryError where it cannot run there."""
+    warm = campaign.temperature_c
+    own = None if warm is None else warm[:, j]
+    begun = None if own is None else float(own[campaign.zero[j]])
+    at_zero = campaign.poses.rows[campaign.zero[j]]
+    return counts_from_poses(
+        campaign.rig, campaign.poses.rows, at_zero, (campaign.cables[j],), temperature_c=own, zero_temperature_c=begun
+    )[:, 0]
+
+
+def _unwrapped(campaign: Campaign) -> Campaign:
+    """Counters that wrap between poses: the number of turns of the register that comes nearest to the nominal rig's prediction."""
+    counts = campaign.counts.copy()
+    notes = []
+    for j, c in enumerate(campaign.cables):
+        drum = campaign.rig.counter(c)
+        if drum.counter_bits is None or drum.counter_bits > 32:
+            continue
+        full = 2.0**drum.counter_bits / drum.scale
+        if not np.nanmax(np.abs(counts[:, j])) > full / 4:
+            continue
+        try:
+            predicted = _predicted(campaign, j)
+        except GeometryError:
+            continue
+        turns = np.rint((predicted + counts[campaign.zero[j], j] - counts[:, j]) / full)
+        turns[campaign.zero[j]] = 0
+        if np.nansum(np.abs(turns)) > 0:
+            notes.append(f"channel {c.channel}: {drum.counter_bits}-bit counter unwrapped between poses by the nominal rig's prediction")
+            counts[:, j] += turns * full
+    return replace(campaign, counts=counts, notes=(*campaign.notes, *notes))

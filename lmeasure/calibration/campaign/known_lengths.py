@@ -1,0 +1,81 @@
+"""Known distances between poses that are found with the rig: the length that a self-calibration takes its scale from.
+
+A rig, its poses and its counts' lengths made larger together change hardly a residual, so that a distance D of uncertainty u adds what
+the fit does not tell. With g the derivatives of the distance by all unknowns and C their covariance, k = C g / (g'C g + u^2), the unknowns
+move by k (D - d) and what they err by becomes (I - k g') of what it was, and k u (the linear least squares of both, in Joseph's form).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from lmeasure.calibration.solve.unknowns import Model
+from lmeasure.core import CalibrationError, FloatArray
+from lmeasure.estimation import Fit
+from lmeasure.rig import Finding
+
+STEPS = 4
+SHIFTS = (3, 4, 5)
+CONTRADICTED = 4.0  # standard uncertainties
+
+
+class Distance(NamedTuple):
+    """A known distance of the tool's origin at two poses, by their names, and its standard uncertainty [mm]."""
+
+    a: str
+    b: str
+    mm: float
+    u_mm: float
+
+
+def with_distances(model: Model, found: Fit, distances: Sequence[Distance]) -> tuple[Fit, list[Finding]]:
+    """The fit with known distances taken into account, one after the other, and what each was off by before.
+
+    CalibrationError where poses are not found with the rig, or have not these names.
+    """
+    findings = []
+    for asked in distances:
+        found, off, u = _conditioned(model, found, asked)
+        text = f"the distance of {asked.a} and {asked.b} was {off:+.4g} mm off what is known of it (u {u:.3g} of both)"
+        findings.append(Finding(code="misfit" if abs(off) > CONTRADICTED * u else "note", text=text, value=off))
+    return found, findings
+
+
+def distance_of(model: Model, theta: FloatArray, asked: Distance) -> tuple[float, FloatArray]:
+    """The distance [mm] when the unknowns are theta (P,), and its derivatives by them (P,)."""
+    if not set(SHIFTS) <= set(model.free.tolist()):
+        raise CalibrationError("--distance: goes with --self: poses that are known tell their distances by themselves")
+    names, at = model.campaign.poses.names, []
+    for name in (asked.a, asked.b):
+        if name not in names or names.index(name) not in model.at:
+            raise CalibrationError(f"--distance: {name!r} is none of the counted poses ({', '.join(names[:6])}, ...)")
+        at.append(names.index(name))
+    rows = model.poses(theta)
+    way = rows[at[1], :3] - rows[at[0], :3]
+    length = float(np.linalg.norm(way))
+    if not length > 0.0:
+        raise CalibrationError(f"--distance: {asked.a} and {asked.b} are one pose")
+    g, free = np.zeros(len(theta)), model.free.tolist()
+    for i, sign in zip(at, (-1.0, 1.0), strict=True):
+        begin = model.own + len(free) * int(np.flatnonzero(model.at == i)[0])
+        g[[begin + free.index(c) for c in SHIFTS]] += sign * way / length
+    return length, g
+
+
+def _conditioned(model: Model, found: Fit, asked: Distance) -> tuple[Fit, float, float]:
+    assert found.eliminated is not None
+    follows, held = found.eliminated
+    before, g = distance_of(model, found.theta, asked)
+    u = float(np.sqrt(g @ found.covariance @ g + asked.u_mm**2))
+    k, theta = found.covariance @ g / u**2, found.theta
+    for _ in range(STEPS):
+        length, g = distance_of(model, theta, asked)
+        theta = found.theta + k * (asked.mm - length - g @ (found.theta - theta))
+    follows, held = follows - np.outer(k, g @ follows), np.column_stack([held - np.outer(k, g @ held), k * asked.u_mm])
+    residuals, covariance = model.residuals(theta), follows @ found.V @ follows.T + held @ held.T
+    fit = replace(
+        found, theta=theta, residuals=residuals, covariance=np.asarray((covariance + covariance.T) / 2), eliminated=(follows, held)
+    )
+    return fit, before - asked.mm, u

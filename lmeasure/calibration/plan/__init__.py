@@ -1,0 +1,1 @@
+"""Choose the reference poses that determine a rig best."""

@@ -1,0 +1,157 @@
+"""What counts at a pose would tell: what `estimation.information` sums, for a rig's cables.
+
+What errs at the zero pose is shared by all equations of its cables: the pose, the robot's way of coming to it, where within a count the
+counters were zeroed. These shared errors of the cables are L eta, L L^T their covariance; a pose's own are diag(counts) + P_c U P_c^T.
+Poses already recorded may share more than that (visits, several zero poses); with K the covariance of their errors with eta they bring
+[J W, K]^T (V - K K^T)^{-1} [J W, K], W the prior widths. Temperature, stretch and sag are left out: what is uncertain in them no choice
+of poses cures.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.calibration.campaign.campaign import Campaign, extended
+from lmeasure.calibration.solve.residuals import parameters_of
+from lmeasure.calibration.solve.unknowns import Model
+from lmeasure.core import BoolArray, CalibrationError, FloatArray, IntArray
+from lmeasure.estimation import Parameters, blocks
+from lmeasure.kernels import counts_from_changes, length_gradients, span_lengths, span_rows
+from lmeasure.recording import poses_from_rows
+from lmeasure.rig import Cable, Observed, Rig, parameter_names
+from lmeasure.sensors import ARM_MM, count_variance, counts_from_poses, phase_columns
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Where the counters are zeroed: rows (z, 7) of distinct poses, of (m,) which of them each cable has, and a root (m, r) of the
+    covariance [mm^2] of what the cables' residuals err by there."""
+
+    rows: FloatArray
+    of: IntArray
+    root: FloatArray
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """Channels (m) as the kernels have them, at the rig's own values: rows, decoding scales, millimetres per unit of a residual, whether
+    they count since the zero pose, which of whose parameters is which unknown (channel, parameter, unknown), and the unknowns' prior widths
+    (p,) in the kernels' units."""
+
+    rows: FloatArray
+    scales: FloatArray
+    per_unit: FloatArray
+    since: BoolArray
+    place: tuple[IntArray, IntArray, IntArray]
+    width: FloatArray
+
+
+def _channels(rig: Rig, cables: tuple[Observed, ...], unknowns: Parameters) -> _Channels:
+    number = {name: i for i, name in enumerate(unknowns.names)}
+    where = np.array([[number.get(name, -1) for name in own] for own in parameter_names(rig, cables)])
+    channel, parameter = np.nonzero(where >= 0)
+    lost = sorted({unknowns.names[i].rpartition(".")[2] for i in set(range(len(unknowns.names))) - set(where.ravel().tolist())})
+    if lost:
+        raise CalibrationError(f"--solve: {', '.join(lost)}: calibrate finds it, plans do not reckon with it")
+    unit = np.array([math.radians(1.0) if name.endswith("_deg") else 1.0 for name in unknowns.names])
+    return _Channels(
+        rig.cable_rows(cables),
+        rig.scales(cables),
+        np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in cables]),
+        np.array([rig.counter(c).codes is None for c in cables], dtype=np.bool_),
+        (channel, parameter, where[channel, parameter]),
+        unit * unknowns.width,
+    )
+
+
+class Instrument:
+    """A rig about to be calibrated: its measured cables (m), the unknowns (p) and the noise of a reference pose.
+
+    sigma, visit (6,): standard uncertainties (rotations [rad]; coordinates [mm]) of a pose to be measured, and of the robot's coming to it
+    anew in every pass. Everything is linearised at the rig's own values.
+    """
+
+    def __init__(self, rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...], sigma: FloatArray, *, visit: FloatArray) -> None:
+        self.rig, self.cables, self.sigma, self.visit = rig.without_effects(), cables, sigma, visit
+        self._passage = np.array([c.passage for c in cables])
+        self.unknowns: Parameters = parameters_of(self.rig, cables, solve)
+        self._known: dict[tuple[Observed, ...], _Channels] = {}
+        self._own = own = self._channels(cables)
+        self._variance, self._phases = count_variance(rig, cables) * own.per_unit**2, phase_columns(self.rig, cables)
+
+    def zero(self, row: FloatArray) -> Zero:
+        """All counters zeroed at one pose (7,), known as well as any other, each anywhere within a count unless its zero is exact. Absolute
+        encoders count from no pose."""
+        per_unit = np.where(self._own.since, self._own.per_unit, 0.0)[:, None]
+        P = span_rows(self._own.rows, row) * per_unit
+        phases = self._phases * per_unit
+        anew = [np.where((self._passage == n)[:, None], P * self.visit, 0.0) for n in np.unique(self._passage) if self.visit.any()]
+        shared = np.hstack([P * self.sigma, *anew, phases])
+        return Zero(row[None, :], np.zeros(len(self.cables), np.int64), _root(shared @ shared.T)[1])
+
+    def gradients(self, rows: FloatArray, zero: FloatArray, of: IntArray, cables: tuple[Observed, ...]) -> FloatArray:
+        """(n, m, p) derivatives of modelled less measured changes [mm] at usable poses rows (n, 7), since the zero poses zero (z, 7) that
+        of (m,) names, by the unknowns in units of their prior widths."""
+        known = self._channels(cables)
+        every, j = np.ascontiguousarray(np.vstack([zero, rows])), np.arange(len(cables))
+        lengths = span_lengths(known.rows, every)
+        counts = counts_from_changes(known.rows, lengths - np.where(known.since, lengths[of, j], 0.0))
+        g = length_gradients(known.rows, every, counts, known.scales) * known.per_unit[:, None]
+        g = g[len(zero) :] - np.where(known.since[:, None], g[of, j], 0.0)
+        out = np.zeros((len(rows), len(cables), len(known.width)))
+        channel, parameter, unknown = known.place
+        out[:, channel, unknown] = g[:, channel, parameter]
+        return np.where(np.isfinite(out), out, 0.0) * known.width
+
+    def _channels(self, cables: tuple[Observed, ...]) -> "_Channels":
+        if cables not in self._known:
+            self._known[cables] = _channels(self.rig, cables, self.unknowns)
+        return self._known[cables]
+
+    def blocks(self, rows: FloatArray, zero: Zero) -> FloatArray:
+        """(n, m, p + r) the matrices A_c of usable poses rows (n, 7)."""
+        n, m = len(rows), len(self.cables)
+        A = np.concatenate(
+            [self.gradients(rows, zero.rows, zero.of, self.cables), np.broadcast_to(zero.root, (n, *zero.root.shape))], axis=2
+        )
+        if not (self.sigma.any() or self.visit.any()):
+            return blocks(A, self._variance)
+        P = np.array([span_rows(self._own.rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6)
+        P *= self._own.per_unit[:, None]
+        stated, anew = ((P * u**2) @ P.transpose(0, 2, 1) for u in (self.sigma, self.visit))
+        V = np.diag(self._variance) + stated + np.where(self._passage[:, None] == self._passage, anew, 0.0)
+        return blocks(A, V)
+
+    def predicted(self, campaign: Campaign) -> Campaign:
+        """The campaign with the counts that the rig predicts at its poses, not rounded; gaps and zero poses are as they are."""
+        counts, rows = np.full(campaign.counts.shape, np.nan), campaign.poses.rows
+        for j, c in enumerate(self.cables):
+            counted = np.isfinite(campaign.counts[:, j])
+            counts[counted, j] = counts_from_poses(self.rig, rows[counted], rows[campaign.zero[j]], (c,))[:, 0]
+        return replace(campaign, rig=self.rig, cables=self.cables, counts=counts, zero_variance=campaign.zero_variances)
+
+    def recorded(self, campaign: Campaign) -> tuple[FloatArray, Zero]:
+        """(p + m, p + m) information of poses already counted, without the prior, and their zero poses."""
+        m, theta = len(self.cables), self.unknowns.nominal
+        distinct, of = np.unique(campaign.zero, return_inverse=True)
+        # the residuals of exact poses at the zero poses, read exactly, are what errs there
+        exact = poses_from_rows(campaign.poses.rows[distinct], [f"zero {i}" for i in distinct])
+        probes = np.where(of == np.arange(len(distinct))[:, None], 0.0, np.nan)
+        model = Model(extended(self.predicted(campaign), exact, probes, reading=0.0), self.unknowns)
+        V = model.measurement_covariance(theta)
+        own = model.pose_index < len(campaign.poses)
+        probe = np.flatnonzero(~own)[np.argsort(model.cable_index[~own])]
+        vectors, root = _root(V[np.ix_(probe, probe)])
+        scale = np.linalg.norm(root, axis=0)
+        known = scale > 1e-9 * max(float(scale.max()), 1e-300)
+        K = V[np.ix_(own, probe)] @ (vectors * np.where(known, 1.0 / np.where(known, scale, 1.0), 0.0))
+        A = np.hstack([model.jacobian(theta)[own] * self.unknowns.width, K])
+        M = A.T @ np.linalg.solve(V[np.ix_(own, own)] - K @ K.T, A)
+        return np.asarray(M + M.T) / 2, Zero(campaign.poses.rows[distinct], of.astype(np.int64), root.reshape(m, m))
+
+
+def _root(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m, m) eigenvectors of a covariance (m, m), and scaled to its root: as few columns as there are cables, whatever it is made of."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors), np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,0 +1,84 @@
+"""What a campaign tells of dimensions that are not solved but stated to be uncertain: length of a count, pitch of a groove, attachments.
+
+In the least squares they are errors of the residuals, r = r(theta) + C z with z of unit variance, so that V = R + C C'. At the optimum the
+residuals that remain tell z as well: its conditional mean is -C' V^-1 r, and with K the gain of the fit (Henderson, Biometrics 31, 1975)
+
+    cov(z) = I - C' V^-1 (I - J K) C,        cov(theta, z) = -K C        (true less found),
+
+which is what solving for them with their stated uncertainties as priors would give. The calibrated rig has these values, or what the points
+were given to make up for a wrong drum would be left without it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.calibration.solve.unknowns import Model
+from lmeasure.core import FloatArray
+from lmeasure.estimation import Fit
+from lmeasure.rig import Dimension, Rig, value_of, with_values
+from lmeasure.sensors import DIMENSIONS
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """Names (s) and corrections (s,) of dimensions, their stated standard uncertainties (s,), covariance (s, s) and that with the fit's
+    values of the rig (p, s), in the units of the names; residuals (e,) of the fit with the corrections [mm]."""
+
+    names: tuple[str, ...]
+    correction: FloatArray
+    stated: FloatArray
+    covariance: FloatArray
+    with_values: FloatArray
+    residuals: FloatArray
+
+    def entries(self, rig: Rig) -> tuple[Dimension, ...]:
+        """For the record; rig has the corrected values."""
+        u = np.sqrt(np.diag(self.covariance))
+        return tuple(
+            Dimension(
+                name=name,
+                value=value_of(rig, name) or 0.0,
+                u=float(u[i]),
+                prior_u=float(self.stated[i]),
+                covariance=tuple(map(float, [*self.with_values[:, i], *self.covariance[:, i]])),
+            )
+            for i, name in enumerate(self.names)
+        )
+
+
+def dimensions_of(model: Model, found: Fit) -> Dimensions:
+    """What a fit tells of the dimensions that its rig states to be uncertain, none where it states none.
+
+    Where the residuals are larger than anything explains they are not believed to tell it: nothing is corrected.
+    """
+    listed = [(name, v.u, v.kind in DIMENSIONS) for v in model.unsolved.variables for name in v.names]
+    mine = [i for i, (_, _, dimension) in enumerate(listed) if dimension]
+    u = np.array([listed[i][1] for i in mine])
+    names = tuple(listed[i][0] for i in mine)
+    if not names:
+        return Dimensions((), u, u, np.empty((0, 0)), np.empty((model.own, 0)), found.residuals)
+    C = model.unsolved_shifts(found.theta)[:, mine]
+    follows = found.gain @ C
+    z, covariance = np.zeros(len(u)), np.eye(len(u))
+    if found.excess == 1.0:
+        z = -C.T @ np.linalg.solve(found.V, found.residuals)
+        left = C - found.jacobian @ follows
+        covariance = covariance - C.T @ np.linalg.solve(found.V, left)
+        covariance = _possible(found.covariance[: model.own, : model.own], -follows[: model.own], (covariance + covariance.T) / 2)
+    return Dimensions(names, u * z, u, covariance * np.outer(u, u), -follows[: model.own] * u, found.residuals + C @ z)
+
+
+def _possible(T: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
+    """Z (s, s), widened where rounding or a direction that only a prior holds leaves [[T, X], [X', Z]] no covariance."""
+    width = np.sqrt(np.maximum(np.diag(T), 1e-300))
+    least = (X / width[:, None]).T @ np.linalg.pinv(T / np.outer(width, width), hermitian=True) @ (X / width[:, None])
+    values, vectors = np.linalg.eigh(Z - least)
+    return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def with_dimensions(rig: Rig, found: Dimensions) -> Rig:
+    """The rig with corrected dimensions."""
+    if not found.names:
+        return rig
+    return with_values(rig, {name: (value_of(rig, name) or 0.0) + by for name, by in zip(found.names, found.correction, strict=True)})

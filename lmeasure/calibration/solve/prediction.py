@@ -1,0 +1,113 @@
+"""How well the calibrated rig predicts lengths and poses over its workspace: what matters, where B alone misleads."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.core import FloatArray
+from lmeasure.kernels import pose_covariances, span_lengths, span_rows_of
+from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
+from lmeasure.sensors import (
+    CAMPAIGN,
+    Taken,
+    Warmth,
+    cable_covariance,
+    channel_names,
+    counts_from_poses,
+    effects_of,
+    exact,
+    further_solved,
+    length_gradients_since,
+    zero_at,
+)
+from lmeasure.sensors import taken_as_exact as unsolved_taken_as_exact
+
+SAMPLES_LOG2 = 8
+TAKEN_AT = 64  # poses at most at which what is taken as exact is looked at
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Standard uncertainties from the calibration alone, at (n, 7) poses of the workspace.
+
+    length_mm (n, m): of the change of each cable since the zero pose; pose (n, 6): of the tool's origin [mm] and rotation [rad], empty
+    (n, 0) when the cables do not make a pose.
+    """
+
+    rows: FloatArray
+    length_mm: FloatArray
+    pose: FloatArray
+
+
+def workspace(campaign: Campaign, seed: int) -> FloatArray:
+    """(n, 7) poses spread over the box of the reference poses (Sobol), each with the orientation of one of them."""
+    rows = campaign.poses.rows
+    unit = qmc.Sobol(4, scramble=True, rng=np.random.default_rng([seed, 3])).random_base2(SAMPLES_LOG2)
+    low, high = rows[:, :3].min(axis=0), rows[:, :3].max(axis=0)
+    which = (unit[:, 3] * len(rows)).astype(np.int64)
+    return np.column_stack([low + unit[:, :3] * (high - low), rows[which, 3:]])
+
+
+def taken_as_exact(campaign: Campaign, rig: Rig, record: CalibrationRecord, rows: FloatArray) -> tuple[Taken, ...]:
+    """What nobody stated and nothing has solved, and what usual sizes of it would add to the tool's place at (n, 7) poses of the workspace;
+    to all lengths together where the cables do not make a pose."""
+    cables, kernel_rows, start = campaign.drums, rig.cable_rows(campaign.drums), campaign.poses.rows[campaign.zero[0]]
+    rows = np.ascontiguousarray(rows[:: -(-len(rows) // TAKEN_AT)])
+    counts = counts_from_poses(rig.without_effects(), rows, start, cables)
+    m = len(cables)
+    if m == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
+        twists = np.linalg.inv(span_rows_of(kernel_rows, rows))
+    else:
+        twists = np.broadcast_to(np.vstack([np.zeros((3, m)), np.eye(m)]), (len(rows), 3 + m, m))
+    warm = None if campaign.temperature_c is None else campaign.temperature_c[:, :m][np.isfinite(campaign.counts[:, :m])]
+    effects = effects_of(rig, cables)
+    warmth = Warmth(
+        record.temperature_c,
+        None if warm is None else float(warm.min()),
+        None if warm is None else float(warm.max()),
+        effects is not None and effects.thermal,
+        CAMPAIGN,
+    )
+    variables = exact(rig, cables, record.names)
+    return unsolved_taken_as_exact(
+        rig, variables, kernel_rows, zero_at(start, m, 0.0), poses=rows, counts=counts, twists=twists, warmth=warmth, cables=cables
+    )
+
+
+def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int = 0, *, solved: bool = False) -> Prediction:
+    """Propagate the record's covariance, and that of dimensions which the rig states and nothing solved, to lengths and poses over the
+    reference poses' workspace; counters zeroed at the zero pose. solved: the covariance of the record's parameters alone."""
+    rows = workspace(campaign, seed)
+    cables = campaign.drums
+    zero = campaign.poses.rows[campaign.zero[0]]
+    kernel_rows, scales = rig.cable_rows(cables), rig.scales(cables)
+    lengths = span_lengths(kernel_rows, rows)
+    rows = rows[np.isfinite(lengths).all(axis=1)]
+    counts = counts_from_poses(rig, rows, zero, cables)
+    wide = further_solved(record)
+    g = length_gradients_since(rig, cables, zero, rows, counts=counts, wide=wide)
+    names = channel_names(rig, cables, wide=wide)
+    covariance = record.cable_covariance(names) if solved else cable_covariance(rig, record, cables, wide=wide)
+    width = g.shape[2]
+    u = np.empty(g.shape[:2])
+    for j in range(len(cables)):
+        own = covariance[j * width : (j + 1) * width, j * width : (j + 1) * width]
+        u[:, j] = np.sqrt(np.maximum(np.einsum("na,ab,nb->n", g[:, j], own, g[:, j]), 0.0))
+    pose = np.empty((len(rows), 0))
+    if len(cables) == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
+        if wide:
+            return Prediction(rows, u, _of_poses(kernel_rows, rows, g, covariance))
+        _, systematic = pose_covariances(kernel_rows, zero, np.ascontiguousarray(rows), counts, scales, np.zeros(len(cables)), covariance)
+        pose = np.sqrt(np.maximum(np.einsum("nii->ni", systematic), 0.0))[:, [3, 4, 5, 0, 1, 2]]
+    return Prediction(rows, u, pose)
+
+
+def _of_poses(kernel_rows: FloatArray, rows: FloatArray, g: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(n, 6) standard uncertainties of tool's origin and rotation at (n, 7) poses whose m lengths err by g (n, m, w) per parameter."""
+    n, m, width = g.shape
+    every = np.zeros((n, m, m, width))
+    every[:, np.arange(m), np.arange(m)] = g
+    by = np.linalg.inv(span_rows_of(kernel_rows, np.ascontiguousarray(rows))) @ every.reshape(n, m, m * width)
+    return np.asarray(np.sqrt(np.maximum(np.einsum("nia,ab,nib->ni", by, covariance, by), 0.0))[:, [3, 4, 5, 0, 1, 2]])

@@ -1,0 +1,105 @@
+"""A motion as a campaign: samples of a run spread over where it went, at poses that nobody knows but about."""
+
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.core import CalibrationError, FloatArray, IntArray, se3
+from lmeasure.io import files
+from lmeasure.recording import Poses, Run, StatedStart, read_run
+from lmeasure.rig import CABLES_FOR_A_POSE, Inclination, Input, Rig, Swivel, Turned
+from lmeasure.sensors import Lengths, cable_lengths, follow, lengths_from_counts, rig_inclination, swivel_angle
+
+SAMPLES = 40
+FOLLOWED = 4000
+"""Samples at most by which the tool is followed along the run."""
+SIZE_MM = 300.0
+"""By which a turn is held against a shift where samples are spread."""
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder holds a run, and no campaign."""
+    return (folder / "run.toml").is_file() and not (folder / "reference_poses.csv").is_file()
+
+
+def read_motion(
+    folder: Path, rig: Path | None = None, start: StatedStart | None = None, *, samples: int = SAMPLES, named: tuple[str, ...] = ()
+) -> tuple[Campaign, Run]:
+    """The campaign that a run folder makes, with its rig or another one; see `campaign_of`. Raises what `read_run` raises."""
+    run = read_run(folder, rig, start)
+    sources = [folder / "run.toml", *(Path(c.source) for c in run.passes)]
+    inputs = tuple(Input(file=path.name, sha256=files.sha256(path)) for path in sources if path.is_file())
+    return campaign_of(run, samples, inputs, named), run
+
+
+def campaign_of(run: Run, samples: int = SAMPLES, inputs: tuple[Input, ...] = (), named: tuple[str, ...] = ()) -> Campaign:
+    """Samples of a run, as far from each other as can be, with the start pose before them, where the counters were zeroed. Poses are those
+    that the run's rig makes of the counts: where estimation begins, and nothing that is trusted. named: "start", or times [s] whose
+    samples are taken too, under these names.
+
+    CalibrationError where the run has no start to begin with, several passes, or too few samples that can be read.
+    """
+    rig = run.rig
+    if run.start is None:
+        raise CalibrationError(f"{run.passes[0].source}: its start is unknown: state about where it began (--start)")
+    if rig.passes > 1:
+        raise CalibrationError(f"{run.passes[0].source}: has {rig.passes} passes; a motion that calibrates has all channels in one")
+    lengths = lengths_from_counts(run)
+    whole = np.flatnonzero(np.isfinite(lengths.change_mm).all(axis=1))
+    if len(whole) < 2:
+        raise CalibrationError(f"{run.passes[0].source}: has no samples at which all channels can be read")
+    poses, rows = _followed(rig, lengths, whole, run.start)
+    own = {name: _at(name, lengths.time_s[rows], run.passes[0].source) for name in named if name != "start"}
+    chosen = np.unique(np.r_[spread(poses, samples), list(own.values())].astype(np.intp))
+    called = {place: name for name, place in own.items()}
+    counts = np.vstack([np.zeros(len(rig.observed)), lengths.counts[rows[chosen]]])
+    absolute = np.array([rig.counter(o).codes is not None for o in rig.observed])
+    counts[0, absolute] = np.nan
+    names = ("start", *(called.get(int(i), f"{lengths.time_s[rows[i]]:.3f} s") for i in chosen))
+    stated = Poses(names, np.vstack([run.start, poses[chosen]]), np.zeros(len(names)), np.zeros(len(names)))
+    return Campaign(rig, stated, rig.observed, counts, np.zeros(len(rig.observed), np.int64), inputs, free_of_play=True)
+
+
+def _at(name: str, time_s: FloatArray, source: str) -> int:
+    """The sample nearest to a time that is a name."""
+    try:
+        asked = float(name)
+    except ValueError:
+        raise CalibrationError(f"--distance: {name!r} is neither start nor a time in s of {source}") from None
+    if not time_s[0] <= asked <= time_s[-1]:
+        raise CalibrationError(f"--distance: {name} s lies outside of {source}, {time_s[0]:g} to {time_s[-1]:g} s")
+    return int(np.argmin(np.abs(time_s - asked)))
+
+
+def _followed(rig: Rig, lengths: Lengths, whole: IntArray, start: FloatArray) -> tuple[FloatArray, IntArray]:
+    """(k, 7) poses that the rig makes of samples, and which these are: by the cables alone where they tell a pose, for zeros of encoders
+    may be anywhere."""
+    rows = whole[np.unique(np.linspace(0, len(whole) - 1, FOLLOWED).astype(np.intp))]
+    channels = [*cable_lengths(rig, start)]
+    if len(rig.cable) < CABLES_FOR_A_POSE:
+        for o in rig.observed[len(rig.cable) :]:
+            assert isinstance(o, Turned)
+            e = o.encoder
+            known = {"counts_per_revolution": e.counts_per_revolution, "zero_deg": e.zero_deg or 0.0}
+            if isinstance(e, Swivel):
+                channels.append(swivel_angle(rig, e.channel, o.from_point, o.to_point, **known))  # type: ignore[arg-type]
+            elif isinstance(e, Inclination):
+                channels.append(rig_inclination(e.channel, e.axis, up=e.up, **known))  # type: ignore[arg-type]
+    found = follow(channels, lengths.change_mm[rows][:, : len(channels)], start)
+    ok = np.isfinite(found.poses[:, 0])
+    if ok.sum() < 2:
+        raise CalibrationError("the rig makes no poses of the run's counts: it, or the start, is too far from the truth")
+    return found.poses[ok], rows[ok]
+
+
+def spread(poses: FloatArray, samples: int) -> IntArray:
+    """As many of (k, 7) poses as asked, each the farthest from those before it, in order of time."""
+    here = np.column_stack([poses[:, :3], SIZE_MM * se3.displacement(poses, poses[0])[:, :3]])
+    chosen, away = [0], np.linalg.norm(here - here[0], axis=1)
+    while len(chosen) < min(samples, len(here)):
+        chosen.append(int(np.argmax(away)))
+        if not away[chosen[-1]] > 0.0:
+            break
+        away = np.minimum(away, np.linalg.norm(here - here[chosen[-1]], axis=1))
+    return np.unique(np.array(chosen, dtype=np.intp))

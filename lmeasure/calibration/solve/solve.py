@@ -1,0 +1,270 @@
+"""From a campaign to calibrated observation points: coarse solve, LP-search, descent, least squares, and an honest record."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from lmeasure.calibration.campaign.campaign import Campaign, all_visits, with_counts_of, without_poses
+from lmeasure.calibration.campaign.known_lengths import with_distances
+from lmeasure.calibration.solve.assumed_ranges import position_range
+from lmeasure.calibration.solve.dimensions import dimensions_of, with_dimensions
+from lmeasure.calibration.solve.effect_candidates import named_effects
+from lmeasure.calibration.solve.effects import solved_effects
+from lmeasure.calibration.solve.frame import model_of
+from lmeasure.calibration.solve.joint_estimation import begun_jointly, fitted_pose, solve_jointly
+from lmeasure.calibration.solve.lp_search import Box
+from lmeasure.calibration.solve.points import CalibrationSettings, Point, box_of, coarse_entry, solve_point
+from lmeasure.calibration.solve.prediction import Prediction, predict, taken_as_exact
+from lmeasure.calibration.solve.record import held_out_entry, make_record, nominal_entry, predicted_entry
+from lmeasure.calibration.solve.residuals import unknowns_of
+from lmeasure.calibration.solve.robust import down_weighted, robust_poses, weights_entry
+from lmeasure.calibration.solve.unknown_poses import counted_poses, free_components
+from lmeasure.calibration.solve.unknowns import Model, rig_with
+from lmeasure.calibration.validation import observability
+from lmeasure.calibration.validation.diagnosis import Diagnosis, diagnose
+from lmeasure.calibration.validation.findings import poses_findings, shape_findings, underdetermined, unknown_temperature
+from lmeasure.calibration.validation.guard import AgainstNominal, against_nominal
+from lmeasure.calibration.validation.hold_out import HeldOut, held_out
+from lmeasure.calibration.validation.misfit import explain_misfit
+from lmeasure.core import CalibrationError, DataFrame, FloatArray, Shown
+from lmeasure.estimation import BENT, Fit, fit, linear_objective, regions
+from lmeasure.rig import CalibrationRecord, Finding, Rig
+from lmeasure.sensors import phased
+
+Progress = Callable[[int, int], None]
+
+_WHO = ("outlier", "slip")  # findings that name a pose or a channel
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration(Shown):
+    """The calibrated rig, its record, the campaign it came from, and how well it predicts over the reference poses' workspace."""
+
+    rig: Rig
+    record: CalibrationRecord
+    campaign: Campaign
+    predicted: Prediction
+    refused: str | None = None
+    """Why the rig must not be used: it predicts lengths significantly worse than the nominal one, and nothing cured that."""
+
+    def about(self) -> dict[str, str]:
+        """As its record; refused where the rig must not be used."""
+        return self.record.about() | ({} if self.refused is None else {"refused": self.refused})
+
+    def to_frame(self) -> DataFrame:
+        """A row for each parameter."""
+        return self.record.to_frame()
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """Where the least squares of everything begin: the problem and its first fit, slips in the files, single points' solutions, and
+    the boxes in which a result is no surprise."""
+
+    model: Model
+    first: Fit
+    diagnosis: Diagnosis
+    points: list[Point]
+    searched: dict[str, list[Box]]
+
+
+def calibrate(campaign: Campaign, settings: CalibrationSettings | None = None, progress: Progress | None = None) -> Calibration:
+    """Calibrate the observation points of a campaign.
+
+    Residuals that the model cannot explain, and directions the data cannot tell, are written into the record's warnings and unobservable;
+    the result is never a bare optimum. One that predicts lengths at poses left out significantly worse than the nominal rig is tried again
+    with the nominal rig as a prior everywhere, and `refused` when that is no better. The campaign of the result has the poses found, where
+    they were unknown. CalibrationError when there is nothing to solve.
+    """
+    settings = settings or CalibrationSettings()
+    zeroed, names = campaign.poses.rows[campaign.zero[: len(campaign.drums)]], unknowns_of(campaign, settings.solve).names
+    campaign = replace(campaign, rig=phased(campaign.rig, names, zeroed, campaign.drums))
+    result, compared = _calibrated(campaign, settings, progress)
+    if result.refused is not None or compared is None or not compared.worse:
+        return result
+    if not settings.prior:
+        again, then = _calibrated(campaign, replace(settings, prior=True), progress)
+        if again.refused is None and then is not None and not then.worse:
+            text = f"without priors {compared.text()}: the nominal rig was kept as a prior everywhere, with which {then.text()}"
+            kept = Finding(code="kept_nominal", text=text, value=compared.rms_mm / compared.nominal_mm)
+            return replace(again, record=again.record.model_copy(update={"warnings": (kept, *again.record.warnings)}))
+    return replace(result, refused=compared.refusal())
+
+
+def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None) -> tuple[Calibration, AgainstNominal | None]:
+    """`calibrate`, whatever comes of it, and how it compares with the nominal rig."""
+    free = free_components(campaign, trusted=not settings.self_calibration)
+    # of poses that are unknown and were not counted nothing is found
+    whole = counted_poses(campaign) if free else campaign
+    kept_out = all_visits(whole, settings.hold_out)
+    campaign = without_poses(whole, kept_out)
+    steps = 3 if free else len({c.from_point for c in campaign.drums}) + 2
+    begun = _begun_jointly(campaign, settings, free) if free else _begun(campaign, settings, progress, steps)
+    campaign, wrong = begun.model.campaign, begun.diagnosis
+    whole = with_counts_of(campaign, whole, kept_out)
+    if progress:
+        progress(steps - 1, steps)
+    blamed = [w.channel or w.code for w in wrong.findings] if wrong.refused else []
+    explained = explain_misfit(begun.model, begun.first, blamed)
+    misfits, weights = explained.findings, None
+    if settings.robust:
+        # who contradicts the others is told as without a robust loss; how large the noise is, by the poses that it leaves
+        weighted, found, weights = robust_poses(begun.model, begun.first)
+        explained = explain_misfit(weighted, found, blamed)
+        misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
+        misfits += down_weighted(campaign, weights)
+    model, found = explained.model, explained.fit
+    found, of_lengths = with_distances(model, found, settings.distances)
+    misfits = [*misfits, *of_lengths]
+    where = regions(found, settings.seed, found.freedom if explained.estimated else None)
+    findings = [Finding(code="note", text=n) for n in campaign.notes]
+    findings += [*poses_findings(model, found), *wrong.findings, *misfits]
+    # by the stated noise: what explains residuals as noise would hide the law that they follow
+    named, shown = ([], ()) if blamed else named_effects(begun.model, begun.first)
+    findings += named
+    findings += shape_findings(campaign, model.parameters, found, begun.points, searched=begun.searched)
+    if where.bend > BENT and not len(found.silent):
+        text = (
+            f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
+            "that; lengths are told better than the values suggest"
+        )
+        findings.append(Finding(code="nonlinear", text=text, value=where.bend))
+    compared = against_nominal(model, found, begun.first)
+    judged = _held_out(whole, model, found, kept_out, settings.seed)
+    campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
+    dimensions = dimensions_of(model, found)
+    u = np.sqrt(np.maximum(np.diag(found.covariance)[: model.own], 0.0))
+    rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u=u), dimensions)
+    sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
+    silent = observability.unobservable_directions(model.parameters, found.silent, sight)
+    record = make_record(campaign, model, found, where, findings=findings, silent=silent, rig=rig, dimensions=dimensions)
+    assumed = {name.split(".")[0] for name in campaign.rig.assumed}
+    ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in begun.points if p.name in assumed]
+    predicted = predict(campaign, rig, record, settings.seed)
+    held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance.tolist()))})
+    open_directions = underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
+    taken = taken_as_exact(campaign, rig, record, predicted.rows)
+    warm = [Finding(code="temperature", text=str(t.said), value=t.mm) for t in taken if t.stated]
+    record = record.model_copy(
+        update={
+            "warnings": (*record.warnings, *open_directions, *warm, *unknown_temperature(campaign)),
+            "taken_as_exact": tuple(t.row() for t in taken),
+            "effects": solved_effects(model, found, estimated=explained.estimated),
+            "effects_shown": shown,
+            "coarse": tuple(
+                coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
+            ),
+            "ranges": tuple(
+                {"point": r.point, "low_mm": r.low.tolist(), "high_mm": r.high.tolist(), "fitting": r.fitting, "tried": r.tried}
+                for r in ranges
+                if r is not None
+            ),
+            "predicted": predicted_entry(campaign, predicted),
+            "validation": record.validation | held_out_entry(judged) | nominal_entry(compared),
+            "u_length_mm": {c.name: float(u) for c, u in zip(campaign.drums, explained.u_length_mm, strict=False) if u > 0.0},
+            "robust": {} if weights is None else weights_entry(campaign, weights),
+            "settings": asdict(settings)
+            | {"solve": list(settings.solve), "hold_out": list(settings.hold_out), "distances": [d._asdict() for d in settings.distances]},
+        }
+    )
+    if progress:
+        progress(steps, steps)
+    refused = wrong.refused
+    if refused is None and compared is None and wrong.doubtful and not free:
+        refused = "counts, poses and nominal rig contradict each other, and the poses are too few to show which of them is wrong"
+    return Calibration(rig, record, campaign, predicted, refused), compared
+
+
+def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _Begun:
+    """Each point alone first, at the reference poses: coarse solutions, LP-search, descent. Again where the files were corrected."""
+    begun = _from_points(campaign, settings, progress, steps)
+
+    def judge(other: Campaign) -> Fit | None:
+        model = model_of(other, unknowns_of(other, settings.solve))
+        start = model.start
+        # where nobody measured the nominal values the search begins
+        for name in dict.fromkeys(n.split(".")[0] for n in other.rig.assumed):
+            if any(c.from_point == name for c in other.drums):
+                start = _started(model, start, [solve_point(other, name, replace(settings, prior=True), roughly=True)])
+        # the nominal rig may lie in another valley than the solutions of single points, and these may follow what is wrong
+        fits = []
+        for each in (start, begun.first.theta):
+            # a reading that no rig can have runs off to where no cable runs: then it is no hypothesis
+            with suppress(ValueError):
+                fits.append(fit(model, model.zeros_begun(each), prior_everywhere=True, roughly=True))
+        return min(fits, key=lambda f: f.objective, default=None)
+
+    def screen(other: Campaign) -> float:
+        return linear_objective(model_of(other, unknowns_of(other, settings.solve)))
+
+    stated = judge(campaign) or fit(begun.model, begun.first.theta, prior_everywhere=True)
+    found = diagnose(campaign, judge, screen, stated, poses_known=True, places_known=True, aside=not settings.robust)
+    if found.campaign is not campaign:
+        begun = _from_points(found.campaign, settings, progress, steps)
+    return replace(begun, diagnosis=found)
+
+
+def _from_points(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _Begun:
+    """The fit of a campaign as it is, from the solutions of its single points."""
+    model = model_of(campaign, unknowns_of(campaign, settings.solve))
+    points: list[Point] = []
+    for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.drums)):
+        if progress:
+            progress(i, steps)
+        points.append(solve_point(campaign, name, settings))
+    if progress:
+        progress(len(points), steps)
+    start = model.zeros_begun(_started(model, model.start, points))
+    return _Begun(model, fit(model, start, settings.prior), Diagnosis(campaign), points, {p.name: p.boxes for p in points})
+
+
+def _started(model: Model, start: FloatArray, points: list[Point]) -> FloatArray:
+    """A start (P,) with the values of solved points."""
+    known = {name: value for point in points for name, value in zip(point.model.names, point.fit.theta, strict=True)}
+    return np.array([known.get(name, value) for name, value in zip(model.names, start, strict=True)])
+
+
+def _begun_jointly(campaign: Campaign, settings: CalibrationSettings, free: tuple[int, ...]) -> _Begun:
+    """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
+
+    def solved(campaign: Campaign) -> tuple[Model, Fit]:
+        return solve_jointly(campaign, settings.solve, settings.prior, free, frame=settings.frame, seed=settings.seed)
+
+    model, first = solved(campaign)
+
+    def judge(other: Campaign) -> Fit:
+        own = unknowns_of(other, settings.solve)
+        return begun_jointly(replace(other, poses=campaign.poses), own, free, settings.frame, seed=settings.seed)[1]
+
+    def screen(other: Campaign) -> float:
+        return linear_objective(model_of(other, unknowns_of(other, settings.solve), free, model.frame))
+
+    stated = fit(model, first.theta, prior_everywhere=True)
+    found = diagnose(model.campaign, judge, screen, stated, poses_known=False, places_known=model.places_known, aside=False)
+    if found.findings:
+        model, first = solved(replace(found.campaign, poses=campaign.poses))
+    names = dict.fromkeys(c.from_point for c in campaign.drums)
+    # nearest to the reference poses the whole may lie anywhere
+    searched = {} if model.frame == "poses" else {name: [box_of(model.campaign, name, settings)] for name in names}
+    return _Begun(model, first, found, [], searched)
+
+
+def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...], seed: int) -> list[HeldOut]:
+    """The poses that took no part, each with its own unknowns, if it has them, fitted to its own lengths."""
+    if not poses:
+        return []
+    free = tuple(model.free.tolist())
+    every = model_of(replace(whole, poses=model.campaign.poses), model.parameters, free, model.frame).with_noise(model.noise)
+    theta = every.start
+    theta[np.isin(every.names, model.names)] = found.theta
+    for name in poses if free else ():
+        pose = whole.poses.names.index(name)
+        told = int(whole.used[pose].sum())
+        if told <= model.pose_unknowns:
+            raise CalibrationError(
+                f"--hold-out: pose {name}: {told} counted cables and {model.pose_unknowns} unknowns of its own leave nothing to judge by"
+            )
+        theta = fitted_pose(every, theta, pose, seed)
+    return held_out(every, theta, found, poses)

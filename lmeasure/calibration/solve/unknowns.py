@@ -1,0 +1,225 @@
+"""The problem that a campaign poses: its residuals, and what they err by."""
+
+import copy
+import math
+from typing import Self
+
+import numpy as np
+
+from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.calibration.solve.noise import Noise
+from lmeasure.calibration.solve.residuals import Residuals
+from lmeasure.core import BoolArray, FloatArray, IntArray, se3
+from lmeasure.estimation import Parameters
+from lmeasure.kernels import BY_ATTACHMENT, COUNT_LENGTH, length_gradients
+from lmeasure.recording import Poses
+from lmeasure.rig import ENCODER_ZERO, Rig, Turned, with_values
+from lmeasure.sensors import ATTACHMENT, PLAY, Zero, count_variance
+
+
+class Model(Residuals):
+    """`Residuals` with their covariance: of counts, reference poses, physical effects, and what the rig states to be uncertain."""
+
+    @property
+    def covariance_varies(self) -> bool:  # type: ignore[override]
+        """Derivatives by the poses do, wherever these err."""
+        return self.noise.stated
+
+    def with_noise(self, noise: Noise) -> Self:
+        """The same with other uncertainties."""
+        out = copy.copy(self)
+        out.noise = noise
+        return out
+
+    def reading_covariance(self) -> FloatArray:
+        """(e, e) covariance of the residuals [mm^2] from reading the counters."""
+        own, shared, _ = self.readings
+        return np.asarray(np.diag(own) + shared @ shared.T)
+
+    @property
+    def readings(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """What the residuals err by from reading the counters: whole counts, or means of dwells as `Campaign` has them.
+
+        (e,) variances [mm^2] of the readings at the poses; (e, z) the residuals' errors [mm] by one standard deviation of what each zero
+        reading is off, which residuals of a cable share; (z,) whether that is uniform: where within a whole count the counter was zeroed,
+        or stood.
+        """
+        campaign, j = self.campaign, self.cable_index
+        # uniform within half a count is a twelfth
+        of_count = 12.0 * count_variance(campaign.rig, campaign.cables) * self._per_unit**2
+        own = of_count[j] / 12.0 if campaign.dwell_variance is None else of_count[j] * campaign.dwell_variance[self.pose_index, j]
+        u_zero, reading = np.sqrt(of_count * campaign.zero_variances), campaign.zero_readings
+        uncertain = np.unique(reading[u_zero > 0.0])
+        shared = np.where(reading[j][:, None] == uncertain, u_zero[j][:, None], 0.0)
+        whole = self.whole(campaign.zero, np.arange(len(campaign.cables)))
+        return np.asarray(own), shared, np.array([whole[reading == number].all() for number in uncertain], dtype=np.bool_)
+
+    def whole(self, poses: IntArray, cables: IntArray) -> BoolArray:
+        """Whether the recorded counts of cables at poses, index by index, are whole numbers: rounded, and not averaged or interpolated."""
+        recorded = self.campaign.counts[poses, cables] * self._scales[cables]
+        return np.asarray(np.abs(recorded - np.rint(recorded)) <= 1e-9 * np.maximum(1.0, np.abs(recorded)))
+
+    @property
+    def whole_counts(self) -> BoolArray:
+        """(e,) whether the recorded count behind each residual is a whole number."""
+        return self.whole(self.pose_index, self.cable_index)
+
+    def effect_covariance(self, theta: FloatArray) -> FloatArray | None:
+        """(e, e) covariance of the residuals [mm^2] from what is uncertain in temperature, stretch and sag; None when nothing is.
+
+        Properties of cables and frame err alike everywhere; a pose's temperature errs for all its cables, a tension for one cable there.
+        """
+        if self._effects is None:
+            return None
+        rows, _, counts = self.cables(theta)
+        poses = self.poses(theta)
+        zero, every, k, warm = self._situation(poses, counts)
+        rows = rows[: self._drums]
+        at, given = (self.pose_index, self.cable_index), (rows, zero, every, k)
+        columns = [self._of_drums(shift)[at] for shift in self._effects.property_shifts(*given, temperature_c=warm)]
+        temperature = self._effects.temperature_shifts(*given, temperature_c=warm)
+        if temperature is not None:
+            first, later = (self._of_drums(shift)[at] for shift in temperature)
+            for i in range(len(poses)):
+                columns.append(np.where(self._zero == i, first, 0.0) + np.where(self.pose_index == i, later, 0.0))
+        friction = self._effects.tension_shift(rows, poses)
+        if friction is not None:
+            friction = self._of_drums(friction)
+            for j in range(self._drums):
+                columns.append(np.where(self.cable_index == j, friction[self._zero, self.cable_index], 0.0))
+        shifts = np.array(columns).reshape(-1, self.equations)
+        V = shifts.T @ shifts
+        if friction is not None:
+            V += np.diag(friction[at] ** 2)
+        return np.asarray(V) if V.any() else None
+
+    def unsolved_shifts(self, theta: FloatArray) -> FloatArray:
+        """(e, q) how the residuals [mm] would change by one standard uncertainty of each of the `unsolved` variables but play."""
+        rows, scales, counts = self.cables(theta)
+        m = self._drums
+        poses, zero = self.poses(theta), self.campaign.zero[:m]
+        begun = Zero(poses[zero], counts[zero, np.arange(m)], np.zeros(m))
+        drawn = self.unsolved.shifts(rows[:m], begun, poses, np.ascontiguousarray(counts[:, :m]))
+        out = np.asarray(self._of_drums(drawn)[self.pose_index, self.cable_index])
+        if len(rows) == m or not any(v.kind is ATTACHMENT for v in self.unsolved.variables):
+            return out
+        # an encoder sees where its cable is tied to the tool too
+        g = length_gradients(rows, poses, counts, scales) * self._per_unit[:, None]
+        by_point = self.since_zero(g)[:, BY_ATTACHMENT : BY_ATTACHMENT + 3]
+        column = 0
+        for v in self.unsolved.variables:
+            if v.kind is ATTACHMENT:
+                tied = np.array([c.to_point == v.owner for c in self.campaign.cables])[self.cable_index] & self._turned
+                out[tied, column : column + 3] = v.u * by_point[tied]
+            column += len(v.names)
+        return out
+
+    @property
+    def _play_mm(self) -> tuple[FloatArray, FloatArray]:
+        """(m,) half the width of the band in which a reading lies by the way it was come from, as far as it is not known which: of every
+        reading, and of where the counter was zeroed, of which it is never known."""
+        half = [math.radians(getattr(c.encoder, "backlash_deg", None) or 0.0) / 2.0 for c in self.campaign.cables if isinstance(c, Turned)]
+        of_angles = half * self._per_unit[self._drums :]
+        counts = np.where(self._further[:, PLAY] >= 0, self.parameters.width[self._further[:, PLAY]], np.abs(self._parts.values[:, PLAY]))
+        begun = np.hypot(self.unsolved.play_mm, counts * self._rows[: self._drums, COUNT_LENGTH] / self._scales[: self._drums])
+        return np.concatenate([self.unsolved.play_mm, of_angles]), np.concatenate([begun, of_angles])
+
+    def unsolved_covariance(self, theta: FloatArray) -> FloatArray | None:
+        """(e, e) covariance of the residuals [mm^2] from what the rig states to be uncertain and is not solved; None for nothing.
+
+        A dimension, a drum that runs out, an eccentric pulley err alike in all equations. Which way a cable was pulled to where it rests
+        nobody recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
+        """
+        play, begun = (half[self.cable_index] ** 2 for half in self._play_mm)
+        if not (self.unsolved or begun.any()):
+            return None
+        shifts = self.unsolved_shifts(theta)
+        same = (self.cable_index[:, None] == self.cable_index) & self._since
+        return np.asarray(shifts @ shifts.T + np.diag(play) + np.where(same, begun, 0.0))
+
+    def measurement_covariance(self, theta: FloatArray) -> FloatArray:
+        """(e, e) covariance of the residuals [mm^2] from whole counts and reference poses."""
+        V = self.reading_covariance()
+        campaign, noise = self.campaign, self.noise
+        if noise.stated or campaign.u_visit is not None:
+            J = self.pose_jacobian(theta)
+            shared = noise.scaled(J)
+            if campaign.reference is not None:
+                # visits of one pose share its error
+                shared = np.einsum("eni,nr->eri", shared, campaign.reference_of[:, None] == np.arange(len(campaign.poses)))
+            flat = shared.reshape(len(J), -1)
+            V = V + flat @ flat.T
+            if campaign.u_visit is not None:
+                own = (J * campaign.u_visit).reshape(len(J), -1)
+                # the robot comes anew in every pass
+                passage = np.array([c.passage for c in campaign.cables])[self.cable_index]
+                V = V + (own @ own.T) * (passage[:, None] == passage)
+        return np.asarray(V)
+
+    def covariance(self, theta: FloatArray) -> FloatArray:
+        """`measurement_covariance`, physical effects and dimensions where their errors are stated, errors of the lengths, and
+        what a robust loss takes back."""
+        V, noise = self.measurement_covariance(theta), self.noise
+        effects = self.effect_covariance(theta)
+        if effects is not None:
+            V = V + effects
+        unsolved = self.unsolved_covariance(theta)
+        if unsolved is not None:
+            V = V + unsolved
+        if noise.robust_variance_mm2 is not None:
+            campaign = self.campaign
+            same = self.cable_index[:, None] == self.cable_index
+            reference, poses = campaign.reference_of, np.arange(len(campaign.poses))
+            # a length at the zero pose is in every residual of its cable
+            at, zero = reference[self.pose_index], reference[campaign.zero[self.cable_index]]
+            h = (at[:, None] == poses).astype(np.float64) - ((zero[:, None] == poses) & self._since[:, None])
+            V = V + same * ((h * noise.robust_variance_mm2) @ h.T)
+        if noise.u_length_mm is not None:
+            own = noise.u_length_mm[self.cable_index] ** 2
+            V = V + np.diag(own) + np.where((self.cable_index[:, None] == self.cable_index) & self._since, own, 0.0)
+        return np.asarray(V)
+
+    def uniform(self) -> tuple[FloatArray, FloatArray]:
+        """Rounding to whole counts, and where within one the counters were zeroed."""
+        own, shared, uniform = self.readings
+        return np.where(self.whole_counts, own, 0.0), shared[:, uniform]
+
+    @property
+    def taken_back(self) -> FloatArray | None:
+        """(e,) [mm^2] by the robust loss of the poses."""
+        variance = self.noise.robust_variance_mm2
+        return None if variance is None else variance[self.pose_index]
+
+    def found_poses(self, theta: FloatArray, covariance: FloatArray) -> Poses:
+        """The poses at theta, with the uncertainty that the covariance (P, P) of the unknowns states where they were unknown; where they
+        were not, that of the file, or what was taken in its place where it says nothing."""
+        stated = self.campaign.poses
+        own = self.noise if self.places_known and "position" in stated.absent else self._stated()
+        if not len(self.free):
+            return stated
+        both = np.zeros((len(stated), 6, 6)) if own.covariance is None else own.covariance.copy()
+        if own.covariance is None:
+            both[:, [3, 4, 5], [3, 4, 5]] = own.u_position_mm[:, None] ** 2
+        d = len(self.free)
+        turns = se3.left_jacobians(self.shifts(theta)[:, :3])
+        for k, i in enumerate(self.at):
+            rows = self.own + d * k + np.arange(d)
+            to_pose = np.eye(6)
+            to_pose[:3, :3] = turns[i]
+            to_pose = to_pose[:, self.free] * self._unit_of_poses
+            both[i] += to_pose @ covariance[np.ix_(rows, rows)] @ to_pose.T
+        variance = np.einsum("nii->ni", both)
+        place, turn = np.sqrt(variance[:, 3:].mean(axis=1)), np.sqrt(variance[:, :3].mean(axis=1))
+        return Poses(stated.names, self.poses(theta), place, turn, both, stated.oriented)
+
+
+def rig_with(campaign: Campaign, unknowns: Parameters, theta: FloatArray, calibration: str | None, *, u: FloatArray | None = None) -> Rig:
+    """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges; zeros of encoders state their standard
+    uncertainties u (p,) too."""
+    rig = with_values(campaign.rig, dict(zip(unknowns.names, theta.tolist(), strict=True)))
+    known = {} if u is None else {n.removesuffix(f".{ENCODER_ZERO}"): float(s) for n, s in zip(unknowns.names, u, strict=True)}
+    swivels, leaning = (
+        tuple(e.model_copy(update={"u_zero_deg": min(known[e.channel], 360.0)}) if e.channel in known else e for e in of)
+        for of in (rig.swivel, rig.inclination)
+    )
+    return rig.model_copy(update={"calibration": calibration, "swivel": swivels, "inclination": leaning})

@@ -1,0 +1,187 @@
+"""A calibration that goes on: what ordinary runs tell beside a record, and whether the rig is still the one of the record.
+
+The record says theta ~ N(theta_0, C_0) of its parameters, the run's readings r(theta, poses) have covariance V. With the poses eliminated
+(`estimation.elimination`: A the derivatives of what no pose makes up for, whitened, y the residuals likewise) Gauss and Newton's step is
+
+    theta = theta_0 + d,   d = -(C_0^-1 + A'A)^-1 A'(y - A (theta_k - theta_0)),   C = (C_0^-1 + A'A)^-1,
+
+and y'y + d' C_0^-1 d at the optimum is chi-squared, one degree of freedom for each y, while nothing has moved. C_0 may be singular: with
+C_0 = F F' the step is in F's coordinates, whose prior is a unit normal.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+
+from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.calibration.solve.frame import model_of
+from lmeasure.calibration.solve.unknown_poses import free_components
+from lmeasure.calibration.solve.unknowns import Model, rig_with
+from lmeasure.core import CalibrationError, FloatArray, se3
+from lmeasure.estimation import Eliminated, Parameters
+from lmeasure.rig import Cable, CalibrationRecord, Finding, Residual, Rig, value_of
+
+MOVED = 1e-3
+"""Probability of chance under which the rig is not that of the record any more."""
+STEPS = 30
+SETTLED = 1e-4  # of a standard uncertainty
+APART = 2.0 * math.log(100.0)
+"""Twice the logarithm of odds of a hundred."""
+AGAIN = "calibrate again"
+
+
+@dataclass(frozen=True)
+class Continued:
+    """The refined rig and record; chi_squared of the run's readings and the record together, its degrees of freedom, and the probability of
+    as much while nothing has moved; moved: why the two must not be put together, what explains it best first."""
+
+    rig: Rig
+    record: CalibrationRecord
+    chi_squared: float
+    freedom: int
+    probability: float
+    moved: str | None
+
+
+def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
+    """Refine the record of a campaign's rig by its samples, at poses that nobody knows.
+
+    CalibrationError where the record has dimensions that are no parameters or was made of the same counts, the channels leave nothing over,
+    or it does not settle.
+    """
+    known = {given.sha256 for given in record.inputs}
+    again = [given.file for given in campaign.inputs if given.sha256 in known and given.file != "run.toml"]
+    if again:
+        raise CalibrationError(f"{again[0]}: its counts are in the record already, and would count twice: go on with another run")
+    if record.dimensions:
+        listed = ", ".join(d.name for d in record.dimensions[:3])
+        raise CalibrationError(f"calibration.json: corrects unsolved dimensions ({listed}, ...): solve for them (--solve) first")
+    names = tuple(p.name for p in record.parameters)
+    nominal = np.array([value_of(campaign.rig, name) or 0.0 for name in names])
+    C0 = record.tangent_matrix()
+    width = np.sqrt(np.maximum(np.diag(C0), 0.0))
+    unit = np.where(width > 0.0, width, 1.0)
+    values, vectors = np.linalg.eigh(C0 / np.outer(unit, unit))
+    kept = values > 1e-12 * max(float(values.max()), 1e-300)
+    F = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    model = model_of(campaign, Parameters(names, nominal, unit), free_components(campaign, trusted=False), "rig")
+    theta, z = model.start, np.zeros(F.shape[1])
+    for _ in range(STEPS):
+        part, y, A = _seen(model, theta, F)
+        step = np.linalg.solve(np.eye(len(z)) + A.T @ A, -(A.T @ y + z))
+        dp = part.follow_up(model.residuals(theta), F @ step / unit)
+        theta, z = theta + np.r_[F @ step, dp], z + step
+        if np.abs(step).max(initial=0.0) < SETTLED and np.abs(dp).max(initial=0.0) < 1e-6:
+            break
+    else:
+        raise CalibrationError("the run and the record do not settle together: the rig is not what the record says, or the run is short")
+    part, y, A = _seen(model, theta, F)
+    told = np.linalg.inv(np.eye(len(z)) + A.T @ A)
+    C = F @ told @ F.T
+    chi2, freedom = float(y @ y + z @ z), len(y)
+    probability = float(scipy.stats.chi2.sf(chi2, freedom))
+    moved = _moved(model, part, theta, y, A, z, probability) if probability < MOVED else None
+    u = np.sqrt(np.maximum(np.diag(C), 0.0))
+    rig = rig_with(campaign, model.parameters, theta[: model.own], "calibration.json", u=u)
+    return Continued(rig, _record(record, model, theta, C, (chi2, freedom, probability)), chi2, freedom, probability, moved)
+
+
+def _seen(model: Model, theta: FloatArray, F: FloatArray) -> tuple[Eliminated, FloatArray, FloatArray]:
+    """The problem at theta with the poses eliminated; whitened residuals (f,), and their derivatives (f, r) in the record's coordinates."""
+    part = Eliminated(model, theta, model.covariance(theta), model.own)
+    if part.loose:
+        raise CalibrationError(model.untold(part.loose[0]))
+    return part, part.W @ model.residuals(theta), part.W @ part.A @ (F / model.parameters.width[:, None])
+
+
+def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: FloatArray, z: FloatArray, probability: float) -> str:
+    """What explains best that run and record contradict each other: one owner of parameters whose values are another's now, or are so from
+    some sample of the run on, or one channel that reads more from some sample on."""
+    base = np.vstack([A, np.eye(len(z))])
+    Q, _ = np.linalg.qr(base)
+    residual = np.r_[y, z]
+    free, no_prior = residual - Q @ (Q.T @ residual), np.zeros(len(z))
+    whitened, campaign = part.W @ part.A, model.campaign
+
+    def gain(columns: FloatArray) -> float:
+        """Of chi-squared, less twice the number of values: columns (f, c) of what no pose makes up for."""
+        own = np.vstack([columns, np.zeros((len(z), columns.shape[1]))])
+        own -= Q @ (Q.T @ own)
+        U, s, _ = np.linalg.svd(own, full_matrices=False)
+        U = U[:, s > 1e-6 * max(float(s[0]), 1e-300)]
+        return float(np.sum((U.T @ free) ** 2)) - 2.0 * U.shape[1]
+
+    owners = {owner: model.parameters.of(owner) for owner in dict.fromkeys(model.parameters.owner(i) for i in range(model.own))}
+    found = [(gain(whitened[:, own]), f"{owner} has moved", AGAIN) for owner, own in owners.items()]
+    # as many places as there are samples to begin at
+    samples, names = range(2, len(campaign.poses)), campaign.poses.names
+    begins, place = (model.pose_index[:, None] >= samples).astype(np.float64), 2.0 * math.log(max(len(samples), 1))
+    for owner, own in owners.items():
+        steps = [gain(part.W @ (part.A[:, own] * behind[:, None])) - place for behind in begins.T]
+        if steps:
+            found.append((max(steps), f"{owner} has moved during the run, before {names[samples[int(np.argmax(steps))]]}", AGAIN))
+    for j, c in enumerate(campaign.cables):
+        own = np.vstack([part.W @ (begins * (model.cable_index == j)[:, None]), np.tile(no_prior[:, None], len(samples))])
+        own -= Q @ (Q.T @ own)
+        square, along = np.sum(own**2, axis=0), own.T @ free
+        told = square > 1e-6 * square.max(initial=1e-300)
+        gains = np.where(told, along**2 / np.where(told, square, 1.0), 0.0) - 2.0 - place
+        if len(gains):
+            k = int(np.argmax(gains))
+            # modelled less measured
+            size = -float(along[k] / square[k]) / campaign.mm_per_unit[j]
+            by = f"{size:+.3g} mm" if isinstance(c, Cable) else f"{math.degrees(size):+.3g} deg"
+            found.append(
+                (float(gains[k]), f"channel {c.channel} reads {by} more from {names[samples[k]]} on", "counts were lost, or it slipped")
+            )
+    found.sort(key=lambda one: -one[0])
+    near = [one for one in found if one[0] > found[0][0] - APART]
+    if len(near) == 1:
+        return f"the run contradicts the record (p = {probability:.2g} for chance): {near[0][1]}, it seems; {near[0][2]}"
+    listed = "; ".join(said for _, said, _ in near[:4])
+    return f"the run contradicts the record (p = {probability:.2g} for chance): one of these, which cannot be told apart: {listed}"
+
+
+def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArray, test: tuple[float, int, float]) -> CalibrationRecord:
+    """The record with the new values, covariance and residuals."""
+    campaign, rows = model.campaign, tuple(tuple(map(float, row)) for row in C)
+    u, r = np.sqrt(np.maximum(np.diag(C), 0.0)), model.residuals(theta)
+    parameters = tuple(
+        p.model_copy(update={"value": float(v), "u": float(s), "prior_u": p.u, "U95": 1.96 * float(s)})
+        for p, v, s in zip(old.parameters, theta[: model.own], u, strict=True)
+    )
+    before = float(np.sqrt(np.mean([p.u**2 for p in old.parameters if p.name.endswith("_mm")] or [0.0])))
+    after = float(np.sqrt(np.mean([p.u**2 for p in parameters if p.name.endswith("_mm")] or [0.0])))
+    places = model.poses(theta)
+    reach, turn = (
+        float(np.linalg.norm(np.ptp(places[:, :3], axis=0))),
+        float(np.linalg.norm(se3.displacement(places, places[0])[:, :3], axis=1).max()),
+    )
+    text = (
+        f"goes on from the record of {old.equations} equations by {model.equations} of a run: places were known to {before:.3g} mm in the "
+        f"mean square, now {after:.3g}; chi-squared of both {test[0]:.4g} with {test[1]} degrees of freedom (p = {test[2]:.2g}); the "
+        f"run reaches over {reach:.0f} mm and {math.degrees(turn):.0f} deg, and lengths are predicted over that"
+    )
+    return old.model_copy(
+        update={
+            "parameters": parameters,
+            "covariance": rows,
+            "tangent_covariance": rows,
+            "residuals": tuple(
+                Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(x))
+                for i, j, x in zip(model.pose_index, model.cable_index, r, strict=True)
+            ),
+            "equations": model.equations,
+            "unknowns": len(theta),
+            "rank": len(theta),
+            "warnings": (Finding(code="continued", text=text), *old.warnings),
+            "inputs": (*old.inputs, *campaign.inputs),
+            "poses": (),
+            "correlations": (),
+            "spectrum": (),
+            "validation": {},
+            "noise": {"chi_squared": test[0], "degrees_of_freedom": float(test[1]), "residual_rms_mm": float(np.sqrt(np.mean(r**2)))},
+        }
+    )

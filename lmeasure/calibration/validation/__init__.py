@@ -1,0 +1,1 @@
+"""Validate a calibration: residuals, slips, hold-out, explanations of a misfit."""

@@ -1,0 +1,61 @@
+"""What the counts cannot tell: per observation point the directions in which only the prior speaks, in numbers and words."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from lmeasure.core import FloatArray
+from lmeasure.estimation import Parameters, by_owner
+from lmeasure.recording import Poses
+from lmeasure.rig import ENCODER_ZERO, PLACE, TABLE, Observed, Rig, Unobservable
+
+SAME = ": the counts stay the same, only the prior holds it"
+_WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words} | {ENCODER_ZERO: ("its zero", "deg")}
+
+
+def lines_of_sight(rig: Rig, cables: Iterable[Observed], poses: Poses) -> dict[str, FloatArray]:
+    """(3,) unit vectors, base frame, from the cables' observation points towards the middle of the poses."""
+    middle = poses.rows[:, :3].mean(axis=0)
+    ways = {c.from_point: middle - np.array(rig.point(c.from_point).position_mm) for c in cables if c.from_point}
+    return {name: way / max(float(np.linalg.norm(way)), 1e-9) for name, way in ways.items()}
+
+
+def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dict[str, FloatArray]) -> list[Unobservable]:
+    """The undetermined directions of each owner of unknowns, strongest first, then those that several share (`estimation.observability`).
+
+    silent (k, p): orthonormal directions of which the data say nothing, in prior widths. sight (3,) is the unit vector from each
+    observation point towards the middle of its poses.
+    """
+    out = []
+    for found in by_owner(unknowns, silent):
+        change = found.weight * unknowns.width
+        told = [
+            _text(owner, [unknowns.names[i].rsplit(".", 1)[1] for i in own], change[own], found.weight[own], sight.get(owner))
+            for owner, own in found.parts(unknowns)
+        ]
+        of = unknowns.of(found.owner) if found.alone else range(len(unknowns.names))
+        direction = {unknowns.names[i]: float(found.weight[i]) for i in of}
+        out.append(Unobservable(point=found.owner, direction=direction, text="; ".join(told) + SAME))
+    return out
+
+
+def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> str:
+    """What moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
+    by_key = dict(zip(keys, change, strict=True))
+    parts = []
+    move = np.array([by_key.get(k, 0.0) for k in PLACE])
+    length = float(np.linalg.norm(move))
+    place = [i for i, k in enumerate(keys) if k in PLACE]
+    if place and float(np.linalg.norm(vector[place])) > 0.1:
+        along = abs(float(move @ sight)) / length if sight is not None else 0.0
+        way = "along its line of sight" if along > 0.9 else "across its line of sight" if along < 0.4 else "askew to its line of sight"
+        unit = ", ".join(f"{c:.2f}".replace("-0.00", "0.00") for c in move / length)
+        parts.append(f"moves {length:.3g} mm {way} ({unit})")
+    turns = []
+    for key, value, weight in zip(keys, change, vector, strict=True):
+        if key in _WORDS and abs(weight) > 0.1:
+            name, unit = _WORDS[key]
+            turns.append(f"{name} changes by {value:+.3g} {unit}".rstrip())
+    if turns:
+        parts.append(", ".join(turns))
+    return f"{owner} " + " while ".join(parts)

@@ -1,0 +1,71 @@
+"""Slips in a campaign's files: positions in another unit than is said, and rows that are copies of others."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.core import CalibrationError, FloatArray, GeometryError
+from lmeasure.rig import Cable, unlikely_size
+from lmeasure.sensors import counts_from_poses
+
+UNITS = {"metres": 1e3, "inches": 25.4, "centimetres": 10.0, "micrometres": 1e-3}
+"""What positions may be that are said to be millimetres: how many of these are in one."""
+RIGS = {"metres": 1e-3, "inches": 1.0 / 25.4}
+"""What a rig's dimensions may be: times by which positions are then too large for it."""
+CURES = 10.0
+"""Times by which another unit must make the nominal rig's lengths fit better, for that to be no error of a rig."""
+
+
+def without_slips(campaign: Campaign, name: str) -> Campaign:
+    """The campaign with copies of poses counted once, which its notes name.
+
+    CalibrationError where the positions of the file `name`, or the nominal rig, are in another unit: what the nominal rig's cables would do
+    between them and what was counted then differ by far, and agree in that unit.
+    """
+    as_said = _misfit(campaign, 1.0)
+    # a rig that is too small and positions that are too large look alike, but for its own size
+    rigs = RIGS if campaign.poses.oriented and unlikely_size(campaign.rig.model_dump(), name) is not None else {}
+    fits = {unit: _misfit(campaign, factor) for unit, factor in rigs.items()}
+    if rigs and min(fits.values()) < as_said / CURES:
+        unit = min(fits, key=lambda unit: fits[unit])
+        raise CalibrationError(f"{name}: its positions fit the counts where the nominal rig's dimensions are {unit}, and not millimetres")
+    other = {unit: _misfit(campaign, factor) for unit, factor in UNITS.items()}
+    best = min(other, key=lambda unit: other[unit])
+    if campaign.poses.oriented and other[best] < as_said / CURES:
+        raise CalibrationError(
+            f"{name}: its positions are {best} where they are said to be millimetres: the nominal rig's cables then fit the counts to "
+            f"{other[best]:.3g} mm, and else to {as_said:.3g} mm; --columns x=COLUMN[UNIT] states the unit"
+        )
+    return _counted_once(campaign)
+
+
+def _misfit(campaign: Campaign, factor: float) -> float:
+    """Root mean square [mm] by which counted changes of length differ from the nominal rig's with positions times a factor; infinite where
+    no cable could run so."""
+    rows = campaign.poses.rows * np.array([factor] * 3 + [1.0] * 4)
+    off: list[FloatArray] = []
+    for j, cable in enumerate(campaign.cables):
+        if not isinstance(cable, Cable):
+            continue
+        drum = campaign.rig.point(cable.from_point).drum
+        try:
+            predicted = counts_from_poses(campaign.rig, rows, rows[campaign.zero[j]], (cable,))[:, 0]
+        except GeometryError:
+            return float("inf")
+        there = campaign.used[:, j]
+        off.append((campaign.counts[there, j] - predicted[there]) * drum.count_length_mm)
+    every = np.concatenate(off) if off else np.zeros(0)
+    return float(np.sqrt(np.mean(every**2))) if len(every) else float("inf")
+
+
+def _counted_once(campaign: Campaign) -> Campaign:
+    """Poses of another name whose numbers and counts are those of an earlier one to the last digit tell nothing more."""
+    values = np.column_stack([campaign.poses.rows, campaign.counts])
+    counts, notes, first = campaign.counts.copy(), [], dict[bytes, int]()
+    for i, row in enumerate(values + 0.0):
+        earlier = first.setdefault(row.tobytes(), i)
+        if earlier != i and campaign.reference_of[i] == i and np.isfinite(counts[i]).any() and not (campaign.zero == i).any():
+            counts[i] = np.nan
+            notes.append(f"pose {campaign.poses.names[i]}: the copy of pose {campaign.poses.names[earlier]}, counts too, and used once")
+    return replace(campaign, counts=counts, notes=(*campaign.notes, *notes)) if notes else campaign

@@ -1,0 +1,5 @@
+"""The certificate: a sealed folder that a third party can recompute, compare and verify."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,371 @@
+"""Certificates side by side: one robot over time, or robots of one type (ISO 9283:1998, 7.6 exchangeability).
+
+Two questions are kept apart. Whether two figures differ at all is limited by the instrument: their difference has the random parts of both
+and, unless both were measured by the same calibration, their systematic parts. Whether a robot has moved is limited by its own scatter
+too: the means of few cycles differ by chance, and that is tested by Hotelling's T-squared of the attained positions.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.stats
+
+from lmeasure.certificate.recompute import label
+from lmeasure.certificate.rounding import with_u95
+from lmeasure.core import CertificationError, FloatArray, LMeasureError
+
+SIGNIFICANT = 0.01
+"""Probability of chance, over all poses together (Holm), under which a robot has moved."""
+NORMAL_95 = 1.959963984540054
+SAME_PLACE_MM = 1e-6
+
+
+@dataclass(frozen=True)
+class Change:
+    """A figure in the first certificate and in a later one. u95: expanded uncertainty of the difference by the instrument alone; beyond:
+    whether the difference exceeds it."""
+
+    figure: str
+    unit: str
+    first: float
+    later: float
+    u95: float
+
+    @property
+    def beyond(self) -> bool:
+        """The instrument tells the two apart."""
+        return abs(self.later - self.first) > self.u95
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Mean attained position of a pose, later less first: shift (3,) [mm]; u95 [mm] of its length with instrument and scatter;
+    probability of as much by chance, None for too few cycles; moved: less than `SIGNIFICANT` over all poses of the comparison."""
+
+    pose: str
+    shift_mm: FloatArray
+    u95_mm: float
+    probability: float | None
+    moved: bool
+
+    @property
+    def distance_mm(self) -> float:
+        """Length of the shift."""
+        return float(np.linalg.norm(self.shift_mm))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A later certificate against the first."""
+
+    first: str
+    later: str
+    shared: bool
+    changes: tuple[Change, ...]
+    shifts: tuple[Shift, ...]
+    otherwise: tuple[str, ...] = ()
+    """Poses and paths of both, and what of them was commanded otherwise: they are not compared."""
+
+
+@dataclass(frozen=True)
+class Exchangeability:
+    """ISO 9283 E of a pose: the largest distance of the attained means of any two certificates [mm], which two, and its u95 [mm]."""
+
+    pose: str
+    value_mm: float
+    u95_mm: float
+    between: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All certificates against the first, in the order of their dates. kind: what they are certificates of."""
+
+    kind: str
+    names: tuple[str, ...]
+    pairs: tuple[Pair, ...]
+    exchangeability: tuple[Exchangeability, ...]
+    notes: tuple[str, ...]
+
+
+def compare_certificates(certificates: Sequence[tuple[str, dict[str, Any]]]) -> Comparison:
+    """Certificates (name, content of certificate.json) side by side.
+
+    CertificationError for fewer than two, with nothing in common, or where one is not as `certify` writes it.
+    """
+    try:
+        return _compared(certificates)
+    except LMeasureError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, np.linalg.LinAlgError) as error:
+        names = ", ".join(name for name, _ in certificates)
+        raise CertificationError(
+            f"{names}: one is not as lmeasure writes certificates ({error}); lmeasure verify names what is wrong"
+        ) from None
+
+
+def _compared(certificates: Sequence[tuple[str, dict[str, Any]]]) -> Comparison:
+    if len(certificates) < 2:
+        raise CertificationError("a comparison needs two certificates or more")
+    twice = [name for name, content in certificates if sum(content["id"] == c["id"] for _, c in certificates) > 1]
+    if twice:
+        raise CertificationError(f"{twice[0]}: is given twice")
+    bare = [name for name, content in certificates if any(c["u95"] is None for c in content["characteristics"])]
+    if bare:
+        raise CertificationError(f"{bare[0]}: states no uncertainty: whether it differs from another cannot be told")
+    ordered = sorted(certificates, key=lambda c: (_day(c[1]), c[1]["created"]))
+    (first_name, first), *others = ordered
+    pairs = tuple(_pair(first_name, first, name, content) for name, content in others)
+    if not any(pair.changes or pair.shifts for pair in pairs):
+        why = f": {pairs[0].otherwise[0]} was commanded otherwise" if pairs[0].otherwise else ""
+        raise CertificationError(f"{others[0][0]}: has no characteristic in common with {first_name}{why}: compare tests of one program")
+    return Comparison(_kind(ordered), tuple(name for name, _ in ordered), pairs, _exchangeability(ordered), tuple(_notes(ordered)))
+
+
+def _day(content: dict[str, Any]) -> str:
+    dates = content["details"].get("dates", {})
+    return str(dates.get("measured_from") or dates.get("measured_to") or content["created"][:10])
+
+
+def _kind(certificates: Sequence[tuple[str, dict[str, Any]]]) -> str:
+    items = [c["details"].get("item", {}) for _, c in certificates]
+    serials = [i.get("serial") for i in items]
+    if None in serials:
+        return "robots of which not all have a serial number"
+    if len(set(serials)) == 1:
+        return f"one robot over time, serial number {serials[0]}"
+    models = {i.get("model") for i in items}
+    return f"{len(set(serials))} robots" + (f" of one type, {items[0]['model']}" if len(models) == 1 and None not in models else "")
+
+
+def _notes(certificates: Sequence[tuple[str, dict[str, Any]]]) -> list[str]:
+    out = []
+    if any(c["base_from_program"] is not None for _, c in certificates):
+        out.append("a frame was fitted in some: what moved the whole robot or instrument is not seen")
+    for (_, a), (name, b) in itertools.pairwise(certificates):
+        differ = sorted(k for k in {*a["settings"], *b["settings"]} - {"seed", "trials"} if a["settings"].get(k) != b["settings"].get(k))
+        if differ:
+            out.append(f"{name}: certified with other settings: {', '.join(differ)}")
+    return out
+
+
+def shared_systematic(a: dict[str, Any], b: dict[str, Any]) -> bool:
+    """Whether the systematic errors of both are those of one calibration."""
+    digests = [(c["instrument"] or {}).get("systematic_sha256") for c in (a, b)]
+    return digests[0] is not None and digests[0] == digests[1]
+
+
+def _pair(first_name: str, first: dict[str, Any], name: str, later: dict[str, Any]) -> Pair:
+    shared = shared_systematic(first, later)
+    other = commanded_otherwise(first, later)
+    old, new = ({label(c): c for c in content["characteristics"]} for content in (first, later))
+    changes = tuple(
+        Change(
+            key,
+            a["unit"],
+            float(a["value"]),
+            float(new[key]["value"]),
+            _u95_of_difference(a, new[key], shared),
+        )
+        for key, a in old.items()
+        if key in new and a["unit"] == new[key]["unit"] and not _of_any(a, other)
+    )
+    told = tuple(f"{kind} {part} ({', '.join(keys)})" for (kind, part), keys in other.items())
+    return Pair(first_name, name, shared, changes, _shifts(first, later, shared, other), told)
+
+
+Otherwise = dict[tuple[str, str], list[str]]
+
+
+def commanded_otherwise(a: dict[str, Any], b: dict[str, Any]) -> Otherwise:
+    """Poses and paths of one name in both that were not commanded alike: (kind, name) and the keys that differ, speed and load among
+    them. None where a certificate does not say what was commanded."""
+    parts = [
+        {
+            (kind, str(row["name"])): {"load_kg": content["program"].get("load_kg")} | row
+            for kind in ("pose", "path")
+            for row in content["program"][kind]
+        }
+        for content in (a, b)
+        if content.get("program")
+    ]
+    if len(parts) < 2:
+        return {}
+    found = {}
+    for part, old in parts[0].items():
+        new = parts[1].get(part, old)
+        keys = [k for k in sorted({*old, *new} - {"cycles"}) if not _alike(old.get(k), new.get(k))]
+        if keys:
+            found[part] = keys
+    return found
+
+
+def _alike(a: Any, b: Any) -> bool:
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(_alike, a, b))
+    if all(isinstance(v, int | float) for v in (a, b)):
+        return bool(abs(a - b) <= SAME_PLACE_MM)
+    return bool(a == b)
+
+
+def _of_any(figure: dict[str, Any], other: Otherwise) -> bool:
+    """Whether a figure is of one of these parts, or of the way between two poses of which one is among them."""
+    if figure.get("path") is not None:
+        return ("path", figure["path"]) in other
+    pose = str(figure.get("pose"))
+    return any(kind == "pose" and (pose == name or pose.startswith(f"{name}-") or pose.endswith(f"-{name}")) for kind, name in other)
+
+
+def _parts(figure: dict[str, Any]) -> tuple[float, float, float]:
+    """(random, systematic standard uncertainty, coverage factor) of a figure; all of it random where the parts are not stated."""
+    random, systematic = figure.get("u_random"), figure.get("u_systematic")
+    if random is None or systematic is None or not math.hypot(random, systematic) > 0:
+        return float(figure["u95"]) / NORMAL_95, 0.0, NORMAL_95
+    return float(random), float(systematic), max(float(figure["u95"]) / math.hypot(random, systematic), NORMAL_95)
+
+
+def _u95_of_difference(a: dict[str, Any], b: dict[str, Any], shared: bool) -> float:
+    (ra, sa, ka), (rb, sb, kb) = _parts(a), _parts(b)
+    # what one calibration errs by it errs by in both: only its change from pose to pose is left
+    systematic = abs(sa - sb) if shared else math.hypot(sa, sb)
+    return max(ka, kb) * math.hypot(ra, rb, systematic)
+
+
+def _shifts(first: dict[str, Any], later: dict[str, Any], shared: bool, other: Otherwise) -> tuple[Shift, ...]:
+    old, new = (attained(content) for content in (first, later))
+    found = []
+    for pose, a in old.items():
+        b = new.get(pose)
+        if b is not None and ("pose", pose) not in other and np.abs(a.commanded - b.commanded).max() <= SAME_PLACE_MM:
+            found.append((pose, *_test(a, b, shared)))
+    # Holm: the least probability against the strictest bound, and so on until one fails
+    known = sorted((p, pose) for pose, _, _, p in found if p is not None)
+    moved: set[str] = set()
+    for i, (p, pose) in enumerate(known):
+        if p >= SIGNIFICANT / (len(known) - i):
+            break
+        moved.add(pose)
+    return tuple(Shift(pose, shift, u95, p, pose in moved) for pose, shift, u95, p in found)
+
+
+@dataclass(frozen=True)
+class Attained:
+    commanded: FloatArray
+    mean: FloatArray
+    cycles: int
+    scatter: FloatArray
+    random: FloatArray
+    systematic: FloatArray
+
+
+def attained(content: dict[str, Any]) -> dict[str, Attained]:
+    """Means of the poses' cycles with their scatter (3, 3) and what the instrument errs by along each axis (3,)."""
+    figures = {label(c): c for c in content["characteristics"]}
+    out = {}
+    for entry in content["attained"]:
+        own = [figures.get(f"AP_{axis} of {entry['pose']}") for axis in "xyz"]
+        if any(f is None for f in own):
+            continue
+        parts = np.array([_parts(f)[:2] for f in own if f is not None])
+        values = [np.array(entry[key], dtype=np.float64) for key in ("commanded_mm", "mean_mm", "covariance_mm2")]
+        out[entry["pose"]] = Attained(values[0], values[1], int(entry["cycles"]), values[2], parts[:, 0], parts[:, 1])
+    return out
+
+
+def _test(a: Attained, b: Attained, shared: bool) -> tuple[FloatArray, float, float | None]:
+    """(shift (3,), u95 of its length, probability of chance) of two means."""
+    shift = b.mean - a.mean
+    systematic = np.abs(a.systematic - b.systematic) if shared else np.hypot(a.systematic, b.systematic)
+    covariance = a.scatter / a.cycles + b.scatter / b.cycles + np.diag(a.random**2 + b.random**2 + systematic**2)
+    freedom = a.cycles + b.cycles - 2
+    length = float(np.linalg.norm(shift))
+    along = shift / length if length > 0 else np.array([1.0, 0.0, 0.0])
+    u = math.sqrt(float(along @ covariance @ along))
+    u95 = u * float(scipy.stats.t.ppf(0.975, freedom)) if freedom > 0 else u * NORMAL_95
+    if min(a.cycles, b.cycles) < 2 or freedom < 3 or np.linalg.matrix_rank(covariance) < 3:
+        return shift, u95, None
+    squared = float(shift @ np.linalg.solve(covariance, shift))
+    return shift, u95, float(scipy.stats.f.sf(squared * (freedom - 2) / (3 * freedom), 3, freedom - 2))
+
+
+def _exchangeability(certificates: Sequence[tuple[str, dict[str, Any]]]) -> tuple[Exchangeability, ...]:
+    known = [(name, content, attained(content)) for name, content in certificates]
+    out = []
+    for pose in known[0][2]:
+        distances = []
+        for (name_a, content_a, a), (name_b, content_b, b) in itertools.combinations(known, 2):
+            if ("pose", pose) in commanded_otherwise(content_a, content_b):
+                continue
+            if pose in a and pose in b and np.abs(a[pose].commanded - b[pose].commanded).max() <= SAME_PLACE_MM:
+                shift, u95, _ = _test(a[pose], b[pose], shared_systematic(content_a, content_b))
+                distances.append(Exchangeability(pose, float(np.linalg.norm(shift)), u95, (name_a, name_b)))
+        if distances:
+            out.append(max(distances, key=lambda e: e.value_mm))
+    return tuple(out)
+
+
+def lines(found: Comparison) -> list[str]:
+    """What a person is told."""
+    out = [f"{found.kind}: {', '.join(found.names)}"]
+    for pair in found.pairs:
+        calibration = "one calibration: its errors cancel" if pair.shared else "no calibration in common: systematic errors do not cancel"
+        out.append(f"{pair.later} against {pair.first}; {calibration}")
+        for s in pair.shifts:
+            chance = "too few cycles to tell" if s.probability is None else f"chance {s.probability:.2g}"
+            verdict = "" if s.probability is None else "  moved" if s.moved else "  not shown to have moved"
+            length, u95 = with_u95(s.distance_mm, s.u95_mm)
+            out.append(f"  mean of {s.pose}: {length} mm (U95 {u95}), {chance}{verdict}")
+        beyond = [c for c in pair.changes if c.beyond]
+        out += [f"  {_told(c)}" for c in beyond]
+        out.append(
+            f"  {len(beyond)} of {len(pair.changes)} figures differ by more than the instrument's U95; "
+            f"{0.05 * len(pair.changes):.1f} would by chance"
+        )
+        out += [f"  commanded otherwise, not compared: {text}" for text in pair.otherwise]
+    for e in found.exchangeability:
+        value, u95 = with_u95(e.value_mm, e.u95_mm)
+        out.append(f"E of {e.pose}: {value} mm (U95 {u95}) between {e.between[0]} and {e.between[1]}")
+    return [*out, *(f"note: {note}" for note in found.notes)]
+
+
+def _told(change: Change) -> str:
+    """A change whose numbers end where the U95 of their difference does."""
+    first, later, difference = (with_u95(v, change.u95)[0] for v in (change.first, change.later, change.later - change.first))
+    sign = "" if difference.startswith("-") else "+"
+    return f"{change.figure}: {first} -> {later} {change.unit}, difference {sign}{difference} (U95 {with_u95(0.0, change.u95)[1]})"
+
+
+def as_dict(found: Comparison) -> dict[str, Any]:
+    """For a file: every figure in full."""
+    return {
+        "schema": "lmeasure.comparison/1",
+        "kind": found.kind,
+        "certificates": list(found.names),
+        "pairs": [
+            {
+                "first": p.first,
+                "later": p.later,
+                "same_calibration": p.shared,
+                "commanded_otherwise": list(p.otherwise),
+                "figures": [vars(c) | {"difference": c.later - c.first, "beyond_u95": c.beyond} for c in p.changes],
+                "poses": [
+                    {
+                        "pose": s.pose,
+                        "shift_mm": s.shift_mm.tolist(),
+                        "distance_mm": s.distance_mm,
+                        "u95_mm": s.u95_mm,
+                        "probability": s.probability,
+                        "moved": s.moved,
+                    }
+                    for s in p.shifts
+                ],
+            }
+            for p in found.pairs
+        ],
+        "exchangeability": [vars(e) | {"between": list(e.between)} for e in found.exchangeability],
+        "notes": list(found.notes),
+    }

@@ -1,0 +1,157 @@
+"""certificate.json: everything a certificate says, made of a measurement and nothing else, so that it can be made again and compared."""
+
+import datetime
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lmeasure.certificate.canonical_json import digest
+from lmeasure.certificate.inputs import Inputs, Measured, settings_stated
+from lmeasure.certificate.method_version import METHOD
+from lmeasure.core import Status
+from lmeasure.iso9283 import SCHEMA
+from lmeasure.recording import Program
+from lmeasure.text import LANGUAGES as LANGUAGES
+from lmeasure.text import Finding, recognised
+from lmeasure.trajectory import AttainedPose
+
+ID_DIGITS = 16
+
+
+def now() -> str:
+    """This moment, UTC, ISO 8601."""
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def certificate(
+    measured: Measured,
+    inputs: Inputs,
+    copies: Sequence[dict[str, Any]],
+    *,
+    created: str,
+    language: str,
+    environment: dict[str, str],
+) -> dict[str, Any]:
+    """The table of certificate.json.
+
+    copies: {file, bytes, sha256} of the inputs in the bundle. The id is made of the content, the moment of creation included:
+    the same inputs certified twice give the same figures_sha256 under two ids.
+    """
+    evaluation, trajectory = measured.evaluation, measured.trajectory
+    figures = {
+        "characteristics": [plain(c.as_dict()) for c in evaluation.characteristics],
+        "excluded": [vars(e) | {"reason": str(e.reason)} for e in evaluation.excluded],
+        "base_from_program": plain(evaluation.base_from_program),
+    }
+    details = measured.details.stated()
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "method": METHOD,
+        "created": created,
+        "language": language,
+        "kind": "test certificate" if "accreditation" in details else "test report",
+        "details": details,
+        "measurement": inputs.stated(),
+        "inputs": list(copies),
+        "settings": settings_stated(evaluation.settings),
+        "environment": environment,
+        "instrument": _instrument(measured),
+        "measured_with": _measured_with(measured),
+        "trajectory": {
+            "samples": len(trajectory.time_s),
+            "ok": int((trajectory.status == Status.OK).sum()),
+            "start_s": float(trajectory.time_s[0]) if len(trajectory.time_s) else 0.0,
+            "end_s": float(trajectory.time_s[-1]) if len(trajectory.time_s) else 0.0,
+        },
+        "angles": evaluation.angles,
+        "uncertainty_covers": str(evaluation.covers),
+        "program": commanded(measured.program),
+        "attained": [attained(pose) for pose in evaluation.poses],
+        "notes": list(dict.fromkeys(map(str, [*measured.notes, *evaluation.notes]))),
+        "findings": plain(_findings(measured)),
+        **figures,
+        "figures_sha256": digest(figures),
+    }
+    return {"schema": SCHEMA, "id": identification(content)} | content
+
+
+def identification(content: dict[str, Any]) -> str:
+    """The id of a certificate from all else in it."""
+    value = digest({key: v for key, v in content.items() if key != "id"})[:ID_DIGITS].upper()
+    return f"LM-{value[:8]}-{value[8:]}"
+
+
+def _findings(measured: Measured) -> list[dict[str, Any]]:
+    """The texts of the certificate as codes with values, each once."""
+    evaluation = measured.evaluation
+    told = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.findings]
+    told += [c.note for c in evaluation.characteristics if c.note is not None]
+    found = (text if isinstance(text, Finding) else recognised(text) for text in dict.fromkeys(told))
+    return [f.stated() for f in found if f is not None]
+
+
+def _instrument(measured: Measured) -> dict[str, Any] | None:
+    if measured.rig is None:
+        return None
+    rig = measured.rig
+    told = {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
+    return told | {"systematic_sha256": measured.systematic_sha256}
+
+
+def _measured_with(measured: Measured) -> dict[str, Any] | None:
+    """The instrument as a reader knows it: cables, encoders, what its calibration rests on, how near to its limits it was used."""
+    rig, record = measured.rig, measured.calibration
+    if rig is None:
+        return None
+    drums = [rig.point(c.from_point).drum for c in rig.cable]
+    told: dict[str, Any] = {
+        "cables": len(rig.cable),
+        "observation_points": len({c.from_point for c in rig.cable}),
+        "passes": rig.passes,
+        "counts_per_revolution": sorted({d.counts_per_revolution for d in drums}),
+        "count_length_mm": sorted({d.count_length_mm for d in drums}),
+        "worst_pressure_angle_deg": max((p.angle_deg for p in measured.evaluation.poses if np.isfinite(p.angle_deg)), default=None),
+        "calibration": None,
+    }
+    if record is not None:
+        told["calibration"] = {
+            "reference_poses": len({r.pose for r in record.residuals}),
+            "equations": record.equations,
+            "unknowns": record.unknowns,
+            "residual_rms_mm": record.noise.get("residual_rms_mm"),
+        }
+    return plain(told)
+
+
+def commanded(program: Program) -> dict[str, Any]:
+    """What was commanded, at what speed and load: the program's poses and paths without their times."""
+    times = {"windows_s", "settling_s", "approaches", "units"}
+    rows = {key: [p.model_dump(exclude=times, exclude_defaults=True) for p in getattr(program, key)] for key in ("pose", "path")}
+    return plain({"load_kg": program.load_kg} | rows)
+
+
+def attained(pose: AttainedPose) -> dict[str, Any]:
+    """What of a pose's cycles a later certificate can be compared with: their mean and covariance (0 for one cycle) of position [mm]."""
+    positions = pose.poses[:, :3]
+    covariance = np.cov(positions.T) if len(positions) > 1 else np.zeros((3, 3))
+    return {
+        "pose": pose.name,
+        "cycles": len(positions),
+        "commanded_mm": plain(pose.commanded[:3]),
+        "mean_mm": plain(positions.mean(axis=0)),
+        "covariance_mm2": plain(covariance),
+    }
+
+
+def plain(value: Any) -> Any:
+    """Arrays, NumPy's numbers and tuples as what JSON knows."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value

@@ -1,0 +1,228 @@
+"""The certificate as a digital calibration certificate, DCC 3.3.0 (PTB), with D-SI values.
+
+The schema belongs to its makers and is not part of this program: the XML is held against the XSD file the user names.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from lxml import etree
+
+from lmeasure.core import CertificationError
+from lmeasure.io import files
+
+DCC = "https://ptb.de/dcc"
+SI = "https://ptb.de/si"
+XSI = "http://www.w3.org/2001/XMLSchema-instance"
+VERSION = "3.3.0"
+UNITS = {
+    "mm": r"\milli\metre", "deg": r"\degree", "rad": r"\radian", "s": r"\second", "ms": r"\milli\second", "%": r"\percent", "Hz": r"\hertz",
+    "mm/s": r"\milli\metre\second\tothe{-1}", "mm/N": r"\milli\metre\newton\tothe{-1}",
+}  # fmt: skip
+NOT_STATED = "not stated"
+NO_VERDICT = "without a stated uncertainty, and so without a verdict,"
+OWN = "en"
+"""The language of what this module writes; texts of the laboratory carry none, since nobody says which they are in."""
+
+
+def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
+    """The XML's bytes. With an XSD CertificationError names the first line that does not keep to it; FileFormatError an XSD unreadable."""
+    root = etree.Element(f"{{{DCC}}}digitalCalibrationCertificate", nsmap={"dcc": DCC, "si": SI, "xsi": XSI})
+    root.set("schemaVersion", VERSION)
+    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
+    _administrative(root, certificate)
+    results = _add(root, "measurementResults")
+    result = _add(results, "measurementResult")
+    _named(result, "ISO 9283:1998 characteristics", OWN)
+    methods = _add(result, "usedMethods")
+    method = _add(methods, "usedMethod")
+    _named(method, certificate["details"].get("method", "ISO 9283:1998"))
+    conditions = certificate["details"].get("conditions", {})
+    if conditions:
+        _conditions(_add(result, "influenceConditions"), conditions)
+    _results(_add(result, "results"), certificate)
+    content = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    if xsd is not None:
+        check_xml(content, xsd)
+    return bytes(content)
+
+
+def check_xml(content: bytes, xsd: Path) -> None:
+    """Hold XML against an XSD; schemas it includes are read from beside it, never from a network."""
+    files.read_bytes(xsd)  # says when it cannot be read
+    parser = etree.XMLParser(no_network=True, resolve_entities=False)
+    try:
+        schema = etree.XMLSchema(etree.parse(str(xsd), parser))
+    except (etree.XMLSyntaxError, etree.XMLSchemaParseError, OSError) as error:
+        raise CertificationError(f"{xsd}: cannot be used as an XSD: {str(error).splitlines()[0]}") from None
+    if not schema.validate(etree.fromstring(content, parser)):
+        first = schema.error_log[0]
+        raise CertificationError(f"{xsd}: the DCC does not keep to it: line {first.line}: {first.message}")
+
+
+def _add(parent: Any, name: str, text: object = None) -> Any:
+    space, _, local = name.rpartition(":")
+    child = etree.SubElement(parent, f"{{{SI if space == 'si' else DCC}}}{local}")
+    if text is not None:
+        child.text = _xml_text(str(text))
+    return child
+
+
+# what XML 1.0 cannot hold at all, not even escaped
+_FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def _xml_text(text: str) -> str:
+    return _FORBIDDEN.sub(lambda m: f"\\u{{{ord(m[0]):X}}}", text)
+
+
+def _content(parent: Any, text: object, language: str | None = None) -> None:
+    """One content, as DCC writes texts."""
+    content = _add(parent, "content", text)
+    if language is not None:
+        content.set("lang", language)
+
+
+def _named(parent: Any, text: object, language: str | None = None) -> None:
+    """A name with one content."""
+    _content(_add(parent, "name"), text, language)
+
+
+def _administrative(root: Any, certificate: dict[str, Any]) -> None:
+    details = certificate["details"]
+    dates = details.get("dates", {})
+    part = _add(root, "administrativeData")
+    software = _add(_add(part, "dccSoftware"), "software")
+    _named(software, "lmeasure", OWN)
+    _add(software, "release", certificate["environment"].get("lmeasure", NOT_STATED))
+    core = _add(part, "coreData")
+    _add(core, "countryCodeISO3166_1", details.get("country", "ZZ"))
+    _add(core, "usedLangCodeISO639_1", OWN)
+    _add(core, "mandatoryLangCodeISO639_1", OWN)
+    _add(core, "uniqueIdentifier", certificate["id"])
+    if "number" in details:
+        _identified(core, "calibrationLaboratory", details["number"], "number of the report")
+    made = certificate["created"][:10]
+    if "received" in dates:
+        _add(core, "receiptDate", dates["received"])
+    _add(core, "beginPerformanceDate", dates.get("measured_from", dates.get("measured_to", made)))
+    _add(core, "endPerformanceDate", dates.get("measured_to", dates.get("measured_from", made)))
+    _add(core, "performanceLocation", details.get("performed_at", "other"))
+    if "issued" in dates:
+        _add(core, "issueDate", dates["issued"])
+    items = _add(part, "items")
+    item = _add(items, "item")
+    robot = details.get("item", {})
+    _named(item, robot.get("description", "industrial robot"))
+    if "maker" in robot:
+        _named(_add(item, "manufacturer"), robot["maker"])
+    if "model" in robot:
+        _add(item, "model", robot["model"])
+    _identified(item, "manufacturer", robot.get("serial", NOT_STATED), "serial number")
+    laboratory = _add(part, "calibrationLaboratory")
+    if "accreditation" in details:
+        _add(laboratory, "calibrationLaboratoryCode", details["accreditation"]["number"])
+    _party(_add(laboratory, "contact"), details.get("laboratory", {}))
+    persons = _add(part, "respPersons")
+    person = _add(persons, "respPerson")
+    authoriser = details.get("authoriser", {})
+    _named(_add(person, "person"), authoriser.get("name", NOT_STATED))
+    if "role" in authoriser:
+        _add(person, "role", authoriser["role"])
+    _party(_add(part, "customer"), details.get("customer", {}))
+    _statements(_add(part, "statements"), details)
+
+
+def _identified(parent: Any, issuer: str, value: str, name: str) -> None:
+    identification = _add(_add(parent, "identifications"), "identification")
+    _add(identification, "issuer", issuer)
+    _add(identification, "value", value)
+    _named(identification, name, OWN)
+
+
+def _statements(parent: Any, details: dict[str, Any]) -> None:
+    """What is to be said of the whole: a name in our words, a declaration that may be the laboratory's."""
+
+    def state(name: str, declaration: str, language: str | None = OWN) -> None:
+        statement = _add(parent, "statement")
+        _named(statement, name, OWN)
+        _content(_add(statement, "declaration"), declaration, language)
+
+    state("scope", "The results relate only to the item tested.")
+    if not {"measured_from", "measured_to"} & set(details.get("dates", {})):
+        state("dates", "The dates of the measurement are not stated; those given are of this document.")
+    if "accreditation" in details:
+        state("accreditation", "; ".join(details["accreditation"][key] for key in ("statement", "body", "number")), None)
+    else:
+        state("accreditation", "Test report; no accreditation is stated.")
+    for key, name in (("traceability", "traceability"), ("location", "place of the test"), ("deviations", "deviations from the method")):
+        if key in details:
+            state(name, details[key], None)
+    if "traceability" not in details:
+        state("traceability", NOT_STATED)
+
+
+def _party(parent: Any, party: dict[str, Any]) -> None:
+    _named(parent, party.get("name", NOT_STATED))
+    if "contact" in party:
+        _add(parent, "eMail" if "@" in party["contact"] else "phone", party["contact"])
+    location = _add(parent, "location")
+    _content(_add(location, "further"), party.get("address", NOT_STATED))
+
+
+def _conditions(parent: Any, conditions: dict[str, Any]) -> None:
+    for key, name, unit in (("temperature_c", "temperature", r"\degreecelsius"), ("humidity_percent", "relative humidity", r"\percent")):
+        if key in conditions:
+            condition = _add(parent, "influenceCondition")
+            _named(condition, name, OWN)
+            quantity = _add(_add(condition, "data"), "quantity")
+            real = _add(quantity, "si:real")
+            _add(real, "si:value", _number(conditions[key]))
+            _add(real, "si:unit", unit)
+    if "text" in conditions:
+        condition = _add(parent, "influenceCondition")
+        _named(condition, "conditions", OWN)
+        _content(_add(_add(condition, "data"), "text"), conditions["text"])
+
+
+def _results(parent: Any, certificate: dict[str, Any]) -> None:
+    for figure in certificate["characteristics"]:
+        result = _add(parent, "result")
+        where = " ".join(str(figure[key]) for key in ("pose", "path", "part") if figure.get(key) is not None)
+        stated = figure["u95"] is not None
+        verdict = "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable" if stated else NO_VERDICT
+        _named(result, f"{figure['name']} {where}".strip())
+        alone = figure.get("capable_alone", figure["capable"])
+        besides = "" if alone == figure["capable"] else f"; {'' if alone else 'not '}capable of the component alone"
+        _content(
+            _add(result, "description"), f"ISO 9283:1998, {figure.get('clause', '')}; instrument {verdict} of this figure{besides}", OWN
+        )
+        quantity = _add(_add(result, "data"), "quantity")
+        real = _add(quantity, "si:real")
+        _add(real, "si:value", _number(figure["value"]))
+        _add(real, "si:unit", UNITS.get(figure["unit"], figure["unit"]))
+        if stated:
+            expanded = _add(real, "si:expandedUnc")
+            _add(expanded, "si:uncertainty", _number(figure["u95"]))
+            _add(expanded, "si:coverageFactor", _number(figure.get("coverage_factor") or 1.96))
+            _add(expanded, "si:coverageProbability", "0.95")
+        if figure.get("conformity"):
+            _conformity(_add(_add(quantity, "measurementMetaData"), "metaData"), figure)
+
+
+def _conformity(parent: Any, figure: dict[str, Any]) -> None:
+    """The decision on a tolerance; what guarded acceptance leaves open is conditional, on the side of the limit where the value lies."""
+    found = figure["conformity"]
+    lower, upper = found.get("lower"), found.get("upper")
+    limits = [f"{sign} {_number(limit)} {figure['unit']}" for sign, limit in (("at least", lower), ("at most", upper)) if limit is not None]
+    within = (lower is None or lower <= figure["value"]) and (upper is None or figure["value"] <= upper)
+    status = {"conforms": "pass", "does not conform": "fail"}.get(found["verdict"], "conditionalPass" if within else "conditionalFail")
+    _named(parent, "conformity", OWN)
+    _content(_add(parent, "declaration"), f"{' and '.join(limits)}; {found['rule']} acceptance (JCGM 106)", OWN)
+    _add(parent, "conformity", status)
+
+
+def _number(value: float) -> str:
+    """Shortest text that reads back to the same double."""
+    return repr(float(value))

@@ -1,0 +1,246 @@
+"""From the files of a measurement to its evaluation: what `certify` does once, and `verify` again from the copies."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from lmeasure.certificate.bundle import INPUTS, safe_name
+from lmeasure.certificate.canonical_json import digest
+from lmeasure.certificate.details import Details, Logo, read_details, read_logo
+from lmeasure.core import QUATERNION_COLUMNS, CertificationError, OtherTrajectoryError
+from lmeasure.io import columns_of, files
+from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate, undecided
+from lmeasure.recording import POSITION_COLUMNS, Program, Run, read_program, read_run, read_run_head
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.sensors import OTHERS
+from lmeasure.sensors import stated as unsolved_stated
+from lmeasure.text import Finding
+from lmeasure.trajectory import ErrorsOfRun, Stated, Trajectory, align, read_trajectory, reconstruct
+
+Progress = Callable[[int, int], None]
+
+SAME_POSITION_MM = 1e-6
+SAME_QUATERNION = 1e-9
+SAME_TIME_S = 1e-9
+_BESIDE = ("columns", "u_position_mm", "u_rotation_deg")
+"""What `Inputs.stated` keeps of a trajectory from elsewhere."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The files a certificate is made of; rig replaces the run's own, details may be missing.
+
+    constraint, repeatability_mm: what `reconstruct` was told, where a run is given.
+    """
+
+    trajectory: Path
+    program: Path
+    run: Path | None = None
+    rig: Path | None = None
+    details: Path | None = None
+    constraint: str | None = None
+    repeatability_mm: float = 0.0
+    columns: str = ""
+    """Which column of the trajectory is which, where another instrument measured it, as `--columns` has it."""
+    u_position_mm: float | None = None
+    u_rotation_deg: float | None = None
+    """Standard uncertainties of the trajectory, instead of the file's."""
+    sealed: bool = False
+    """Whether they lie in a folder: what was passed over in the trajectory's file when it was sealed is passed over again."""
+
+    @property
+    def beside(self) -> Stated:
+        """What is said of the trajectory's file beside it."""
+        turn = None if self.u_rotation_deg is None else math.radians(self.u_rotation_deg)
+        return Stated(columns_of(self.columns), self.u_position_mm, turn, of_others=self.sealed)
+
+    def copies(self) -> dict[str, Path]:
+        """Every file that is read, by its name in the bundle. CertificationError when one lies where no copy of the folder can keep it."""
+        out = {
+            f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}": self.trajectory,
+            f"{INPUTS}/program.toml": self.program,
+        }
+        if self.details is not None:
+            place = f"{INPUTS}/details.toml"
+            out[place] = self.details
+            logo = read_details(self.details).logo
+            if logo is not None:
+                out[_beside(place, logo, f"{self.details}: logo")] = self.details.parent / logo
+        if self.run is not None:
+            head = read_run_head(self.run, self.rig)
+            out[f"{INPUTS}/run/run.toml"] = self.run / "run.toml"
+            for counts in head.counts:
+                out[f"{INPUTS}/run/{_inside(counts, self.run)}"] = counts
+            rig = self.run / files.read_toml(self.run / "run.toml")["rig"] if self.rig is None else self.rig
+            place = f"{INPUTS}/run/{_inside(rig, self.run)}" if self.rig is None else f"{INPUTS}/rig/rig.toml"
+            out[place] = rig
+            if head.rig.calibration is not None:
+                out[_beside(place, head.rig.calibration, f"{rig}: calibration")] = rig.parent / head.rig.calibration
+        taken: dict[str, str] = {}
+        for name in out:
+            first = taken.setdefault(safe_name(name).casefold(), name)
+            if first != name:
+                raise CertificationError(f"{out[name]}: its copy would have the name of that of {out[first]}")
+        return out
+
+    def stated(self) -> dict[str, Any]:
+        """What `inputs_in` needs besides the files, for certificate.json."""
+        return {
+            "trajectory": f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}",
+            "program": f"{INPUTS}/program.toml",
+            "run": None if self.run is None else f"{INPUTS}/run",
+            "rig": None if self.rig is None else f"{INPUTS}/rig/rig.toml",
+            "details": None if self.details is None else f"{INPUTS}/details.toml",
+            "constraint": self.constraint,
+            "repeatability_mm": self.repeatability_mm,
+            **{name: getattr(self, name) for name in _BESIDE if getattr(self, name) not in (None, "")},
+        }
+
+
+def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
+    """The inputs of a bundle, from what `Inputs.stated` gave; CertificationError when that is not what it wrote."""
+    places: dict[str, Any] = {}
+    for key in ("trajectory", "program", "run", "rig", "details"):
+        name = stated.get(key)
+        if isinstance(name, str):
+            places[key] = folder / safe_name(name)
+        elif name is not None or key in ("trajectory", "program"):
+            raise CertificationError(f"certificate.json: measurement: {key} is not the name of a file")
+    constraint, repeatability = stated.get("constraint"), stated.get("repeatability_mm")
+    if not isinstance(constraint, str | None) or not isinstance(repeatability, float):
+        raise CertificationError("certificate.json: measurement: constraint or repeatability_mm is not what this program writes")
+    beside = {name: stated[name] for name in _BESIDE if name in stated}
+    if not all(isinstance(value, str if name == "columns" else float) for name, value in beside.items()):
+        raise CertificationError("certificate.json: measurement: columns or uncertainties are not what this program writes")
+    return replace(Inputs(**places), constraint=constraint, repeatability_mm=repeatability, sealed=True, **beside)
+
+
+def settings_from(stated: Any, *, earlier: bool = False) -> CertificationSettings:
+    """Settings from what `settings_stated` gave; CertificationError when it is something else. earlier: those that it did not know yet may
+    be missing."""
+    known = {f.name for f in fields(CertificationSettings)}
+    if not isinstance(stated, dict) or not set(stated) <= known or (set(stated) != known and not earlier):
+        raise CertificationError("certificate.json: settings: are not those this program writes")
+    try:
+        return TypeAdapter(CertificationSettings).validate_python(stated)
+    except ValidationError:
+        raise CertificationError("certificate.json: settings: hold a value of another kind") from None
+
+
+def settings_stated(settings: CertificationSettings) -> dict[str, Any]:
+    """All settings, for certificate.json; None where there is no limit."""
+    return {f.name: _listed(getattr(settings, f.name)) for f in fields(CertificationSettings)}
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(v) for v in value] if isinstance(value, tuple) else value
+
+
+def _inside(path: Path, folder: Path) -> str:
+    return PurePosixPath(*path.relative_to(folder).parts).as_posix()
+
+
+def _beside(place: str, link: str, what: str) -> str:
+    """Name in the bundle of a file that a copied one, at its place there, links to by a relative name; what: file and key of the link."""
+    parts = list(PurePosixPath(place).parent.parts)
+    target = PurePosixPath(link.replace("\\", "/"))
+    for part in target.parts:
+        if part != "..":
+            parts.append(part)
+        elif len(parts) > 1:
+            parts.pop()
+        else:
+            parts = []
+            break
+    if target.is_absolute() or not parts:
+        raise CertificationError(f"{what} = {link!r} lies too far from it to be copied with it; put it beside that file")
+    return "/".join(parts)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a measurement gave. trajectory: the poses that were evaluated, from the counts when there is a run.
+
+    systematic_sha256: digest of the rig and its calibration, where nothing else is systematic in the run: measurements that have it in
+    common share their systematic errors. None where that is not so, or not known.
+    """
+
+    evaluation: Evaluation
+    trajectory: Trajectory
+    program: Program
+    details: Details
+    rig: Rig | None = None
+    calibration: CalibrationRecord | None = None
+    systematic_sha256: str | None = None
+    notes: tuple[Finding | str, ...] = ()
+    logo: Logo | None = None
+
+
+def measure(inputs: Inputs, settings: CertificationSettings, progress: Progress | None = None, *, same: bool = True) -> Measured:
+    """Evaluate a measurement from its files.
+
+    With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row. same:
+    False where another method made that file, which may hold other poses.
+    Raises what reading the files, `reconstruct` and `evaluate` raise.
+    """
+    program = read_program(inputs.program)
+    found = _measured(inputs, program, settings, progress, same=same)
+    unused = undecided(found.evaluation.characteristics, program.tolerance)
+    if unused is not None:
+        where = "".join(f" at {name}" for name in (unused.pose, unused.path) if name is not None)
+        raise CertificationError(
+            f"{inputs.program}: tolerance of {unused.characteristic}{where}: no characteristic is held against it: none has that name "
+            "there, or a tolerance before it takes all"
+        )
+    return found
+
+
+def _measured(inputs: Inputs, program: Program, settings: CertificationSettings, progress: Progress | None, *, same: bool) -> Measured:
+    details = Details() if inputs.details is None else read_details(inputs.details)
+    logo = None if inputs.details is None else read_logo(inputs.details, details)
+    if inputs.run is None:
+        trajectory = read_trajectory(inputs.trajectory, replace(inputs.beside, angles=settings.angles, likely=program.angles))
+        evaluation = evaluate(trajectory, program, settings=settings, progress=progress)
+        return Measured(evaluation, trajectory, program, details, logo=logo, notes=trajectory.notes)
+    run = read_run(inputs.run, inputs.rig)
+    aligned = align(run)
+    trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
+    if same:
+        _check_same(inputs.trajectory, trajectory)
+    model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
+    evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
+    notes: tuple[Finding | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))
+    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
+
+
+def _systematic(run: Run) -> str | None:
+    # the start pose, clocks of passes and the temperature err anew in every run
+    if run.calibration is None or any(run.u_start) or run.rig.passes > 1 or run.temperature_c is not None:
+        return None
+    # drums and pulleys stand otherwise in every run
+    if unsolved_stated(run.rig, kinds=OTHERS):
+        return None
+    return digest([run.rig.model_dump(mode="json"), run.calibration.model_dump(mode="json")])
+
+
+def _check_same(path: Path, trajectory: Trajectory) -> None:
+    """OtherTrajectoryError names the first row in which a trajectory file is not the trajectory of the run."""
+    names = ("time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS)
+    table = files.read_table(path, only=names)
+    if len(table) != len(trajectory.time_s):
+        raise OtherTrajectoryError(f"{path}: has {len(table)} rows, but the run's counts give {len(trajectory.time_s)} poses")
+    allowed = [SAME_TIME_S, *[SAME_POSITION_MM] * 3, *[SAME_QUATERNION] * 4]
+    for i, name in enumerate(names):
+        expected = trajectory.time_s if i == 0 else trajectory.poses[:, i - 1]
+        found = table.numbers(name, gaps=name != "time_s")
+        same = (np.abs(found - expected) <= allowed[i]) | (np.isnan(found) & np.isnan(expected))
+        if not same.all():
+            row = int(np.argmax(~same))
+            raise OtherTrajectoryError(
+                f"{path}: row {row} is not what the run's counts give: {name} is {found[row]:.9g}, from the counts {expected[row]:.9g}"
+            )

@@ -1,0 +1,114 @@
+"""Ed25519 signatures (RFC 8032) of a manifest, by a key of the user's, checked without a network."""
+
+import base64
+import binascii
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from lmeasure.certificate.canonical_json import canonical
+from lmeasure.core import CertificationError, KeyKeptError, LMeasureError
+from lmeasure.io import files
+
+SCHEMA = "lmeasure.signature/1"
+_RAW = serialization.Encoding.Raw, serialization.PublicFormat.Raw
+
+
+def new_key(path: Path, *, force: bool = False) -> str:
+    """Write a new private key (PKCS 8, PEM, readable by its owner only) and `path` + .pub; return the fingerprint of the public key.
+
+    KeyKeptError when either file exists and force is not given: a key that signed something must not be lost.
+
+    The private key is on the disk before the public one. Killed in between, there is a private key alone, never two of different pairs.
+    """
+    path = Path(path)
+    public_path = path.with_name(path.name + ".pub")
+    for taken in (path, public_path):
+        if taken.exists() and not force:
+            raise KeyKeptError(f"{taken}: exists; --force replaces the key, or give another name")
+    key = Ed25519PrivateKey.generate()
+    private = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    public_path.unlink(missing_ok=True)
+    with files.whole(path) as temporary:
+        temporary.unlink(missing_ok=True)
+        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600), "wb") as file:
+            file.write(private)
+    try:
+        files.write_text(public_path, public.decode("ascii"))
+    except LMeasureError:
+        path.unlink()  # half a pair is no key, and would be in the way of the next
+        raise
+    return fingerprint(key.public_key())
+
+
+def fingerprint(key: Ed25519PublicKey) -> str:
+    """SHA-256 of the raw public key, hexadecimal."""
+    return hashlib.sha256(key.public_bytes(*_RAW)).hexdigest()
+
+
+def read_private_key(path: Path) -> Ed25519PrivateKey:
+    """An unencrypted Ed25519 private key in PEM; CertificationError when it is something else."""
+    text = files.read_bytes(path)
+    try:
+        key = serialization.load_pem_private_key(text, password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        why = "is protected by a password" if isinstance(error, TypeError) else "is not a private key in PEM"
+        raise CertificationError(f"{path}: {why}; a key of its own without one is needed (lmeasure key)") from None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise CertificationError(f"{path}: is not an Ed25519 key (lmeasure key makes one)")
+    return key
+
+
+def read_public_key(path: Path) -> Ed25519PublicKey:
+    """An Ed25519 public key in PEM; CertificationError when it is something else."""
+    text = files.read_bytes(path)
+    try:
+        key = serialization.load_pem_public_key(text)
+    except (ValueError, UnsupportedAlgorithm):
+        raise CertificationError(f"{path}: is not a public key in PEM") from None
+    if not isinstance(key, Ed25519PublicKey):
+        raise CertificationError(f"{path}: is not an Ed25519 public key")
+    return key
+
+
+def sign(content: bytes, key: Ed25519PrivateKey) -> dict[str, Any]:
+    """The table of signature.json for the bytes of a manifest."""
+    return {
+        "schema": SCHEMA,
+        "algorithm": "Ed25519",
+        "signed": "manifest.json",
+        "public_key": base64.b64encode(key.public_key().public_bytes(*_RAW)).decode("ascii"),
+        "signature": base64.b64encode(key.sign(content)).decode("ascii"),
+    }
+
+
+def signer(content: bytes, table: bytes) -> Ed25519PublicKey:
+    """The public key whose signature of the content stands in the bytes of signature.json; CertificationError says why there is none.
+
+    Every byte counts: the file must be written as `sign` gives it.
+    """
+    try:
+        stated = json.loads(table)
+        key = Ed25519PublicKey.from_public_bytes(base64.b64decode(stated["public_key"], validate=True))
+        key.verify(base64.b64decode(stated["signature"], validate=True), content)
+    except InvalidSignature:
+        raise CertificationError("the signature is not that of manifest.json by the key it names") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, binascii.Error):
+        raise CertificationError("cannot be read as a signature") from None
+    written = {
+        "schema": SCHEMA,
+        "algorithm": "Ed25519",
+        "signed": "manifest.json",
+        "public_key": base64.b64encode(key.public_bytes(*_RAW)).decode("ascii"),
+        "signature": stated["signature"],
+    }
+    if canonical(written) != table or base64.b64encode(base64.b64decode(stated["signature"])).decode("ascii") != stated["signature"]:
+        raise CertificationError("is not written as lmeasure writes it: a byte was changed")
+    return key

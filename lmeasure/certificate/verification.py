@@ -1,0 +1,267 @@
+"""A certificate held against its own folder: every byte by the manifest, every figure by computing it again."""
+
+import datetime
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lmeasure.certificate.bundle import (
+    CERTIFICATE,
+    INPUTS,
+    SIGNATURE,
+    UNSIGNED,
+    Difference,
+    Seal,
+    check_seal,
+    entries,
+    regular_bytes,
+)
+from lmeasure.certificate.canonical_json import canonical
+from lmeasure.certificate.content import certificate
+from lmeasure.certificate.inputs import Measured, inputs_in, measure, settings_from
+from lmeasure.certificate.method_version import METHOD
+from lmeasure.certificate.recompute import RELATIVE, SOURCES, Compared, beside, compare, label, of_environment
+from lmeasure.certificate.versions import environment
+from lmeasure.core import CertificationError, LMeasureError
+from lmeasure.iso9283 import SCHEMA
+from lmeasure.text import LANGUAGES
+
+PROGRAM = ("lmeasure", "lmeasure sources")
+"""What of an environment is this program itself: another one prints other texts."""
+
+
+@dataclass(frozen=True)
+class Printer:
+    """How a file that people read comes from a certificate, and the text that they read in its bytes. text: ValueError when they cannot
+    be read. needed: `certify` writes it always. close: whether two of them are the same but for the last digits of numbers."""
+
+    write: Callable[[dict[str, Any], Measured], bytes]
+    text: Callable[[bytes], str]
+    needed: bool = True
+    close: Callable[[bytes, bytes], bool] = bytes.__eq__
+
+    def __call__(self, content: dict[str, Any], measured: Measured) -> bytes:
+        """The file's bytes."""
+        return self.write(content, measured)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What is different, if anything; how many figures agree; in what the environment differs and what that made of the figures at most.
+
+    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines.
+    """
+
+    certificate: str
+    differences: tuple[Difference, ...]
+    figures: int = 0
+    signer: str | None = None
+    environment: tuple[str, ...] = ()
+    largest: float = 0.0
+    skipped: tuple[str, ...] = field(default=())
+    beside: tuple[str, ...] = field(default=())
+
+    @property
+    def exit_code(self) -> int:
+        """0 the same, 1 a difference, 3 no difference but something that could not be compared."""
+        return 1 if self.differences else 3 if self.skipped else 0
+
+
+def verify(
+    folder: Path,
+    public_key: Any | None = None,
+    printers: Mapping[str, Printer] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Verification:
+    """Look at every byte, compute every figure again from the inputs, and print again what people read.
+
+    public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate. They are printed again
+    and compared byte for byte; where only last digits or another environment can be the reason of other bytes, by their texts, and the
+    file is named as not compared beyond them. The environment is a claim of the certificate: what is not that of this machine is named as
+    not compared. Figures by another method are not compared but listed beside those of today.
+
+    All of this starts from the inputs in the folder. Whether they are those of a measurement shows only a signature: whoever changes the
+    inputs of an unsigned folder can make a new certificate of them. CertificationError when there is no certificate to look at.
+    """
+    folder = Path(folder)
+    seal = check_seal(folder, public_key)
+    if any(d.what.startswith(f"{INPUTS}/") for d in seal.differences):
+        return Verification(
+            seal.certificate, seal.differences, signer=seal.signer, skipped=("figures: the inputs are not those certified",)
+        )
+    try:
+        stated = read_certificate(folder / CERTIFICATE)
+    except LMeasureError as error:
+        return _not_computed(folder, seal, error)
+    here = environment()
+    own = {key: value for key, value in here.items() if stated["environment"].get(key) != value}
+    own |= {key: "none" for key in stated["environment"] if key not in here}
+    method = stated["method"]
+    other = method != METHOD
+    told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
+    out = [*seal.differences, *of_environment(stated["environment"], here)]
+    if seal.certificate and stated["id"] != seal.certificate:
+        out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
+    try:
+        inputs = inputs_in(folder, stated["measurement"])
+        copies = entries(folder, sorted(inputs.copies()))
+        measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress, same=not other)
+    except LMeasureError as error:
+        if not other:
+            return _not_computed(folder, seal, error)
+        why = f"figures: by method {method}; today's, {METHOD}, refuses the inputs: {_inside(folder, error)}"
+        return Verification(stated["id"], tuple(out), signer=seal.signer, environment=told, skipped=(why,))
+    out += _strangers(seal, {c["file"] for c in copies}, printers)
+    again = certificate(
+        measured,
+        inputs,
+        copies,
+        created=stated["created"],
+        language=stated["language"],
+        environment=stated["environment"],
+    )
+    lines: tuple[str, ...] = ()
+    skipped, figures, compared = [], 0, Compared(())
+    if own:
+        skipped.append(f"environment: {'; '.join(told)}: what the certificate states cannot be checked here")
+    if other:
+        found, lines = beside(stated, again)
+        out += found
+        skipped.append(f"figures: made by method {method}, today's is {METHOD}")
+    else:
+        compared = compare(stated, again, other_version=SOURCES in own)
+        out += compared.differences
+        skipped += compared.skipped
+        figures = len(stated["characteristics"])
+    for name, printer in (printers or {}).items():
+        if any(d.what == name for d in seal.differences):
+            continue
+        found, why_not = _page(folder, name, printer, stated=stated, measured=measured, own=own, other=other, moved=compared.moved)
+        out += found
+        skipped += why_not
+    return Verification(stated["id"], tuple(out), figures, seal.signer, told, compared.largest, tuple(skipped), lines)
+
+
+def _not_computed(folder: Path, seal: Seal, error: Exception) -> Verification:
+    out = seal.differences or (Difference(CERTIFICATE, f"cannot be computed again: {_inside(folder, error)}"),)
+    return Verification(seal.certificate, out, signer=seal.signer, skipped=("figures: see above",))
+
+
+def _inside(folder: Path, error: Exception) -> str:
+    return str(error).replace(f"{folder}/", "")
+
+
+def _strangers(seal: Seal, inputs: set[str], printers: Mapping[str, Printer] | None) -> list[Difference]:
+    """Files that the manifest names and that are no part of a certificate."""
+    if printers is None:
+        return [Difference(n, "is no input of the certificate") for n in sorted(seal.files - inputs) if n.startswith(f"{INPUTS}/")]
+    return [Difference(name, "is no part of a certificate") for name in sorted(seal.files - inputs - {CERTIFICATE, *printers})]
+
+
+def _page(
+    folder: Path,
+    name: str,
+    printer: Printer,
+    *,
+    stated: dict[str, Any],
+    measured: Measured,
+    own: Mapping[str, str],
+    other: bool,
+    moved: bool,
+) -> tuple[list[Difference], list[str]]:
+    """Return where a file that people read is not what its certificate prints, and what of it could not be compared.
+
+    moved: figures differ in their last digits, which are in the pictures too.
+    """
+    if not (folder / name).exists():
+        return [], [f"{name}: is not in the folder"] if printer.needed else []
+    why_not = [f"{name}: what it prints, since another version of this program prints other texts"]
+    if other:
+        return [], why_not
+    content, expected = regular_bytes(folder / name), printer(stated, measured)
+    if content == expected or (moved and printer.close(content, expected)):
+        return [], []
+    if own or moved:
+        try:
+            if printer.text(content) == printer.text(expected):
+                return [], [f"{name}: compared by its text only; what it draws, and how, was not"]
+        except ValueError as error:
+            return [Difference(name, f"cannot be read: {error}")], []
+    # other sources may say the same in other words: no difference, but nothing that was compared
+    if any(key in own for key in PROGRAM):
+        return [], why_not
+    return [Difference(name, "is not what certificate.json prints")], []
+
+
+def read_certificate(path: Path) -> dict[str, Any]:
+    """A certificate.json as a dictionary whose tables are there; FileFormatError or CertificationError when it is none."""
+    raw = regular_bytes(path)
+    try:
+        content = json.loads(raw, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise CertificationError(f"{path}: is not JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise CertificationError(f"{path}: is not a certificate (schema {SCHEMA!r})")
+    kinds: dict[str, Any] = {
+        "id": str, "created": str, "language": str, "details": dict, "measurement": dict, "inputs": list, "settings": dict,
+        "environment": dict, "trajectory": dict, "characteristics": list, "excluded": list, "attained": list, "notes": list,
+        "figures_sha256": str,
+    }  # fmt: skip
+    for key, kind in kinds.items():
+        if not isinstance(content.get(key), kind):
+            raise CertificationError(f"{path}: {key} is missing or not what it should be")
+    try:
+        datetime.datetime.fromisoformat(content["created"])
+    except ValueError:
+        raise CertificationError(f"{path}: created is not a date") from None
+    method = content.get("method")
+    if type(method) is not int or method < 1:
+        raise CertificationError(f"{path}: method is not a number from 1")
+    if content["language"] not in LANGUAGES:
+        raise CertificationError(f"{path}: language is not one of {', '.join(LANGUAGES)}")
+    findings = content.get("findings", [])
+    if not isinstance(findings, list) or not all(isinstance(f, dict) and isinstance(f.get("text"), str) for f in findings):
+        raise CertificationError(f"{path}: findings are not texts with their codes")
+    for figure in content["characteristics"]:
+        if not isinstance(figure, dict) or not {"name", "value", "unit", "u95", "capable"} <= set(figure):
+            raise CertificationError(f"{path}: a characteristic lacks its name, value, unit, u95 or capable")
+        numbers = [figure["value"], *([] if figure["u95"] is None and figure["capable"] is None else [figure["u95"]])]
+        if not all(isinstance(number, int | float) and math.isfinite(number) for number in numbers):
+            raise CertificationError(f"{path}: {label(figure)}: value and u95 must be finite numbers")
+    if canonical(content) != raw:
+        raise CertificationError(f"{path}: is not written as lmeasure writes it: a name stands there twice, or the digits are others")
+    return content
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is not a number of JSON")
+
+
+def told(found: Verification, *, asked: bool) -> list[str]:
+    """Return the lines for a person: who signed it, then differences. asked: whether the signature was compared with a key."""
+    out = []
+    if found.signer is not None:
+        whose = (
+            "the key asked for" if asked and not any(d.what == SIGNATURE for d in found.differences) else "a key nobody vouches for here"
+        )
+        out.append(f"signed by {found.signer[:16]}: {whose}")
+    elif not any(d.what == SIGNATURE and d.text != UNSIGNED for d in found.differences):
+        out.append("unsigned: origin not proved")
+    out += [str(d) for d in found.differences]
+    out += found.beside
+    out += [f"not compared: {text}" for text in found.skipped]
+    if found.largest > 0.0:
+        out.append(f"figures differ in their last digits, by {found.largest:.2g} at most; up to {RELATIVE:g} is no difference")
+    digit = f"within {RELATIVE:g}" if found.largest > 0.0 else "to the digit"
+    computed = f", all {found.figures} figures computed again and the same {digit}" if found.figures else ""
+    if found.differences:
+        number = len(found.differences)
+        out.append(f"{found.certificate or 'certificate'}: {number} difference{'s' if number > 1 else ''}")
+    elif found.skipped:
+        out.append(f"{found.certificate}: hashes as sealed{computed}; {len(found.skipped)} not compared, named above")
+    else:
+        out.append(f"{found.certificate}: every byte as sealed{computed}")
+    return out

@@ -1,0 +1,35 @@
+"""With what the figures were computed: the same environment gives the same digits, another may differ in the last ones."""
+
+import hashlib
+import platform
+from functools import cache
+from pathlib import Path
+
+import llvmlite.binding
+
+from lmeasure.core import version_of
+
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno")
+
+
+@cache
+def sources_sha256() -> str:
+    """SHA-256 over the names and digests of this package's own sources."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    sources = [path for kind in ("py", "typ", "po", "css", "js") for path in root.rglob(f"*.{kind}")]
+    for path in sorted(sources, key=lambda p: p.relative_to(root).as_posix()):
+        digest.update(f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def environment() -> dict[str, str]:
+    """Versions of the program, Python and the libraries that compute or print, and the processor kernels are compiled for."""
+    return {
+        "lmeasure": version_of("lmeasure"),
+        "lmeasure sources": sources_sha256(),
+        "python": platform.python_version(),
+        **{name: version_of(name) for name in LIBRARIES},
+        "system": f"{platform.system()} {platform.machine()}",
+        "processor": llvmlite.binding.get_host_cpu_name(),
+    }

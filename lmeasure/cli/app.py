@@ -1,0 +1,172 @@
+"""The command line: it parses and prints; what a command does is its workflow.
+
+Nothing heavy is imported before a command runs, so that `lmeasure --help` answers at once. Exit codes: 0 done; 1 the data cannot give the
+answer, said in one line; 2 wrong usage.
+"""
+
+import atexit
+import errno
+import io
+import os
+import sys
+import traceback
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from lmeasure.cli import interrupts
+from lmeasure.cli.help import Group, in_plain_words, wrong_use
+from lmeasure.cli.text import said
+from lmeasure.core import CancelledError, LMeasureError, OverwriteError, SettingsError, shortened
+from lmeasure.workflows import COMMANDS
+
+NO_ANSWER, WRONG_USE = 1, 2
+FULL = (errno.ENOSPC, errno.EPIPE, errno.EIO, errno.EDQUOT)
+INTERRUPTED = 130
+"""Exit code of typer where Ctrl-C ended a command."""
+
+
+class Commands(Group):
+    """The commands of the workflows, each made when it is asked for."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """All names, in their order."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command, None for an unknown one."""
+        if cmd_name not in COMMANDS:
+            return None
+        from lmeasure.cli.commands import command
+
+        return command(cmd_name)
+
+
+app = typer.Typer(
+    name="lmeasure",
+    cls=Commands,
+    help="Cables, drums and encoders as a 6-DOF metrology instrument: from raw counts to the certificate of a robot.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: drawing it would take three times as long as everything else
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from lmeasure.core import version_of
+
+        typer.echo(f"lmeasure {version_of('lmeasure')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")] = False,
+) -> None:
+    pass
+
+
+_code = INTERRUPTED
+
+
+def program() -> NoReturn:
+    """Entry point of the `lmeasure` command."""
+    end_at_once()
+    run()
+
+
+def end_at_once() -> None:
+    """Once the process ends and its libraries have said their last, it is gone: taking compiled code and libraries apart takes a second or
+    more, in which a person waits and nothing is done. Called before any of them is loaded: the first to be registered is the last to be
+    called."""
+    atexit.register(lambda: os._exit(_code))
+
+
+def run() -> NoReturn:
+    """`main`, and the exit code with which the process ends at once."""
+    global _code
+    try:
+        main()
+        _code = 0
+    except SystemExit as end:
+        _code = end.code if isinstance(end.code, int) else 0 if end.code is None else NO_ANSWER
+        raise
+    except Exception:
+        _code = NO_ANSWER
+        raise
+    raise SystemExit(0)
+
+
+def main() -> None:
+    """The command in a process that goes on, as in a test: it ends with SystemExit."""
+    # before numpy is loaded: the matrices here are small, and threads of BLAS only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a letter gets the rest
+            stream.reconfigure(errors="replace" if stream is sys.stdout else "backslashreplace")
+    with interrupts.noted():
+        try:
+            code = app(standalone_mode=False)
+            _end(code if isinstance(code, int) else 0, str(CancelledError()) if code == INTERRUPTED else "")
+        except typer.TyperException as error:
+            print(wrong_use(error), file=sys.stderr)
+            _end(error.exit_code, told=" ".join(in_plain_words(error).split()))
+        except (CancelledError, typer.Abort, KeyboardInterrupt):  # the last before the parser watches for it
+            _end(INTERRUPTED, str(CancelledError()))
+        except (OverwriteError, SettingsError) as error:
+            _end(WRONG_USE, *error.lines)
+        except LMeasureError as error:
+            _end(NO_ANSWER, *error.lines)
+        except MemoryError as error:
+            _end(NO_ANSWER, said("this machine's memory is not enough for what was asked: {error}", error=error))
+        except OSError as error:
+            if error.errno not in FULL or error.filename is not None:
+                _unforeseen(error)
+            _end(NO_ANSWER, said("standard output cannot be written: {error}", error=error.strerror))
+        except Exception as error:
+            if interrupts.came():  # while something was being loaded, which is now half there
+                _end(INTERRUPTED, str(CancelledError()))
+            _unforeseen(error)
+
+
+def _unforeseen(error: Exception) -> NoReturn:
+    """What no module foresaw, in one line; with the traceback where LMEASURE_DEBUG asks for it."""
+    if os.environ.get("LMEASURE_DEBUG"):
+        raise error
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(at.filename).name}:{at.lineno}"
+    _end(
+        NO_ANSWER,
+        said(
+            "a fault of this program, {fault}; nothing was left half-written. Please report this line, the command and its files; with "
+            "LMEASURE_DEBUG=1 set the command says more",
+            fault=f"{type(error).__name__} in {place}: {shortened(str(error))}",
+        ),
+    )
+
+
+def _end(code: "int | str | None", *texts: str, told: str = "") -> NoReturn:
+    """End with that exit code, the texts on standard error, a line each, and what is still held of the output written, if it can be. The
+    texts, or one that was told already, are the error of `--json`."""
+    lines = [line for line in (" ".join(text.split()) for text in texts) if line]
+    for line in lines:
+        print(f"lmeasure: {line}", file=sys.stderr)
+    try:
+        if (lines or told) and isinstance(code, int) and sys.stdout is not None:
+            from lmeasure.cli import machine
+
+            if machine.asked():
+                print(machine.written(machine.of_error(code, lines or [told])))
+        if sys.stdout is not None:  # closed by whoever called
+            sys.stdout.flush()
+    except OSError as error:
+        # the interpreter would try again at its end, and say so in its own way
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not lines:
+            lost = said("standard output cannot be written: {error}; files are whole", error=error.strerror)
+            print(f"lmeasure: {lost}", file=sys.stderr)
+        code = code or NO_ANSWER
+    raise SystemExit(code) from None

@@ -1,0 +1,287 @@
+"""What a person sees while a command works: a bar that vanishes, stages that stay, a table of a recording, questions."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lmeasure.cli import events
+from lmeasure.cli.interrupts import heeded
+from lmeasure.cli.terminal import TypedLines, columns, fitted, state_line
+from lmeasure.cli.text import retold, said
+from lmeasure.core import CancelledError, SettingsError
+from lmeasure.kernels import compilation
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition import Check, Step
+    from lmeasure.procedures import Session
+    from lmeasure.workflows import Asked, Progress, Result, Workflow
+
+
+def with_bar(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """Under a progress bar."""
+    with bar(workflow.name) as progress:
+        return workflow.run(settings, heeded(progress))
+
+
+def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
+    """Under the table of a recording, where it is asked for."""
+    if not settings.live:
+        return workflow.run(settings)
+    from lmeasure.accuracy import radii_95  # noqa: F401 - takes long, and not while frames come
+
+    if events.asked():
+        return workflow.run(settings, show=events.live)
+    from lmeasure.cli.live import live_table
+
+    with live_table() as show:
+        return workflow.run(settings, show=show)
+
+
+def watching(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """Under the table of what comes."""
+    if events.asked():
+        return workflow.run(settings, show=events.live)
+    from lmeasure.cli.live import live_table
+
+    with live_table() as show:
+        return workflow.run(settings, show=show)
+
+
+def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
+    """With a person who does what is asked while the counts are shown, and the table of what came of it."""
+    keys = TypedLines()
+    with state_line(keys) as (say, show):
+
+        def ask(step: "Step") -> str:
+            text = retold(step.text)
+            say(f"{step.number}/{step.of} " + said("{text}, then press Enter", text=text))
+            if events.asked():  # a page has a button for it
+                events.tell("asked", text=text, number=step.number, of=step.of, act=step.act)
+            while not (lines := keys.typed()):
+                if keys.gone:
+                    raise typer.Abort
+                state = step.look()
+                if show is not None:
+                    show(state)
+                if events.asked():
+                    events.moved(step.moved())
+            return lines[0]
+
+        result: Result[Check] = workflow.run(settings, lambda fraction, text: say(text), ask=ask)
+    _print(result.made)
+    return result
+
+
+def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """With lines for what was read, a line that stays in its place for the state of things, and a person, or a script, that types."""
+    on_terminal = sys.stdin is not None and sys.stdin.isatty()
+
+    def ask(text: str) -> str:
+        return str(typer.prompt("\n".join(fitted(retold(text), columns())), default="", show_default=False, prompt_suffix=": "))
+
+    keys = TypedLines()
+    with state_line(keys) as (say, line):
+
+        def show(session: "Session") -> None:
+            if line is not None:
+                line(session.line())
+            if events.asked():
+                events.captured(session)
+
+        def progress(fraction: float, text: str) -> None:
+            if events.asked() and keys.gone:  # whoever asked for it: it ends as by Ctrl-C
+                raise CancelledError
+
+        if on_terminal or events.asked():
+            return workflow.run(settings, progress, say=say, keys=keys, ask=ask if on_terminal else keys.answer, show=show)
+        return workflow.run(settings, say=say, keys=keys)
+
+
+def listening(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """Under a progress bar, and for other programs with who speaks."""
+    with bar(workflow.name) as progress:
+        return workflow.run(settings, progress, show=events.spoken if events.asked() else None)
+
+
+def playing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """With a person, a page, or a script, that types what is to be done, until the end of what is typed."""
+    keys = TypedLines()
+    with state_line(keys) as (say, _):
+        return workflow.run(settings, say=say, keys=keys, show=events.played if events.asked() else None)
+
+
+def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
+    """With questions, where no template answers them."""
+
+    def ask(question: str, default: str) -> str:
+        try:
+            return str(typer.prompt(retold(question), default=default))
+        except typer.Abort:
+            if sys.stdin is not None and sys.stdin.isatty():
+                raise
+            raise SettingsError("template", "is missing, and nobody answers; `lmeasure init --list` lists them") from None
+
+    if settings.list or settings.template is not None:
+        return workflow.run(settings)
+    return workflow.run(settings, ask=ask)
+
+
+def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """With a line for each stage."""
+    with stages() as progress:
+        return workflow.run(settings, heeded(progress))
+
+
+def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
+    """With the address of its pages."""
+    try:
+        from lmeasure.workbench import serve
+    except ModuleNotFoundError as error:
+        from lmeasure.core import LMeasureError, how_to_install
+
+        raise LMeasureError(f"the workbench needs {error.name}, which is not installed: {how_to_install('workbench')}") from error
+
+    def told(fraction: float, address: str) -> None:
+        text = (
+            "The workbench is at {address} (which lets in one browser of this machine, once; "
+            ".workbench/address in the project has the next). Ctrl-C ends it"
+        )
+        typer.echo(said(text, address=address))
+
+    return workflow.run(settings, told, serve=serve)
+
+
+Face = Callable[["Workflow", Any], "Result[Any]"]
+FACES: dict[str, Face] = {
+    "capture": capturing,
+    "check": questions,
+    "init": beginning,
+    "play": playing,
+    "scan": listening,
+    "demo": with_stages,
+    "record": recording,
+    "watch": watching,
+    "workbench": in_browser,
+    "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(retold(text))),
+}
+"""Of commands that show something else than a bar."""
+
+
+@contextmanager
+def told_of_compiling() -> Iterator[None]:
+    """Says on a terminal that kernels are being compiled, which takes long once, and afterwards for how long it was."""
+
+    def begun(name: str) -> None:
+        first = "lmeasure: compiling the numerical kernels for this machine, half a minute to two; later calls load them ({name} ...)"
+        print(said(first, name=name), file=sys.stderr, flush=True)
+
+    def told(name: str) -> None:
+        events.tell("compiling", text=name)
+
+    before, since = len(compilation.names), compilation.seconds
+    on_terminal = not events.asked() and sys.stderr is not None and sys.stderr.isatty()
+    compilation.begun = told if events.asked() else begun if on_terminal else None
+    try:
+        yield
+    finally:
+        done = compilation.names[before:]
+        if on_terminal and done:
+            last = "lmeasure: compiled {count} kernels in {seconds} s, kept for later: {names}"
+            names = ", ".join(dict.fromkeys(done))
+            print(said(last, count=len(done), seconds=f"{compilation.seconds - since:.0f}", names=names), file=sys.stderr, flush=True)
+        compilation.begun = None
+
+
+@contextmanager
+def bar(label: str) -> "Iterator[Progress]":
+    """A progress bar on stderr, named by the label until the work names itself.
+
+    It vanishes when the work is done, and is not there at all where nobody watches: an error stays one line.
+    """
+    if events.asked():
+        yield events.progress(said(label))
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        task = shown.add_task(said(label), total=None)
+        yield lambda fraction, text: shown.update(task, completed=fraction, total=1.0, description=said(text))
+
+
+@contextmanager
+def stages() -> "Iterator[Progress]":
+    """A line for each stage on stderr, on a terminal with a bar and its time."""
+    if events.asked():
+        yield events.progress(said("load"))
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        begun: set[str] = {"load"}
+
+        def say(fraction: float, stage: str) -> None:
+            if stage not in begun:
+                begun.add(stage)
+                typer.echo(said(stage), err=True)
+
+        yield say
+        return
+    with Progress(TextColumn("{task.description:34}"), BarColumn(), TimeElapsedColumn(), console=console) as shown:
+        tasks: dict[str, TaskID] = {"load": shown.add_task(said("load"), total=None)}
+        current = tasks["load"]
+
+        def step(fraction: float, stage: str) -> None:
+            nonlocal current
+            if stage not in tasks:
+                shown.update(current, completed=1, total=1)
+                tasks[stage] = current = shown.add_task(said(stage), total=None)
+            shown.update(current, completed=fraction or None, total=1.0 if fraction else None)
+
+        yield step
+        shown.update(current, completed=1, total=1)
+
+
+def _print(result: "Check") -> None:
+    """The table, as wide as its contents, and under it every fault on a line of its own."""
+
+    def sign(direction: int | None) -> str:
+        return "-" if direction is None else f"{direction:+d}"
+
+    def number(value: float | None, form: str) -> str:
+        return "-" if value is None else f"{value:{form}}"
+
+    head = [said(word) for word in ("cable", "channel", "moved", "+-", "stroke mm", "slack mm", "counts/turn")]
+    rows = [
+        [c.cable, c.channel, c.moved or "-", sign(c.direction), number(c.stroke_mm, ".1f"), number(c.slack_mm, "+.3f")]
+        + ["-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} / {c.expected_per_turn:g}", "" if c.faults else "ok"]
+        for c in result.cables
+    ]
+    lines = _table([[*head, ""], *rows])
+    if result.encoders:
+        head = [said(word) for word in ("encoder", "channel", "moved", "+-", "turned deg", "back deg")]
+        rows = [
+            [e.what.removeprefix("swivel of ").removeprefix("inclination "), e.channel, e.moved or "-", sign(e.direction)]
+            + [number(e.turned_deg, ".1f"), number(e.back_deg, "+.3f"), "" if e.faults else "ok"]
+            for e in result.encoders
+        ]
+        lines += _table([[*head, ""], *rows])
+    rest = f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts"
+    lines += [retold(line) for line in (rest, *(f"fault: {fault}" for fault in result.all_faults))]
+    for line in lines:
+        for part in fitted(line, columns()) if sys.stdout.isatty() else [line]:
+            typer.echo(part)
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    """Rows below each other: names to the left, at most ten letters of each, numbers to the right."""
+    short = [[*(name[:10] for name in row[:3]), *row[3:]] for row in rows]
+    widths = [max(len(row[j]) for row in short) for j in range(len(short[0]))]
+    return [" ".join(f"{c:{'<' if j < 3 else '>'}{widths[j]}}" for j, c in enumerate(row)).rstrip() for row in short]

@@ -1,0 +1,53 @@
+"""Square roots of covariances, the same on every machine.
+
+LAPACK chooses the sign of an eigenvector, and any basis among equal eigenvalues: two builds of it give two factors V sqrt(L), both right,
+and what is drawn by them with the same seed differs as two draws do. A third party must come to the same figures: the symmetric root
+V sqrt(L) V' is one and the same whatever was chosen.
+"""
+
+import numpy as np
+
+from lmeasure.core.arrays import FloatArray
+
+NOTHING = 1e-14
+"""Of the largest eigenvalue: what is less is rounding."""
+SAME = 1e-12
+"""One less the correlation from which two parameters are one that stands twice."""
+
+
+def symmetric_root(covariance: FloatArray) -> FloatArray:
+    """(..., k, k) symmetric square roots of covariances (..., k, k); NaN (what is not measured) counts as zero.
+
+    What is rounded off an eigenvalue of zero would be 1e-8 of the largest in its root, and another number on each processor. How many are
+    zero is told in units of each component's own width, for millimetres say nothing of radians; rank is the same in all units.
+    """
+    covariance = np.nan_to_num(covariance)
+    width = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+    unit = np.where(width > 0.0, width, 1.0)
+    scaled = np.linalg.eigvalsh(covariance / (unit[..., :, None] * unit[..., None, :]))
+    rank = (scaled > NOTHING * scaled.max(axis=-1, initial=0.0, keepdims=True)).sum(axis=-1, keepdims=True)
+    values, vectors = np.linalg.eigh(covariance)
+    # they are in ascending order
+    values = np.where(np.arange(values.shape[-1]) >= values.shape[-1] - rank, np.maximum(values, 0.0), 0.0)
+    return np.asarray((vectors * np.sqrt(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
+def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
+    """(p, r) F with F F^T the covariance (p, p), of the columns of the symmetric root; width (p,): a standard uncertainty of each
+    parameter, 0 where it is exact.
+
+    Parameters are millimetres and radians, known well and badly: what is nothing can only be told in units of their own widths. One that
+    several cables share stands in the covariance several times, and once in F, where what is exact has no column.
+    """
+    unit = np.where(width > 0.0, width, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    kept = values > NOTHING * max(float(values.max(initial=0.0)), 0.0)
+    root = (vectors[:, kept] * np.sqrt(values[kept])) @ vectors[:, kept].T
+    sigma = np.linalg.norm(root, axis=1)
+    uncertain = np.flatnonzero(sigma > np.sqrt(NOTHING) * sigma.max(initial=0.0))
+    own = root[uncertain] / sigma[uncertain, None]
+    alike = np.abs(own @ own.T) > 1.0 - SAME
+    first = ~np.tril(alike, -1).any(axis=1)
+    # rows that are one variable are multiples of one row, and so are the columns of a symmetric matrix
+    times = np.sqrt((alike[first] * sigma[uncertain] ** 2).sum(axis=1)) / sigma[uncertain[first]]
+    return np.ascontiguousarray(unit[:, None] * root[:, uncertain[first]] * times)

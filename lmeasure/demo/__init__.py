@@ -1,0 +1,5 @@
+"""Demonstrations: closed loops over a simulated cell, compared with the truth they came from."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

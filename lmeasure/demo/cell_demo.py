@@ -1,0 +1,173 @@
+"""The closed loop over a simulated cell: from counts on a bus to a trajectory and a zone, beside the truth they came from."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lmeasure.accuracy import axis, scan_zone, tilts, write_zone
+from lmeasure.calibration import Calibration
+from lmeasure.core import QUATERNION_COLUMNS, Status
+from lmeasure.demo.bus_loop import DWELL_S, SPEED_MM_S, different_counts, record_motion
+from lmeasure.demo.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
+from lmeasure.demo.folder import mark
+from lmeasure.demo.truth import HOME, Errors, errors_of, held_out_length_error, point_error, rms, vector_rms
+from lmeasure.io import files
+from lmeasure.recording import POSITION_COLUMNS, Run, read_run, write_run
+from lmeasure.rig import Rig
+from lmeasure.simulation import WORK_SPACE_MM, WORK_TILT_RAD, Leg, cell_rig, scattered_poses, simulate_run, smooth_path
+from lmeasure.text import of_terminal
+from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+STAGES = COUNT, CALIBRATE, RECORD, RECONSTRUCT, MAP, DRAW = (
+    COUNT,
+    CALIBRATE,
+    "record a motion over the bus",
+    "reconstruct",
+    "map the zone",
+    "draw",
+)
+
+RUN_RATE_HZ = 1000.0
+WAYPOINTS = 12
+ZONE_HALF_MM, ZONE_STEP_MM = 900.0, 100.0
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the demo's table: what, its error against the truth, and what the program said of it without knowing the truth."""
+
+    what: str
+    error: str
+    stated: str
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What a demo gave: its figures as lines and as numbers, what to know besides, and the files to look at, the most telling first."""
+
+    lines: tuple[Line, ...]
+    figures: Mapping[str, float]
+    remarks: tuple[str, ...]
+    look: tuple[Path, ...]
+
+
+def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
+    """Run the whole chain on a simulated cell, every count over a virtual CAN bus, and write all files into the folder `out`."""
+    # slow to import, and needed only for pages and pictures
+    from lmeasure.report import write_zone_page
+    from lmeasure.view import write_recording
+
+    out = Path(out)
+    mark(out, None)
+    step = stages(progress)
+    rng = np.random.default_rng(seed)
+    true = cell_rig(seed)
+    cell = calibrated_cell(out, true, rng, step)
+    campaign, calibration = cell.campaign, cell.calibration
+
+    report = step(RECORD)
+    waypoints = scattered_poses(WAYPOINTS, (WORK_SPACE_MM,) * 3, WORK_TILT_RAD, HOME, rng=rng)
+    path = smooth_path(HOME, [Leg(p, SPEED_MM_S, 1.0, DWELL_S) for p in waypoints], RUN_RATE_HZ)
+    moved = simulate_run(true, *path, noise_mm=0.0, rng=rng)
+    recorded = record_motion(moved, report)
+    # what follows knows the calibrated rig only
+    write_run(out / "run", replace(recorded, rig=calibration.rig, calibration=calibration.record))
+    columns = {"time_s": recorded.passes[0].time_s}
+    columns |= dict(zip((*POSITION_COLUMNS, *QUATERNION_COLUMNS), moved.poses.T, strict=True))
+    files.write_table(out / "truth.parquet", columns)
+
+    report = step(RECONSTRUCT)
+    run = read_run(out / "run")
+    trajectory = reconstruct(run)
+    write_trajectory(out / "trajectory.parquet", trajectory)
+    errors = errors_of(trajectory, moved.poses)
+
+    report = step(MAP)
+    zone, true_zone = map_zone(run, report), map_zone(replace(run, rig=true, calibration=None), report)
+    write_zone(out / "zone.nc", zone)
+    write_zone_page(out / "zone.html", zone, run.rig, run.calibration, language=of_terminal())
+
+    report = step(DRAW)
+    write_recording(
+        out / "demo.rrd",
+        run.rig,
+        run=run,
+        trajectory=trajectory,
+        truth=moved.poses,
+        errors=dict(zip(("x_mm", "y_mm", "z_mm"), errors.position_mm.T, strict=True)),
+        nominal=campaign.nominal,
+        reference=campaign.measured,
+        record=calibration.record,
+        zone=zone,
+    )
+    lines = (
+        Line("counts lost or changed on the bus", different_counts(moved.run, recorded), ""),
+        *_calibration_lines(campaign.nominal, true, calibration, rng),
+        *_trajectory_lines(trajectory, errors),
+        Line("zone volume [m^3]", f"{_volume(zone) - _volume(true_zone):+.4f} of {_volume(true_zone):.4f}", f"{_volume(zone):.4f}"),
+    )
+    remarks = (
+        "the calibration's error is one draw and nearly the same along the whole run: the fraction inside 95 % scatters with it",
+        *(f"calibration: {w.text}" for w in calibration.record.warnings),
+    )
+    mark(out, lines)
+    look = ("demo.rrd", "zone.html", "calibration/report.html", "trajectory.parquet", "run", "zone.nc")
+    figures = {
+        "samples": float(len(trajectory.status)),
+        "with_a_pose": float((trajectory.status == Status.OK).sum()),
+        "error_of_points_mm": point_error(calibration.rig, true),
+        "error_of_position_mm": vector_rms(errors.position_mm),
+        "error_of_rotation_rad": vector_rms(errors.rotation_rad),
+        "positions_inside_95": errors.inside_position,
+        "rotations_inside_95": errors.inside_rotation,
+        "zone_volume_mm3": float(zone.attrs["zone_volume_mm3"]),
+    }
+    return Demo(lines, figures, remarks, tuple(out / name for name in look))
+
+
+def map_zone(run: Run, progress: Callable[[int, int], None] | None = None) -> "xr.Dataset":
+    """The accuracy zone of a run's rig about its start pose, over tilts up to the cell's work space."""
+    nodes = axis(-ZONE_HALF_MM, ZONE_HALF_MM, ZONE_STEP_MM)
+    return scan_zone(
+        run.rig, run.calibration, x=nodes, y=nodes, z=nodes, rotations=tilts(WORK_TILT_RAD, 3), progress=progress, start=run.start
+    )
+
+
+def _calibration_lines(nominal: Rig, true: Rig, calibration: Calibration, rng: np.random.Generator) -> tuple[Line, ...]:
+    u = {p.name: p.u for p in calibration.record.parameters}
+    stated = rms(np.array([[u[f"{p.name}.{c}_mm"] for c in "xyz"] for p in true.observation_point])) * math.sqrt(3)
+    return (
+        Line("observation points before calibration [mm rms]", f"{point_error(nominal, true):.2f}", ""),
+        Line("observation points [mm rms]", f"{point_error(calibration.rig, true):.3f}", f"u {stated:.3f}"),
+        Line("cable lengths at poses held out [mm rms]", f"{held_out_length_error(true, calibration.rig, rng):.4f}", ""),
+    )
+
+
+def _trajectory_lines(trajectory: Trajectory, errors: Errors) -> tuple[Line, ...]:
+    u = trajectory.u
+    samples, ok = len(trajectory.status), int((trajectory.status == Status.OK).sum())
+    return (
+        Line("samples reconstructed", f"{ok} of {samples}", ""),
+        Line(
+            "gripper position [mm rms]",
+            f"{vector_rms(errors.position_mm):.4f}",
+            f"u {vector_rms(u[:, :3]):.4f}; {errors.inside_position:.1%} inside 95 %",
+        ),
+        Line(
+            "gripper rotation [mrad rms]",
+            f"{1e3 * vector_rms(errors.rotation_rad):.4f}",
+            f"u {1e3 * vector_rms(u[:, 3:]):.4f}; {errors.inside_rotation:.1%} inside 95 %",
+        ),
+    )
+
+
+def _volume(zone: "xr.Dataset") -> float:
+    """Volume of the zone [m^3]."""
+    return float(zone.attrs["zone_volume_mm3"]) * 1e-9

@@ -1,0 +1,191 @@
+"""A robot with known errors is tested in the simulated cell, measured through the bus and certified, beside the truth."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure.certificate import Inputs
+from lmeasure.core import QUATERNION_COLUMNS, FloatArray, Status
+from lmeasure.demo.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
+from lmeasure.demo.folder import mark
+from lmeasure.demo.robot_cell import RobotCell
+from lmeasure.demo.robot_loop import COMPARED, LOOP_STAGES, Loop, Retest, close_loop
+from lmeasure.io import files
+from lmeasure.iso9283 import CertificationSettings, Tests, campaign, evaluate, largest_cube, timed, write_commands
+from lmeasure.recording import POSITION_COLUMNS, Program, read_run, write_program, write_run
+from lmeasure.robots import RATED_LOAD_KG, RATED_SPEED_MM_S, cell_robot
+from lmeasure.simulation import cell_rig
+from lmeasure.text import of_terminal
+from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
+
+ROBOT_STAGES = COUNT, CALIBRATE, PERFORM, RECORD, RECONSTRUCT, CERTIFY, *_, DRAW = (
+    COUNT,
+    CALIBRATE,
+    "let the robot run its test program",
+    "record it over the bus",
+    "reconstruct",
+    "certify",
+    *LOOP_STAGES,
+    "draw",
+)
+
+CUBE = largest_cube((-250.0,) * 3, (250.0,) * 3)
+AGAIN = ("pose", "path")
+"""Tests that are run again by the corrected program."""
+RATE_HZ = 200.0
+TESTS = Tests(
+    tests=("pose", "approach", "stabilisation", "path", "reorientation", "posing", "compliance", "weaving"),
+    speed_mm_s=RATED_SPEED_MM_S,
+    speeds_percent=(100.0,),
+    loads_kg=(RATED_LOAD_KG,),
+    dwell_s=0.45,
+    settle_s=0.3,
+    cycles={"approach": 10, "reorientation": 5, "compliance": 2, "weaving": 2},
+    weave_mm=(10.0, 40.0),
+    limit_band_mm=0.05,
+    angles="fanuc-wpr",
+)
+"""At one speed and load, with short rests and fewer cycles of some tests, so that it does not take an hour."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A characteristic held against the truth: value and U95 as certified, true_value from the true poses of the same cycles."""
+
+    name: str
+    where: str
+    unit: str
+    value: float
+    u95: float
+    true_value: float
+    inside: bool
+    capable: bool
+
+
+@dataclass(frozen=True)
+class RobotDemo:
+    """What the demo gave: every characteristic beside its truth, what correction made of the robot, and the files to look at, the most
+    telling first. loop: None where it was left out."""
+
+    held: tuple[Held, ...]
+    loop: Loop | None
+    remarks: tuple[str, ...]
+    look: tuple[Path, ...]
+
+    def shown(self) -> tuple[Held, ...]:
+        """One of each name: at P1 or on the line where it is known there, else the first."""
+        best: dict[str, Held] = {}
+        for h in self.held:
+            plain = h.where in {"P1", "line"}
+            if h.name not in best or (plain and best[h.name].where not in {"P1", "line"}):
+                best[h.name] = h
+        return tuple(best.values())
+
+
+def robot_demo(
+    out: Path,
+    progress: Progress | None = None,
+    seed: int = 0,
+    tests: Tests = TESTS,
+    *,
+    settings: CertificationSettings | None = None,
+    correct: bool = True,
+) -> RobotDemo:
+    """Calibrate the cell, let the simulated robot run the test cube, measure it and certify it by the settings; all files into `out`.
+    correct: correct the robot then, and certify it again.
+    """
+    # slow to import, and needed only for pages and pictures
+    from lmeasure.report import Choices, write_certificate
+    from lmeasure.view import write_recording
+
+    out = Path(out)
+    mark(out, None)
+    step = stages(progress)
+    rng = np.random.default_rng(seed)
+    true = cell_rig(seed)
+    cell = calibrated_cell(out, true, rng, step)
+
+    report = step(PERFORM)
+    plan = campaign(CUBE, tests)
+    write_commands(out / "commands.csv", plan)
+    robot = cell_robot(seed)
+    done = robot.perform(plan.commands, plan.start, RATE_HZ, rng, progress=report)
+    program = timed(plan.program, done, tests.settle_s)
+    write_program(out / "program.toml", program)
+
+    report = step(RECORD)
+    seen = RobotCell(true, cell.calibration)
+    write_run(out / "run", seen.record(done, rng, report))
+    columns = {"time_s": done.time_s} | dict(zip((*POSITION_COLUMNS, *QUATERNION_COLUMNS), done.poses.T, strict=True))
+    files.write_table(out / "truth.parquet", columns)
+
+    step(RECONSTRUCT)
+    run = read_run(out / "run")
+    trajectory = reconstruct(run)
+    write_trajectory(out / "trajectory.parquet", trajectory)
+
+    report = step(CERTIFY)
+    settings = settings or CertificationSettings()
+    inputs = Inputs(out / "trajectory.parquet", out / "program.toml", out / "run")
+    certificate = write_certificate(out / "certificate", inputs, settings, Choices(of_terminal(), force=True), progress=report)
+    held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
+    files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
+
+    for name in COMPARED:  # an earlier demo's is of another certificate
+        (out / name).unlink(missing_ok=True)
+    loop = None
+    if correct:
+        again = campaign(CUBE, replace(tests, tests=tuple(t for t in AGAIN if t in tests.tests)))
+        retest = Retest(again, settings, tests.settle_s, RATE_HZ)
+        loop = close_loop(out, seen, robot, retest, first=(program, done), rng=rng, step=step)
+
+    step(DRAW)
+    write_recording(out / "demo.rrd", run.rig, run=run, trajectory=trajectory, truth=done.poses, record=cell.calibration.record)
+    mark(out, held)
+    look = (
+        *(("comparison.html",) if loop else ()),
+        "demo.rrd",
+        "certificate/report.html",
+        "certificate/certificate.pdf",
+        "characteristics.csv",
+        "program.toml",
+        "commands.csv",
+        "run",
+    )
+    return RobotDemo(held, loop, _remarks(held, settings), tuple(out / name for name in look))
+
+
+def hold(
+    characteristics: Sequence[Mapping[str, Any]], truth: Trajectory, program: Program, settings: CertificationSettings
+) -> tuple[Held, ...]:
+    """Each characteristic of a certificate beside that of the true trajectory, evaluated alike."""
+    of_truth = evaluate(truth, program, settings=replace(settings, trials=100))
+    true_values = {_key(c.as_dict()): c for c in of_truth.characteristics}
+    return tuple(
+        Held(c["name"], t.where, c["unit"], c["value"], c["u95"], t.value, abs(c["value"] - t.value) <= c["u95"], c["capable"])
+        for c in characteristics
+        if (t := true_values.get(_key(c))) is not None
+    )
+
+
+def _key(c: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(c.get(key) for key in ("name", "pose", "path", "part"))
+
+
+def _without_errors(trajectory: Trajectory, poses: FloatArray) -> Trajectory:
+    """The true poses as a trajectory that is certain of them."""
+    nothing, status = np.zeros_like(trajectory.random), np.full(len(poses), Status.OK)
+    return replace(trajectory, poses=poses, status=status, random=nothing, systematic=nothing, covers="nothing: the truth", notes=())
+
+
+def _remarks(held: tuple[Held, ...], settings: CertificationSettings) -> tuple[str, ...]:
+    inside = Counter(h.inside for h in held)[True]
+    capable = Counter(h.capable for h in held)[True]
+    return (
+        f"{inside} of {len(held)} characteristics lie within U95 of the truth; the calibration's error is one draw that all of them share",
+        f"the instrument is capable of {capable} of them: U95 is at most {settings.capability:.0%} of the characteristic",
+    )

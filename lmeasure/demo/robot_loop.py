@@ -1,0 +1,177 @@
+"""The loop closed: what is wrong with the robot is identified, its program corrected and run, and certified again beside the first time."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure.certificate import (
+    CERTIFICATE,
+    Comparison,
+    Improvement,
+    Inputs,
+    as_dict,
+    canonical,
+    compare_certificates,
+    improvement,
+    read_certificate,
+)
+from lmeasure.demo.calibrated_cell import Step
+from lmeasure.demo.correction import write_correction
+from lmeasure.demo.identification import Judged, judge, write_identification
+from lmeasure.demo.robot_cell import RobotCell
+from lmeasure.io import files
+from lmeasure.iso9283 import POSES, Campaign, CertificationSettings, read_commands, timed, write_commands
+from lmeasure.recording import Program, read_run, write_program, write_run
+from lmeasure.report import Choices, write_certificate, write_comparison_page
+from lmeasure.robot_programs import Corrected, corrected_program, dialect_of, opened
+from lmeasure.robots import (
+    RATED_LOAD_KG,
+    RATED_SPEED_MM_S,
+    Command,
+    Limits,
+    Performance,
+    Robot,
+    SimulatedRobot,
+    given,
+    identify_with_choice,
+    nominal_robot,
+    read_identified,
+    write_robot,
+)
+from lmeasure.simulation import WORK_SPACE_MM, WORK_TILT_RAD, scattered_poses
+from lmeasure.text import of_terminal
+from lmeasure.trajectory import Stated, reconstruct, write_trajectory
+
+LOOP_STAGES = IDENTIFY, CORRECT, AGAIN, CERTIFY_AGAIN = (
+    "identify the robot",
+    "correct its program",
+    "let it run the corrected program",
+    "certify it again",
+)
+COMPARED = COMPARISON, PAGE = "comparison.json", "comparison.html"
+"""Both certificates side by side: the figures, and what a person looks at."""
+IDENTIFIED_AT = 60
+"""At which the robot is measured for its identification, between those of the test and beyond."""
+RESTS_S = 0.9
+INSIDE = 0.9
+"""Of the work space that the cell is calibrated over."""
+STANDS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+"""The program's frame is the instrument's: what is corrected is where the robot stands, too."""
+
+
+@dataclass(frozen=True)
+class Retest:
+    """What is measured again: the plan of it, how it is certified, how long the robot rests before its poses count, and how densely its
+    motion is made."""
+
+    plan: Campaign
+    settings: CertificationSettings
+    settle_s: float
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What came of it. true_mm: mean distance of where the robot stood from the commanded poses, before and after, as a simulation alone
+    knows it; look: the files to look at."""
+
+    identified: Judged
+    corrected: Corrected
+    comparison: Comparison
+    improvement: Improvement
+    true_mm: tuple[float, float]
+    look: tuple[Path, ...]
+
+
+def close_loop(
+    out: Path,
+    cell: RobotCell,
+    robot: SimulatedRobot,
+    retest: Retest,
+    *,
+    first: tuple[Program, Performance],
+    rng: np.random.Generator,
+    step: Step,
+) -> Loop:
+    """Identify the robot, correct and run its program, and compare its certificate with the first in `out`; all files into `out`.
+
+    first: the program that was certified, and how it was carried out; the robot goes on from there, as warm as it then was.
+    """
+    warm_s = float(first[1].time_s[-1])
+    report = step(IDENTIFY)
+    poses = scattered_poses(IDENTIFIED_AT, (INSIDE * WORK_SPACE_MM,) * 3, INSIDE * WORK_TILT_RAD, STANDS, rng=rng)
+    ways = [Command(row[None], RATED_SPEED_MM_S, RESTS_S, f"I{i}", load_kg=RATED_LOAD_KG) for i, row in enumerate(poses, 1)]
+    done = robot.perform(ways, retest.plan.start, retest.rate_hz, rng, since_s=warm_s)
+    write_run(out / "identification" / "run", cell.record(done, rng, report))
+    joints = out / "identification" / "joints.csv"
+    files.write_table(joints, _logged(robot, done))
+    drawn = nominal_robot()
+    write_robot(out / "robot.toml", drawn)
+    judged = identified(drawn, out / "identification" / "run", joints)
+    language = of_terminal()
+    write_identification(out / "identified", drawn, judged, language)
+
+    step(CORRECT)
+    commands = out / "again" / "commands.csv"
+    write_commands(commands, retest.plan)
+    known = read_identified(out / "identified").stated(STANDS, drawn.tool_pose)
+    sources = opened([commands])
+    dialect = dialect_of([commands], sources)
+    listing = dialect.read(sources).stated({"tool": drawn.tool_pose})
+    corrected = corrected_program(listing, dialect, known, limits=Limits(), near=np.degrees(robot.rest).tolist())
+    inputs = [commands, out / "identified" / "identified.json", out / "identified" / "robot.toml"]
+    write_correction(out / "corrected", corrected, listing, inputs=inputs, language=language)
+
+    report = step(AGAIN)
+    told = read_commands(out / "corrected" / "commands.csv")
+    later = robot.perform(told, told[-1].poses[-1], retest.rate_hz, rng, since_s=warm_s + float(done.time_s[-1]))
+    program = timed(retest.plan.program, later, retest.settle_s)
+    write_program(out / "again" / "program.toml", program)
+    write_run(out / "again" / "run", cell.record(later, rng, report))
+
+    report = step(CERTIFY_AGAIN)
+    write_trajectory(out / "again" / "trajectory.parquet", reconstruct(read_run(out / "again" / "run")))
+    measured = Inputs(out / "again" / "trajectory.parquet", out / "again" / "program.toml", out / "again" / "run")
+    write_certificate(out / "again" / "certificate", measured, retest.settings, Choices(language, force=True), progress=report)
+    true_mm = standing(*first), standing(program, later)
+    return _compared(out, judged, corrected, true_mm, language)
+
+
+def standing(program: Program, done: Performance) -> float:
+    """Mean distance [mm] over the poses P1 to P5 of where the robot truly stood, in the mean of its cycles, from where it was sent."""
+    distances = []
+    for pose in program.pose:
+        if pose.name in POSES and pose.windows_s:
+            parts = [slice(*np.searchsorted(done.time_s, window)) for window in pose.windows_s]
+            mean = np.mean([done.poses[part, :3].mean(axis=0) for part in parts], axis=0)
+            distances.append(float(np.linalg.norm(mean - pose.position_mm)))
+    return float(np.mean(distances))
+
+
+def identified(drawn: Robot, run: Path, joints: Path) -> Judged:
+    """The robot by the rests of a run and the joint values that a controller has logged there."""
+    rows = given(run, joints, drawn.model, Stated())
+    found = identify_with_choice(drawn.model, rows.rows)
+    return judge(found, [joints], (*rows.notes, *found.findings))
+
+
+def _compared(out: Path, judged: Judged, corrected: Corrected, true_mm: tuple[float, float], language: str) -> Loop:
+    """The page, the figures behind it, and what is looked at first."""
+    folders = (out / "certificate", out / "again" / "certificate")
+    certificates = [(name, read_certificate(folder / CERTIFICATE)) for name, folder in zip(("before", "after"), folders, strict=True)]
+    comparison = compare_certificates(certificates)
+    better = improvement(certificates[0][1], certificates[1][1], corrected.u_mm)
+    files.write_text(out / COMPARISON, canonical(as_dict(comparison)).decode("utf-8"))
+    write_comparison_page(out / PAGE, comparison, certificates, better, language=language)
+    look = (PAGE, "identified/report.html", "corrected/corrections.html", "again/certificate/report.html")
+    return Loop(judged, corrected, comparison, better, true_mm, tuple(out / name for name in look))
+
+
+def _logged(robot: SimulatedRobot, done: Performance) -> dict[str, object]:
+    """What the controller says of each rest: its name, the time in its middle, and the joint values it was sent to."""
+    joints = robot.nominal.follow(done.commanded, robot.rest)
+    middle = [0.5 * (span.arrival_s + span.end_s) for span in done.spans]
+    rows = joints[np.searchsorted(done.time_s, middle)]
+    columns = {f"joint_{i}_deg": np.degrees(column) for i, column in enumerate(rows.T, 1)}
+    return {"name": [command.target for command in done.commands], "time_s": np.array(middle), **columns}

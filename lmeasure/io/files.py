@@ -1,0 +1,297 @@
+"""Files: read with errors that name the file, row and key; written whole and durably, or not at all.
+
+A file that a function here has written survives a power failure: its bytes and its name are on the disk before the function returns.
+"""
+
+import ctypes
+import errno
+import os
+import re
+import sys
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import tomli_w
+
+from lmeasure.core import FileFormatError, LMeasureError, TextArray
+from lmeasure.io.safe_open import read_regular
+from lmeasure.io.safe_open import sha256 as sha256
+from lmeasure.io.tables import Table as Table
+from lmeasure.io.tables import read_table as read_table
+from lmeasure.io.tables import read_table_in_pieces as read_table_in_pieces
+from lmeasure.io.toml_lines import Document, loads
+
+"""(n,) texts, few of them different: millions of samples share the same strings."""
+
+
+LARGEST_TOML = 1 << 26
+TO_DO = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "make room there, or write to another disk"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "give a folder that you may write to"),
+    errno.EFBIG: "no file may be so large there; write to another disk",
+}
+"""What a person does about a file that cannot be written."""
+_becomes: dict[Path, Path] = {}  # temporary names, and what they become
+
+
+def not_written(path: Path, error: OSError, cannot: str = "cannot be written") -> str:
+    """What is said of a file that could not be written, why, and what to do about it."""
+    # other libraries put their own words before the system's
+    why = os.strerror(error.errno) if error.errno else " ".join(str(error).split())
+    return "; ".join(filter(None, [f"{path}: {cannot}: {why}", TO_DO.get(error.errno or 0)]))
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A temporary name beside `path` to write to; it becomes `path` only when the block ends without an error.
+
+    Given such a temporary name, it is written to: the block around makes it whole.
+    """
+    path = Path(path)
+    if path in _becomes:
+        try:
+            yield path
+        except OSError as error:
+            raise LMeasureError(not_written(_becomes[path], error)) from error
+        return
+    if not path.name:
+        raise LMeasureError(f"{path}: cannot be written: it names no file")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
+    _becomes[temporary] = path
+    try:
+        make_folder(path.parent)
+        yield temporary
+        to_disk(temporary)
+        temporary.replace(path)
+        to_disk(path.parent)
+    except OSError as error:
+        raise LMeasureError(not_written(path, error)) from error
+    finally:
+        _becomes.pop(temporary, None)
+        with suppress(OSError):  # where it could not even be made
+            temporary.unlink(missing_ok=True)
+
+
+class Abandoned(NamedTuple):
+    """An unfinished file or folder whose process is gone: its path, the name that it was to get, and what it is: part or old."""
+
+    path: Path
+    name: str
+    kind: str
+
+
+_ABANDONED = re.compile(r"\.(.+)\.(\d+)\.(part|old)(\..*)?")
+
+
+def abandoned(folder: Path) -> list[Abandoned]:
+    """Return what killed processes have left in a folder under temporary names, `.NAME.PROCESS.part` and `.NAME.PROCESS.old`."""
+    try:
+        found = [(path, _ABANDONED.fullmatch(path.name)) for path in sorted(folder.iterdir())]
+    except OSError:
+        return []
+    return [Abandoned(path, name[1], name[3]) for path, name in found if name and not _runs(int(name[2]))]
+
+
+def _runs(process: int) -> bool:
+    """Return whether a process is alive; True where that cannot be known."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # of somebody else, or no number of a process
+        return True
+    return True
+
+
+_NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
+"""Errors of file systems that cannot wait for their disk."""
+
+
+def to_disk(path: Path) -> None:
+    """Return when the disk has the bytes of a file, or the names in a folder. OSError when the disk does not take them."""
+    if path.is_dir() and (os.name == "nt" or not os.access(path, os.R_OK)):
+        return  # Windows opens no folder: its renames are in the journal of the file system
+    number = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    try:
+        os.fsync(number)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
+    finally:
+        os.close(number)
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Exchange two names in one step, as Linux and macOS can on most file systems; return False where it cannot be done."""
+    try:
+        system, at, flag = ctypes.CDLL(None, use_errno=True), -100, 2  # AT_FDCWD and RENAME_EXCHANGE of Linux
+        call = system.renameat2 if sys.platform == "linux" else system.renamex_np
+    except (AttributeError, OSError, TypeError):  # another system, or an old library
+        return False
+    names = os.fsencode(one), os.fsencode(other)
+    return bool((call(at, names[0], at, names[1], flag) if sys.platform == "linux" else call(*names, flag)) == 0)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those around it, durably."""
+    missing = []
+    while not folder.exists() and folder.name:
+        missing.append(folder)
+        folder = folder.parent
+    if not missing:
+        folder.mkdir(exist_ok=True)  # says what is wrong with a file of that name
+    for new in reversed(missing):
+        new.mkdir(exist_ok=True)
+        to_disk(new.parent)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text with Unix line ends, whole or not at all."""
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
+    """Write bytes, whole or not at all."""
+    with whole(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's bytes; FileFormatError when it cannot be read, or is no regular file."""
+    return read_regular(path)
+
+
+def read_toml(path: Path) -> Document:
+    """A TOML file as a dictionary that knows the lines of its keys; FileFormatError names the file and the line."""
+    raw = read_regular(path, LARGEST_TOML)
+    try:
+        text = raw.decode("utf-8-sig")  # with the mark that some editors set before it
+        return Document(loads(text), text)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
+    except (ValueError, RecursionError) as error:  # besides TOMLDecodeError: numbers of thousands of digits
+        raise FileFormatError(f"{path}: is not TOML: {error}{_likely(text, error)}") from error
+
+
+def _likely(text: str, error: Exception) -> str:
+    """What people write on the line that an error of TOML names."""
+    found = re.search(r"\(at line (\d+),", str(error))
+    line = text.splitlines()[int(found[1]) - 1] if found and int(found[1]) <= len(text.splitlines()) else ""
+    comma = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#.*)?$", line)
+    if comma:
+        return f"; a number has a point: {comma[1]}.{comma[2]}"
+    return "; a text ends with a quotation mark on its line" if line.partition("#")[0].count('"') % 2 else ""
+
+
+def write_toml(path: Path, data: Mapping[str, Any]) -> None:
+    """Write TOML whole or not at all; floats as the shortest text that reads back to the same double."""
+    write_text(path, tomli_w.dumps(data))
+
+
+def rewrite_toml(path: Path, document: Document) -> None:
+    """Write a document's content in its text as it was read, comments and order kept, only what is different changed."""
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
+    try:
+        held = tomlkit.parse(document.text)
+        _into(held, document)
+        text = tomlkit.dumps(held)
+        kept = tomllib.loads(text) == dict(document)
+    except (TOMLKitError, ValueError):
+        kept = False
+    # what the other library reads or writes in another way is written without its comments
+    write_text(path, text if kept else tomli_w.dumps(document))
+
+
+def _into(there: Any, content: Mapping[str, Any]) -> None:
+    """Make a table of tomlkit hold the content."""
+    for key in [key for key in there if key not in content]:
+        del there[key]
+    for key, value in content.items():
+        now = there.get(key)
+        if isinstance(value, Mapping) and isinstance(now, Mapping):
+            _into(now, value)
+        elif isinstance(value, list) and isinstance(now, list) and len(value) == len(now) and all(isinstance(v, Mapping) for v in value):
+            for one, wanted in zip(now, value, strict=True):
+                _into(one, wanted)
+        elif key not in there or now != value or type(value) is bool:
+            there[key] = value
+
+
+def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> None:
+    """Write .csv or .parquet, whole or not at all. NaN becomes an empty cell in CSV; metadata is kept in Parquet's schema.
+
+    Numbers are written in full: text reads back to the same double.
+    """
+    with table_writer(path, metadata) as write:
+        write(columns)
+
+
+@contextmanager
+def table_writer(path: Path, metadata: Mapping[str, str] | None = None) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """`write_table` in pieces: the function it gives takes the columns of the next rows; the file stands when the block ends."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in {".csv", ".parquet"}:
+        raise FileFormatError(f"{path}: the name must end in .csv or .parquet")
+    writer: Any = None
+    with whole(path) as temporary:
+
+        def write(columns: Mapping[str, Any]) -> None:
+            nonlocal writer
+            data = pa.table({name: _arrow(values, nan_is_null=suffix == ".csv") for name, values in columns.items()})
+            if writer is None:
+                schema = data.schema.with_metadata(dict(metadata)) if metadata else data.schema
+                if suffix == ".parquet":
+                    writer = pa.parquet.ParquetWriter(temporary, schema, compression="zstd")
+                else:
+                    options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="none")
+                    writer = pa.csv.CSVWriter(temporary, schema, write_options=options)
+            writer.write_table(data)
+
+        try:
+            yield write
+        finally:
+            if writer is not None:
+                writer.close()
+
+
+# Between pyarrow and NumPy by their buffers: pyarrow's own conversions load pandas, a third of a second and 55 MB for nothing.
+_ARROW = {"f8": pa.float64(), "i8": pa.int64(), "i4": pa.int32()}
+
+
+def _arrow(values: Any, *, nan_is_null: bool) -> pa.Array:
+    if isinstance(values, list):
+        return pa.array(values)
+    values = np.ascontiguousarray(values)
+    if values.dtype.kind == "O":
+        return _texts(values)
+    kind = _ARROW.get(values.dtype.str[1:])
+    if kind is None:
+        return pa.array(values, from_pandas=nan_is_null and values.dtype.kind == "f")
+    present = None
+    if nan_is_null and values.dtype.kind == "f" and np.isnan(values).any():
+        present = pa.py_buffer(np.packbits(~np.isnan(values), bitorder="little"))
+    return pa.Array.from_buffers(kind, len(values), [present, pa.py_buffer(values)])
+
+
+def _texts(values: TextArray) -> pa.Array:
+    """Texts of which few are different."""
+    places: dict[str, int] = {}
+    if len(values) and bool((values == values[0]).all()):
+        places[values[0]], codes = 0, np.zeros(len(values), np.int32)
+    else:
+        codes = np.fromiter((places.setdefault(text, len(places)) for text in values), np.int32, len(values))
+    encoded = [text.encode() for text in places]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    different = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+    return different.take(_arrow(codes, nan_is_null=False))

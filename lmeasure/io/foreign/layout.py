@@ -1,0 +1,239 @@
+"""Where a text table has its names, units and rows: one header, a commented one, or the several rows of motion capture programs.
+
+Motive (NaturalPoint) writes a line of settings and rows Type, Name, ID, kind and axis; Nexus (Vicon) sections with a rate, a row of
+segments or markers, one of axes and one of units. Nexus states a segment's rotation as a rotation vector.
+"""
+
+import csv
+import re
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from lmeasure.core import FileFormatError
+from lmeasure.io.foreign.columns import Column, unit_named
+from lmeasure.io.safe_open import read_regular
+
+LARGEST = 1 << 28
+COMMENTS = ("#", "%", "//")
+SECTIONS = ("Segments", "Trajectories", "Joints", "Devices", "Model Outputs", "Events", "Forces")
+"""First lines of a section of Nexus."""
+BODY = "body"
+"""What `--columns` calls the choice of one of several bodies."""
+_NUMBER = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """names of the columns, some perhaps twice or empty; rows: cells by line; units (by name) of a row of them; header: its line, from 0.
+
+    bodies: by name where each quantity of a rigid body stands; markers: likewise of single markers. angles: convention of orientations,
+    where the format fixes it; said: what the format is, empty of a plain table."""
+
+    names: list[str]
+    rows: list[tuple[int, list[str]]]
+    units: dict[str, str] = field(default_factory=dict)
+    header: int = 0
+    bodies: dict[str, dict[str, Column]] = field(default_factory=dict)
+    markers: dict[str, dict[str, Column]] = field(default_factory=dict)
+    angles: str = ""
+    said: str = ""
+
+
+def text_of(path: Path) -> str:
+    """Read a text file in UTF-8, UTF-16 or cp1252; FileFormatError where it is none."""
+    return decoded(read_regular(Path(path), LARGEST), path)
+
+
+def decoded(raw: bytes, path: Path) -> str:
+    """Return text in UTF-8, UTF-16 or cp1252; FileFormatError where it is none."""
+    head = raw[:400]
+    code = "utf-16" if head[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    if code != "utf-16" and b"\0" in head:
+        # without a mark: every other byte of Latin letters is zero
+        code = "utf-16-le" if head[1::2].count(0) > head[0::2].count(0) else "utf-16-be"
+    for attempt in (code, "cp1252"):
+        try:
+            text = raw[: len(raw) // 2 * 2 if attempt.startswith("utf-16") else None].decode(attempt)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text
+    raise FileFormatError(f"{path}: is no text file")
+
+
+def layout_of(path: Path) -> Layout:
+    """Return the layout of a text table; FileFormatError where none is found, or a row has too few cells."""
+    lines = text_of(path).splitlines()
+    if not any(line.strip() for line in lines):
+        raise FileFormatError(f"{path}: is empty")
+    first = _first_cell(next(line for line in lines if line.strip()))
+    if first == "Format Version":
+        return _of_motive(path, lines)
+    if first in SECTIONS:
+        return _of_nexus(path, lines)
+    return _of_table(path, lines)
+
+
+def _first_cell(line: str) -> str:
+    return re.split(r"[,;\t]", line)[0].strip().strip('"')
+
+
+def is_of_nexus_markers(text: str) -> bool:
+    """Whether the beginning of a file is an export of markers alone by Nexus."""
+    return _first_cell(text) == "Trajectories"
+
+
+def _of_table(path: Path, lines: list[str]) -> Layout:
+    head = _header(path, lines)
+    separator = _separator(lines[head])
+    names = lines[head]
+    while names.lstrip().startswith(COMMENTS):
+        names = names.lstrip()[2:] if names.lstrip().startswith("//") else names.lstrip()[1:]
+    if names != lines[head]:
+        # a commented header may be separated by other marks than its rows
+        following = next(line for line in lines[head:] if line.strip() and not line.lstrip().startswith(COMMENTS))
+        separator = _separator(following)
+        if separator not in names or separator not in following:
+            names = (separator if separator in following else " ").join(re.split(r"[,;\t]\s*|\s+", names.strip()))
+    body = [names, *lines[head + 1 :]]
+    if separator not in names and len(names.split()) > 1:
+        body = [",".join(line.split()) for line in body]
+        separator = ","
+    cells = _cells(path, body, separator)
+    header = cells[0]
+    while header and not header[-1]:
+        header.pop()
+    numbered = [(head + 1 + k, row) for k, row in enumerate(cells[1:], 1) if any(row) and not row[0].startswith(COMMENTS)]
+    units = dict[str, str]()
+    rows_of_units = [row for row in (numbered[0][1] if numbered else [], _commented_units(lines, head, separator)) if row]
+    for row in rows_of_units:
+        if all(not cell or unit_named(cell) for cell in row) and any(row):
+            units = {name: unit_named(cell) for name, cell in zip(header, row, strict=False) if cell}
+            if row is numbered[0][1]:
+                numbered.pop(0)
+            break
+    for line, row in numbered:
+        if len(row) < len(header) or any(row[len(header) :]):
+            raise FileFormatError(f"{path}:{line}: has {len(row)} cells, the first line {len(header)}")
+    return Layout(header, numbered, units, head)
+
+
+def _cells(path: Path, lines: list[str], separator: str) -> list[list[str]]:
+    try:
+        return [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)]
+    except csv.Error as error:
+        raise FileFormatError(f"{path}: cannot be read as a table: {error}") from None
+
+
+def _separator(line: str) -> str:
+    """Return what stands between the cells of a line."""
+    return max((";", "\t", "|", ","), key=lambda s: (line.count(s) > 0, s != ",", line.count(s)))
+
+
+def _split(line: str) -> list[str]:
+    """Return the cells of a line by whatever separates them, blanks too."""
+    separator = _separator(line)
+    return [cell.strip() for cell in (line.split(separator) if separator in line else line.split())]
+
+
+def _is_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell.strip().strip('"')) is not None
+
+
+def _header(path: Path, lines: list[str]) -> int:
+    """Return the line with the names of the columns: the first that has as many cells as the next and no number among them; where rows
+    begin at once, the comment above them. FileFormatError where a row of numbers stands there."""
+    there = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    if not there:
+        raise FileFormatError(f"{path}: has no rows, only comments")
+    for i, following in pairwise(there):
+        separator = _separator(lines[i])
+        cells = lines[i].split(separator)
+        if len(cells) > 1 and lines[following].count(separator) == len(cells) - 1 and not any(map(_is_number, cells)):
+            return i
+    row = _split(lines[there[0]])
+    if not any(map(_is_number, row)):
+        return there[0]
+    for i in range(there[0] - 1, -1, -1):
+        names = _split(lines[i].lstrip().lstrip("#%/ "))
+        if len(names) == len(row) and not any(map(_is_number, names)) and not all(unit_named(name) for name in names):
+            return i
+    if sum(map(_is_number, row)) * 2 < len(row) and len(there) > 1:
+        return there[0]
+    raise FileFormatError(
+        f"{path}: line {there[0] + 1} holds numbers, and no line above it names its {len(row)} columns: write a line of names on top"
+    )
+
+
+def _commented_units(lines: list[str], head: int, separator: str) -> list[str]:
+    """Return the units that a commented line right behind a commented header states."""
+    if not lines[head].lstrip().startswith(COMMENTS) or head + 1 >= len(lines) or not lines[head + 1].lstrip().startswith(COMMENTS):
+        return []
+    return _split(lines[head + 1].lstrip().lstrip("#%/ "))
+
+
+def _of_motive(path: Path, lines: list[str]) -> Layout:
+    rows = _cells(path, lines, _separator(lines[0]))
+    settings = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
+    at = next((i for i, row in enumerate(rows) if row and row[0] == "Frame"), None)
+    named = {row[1]: row for row in rows[1 : at or 0] if len(row) > 2 and row[0] == "" and row[1] in ("Type", "Name", "ID", "Parent")}
+    if at is None or at < 2 or not {"Type", "Name"} <= set(named):
+        raise FileFormatError(f"{path}: a Motive export has rows Type and Name, and one that begins with Frame")
+    unit = unit_named(settings.get("Length Units", ""))
+    if not unit:
+        raise FileFormatError(f"{path}: line 1: Length Units {settings.get('Length Units', '')!r} is no unit of length")
+    axes, wide = rows[at], len(rows[at])
+    kinds, bodies, groups = (row + [""] * (wide - len(row)) for row in (named["Type"], named["Name"], rows[at - 1]))
+    names = axes[:2] + [".".join(p for p in (bodies[i], groups[i], axes[i]) if p) for i in range(2, wide)]
+    time = Column(names[1], "s")
+    turned = settings.get("Rotation Type", "Quaternion") == "Quaternion"
+    found: dict[str, dict[str, dict[str, Column]]] = {"Rigid Body": {}, "Marker": {}}
+    for i in range(2, wide):
+        if kinds[i] not in found:
+            continue
+        own = found[kinds[i]].setdefault(bodies[i], {"time": time})
+        if groups[i] == "Position" and axes[i] in ("X", "Y", "Z"):
+            own[axes[i].lower()] = Column(names[i], unit)
+        elif groups[i] == "Rotation" and turned and axes[i] in ("X", "Y", "Z", "W"):
+            own[f"q{axes[i].lower()}"] = Column(names[i], "")
+        elif groups[i] == "Rotation" and axes[i] in ("X", "Y", "Z"):
+            own[f"r{axes[i].lower()}"] = Column(names[i], "deg")
+    numbered = [(i + 1, row + [""] * (wide - len(row))) for i, row in enumerate(rows[at + 1 :], at + 1) if any(row)]
+    return Layout(names, numbered, header=at, bodies=found["Rigid Body"], markers=found["Marker"], said="a Motive export")
+
+
+def _of_nexus(path: Path, lines: list[str]) -> Layout:
+    rows = _cells(path, lines, ",")
+    starts = {row[0]: i for i, row in enumerate(rows) if row and row[0] in SECTIONS and not any(row[1:])}
+    kind = next((name for name in SECTIONS[:2] if name in starts), None)
+    if kind is None:
+        raise FileFormatError(f"{path}: a Nexus export without Segments and Trajectories: export one of them")
+    at = starts[kind]
+    head = rows[at + 1 : at + 5]
+    if len(head) < 4 or not head[0] or not _is_number(head[0][0]) or float(head[0][0]) <= 0.0 or head[2][:2] != ["Frame", "Sub Frame"]:
+        raise FileFormatError(f"{path}: line {at + 2}: section {kind} of a Nexus export has a rate, names, axes and units")
+    rate, axes = float(head[0][0]), head[2]
+    wide, whose, names = len(axes), "", ["Frame", "Sub Frame"]
+    units = head[3] + [""] * (wide - len(head[3]))
+    found: dict[str, dict[str, Column]] = {}
+    time = Column("time_s", "s")
+    for i in range(2, wide):
+        whose = head[1][i] if i < len(head[1]) and head[1][i] else whose
+        names.append(f"{whose}.{axes[i]}")
+        key = {"TX": "x", "TY": "y", "TZ": "z"}.get(axes[i], axes[i].lower())
+        if key in ("x", "y", "z", "rx", "ry", "rz"):
+            found.setdefault(whose, {"time": time})[key] = Column(names[i], unit_named(units[i]))
+    numbered = []
+    for i, row in enumerate(rows[at + 5 :], at + 5):
+        if not any(row):
+            break
+        cells = row + [""] * (wide - len(row))
+        if not cells[0].isdigit():
+            raise FileFormatError(f"{path}: line {i + 1}: {cells[0]!r} is no number of a frame")
+        numbered.append((i + 1, [*cells[:wide], repr((int(cells[0]) - 1) / rate)]))
+    segments = kind == "Segments"
+    return Layout(
+        [*names, "time_s"], numbered, header=at + 3, bodies=found if segments else {}, markers={} if segments else found,
+        angles="ur-rotation-vector" if segments else "", said="a Nexus export",
+    )  # fmt: skip

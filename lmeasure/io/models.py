@@ -1,0 +1,307 @@
+"""Checked tables: models that refuse unknown keys, and everything that is wrong with a file, a line each, with where it stands."""
+
+import difflib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from lmeasure.core import FileFormatError, LMeasureError
+from lmeasure.io.toml_lines import Document, Keys
+
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
+
+
+def whole(value: Any) -> int:
+    """A number of a file as an integer; ValueError (pydantic's) when it is none."""
+    if isinstance(value, bool) or not (isinstance(value, int) or (isinstance(value, float) and value.is_integer())):
+        raise ValueError("must be a whole number")
+    return int(value)
+
+
+Whole = Annotated[int, BeforeValidator(whole)]
+"""A whole number; 6000.0 is one, true is not."""
+
+_PLAIN = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "float_parsing": "must be a number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+    "tuple_type": "must be an array",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "too_short": "must have at least {min_length} of them, has {actual_length}",
+    "too_long": "must have at most {max_length} of them, has {actual_length}",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "may hold no spaces, commas, points, semicolons or control characters",
+    "finite_number": "must be a finite number",
+    "path_type": "must be a path",
+    "missing": "is missing",
+    "greater_than": "must be more than {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be less than {lt}",
+    "less_than_equal": "must be at most {le}",
+}
+"""Pydantic's complaints in the words of the file."""
+
+_UNITS = ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s")
+_OWN_WORDS = frozenset(("schema_", "from_point", "to_point", "from_pose", "to_pose", "passage", "passes", "[key]"))
+"""What models call keys that are words of Python, and pydantic's mark of a key of a table that is wrong itself."""
+_NAMED_BY = ("name", "channel", "point", "pose", "characteristic", "from")
+"""Keys by which a person knows one of several tables."""
+MOST = 20
+"""Complaints about one file that are told."""
+
+
+class Strict(BaseModel):
+    """A frozen table of a file. Unknown keys, numbers that are not finite, and text or true/false for a number are refused."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=True, use_attribute_docstrings=True
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _arrays_are_tuples(cls, data: Any) -> Any:
+        # files have only lists, frozen models only tuples: the one conversion that a strict model must not refuse
+        return {key: _as_tuple(value) for key, value in data.items()} if isinstance(data, dict) else data
+
+
+def _as_tuple(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_as_tuple(v) for v in value)
+    # a table of arrays such as [tool]; tables of tables convert their own
+    return {k: _as_tuple(v) for k, v in value.items()} if isinstance(value, dict) else value
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class ContradictionError(ValueError):
+    """What a validator of a whole table finds: (keys that lead to it from that table, what is wrong with it), several at once."""
+
+    def __init__(self, found: Iterable[tuple[Keys, str]]) -> None:
+        self.found = tuple(found)
+        super().__init__("; ".join(text for _, text in self.found))
+
+
+def refuse(found: Iterable[tuple[Keys, str]]) -> None:
+    """Raise ContradictionError where any was found."""
+    contradictions = ContradictionError(found)
+    if contradictions.found:
+        raise contradictions
+
+
+def checked(
+    data: Mapping[str, Any],
+    model: type[Model],
+    source: str,
+    error: Callable[[str], LMeasureError] = FileFormatError,
+    *,
+    also: Callable[[Mapping[str, Any]], Iterable[tuple[Keys, str]]] = lambda data: (),
+) -> Model:
+    """The model of a file's content. The error has a line for everything that is wrong: source (the file) and, where data is what
+    `io.files.read_toml` gave, its line there; table, key, what the value must be and what it is. also: what can be told of data that the
+    model
+    does not take, for what its own validators of the whole look at only when every part is right."""
+    try:
+        return model.model_validate(data, by_alias=True, by_name=False)
+    except ValidationError as found:
+        every = (*complaints(found, data, model), *also(data))
+        raise told(source, data, _of_another_kind(every, data) or every, error) from None
+
+
+def _of_another_kind(found: Iterable[tuple[Keys, str]], data: Mapping[str, Any]) -> list[tuple[Keys, str]]:
+    """The complaint about the schema alone where it says that this is another kind of file: all others follow from that."""
+    stated = data.get("schema")
+    return [one for one in found if one[0] == ("schema",)] if isinstance(stated, str) and stated.startswith("lmeasure.") else []
+
+
+def told(
+    source: str, data: Any, found: Iterable[tuple[Keys, str]], error: Callable[[str], LMeasureError] = FileFormatError
+) -> LMeasureError:
+    """The error of complaints (keys that lead there, what is wrong), in the order of the file's lines."""
+    line_of = data.line if isinstance(data, Document) else lambda keys: None
+    placed = sorted(((line_of(keys) or 0, f"{shown_path(keys, data)}: {text}".removeprefix(": ")) for keys, text in found), key=_by_line)
+    return gathered(source, [f"{source}:{line}: {text}" if line else f"{source}: {text}" for line, text in dict.fromkeys(placed)], error)
+
+
+def _by_line(placed: tuple[int, str]) -> int:
+    return placed[0]
+
+
+def gathered(source: str, lines: list[str], error: Callable[[str], LMeasureError] = FileFormatError) -> LMeasureError:
+    """One error of several lines, the first MOST of them."""
+    out = error(lines[0])
+    more = (f"{source}: and {len(lines) - MOST} more",) if len(lines) > MOST else ()
+    out.complaints = (*lines[:MOST], *more)
+    return out
+
+
+def complaints(error: ValidationError, data: Any, root: type[BaseModel]) -> list[tuple[Keys, str]]:
+    """What pydantic complains of, as (keys as the file writes them, what is wrong there)."""
+    out: list[tuple[Keys, str]] = []
+    hinted: set[Keys] = set()
+    seen: set[Keys] = set()
+    for one in error.errors(include_url=False):
+        keys = _keys(one["loc"], data)
+        raised = one.get("ctx", {}).get("error")
+        if isinstance(raised, ContradictionError):
+            out += [((*keys, *inner), text) for inner, text in raised.found]
+        elif one["type"] == "extra_forbidden":
+            owner = owner_of(root, one["loc"][:-1])
+            key = str(one["loc"][-1])
+            near = nearest(key, known_keys(owner))
+            hinted.add((*keys[:-1], near))
+            out.append((keys, f"unknown key {key!r}{_hint(key, near, owner)}"))
+        elif keys not in seen and not (one["type"] == "too_short" and _has_enough(_at(data, keys), one)):
+            # a value that is of none of several kinds is complained of once for each
+            seen.add(keys)
+            out.append(_plain(keys, one, data))
+    # a key written wrongly is unknown, and its right name missing: once is enough
+    return [
+        (keys, f"{text}{_way_out(keys)}" if text == "is missing" else text)
+        for keys, text in out
+        if text != "is missing" or keys not in hinted
+    ]
+
+
+def _way_out(keys: Keys) -> str:
+    """Which command writes what is missing."""
+    of_a_drum = len(keys) > 1 and keys[0] == "observation_point" and keys[-1] == "drum"
+    return ": `lmeasure drum` writes it from what is measured (docs/drum.md)" if of_a_drum else ""
+
+
+def _has_enough(value: Any, one: Any) -> bool:
+    # pydantic does not count elements that are wrong themselves
+    return isinstance(value, list | tuple | dict) and len(value) >= one["ctx"]["min_length"]
+
+
+def complaint(one: Any) -> str:
+    """One of pydantic's complaints about a value that was typed, in the words of files."""
+    point = "; a number has a point" if one["type"] in ("float_parsing", "int_parsing") and "," in str(one.get("input")) else ""
+    return _plain((), one, None)[1] + point
+
+
+def _plain(keys: Keys, one: Any, data: Any) -> tuple[Keys, str]:
+    limits = {name: f"{value:g}" if isinstance(value, float) else value for name, value in one.get("ctx", {}).items()}
+    text = _PLAIN.get(one["type"], one["msg"].removeprefix("Value error, ").replace("Input should", "must"))
+    if one["type"] in _PLAIN:
+        text = text.format(**limits)
+    for limit, words in (("must be more than 0", "must be positive"), ("must have at least 1 of them, has 0", "must not be empty")):
+        text = words if text == limit else text
+    named = re.match(r"(\w+): ", text)
+    if named and isinstance(_at(data, keys), dict):
+        # a validator of a whole table that means one key of it
+        return (*keys, named[1]), text[named.end() :]
+    if keys and isinstance(keys[-1], int) and isinstance(_at(data, keys[:-1]), list | tuple) and not isinstance(_at(data, keys), dict):
+        text, keys = f"number {keys[-1] + 1} {text}", keys[:-1]
+    value = one.get("input")
+    is_shown = isinstance(value, int | float | str) and value != "" and len(repr(value)) < 60 and one["type"] != "missing"
+    written = str(value).lower() if isinstance(value, bool) else repr(value)
+    return keys, " ".join(f"{text}{f', is {written}' if is_shown else ''}".split())
+
+
+def _keys(loc: tuple[int | str, ...], data: Any) -> Keys:
+    """Pydantic's location without its own words: for the chosen kind of a table, and for keys that are words of Python."""
+    out: list[int | str] = []
+    here = data
+    for step in loc:
+        missing = isinstance(here, dict) and isinstance(step, str) and step not in here
+        if (step in _OWN_WORDS and missing) or (missing and step != loc[-1]) or (isinstance(step, str) and not isinstance(here, dict)):
+            continue
+        out.append(step)
+        here = _at(here, (step,))
+    return tuple(out)
+
+
+def _at(data: Any, keys: Keys) -> Any:
+    for key in keys:
+        try:
+            data = data[key]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def shown_path(keys: Keys, data: Any) -> str:
+    """Keys as a person reads them: `[observation_point B2].drum.scale`; one of several tables by its name, else by its number."""
+    out, here = "", data
+    for key in keys:
+        if isinstance(key, int):
+            at = here[key] if isinstance(here, list | tuple) and key < len(here) else None
+            out = f"[{out.strip('[]').replace('].', '.')} {_called(here, key) if isinstance(at, dict) else key + 1}]"
+        else:
+            out = f"{out}.{key}" if out else key
+        here = _at(here, (key,))
+    return out
+
+
+def _called(tables: list[Any], number: int) -> str:
+    key = next((key for key in _NAMED_BY if key in tables[number]), "")
+    name = tables[number].get(key)
+    same = [t for t in tables if isinstance(t, dict) and t.get(key) == name]
+    is_name = isinstance(name, str) and name.isprintable() and 0 < len(name) < 60 and len(same) == 1
+    return str(name) if is_name else str(number + 1)
+
+
+def known_keys(owner: type[BaseModel]) -> list[str]:
+    """Keys of a table, as the file writes them."""
+    return [f.alias or name for name, f in owner.model_fields.items()]
+
+
+def nearest(key: str, known: list[str]) -> str:
+    """The known key that was probably meant, empty where none is near."""
+    same = [k for k in known if _stem(key) in _stems_of(k)]
+    return next(iter(same or difflib.get_close_matches(key, known, n=1)), "")
+
+
+def _hint(key: str, near: str, owner: type[BaseModel]) -> str:
+    if not near:
+        return f"; known here: {', '.join(known_keys(owner))}"
+    return f"; the unit is part of the name: {near!r}" if _stem(key) in _stems_of(near) else f"; did you mean {near!r}?"
+
+
+def _stem(key: str) -> str:
+    for unit in _UNITS:
+        key = key.removesuffix(unit)
+    return key
+
+
+def _stems_of(known: str) -> tuple[str, ...]:
+    return tuple(known.removesuffix(unit) for unit in ("_mm", "_deg", "_mm_s") if known.endswith(unit))
+
+
+def owner_of(root: type[BaseModel], loc: tuple[int | str, ...]) -> type[BaseModel]:
+    """The model of the table at a location of pydantic's, from the model of the file."""
+    here = [root]
+    for step in loc:
+        if isinstance(step, int):
+            continue
+        inner = [f for model in here for name, f in model.model_fields.items() if step in (name, f.alias)]
+        if inner:
+            here = [m for f in inner for m in models_in(f.annotation)] or here
+        else:
+            # of several kinds of table, the one that states this word
+            here = [m for m in here if any(step in literals_of(f.annotation) for f in m.model_fields.values())] or here
+    return here[0]
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models that an annotation speaks of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from models_in(part)
+
+
+def literals_of(annotation: Any) -> tuple[Any, ...]:
+    """The values that an annotation allows by name."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    return tuple(value for part in get_args(annotation) for value in literals_of(part))

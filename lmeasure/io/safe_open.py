@@ -1,0 +1,186 @@
+"""Opening what is to be read: regular files only, and none larger than makes sense; .zip files whose every entry is such a file."""
+
+import hashlib
+import os
+import re
+import shutil
+import stat
+import struct
+import unicodedata
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import BufferedReader
+from pathlib import Path, PurePosixPath
+from typing import IO, BinaryIO, cast
+
+from lmeasure.core import FileFormatError, LMeasureError
+
+LARGEST_BYTES = 1 << 33
+"""Of a file that is read as a whole: more than an hour of counts, less than any memory it is read on could bear."""
+
+MOST_ENTRIES = 10_000
+DIRECTORY_BYTES = 1 << 22
+"""Of the list of a .zip's entries, which is read as a whole before anything is known of it."""
+LARGEST_NAME = 255
+"""Bytes of the name of a file or folder, on most systems."""
+LOCAL_HEADER = 30  # bytes before the name of an entry
+PIECE = 1 << 20
+_NO_NAME = re.compile(r'[\x00-\x1f\x7f\\:*?"<>|]')
+"""What no name of an entry has, on any system."""
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """The file opened for reading bytes. FileFormatError for what is none: a pipe would be waited for, a device never ends."""
+    path = Path(path)
+    try:
+        # a pipe without a writer would hold up the opening itself
+        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0))
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a zero byte in the name
+        raise FileFormatError(f"{str(path)!r}: cannot be read: {error}") from error
+    mode = os.fstat(number).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(number)
+        inside_it = "rig.toml in it, perhaps" if (Path(path) / "rig.toml").is_file() else "a file is wanted"
+        what = f"Is a directory; {inside_it}" if stat.S_ISDIR(mode) else "it is no regular file but a pipe or a device; copy it into a file"
+        raise FileFormatError(f"{path}: cannot be read: {what}")
+    return os.fdopen(number, "rb")
+
+
+def no_folder(path: Path, holds: str) -> str:
+    """What to say behind that a path is no folder of a kind: it is not there, or a file of one that holds such a file, or something
+    else."""
+    if not path.exists():
+        return ": it is not there"
+    if (path.parent / holds).is_file():
+        return f", but a file in one: give {path.parent}"
+    return f", which holds {holds}"
+
+
+def sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file of any size, opened as `open_regular` does."""
+    with open_regular(path) as file:
+        try:
+            return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def inside(folder: Path, name: str, what: str, place: str) -> Path:
+    """The path of the name that a file states, in its folder or below; FileFormatError where it leads out of it, by links too."""
+    try:
+        stays = (folder / name).resolve().is_relative_to(folder.resolve())
+    except (ValueError, OSError, RuntimeError) as error:  # a zero byte; links that lead in a circle
+        raise FileFormatError(f"{what} = {name!r} is not the name of a file: {error}") from error
+    if not stays:
+        raise FileFormatError(f"{what} = {name!r} lies outside {place}")
+    return folder / name
+
+
+def read_regular(path: Path, most: int = LARGEST_BYTES) -> bytes:
+    """The file's bytes, as `open_regular`; FileFormatError where there are more than `most`."""
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > most:
+            raise FileFormatError(f"{path}: cannot be read: {size} bytes, {most} are the most")
+        try:
+            return file.read()
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+class _Bounded:
+    """A file that is not read by more than DIRECTORY_BYTES at once."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.seek, self.tell, self.seekable = file.seek, file.tell, file.seekable
+
+    def read(self, size: int = -1) -> bytes:
+        data = self._file.read(DIRECTORY_BYTES + 1 if size < 0 or size > DIRECTORY_BYTES else size)
+        if len(data) > DIRECTORY_BYTES:
+            raise zipfile.BadZipFile("it has too many entries")
+        return data
+
+
+@contextmanager
+def open_zip(path: Path, most: int = LARGEST_BYTES) -> Iterator[zipfile.ZipFile]:
+    """Yield the archive of a .zip whose entries are regular files and folders, inside it, each under a name of its own.
+
+    FileFormatError, in one line, for any other .zip, for one of more than MOST_ENTRIES entries or `most` bytes in all, and for whatever
+    the archive turns out to be in the block: encrypted, compressed in another way than by deflation, garbled.
+    """
+    try:
+        with open_regular(path) as file, zipfile.ZipFile(cast(IO[bytes], _Bounded(file))) as archive:
+            _check_entries(archive, most)
+            yield archive
+    except LMeasureError:
+        raise
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError, zlib.error, struct.error) as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise FileFormatError(f"{path.name}: is not a .zip that can be read: {reason}") from error
+
+
+def unpack(archive: zipfile.ZipFile, folder: Path, name_of: Callable[[str], str] = str) -> None:
+    """Write the files of an archive from `open_zip` into a folder, each under the name that `name_of` gives its own; none where that is
+    empty."""
+    for entry in archive.infolist():
+        if entry.is_dir() or not (name := name_of(entry.filename)):
+            continue
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with archive.open(entry) as source, target.open("xb") as sink:
+            shutil.copyfileobj(source, sink, PIECE)
+            if sink.tell() != entry.file_size:
+                raise zipfile.BadZipFile(f"{entry.filename!r} has {sink.tell()} bytes instead of {entry.file_size}")
+
+
+def _check_entries(archive: zipfile.ZipFile, most: int) -> None:
+    entries = archive.infolist()
+    if len(entries) > MOST_ENTRIES:
+        raise zipfile.BadZipFile(f"it has {len(entries)} entries, {MOST_ENTRIES} are the most")
+    if (total := sum(entry.file_size for entry in entries)) > most:
+        raise zipfile.BadZipFile(f"it holds {total} bytes, {most} are the most")
+    for entry in entries:
+        if (wrong := _wrong(entry)) is not None:
+            raise zipfile.BadZipFile(f"{entry.filename!r} {wrong}")
+    end, files, folders = archive.start_dir, set[str](), set[str]()
+    for entry in sorted(entries, key=lambda entry: entry.header_offset, reverse=True):
+        # the same bytes would serve for many files, and a small zip unpack to a huge one
+        needs = LOCAL_HEADER + len(entry.orig_filename) + entry.compress_size
+        if entry.header_offset < 0 or entry.header_offset + needs > end:
+            raise zipfile.BadZipFile(f"{entry.filename!r} lies over another file or is larger than the zip")
+        end = entry.header_offset
+        path = PurePosixPath(entry.filename)
+        folders |= {_alike(above) for above in (path.parents if not entry.is_dir() else (path, *path.parents))}
+        if not entry.is_dir() and _alike(path) in files:
+            raise zipfile.BadZipFile(f"{entry.filename!r} is in it twice, at least for a system that knows no capitals")
+        files |= set() if entry.is_dir() else {_alike(path)}
+    if both := sorted(files & folders):
+        raise zipfile.BadZipFile(f"{both[0]!r} is a file and a folder")
+
+
+def _wrong(entry: zipfile.ZipInfo) -> str | None:
+    """Return what keeps an entry from being a file, or a folder, inside the archive; None where nothing does."""
+    parts = entry.filename.removesuffix("/").split("/")
+    if any(part in ("", ".", "..") or _NO_NAME.search(part) or len(part.encode("utf-8", "replace")) > LARGEST_NAME for part in parts):
+        return "is no name of a file in a folder"
+    if len(entry.filename) > 1000:
+        return "is too long a name"
+    if stat.S_IFMT(entry.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
+        return "is no regular file"
+    if entry.flag_bits & 0x41:
+        return "is encrypted"
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        return f"is compressed by method {entry.compress_type}; deflation is wanted"
+    if entry.compress_type == zipfile.ZIP_STORED and entry.file_size != entry.compress_size:
+        return "has two different sizes"
+    return None
+
+
+def _alike(path: PurePosixPath) -> str:
+    """Return what a path is to a system that knows no capitals."""
+    return unicodedata.normalize("NFC", str(path)).casefold()

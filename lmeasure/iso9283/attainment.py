@@ -1,0 +1,158 @@
+"""What a trajectory holds of a program: its poses and paths as attained, at one point of the tool and in one frame."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.core import CertificationError, FloatArray, IntArray, conventions, se3
+from lmeasure.iso9283.angles import convention_at
+from lmeasure.iso9283.figure import Subject
+from lmeasure.iso9283.fitted_frame import fit_frame
+from lmeasure.iso9283.instants import most_planes
+from lmeasure.iso9283.motion_readings import Stretch
+from lmeasure.iso9283.paths import LEAST_PLANES, Crossings, crossings
+from lmeasure.iso9283.settings import CertificationSettings
+from lmeasure.recording import Program, Windows
+from lmeasure.text import Finding
+from lmeasure.trajectory import AttainedPose, Frame, Stamps, Trajectory, attain, window, worst_angle
+
+ELSEWHERE = 3.0
+"""Times as far from the commanded pose as from another one of the program: the robot is at that one."""
+LARGEST_MISS = 0.05
+"""Of a program's size: farther off is not a robot that misses poses."""
+
+Convention = tuple[str | None, tuple[Finding, ...]]
+"""In which component-wise angles are told, None where they tell nothing, and what is to be said of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attainment:
+    """Poses and paths by their names, those with windows alone; angles: convention of component-wise angles, stated: whether it was asked
+    for. stamps: those of the trajectory as recorded, which has its samples at their times otherwise."""
+
+    trajectory: Trajectory
+    program: Program
+    settings: CertificationSettings
+    stamps: Stamps
+    frame: Frame
+    poses: Mapping[str, AttainedPose]
+    paths: Mapping[str, Crossings]
+    angles: str
+    stated: bool
+
+    def commanded(self, name: str) -> FloatArray:
+        """(7,) the commanded pose of that name."""
+        return _commanded(self.program, name)
+
+    def convention_of_pose(self, pose: AttainedPose) -> Convention:
+        """Of its angles; none where its orientation is not measured."""
+        if np.isnan(pose.poses[0, 3]):
+            return None, ()
+        part = Subject("pose", pose.name).said
+        return convention_at(self.angles, se3.rotation(pose.commanded[None]), part, stated=self.stated)
+
+    def convention_on_path(self, crossed: Crossings) -> Convention:
+        """Of its angles; none where its orientation is not commanded, or not measured."""
+        commanded = crossed.line.orientation(crossed.way_mm)
+        if commanded is None:
+            return None, ()
+        part = Subject("path", crossed.line.path.name).said
+        convention, findings = convention_at(self.angles, commanded, part, stated=self.stated)
+        return None if np.isnan(crossed.attained[0, 0, 3]) else convention, findings
+
+    def worst_angle(self, windows: Windows, what: str) -> float:
+        """Worst pressure angle [deg] met in windows, NaN where it is not known."""
+        return worst_angle(self.trajectory, windows, what)
+
+
+def attained(
+    trajectory: Trajectory, program: Program, settings: CertificationSettings, stamps: Stamps, *, rig_angles: str | None
+) -> Attainment:
+    """What a trajectory holds of a program, rig_angles: the rig's convention of angles, where nobody asks for another. CertificationError
+    names the window and the sample where a pose or path cannot be told."""
+    stated = settings.angles or program.angles
+    angles = stated or rig_angles or conventions.DEFAULT
+    conventions.convention(angles)
+    frame = Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64))
+    poses = _poses(trajectory, program, frame, settings.still_mm)
+    if settings.align:
+        frame = replace(frame, base_from_program=fit_frame(list(poses.values())))
+        poses = _poses(trajectory, program, frame, settings.still_mm)
+    _check_order(list(poses.values()), program, settings.still_mm)
+    paths = {}
+    for path in program.path:
+        if path.windows_s:
+            shortest = min(end - start for start, end in path.windows_s)
+            planes = max(LEAST_PLANES, min(settings.planes, most_planes(stamps, shortest)))
+            paths[path.name] = crossings(trajectory, path, planes, frame, quarters=settings.quarters)
+    return Attainment(
+        trajectory=trajectory,
+        program=program,
+        settings=settings,
+        stamps=stamps,
+        frame=frame,
+        poses=poses,
+        paths=paths,
+        angles=angles,
+        stated=stated is not None,
+    )
+
+
+def places_in(trajectory: Trajectory, windows: Windows, what: str) -> IntArray:
+    """(k,) samples where windows begin and where the robot comes to rest in them."""
+    parts = [window(trajectory, *w, what) for w in windows]
+    return np.array([part.start + i for part in parts for i in (0, Stretch.rested(part.stop - part.start)[0])], dtype=np.int64)
+
+
+def _commanded(program: Program, name: str) -> FloatArray:
+    pose = next(p for p in program.pose if p.name == name)
+    return np.array([*pose.position_mm, *pose.quaternion_xyzw])
+
+
+def _poses(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> dict[str, AttainedPose]:
+    return {
+        p.name: attain(p.name, _commanded(program, p.name), p.windows_s, trajectory, frame=frame, still_mm=still_mm)
+        for p in program.pose
+        if p.windows_s
+    }
+
+
+def _check_order(poses: Sequence[AttainedPose], program: Program, still_mm: float) -> None:
+    """CertificationError when a dwell is at another pose of the program than its window says; of poses that lie about as near to each other
+    as the robot comes to them nobody can tell, and one that is beside its poses as a whole runs in order."""
+    if not poses:
+        return
+    commanded = np.array([p.position_mm for p in program.pose])
+    distances = [np.linalg.norm(pose.poses[:, None, :3] - commanded[None], axis=2) for pose in poses]
+    nearest = np.concatenate([d.min(axis=1) for d in distances])
+    miss = float(np.median(nearest))
+    misses = min(miss, LARGEST_MISS * float(np.ptp(commanded, axis=0).max()))
+    for pose, apart in zip(poses, distances, strict=True):
+        own = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
+        apart[:, np.linalg.norm(commanded - pose.commanded[:3], axis=1) <= ELSEWHERE * misses] = np.inf
+        for j in np.flatnonzero(own > ELSEWHERE * np.maximum(apart.min(axis=1), still_mm)):
+            if ELSEWHERE * _besides_a_frame(poses) < np.sqrt(np.mean(nearest**2)):
+                return
+            other = program.pose[int(np.argmin(apart[j]))].name
+            said = "the program runs in another order than its windows say"
+            if ELSEWHERE**2 * miss > own[j]:
+                said = (
+                    f"it stands so far from all poses ({miss:.4g} mm from the nearest one, in the median) that their order cannot be told; "
+                    "the robot is not the one that the program was made for, or the program's frame is another"
+                )
+            raise CertificationError(
+                f"pose {pose.name}, cycle {j + 1}: at {pose.time_s[j]:.6g} s the tool is {own[j]:.4g} mm from {pose.name} and "
+                f"{apart[j].min():.4g} mm from {other}: {said}"
+            )
+
+
+def _besides_a_frame(poses: Sequence[AttainedPose]) -> float:
+    """By how much the poses miss their own commanded ones in a frame that is fitted to them [mm], infinite where they fix none."""
+    try:
+        frame = fit_frame(poses)
+    except CertificationError:
+        return np.inf
+    turn = se3.rotation(frame[None])[0]
+    off = [pose.poses[:, :3] - frame[:3] - turn.apply(pose.commanded[None, :3]) for pose in poses]
+    return float(np.sqrt(np.mean(np.concatenate(off) ** 2) * 3.0))

@@ -1,0 +1,130 @@
+"""A characteristic of a robot: its value, how well it is known, and what may be said of it.
+
+Written to certificate.json as
+
+    {"schema": "lmeasure.certificate/1",
+     "characteristics": [{"name": "AP_p", "pose": "P1", "value": .., "unit": "mm", "u95": .., "capable": true, ...}, ...]}
+
+one table per characteristic, as `Characteristic.as_dict` gives it: keys that do not apply are left out (a path's characteristic has `path`
+and no `pose`), `value`, `u95` and `capable` are always there, the last two null where nobody states how uncertain the
+measurement is. Deviations of speed (AV, RV) are in percent.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, NamedTuple
+
+from lmeasure.text import Finding
+
+Verdict = Literal["conforms", "does not conform", "not decided"]
+Rule = Literal["simple", "guarded"]
+
+
+class CharacteristicKey(NamedTuple):
+    """Which characteristic of a certificate: its name, the pose or the path it is of, and the part of that."""
+
+    name: str
+    pose: str | None = None
+    path: str | None = None
+    part: str | None = None
+
+    @property
+    def where(self) -> str:
+        """Pose or path, and the part of it, for a person."""
+        return " ".join(p for p in (self.pose, self.path, self.part) if p)
+
+    def __str__(self) -> str:
+        return f"{self.name} of {self.where}" if self.where else self.name
+
+
+def key_of(figure: Mapping[str, Any]) -> CharacteristicKey:
+    """The key of a table of certificate.json."""
+    return CharacteristicKey(str(figure["name"]), *(None if figure.get(k) is None else str(figure[k]) for k in ("pose", "path", "part")))
+
+
+@dataclass(frozen=True)
+class Conformity:
+    """A characteristic held against a stated tolerance (JCGM 106).
+
+    lower, upper: tolerance limits in the characteristic's unit, None where there is none; rule: simple acceptance (the value decides) or
+    guarded acceptance (the value decides with U95 as guard band on both sides, between them nothing is decided); verdict; probability:
+    that the characteristic lies within the limits, by a normal law of standard deviation U95 / 1.96 about the value.
+    """
+
+    lower: float | None
+    upper: float | None
+    rule: Rule
+    verdict: Verdict
+    probability: float
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """One figure of a certificate.
+
+    name: as ISO 9283:1998 writes it, _ for a subscript: AP_p, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c, RP_l, RP_a.., vAP_p, AD_p, RD, t_s
+    (stabilisation time), OV, dAP_p, dRP_l (drift), E (exchangeability), AT_p, RT_p, AT_a.., CR, CO, SPL (stabilisation path length), AV,
+    RV, FV, t_min (minimum posing time), C_x.. (static compliance), WS, WF (weaving). `_rot` marks rotation as a whole (an extension).
+    pose, path: what of the program it belongs to; a distance or a posing has the pose "P2-P4". part: what of that, such as "corner 2".
+    clause: of ISO 9283:1998. value, unit; u95: half of the interval about the value that holds the characteristic of the true poses of
+    these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (their rounding, which is
+    another from dwell to dwell, and where within a count they were zeroed: both drawn anew in another run) and from the rest, as the
+    calibration (shared by the run, and by others of that calibration); coverage_factor: u95 over their root sum of squares, None where
+    that is zero. cycles: how many it is made of. capable: whether u95 is small enough to say the value; limit_u95: how small that is, in
+    the unit. capable_alone: of a signed component, which has the verdict of its vector or of a tolerance, whether it is small enough
+    beside the component itself; None of others. conformity: None unless a tolerance is stated. angles: convention of a component-wise
+    angle. extension: not in the standard. excluded: why no verdict is given though there is a value (outside the instrument's zone);
+    capable is then false. stated: False where nobody
+    states how uncertain the measurement is: u95 is then NaN, there is no verdict, and files have null.
+    """
+
+    name: str
+    clause: str
+    value: float
+    unit: str
+    u95: float
+    capable: bool
+    cycles: int
+    pose: str | None = None
+    path: str | None = None
+    part: str | None = None
+    u_random: float | None = None
+    u_systematic: float | None = None
+    coverage_factor: float | None = None
+    limit_u95: float | None = None
+    capable_alone: bool | None = None
+    conformity: Conformity | None = None
+    angles: str | None = None
+    extension: bool = False
+    excluded: Finding | None = None
+    note: Finding | None = None
+    stated: bool = True
+
+    @property
+    def key(self) -> CharacteristicKey:
+        """Which characteristic it is."""
+        return CharacteristicKey(self.name, self.pose, self.path, self.part)
+
+    @property
+    def where(self) -> str:
+        """Pose or path, and the part of it, for a person."""
+        return self.key.where
+
+    def unstated(self) -> "Characteristic":
+        """The same of a measurement whose uncertainty nobody states: the value alone."""
+        return replace(
+            self, u95=math.nan, capable=False, capable_alone=None, u_random=None, u_systematic=None, coverage_factor=None, limit_u95=None,
+            conformity=None, stated=False,
+        )  # fmt: skip
+
+    def as_dict(self) -> dict[str, Any]:
+        """The table of certificate.json; see the module's text."""
+        order = ["name", "pose", "path", "part", "value", "unit", "u95", "capable", "capable_alone"]
+        names = order + [f.name for f in fields(self) if f.name not in order]
+        out = {name: getattr(self, name) for name in names}
+        if self.conformity is not None:
+            out["conformity"] = {k: v for k, v in vars(self.conformity).items() if v is not None}
+        del out["stated"]
+        told = {k: str(v) if isinstance(v, Finding) else v for k, v in out.items() if v is not None}
+        return told if self.stated else told | {"u95": None, "capable": None}

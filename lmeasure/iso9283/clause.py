@@ -1,0 +1,69 @@
+"""What a test of ISO 9283 is to the evaluation: a subject of the program with everything that belongs to its test.
+
+A test module holds one class and a function from what was attained to its tests; `iso9283.TESTS` is the table of them. Most figures
+are functions of the states of parts, whose errors are drawn for all tests together (`uncertainty.propagate`); others are read from the
+motion itself (`readings`) and bring their own uncertainty. Nothing depends on the order in which tests are asked.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from lmeasure.core import IntArray
+from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey
+from lmeasure.iso9283.figure import Figure, Subject
+from lmeasure.iso9283.motion_readings import Motion
+from lmeasure.iso9283.uncertainty import Part
+from lmeasure.recording import Windows
+from lmeasure.text import Finding
+from lmeasure.trajectory import PoseErrors
+
+SampleErrors = Callable[[IntArray], PoseErrors]
+"""Errors of what is certified at samples (n,), by one law."""
+
+
+class Read(NamedTuple):
+    """Characteristics read from a motion, and what is to be said of those that cannot be."""
+
+    characteristics: Sequence[Characteristic] = ()
+    findings: Sequence[Finding] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsoTest:
+    """A test; what it leaves as it is here it does not have.
+
+    subject: what of the program it is of; tests of one subject stand together. windows: when it was measured, for a test that may be
+    excluded for what was met there: angle_deg, the worst pressure angle, and the errors of `excludable`. needs: what may exclude the
+    figures that it reads. findings: how its figures are given.
+    """
+
+    subject: Subject
+    windows: Windows = ()
+    angle_deg: float = math.nan
+    needs: tuple[Subject, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    def samples(self) -> IntArray:
+        """(n,) samples of the trajectory at whose errors it looks."""
+        return np.empty(0, dtype=np.int64)
+
+    def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
+        """What its figures are functions of, with errors by one law."""
+        return {}
+
+    def excludable(self, errors: SampleErrors) -> PoseErrors | None:
+        """Errors that are held against the zone's radius."""
+        part = self.parts(errors).get(self.subject)
+        return None if part is None else part.errors
+
+    def figures(self) -> list[Figure]:
+        """Functions of states, of its own parts or of others'."""
+        return []
+
+    def read(self, motion: Motion, known: Mapping[CharacteristicKey, float]) -> Read:
+        """Figures read from the motion; known: the values of those that are not."""
+        return Read()

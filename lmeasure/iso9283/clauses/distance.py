@@ -1,0 +1,65 @@
+"""Distance accuracy and repeatability (clause 7.3): between two poses with the same number of cycles."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import CertificationError, FloatArray
+from lmeasure.iso9283.attainment import Attainment
+from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.figure import Figure, Maker, States, Subject
+from lmeasure.iso9283.formulas import pose as iso
+from lmeasure.recording import Distance
+
+USUAL = ["P2", "P4"]
+"""Between them the standard has it, where the program asks for no distance."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceTest(IsoTest):
+    """AD, and RD from two cycles on, between poses that are commanded (3,) [mm] apart."""
+
+    ends: tuple[Subject, Subject]
+    commanded: FloatArray
+    cycles: int
+
+    def figures(self) -> list[Figure]:
+        """See `IsoTest`."""
+        (one, other), commanded = self.ends, self.commanded
+        length = float(np.linalg.norm(commanded))
+
+        def both(s: States) -> tuple[FloatArray, FloatArray]:
+            return s[one].position, s[other].position
+
+        make = Maker(cycles=self.cycles, needs=self.ends, pose=self.subject.name)
+        out = [make.one("AD_p", "7.3.2", "mm", lambda s: iso.distance_accuracy(*both(s), length))]
+        out += make.components("AD", "7.3.2", lambda s: iso.distance_accuracy_components(*both(s), commanded), vector="AD_p")
+        if self.cycles > 1:
+            out.append(make.one("RD", "7.3.3", "mm", lambda s: iso.distance_repeatability(*both(s))))
+            out += make.components("RD", "7.3.3", lambda s: iso.distance_repeatability_components(*both(s)))
+        return out
+
+
+def tests(attained: Attainment) -> Iterator[DistanceTest]:
+    """As the program asks for them, by default of `USUAL` or the first two poses. CertificationError names one that cannot be told."""
+    poses = attained.poses
+    asked = list(attained.program.distance)
+    if not asked:
+        pair = USUAL if set(USUAL) <= set(poses) else list(poses)[:2]
+        if len(pair) == 2 and len({len(poses[name].poses) for name in pair}) == 1:
+            asked = [Distance.model_validate({"from": pair[0], "to": pair[1]})]
+    for d in asked:
+        names = d.from_pose, d.to_pose
+        for name in names:
+            if name not in poses:
+                raise CertificationError(f"distance {d.name}: pose {name} has no windows")
+        one, other = (poses[name] for name in names)
+        if len(one.poses) != len(other.poses):
+            raise CertificationError(f"distance {d.name}: {names[0]} has {len(one.poses)} cycles and {names[1]} {len(other.poses)}")
+        yield DistanceTest(
+            subject=Subject("distance", d.name),
+            ends=(Subject("pose", names[0]), Subject("pose", names[1])),
+            commanded=one.commanded[:3] - other.commanded[:3],
+            cycles=len(one.poses),
+        )

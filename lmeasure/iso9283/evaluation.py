@@ -1,0 +1,265 @@
+"""From a trajectory and the program it ran to the characteristics of ISO 9283."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lmeasure.core import CertificationError, DataFrame, FloatArray, IntArray, Shown, framed
+from lmeasure.iso9283.attainment import attained
+from lmeasure.iso9283.capability import with_verdicts
+from lmeasure.iso9283.characteristic import Characteristic
+from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clauses import tests_of
+from lmeasure.iso9283.dwells import with_windows
+from lmeasure.iso9283.exclusions import Exclusions, exclusions
+from lmeasure.iso9283.figure import SIGNED, Figure
+from lmeasure.iso9283.fitted_frame import follows
+from lmeasure.iso9283.instants import on_times, with_instants
+from lmeasure.iso9283.motion_readings import Motion
+from lmeasure.iso9283.paths import LEAST_PLANES, Crossings
+from lmeasure.iso9283.settings import CertificationSettings as Settings
+from lmeasure.iso9283.uncertainty import Spread, propagate
+from lmeasure.recording import Program, Run
+from lmeasure.text import Finding, finding
+from lmeasure.trajectory import AttainedPose, ErrorModel, ErrorsOfFile, ErrorsOfRun, Frame, PoseErrors, Stamps, Trajectory, stamps_of
+
+SCHEMA = "lmeasure.certificate/1"
+
+
+@dataclass(frozen=True)
+class Excluded:
+    """A part of the program that gets no verdict, and why."""
+
+    kind: str
+    name: str
+    reason: Finding
+
+
+@dataclass(frozen=True)
+class AttainedPath:
+    """How a path was run: commanded (m, 3) points [mm] at arc (m,) [mm], where the planes stand; attained (n, m, 3) crossings
+    [mm] of n cycles, deviation (n, m) their distance from the commanded points, speed (n, m - 1) between the planes [mm/s]; unseen: the
+    first part of the way on which a cycle has no samples, in words."""
+
+    name: str
+    arc_mm: FloatArray
+    commanded: FloatArray
+    attained: FloatArray
+    deviation_mm: FloatArray
+    speed_mm_s: FloatArray
+    commanded_speed_mm_s: float | None
+    unseen: str | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class Evaluation(Shown):
+    """The characteristics, and what stands behind them.
+
+    excluded: parts outside the zone. poses: commanded and attained poses in the base frame (after an alignment, in the
+    program's); paths: likewise. base_from_program (7,): the fitted frame, None when not asked for. angles: convention of component-wise
+    angles. covers: what the uncertainties hold, in words. findings: what the reader must know.
+    """
+
+    characteristics: tuple[Characteristic, ...]
+    excluded: tuple[Excluded, ...]
+    poses: tuple[AttainedPose, ...]
+    paths: tuple[AttainedPath, ...]
+    base_from_program: FloatArray | None
+    angles: str
+    covers: Finding | str
+    settings: Settings
+    findings: tuple[Finding | str, ...] = field(default=())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The findings in English."""
+        return tuple(map(str, self.findings))
+
+    def about(self) -> dict[str, str]:
+        """How many characteristics, of how many the instrument is capable."""
+        capable = sum(c.capable for c in self.characteristics)
+        return {"characteristics": str(len(self.characteristics)), "capable": str(capable), "u95 covers": str(self.covers)}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each characteristic."""
+        return framed([c.as_dict() for c in self.characteristics])
+
+
+def evaluate(
+    trajectory: Trajectory,
+    program: Program,
+    covariances: ErrorModel | None = None,
+    *,
+    run: Run | None = None,
+    settings: Settings | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    stamps: Stamps | None = None,
+) -> Evaluation:
+    """The characteristics that the program's poses and paths allow, each with U95 and a verdict.
+
+    covariances: where the errors of poses come from; by default the run's rig and calibration, or without a run the uncertainties of the
+    trajectory, whose common part is not known and is therefore taken as whatever is worse for each figure. Parts without windows are looked
+    for in the trajectory's rests. stamps: as judged already, else by the motion
+    itself. CertificationError names the window and sample when a pose or path cannot be told.
+    """
+    settings = settings or Settings()
+    _check(trajectory, program, settings)
+    models: tuple[ErrorModel, ...]
+    if covariances is not None:
+        models = (covariances,)
+    elif run is not None:
+        models = (ErrorsOfRun(run),)
+    else:
+        models = (ErrorsOfFile(together=True), ErrorsOfFile(together=False))
+    stamps = stamps or stamps_of(trajectory)
+    trajectory = replace(trajectory, time_s=stamps.time_s)
+    program = on_times(program, stamps)
+    program, found_windows = with_windows(
+        trajectory, program, Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64)), settings.still_mm
+    )
+    given = attained(trajectory, program, settings, stamps, rig_angles=None if run is None else run.rig.angles)
+    tests = tests_of(given)
+    samples = np.unique(np.concatenate([test.samples() for test in tests]))
+    laws = [_Law.of(model, replace(trajectory, time_s=stamps.stamp_s), samples, given.frame) for model in models]
+    figures = [figure for test in tests for figure in test.figures()]
+    values, spreads = _drawn(tests, figures, laws, settings, progress=progress)
+    excluded = exclusions(tests, trajectory, settings, laws)
+    found = [
+        _characteristic(figure, value, [s[i] for s in spreads], excluded=excluded, stamps=stamps)
+        for i, (figure, value) in enumerate(zip(figures, values, strict=True))
+    ]
+    motion = Motion(trajectory, given.frame, lambda at: [law(at) for law in laws], stamps=stamps, settings=settings)
+    known = {c.key: c.value for c in found}
+    read = [(test, test.read(motion, known)) for test in tests]
+    found += [replace(c, excluded=excluded.reason(test.needs)) for test, told in read for c in told.characteristics]
+    vectors = {f.key: f.key._replace(name=f.vector) for f in figures if f.vector is not None}
+    judged = with_verdicts(found, vectors=vectors, signed=SIGNED, tolerances=program.tolerance, settings=settings)
+    unstated = () if covariances is not None or run is not None else _unstated(trajectory, settings)
+    return Evaluation(
+        characteristics=tuple(c.unstated() if "position" in unstated or c.unit in unstated else c for c in judged),
+        excluded=tuple(Excluded(subject.kind, subject.name, why) for subject, why in excluded.reasons.items()),
+        poses=tuple(given.poses.values()),
+        paths=tuple(_attained_path(name, crossed) for name, crossed in given.paths.items()),
+        base_from_program=given.frame.base_from_program,
+        angles=given.angles,
+        covers=laws[0].covers,
+        settings=settings,
+        findings=(
+            *((finding("uncertainty.unstated", what=trajectory.absent),) if unstated else ()),
+            *stamps.notes,
+            *found_windows,
+            *(said for test in tests for said in test.findings),
+            *excluded.findings,
+            *(said for _, told in read for said in told.findings),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Law:
+    """Errors of what is certified at all samples (n,) that tests ask for, by one law, and what they hold."""
+
+    samples: IntArray
+    errors: PoseErrors
+    covers: Finding | str
+
+    @classmethod
+    def of(cls, model: ErrorModel, trajectory: Trajectory, samples: IntArray, frame: Frame) -> "_Law":
+        """At the point and in the frame that are certified."""
+        errors, covers = model.at(trajectory, samples)
+        return cls(samples, frame.of_errors(trajectory.poses[samples], errors), covers)
+
+    def __call__(self, samples: IntArray) -> PoseErrors:
+        """Of all errors those at some samples."""
+        return self.errors[np.searchsorted(self.samples, samples)]
+
+
+def _drawn(
+    tests: Sequence[IsoTest],
+    figures: Sequence[Figure],
+    laws: Sequence[_Law],
+    settings: Settings,
+    *,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[list[float], list[list[Spread]]]:
+    """The values of figures, and what is known of their errors by each law."""
+    values, spreads = [], []
+    for i, law in enumerate(laws):
+        parts = {key: part for test in tests for key, part in test.parts(law).items()}
+        states = {key: part.state(np.zeros((len(part.errors), 6)), reduced=False) for key, part in parts.items()}
+        values = [float(f.of(states)) for f in figures]
+
+        def step(done: int, of: int, i: int = i) -> None:
+            if progress is not None:
+                progress(i * of + done, len(laws) * of)
+
+        fitted = follows(parts) if settings.align else None
+        of = [f.of for f in figures]
+        spreads.append(propagate(parts, of, trials=settings.trials, seed=settings.seed, fitted=fitted, progress=step))
+    return values, spreads
+
+
+def _unstated(trajectory: Trajectory, settings: Settings) -> tuple[str, ...]:
+    """What of a trajectory from elsewhere has no stated uncertainty and what that leaves without a verdict: "position" everything, "deg"
+    figures in that unit."""
+    moves = any(settings.tool_offset_mm) or settings.align
+    if "position" in trajectory.absent or ("rotation" in trajectory.absent and moves):
+        return ("position",)
+    return ("deg",) if "rotation" in trajectory.absent else ()
+
+
+def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None:
+    """What no figure can be told from."""
+    if not (program.pose or program.path):
+        raise CertificationError("the program has neither poses nor paths")
+    back = np.flatnonzero(~(np.diff(trajectory.time_s) > 0.0))
+    if len(back):
+        i = int(back[0]) + 1
+        raise CertificationError(
+            f"sample {i} of the trajectory: its time, {trajectory.time_s[i]:.6g} s, is not after that of the one before"
+        )
+    measured = not (np.isnan(trajectory.poses[:, 3]).all() and not np.isnan(trajectory.poses[:, 0]).all())
+    if not measured and (settings.align or any(settings.tool_offset_mm)):
+        raise CertificationError("the trajectory has no orientation: neither another point of the tool nor a fitted frame can be had")
+    for name in ("capability", "planes", "still_mm", "trials"):
+        if not getattr(settings, name) > 0:
+            raise CertificationError(f"{name} = {getattr(settings, name)} is not positive")
+    if settings.planes < LEAST_PLANES:
+        raise CertificationError(f"planes = {settings.planes} normal to a path are too few: at least {LEAST_PLANES}")
+
+
+def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], *, excluded: Exclusions, stamps: Stamps) -> Characteristic:
+    """The figure with the larger of the uncertainties that the laws of errors give."""
+    worst = max(spreads, key=lambda s: s.u95)
+    u, u95 = float(np.hypot(worst.u_random, worst.u_systematic)), float(np.hypot(worst.u95, figure.between))
+    found = Characteristic(
+        **figure.key._asdict(),
+        clause=figure.clause,
+        value=value,
+        unit=figure.unit,
+        u95=u95,
+        capable=False,
+        cycles=figure.cycles,
+        u_random=worst.u_random,
+        u_systematic=worst.u_systematic,
+        coverage_factor=u95 / u if u > 0 else None,
+        angles=figure.angles,
+        extension=figure.extension,
+        excluded=excluded.reason(figure.needs),
+    )
+    return found if figure.instants is None or stamps.kind == "sound" else with_instants(found, figure.instants(value))
+
+
+def _attained_path(name: str, crossed: Crossings) -> AttainedPath:
+    attained = crossed.attained[:, :, :3].transpose(1, 0, 2)
+    return AttainedPath(
+        name=name,
+        arc_mm=crossed.way_mm,
+        commanded=crossed.commanded,
+        attained=attained,
+        deviation_mm=np.linalg.norm(attained - crossed.commanded, axis=2),
+        speed_mm_s=crossed.speed_mm_s,
+        commanded_speed_mm_s=crossed.line.path.speed_mm_s,
+        unseen=crossed.unseen(),
+    )

@@ -1,0 +1,326 @@
+"""Figures that are read from stretches of a motion: what lies between samples, and what the counts make them err by.
+
+Between samples a motion is the cubic spline through them. Its own error is found by leaving out every other sample: where a motion has
+three derivatives that is seven times as large (Richardson). Errors of counts are drawn as what they are, the roundings of lengths: a draw
+says where within a count the lengths of a place lie, and from there the lengths' changes along the stretch say how each sample is rounded.
+So samples of a robot that creeps, and cycles that come to rest within a count of each other, are rounded alike. Errors of another kind are
+taken for roundings as large: they stay where the robot stands and are others when it has gone on.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import binary_dilation
+from scipy.signal import savgol_filter
+
+from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray, se3
+from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey
+from lmeasure.iso9283.settings import CertificationSettings
+from lmeasure.iso9283.uncertainty import COVERAGE, NORMAL_95, reduction
+from lmeasure.text import Finding
+from lmeasure.trajectory import Frame, PoseErrors, Stamps, Trajectory, phases, roundings, window
+
+FINE_S = 2.5e-4
+"""Steps in which a motion is read between samples."""
+MOST_PIECES = 64
+FINER_THAN = 0.25
+"""Of a limit: a step is no longer, so that no passage of it is missed."""
+WITHOUT_HALF = 7.0
+"""Times as far off as the spline is that of every other sample, by its third derivatives."""
+FEWER_ERR = 2.0
+"""U95 by which a figure of every other sample may differ by errors of counts alone."""
+SMOOTHED, DEGREE = 9, 4
+"""Samples and degree of the polynomials by which roundings are taken out of a stretch."""
+MARGIN = 12
+"""Samples beyond which a spline does not feel what happens: 0.27 per sample."""
+AT_REST = 0.1
+"""Of a window: its last part, in which the robot is taken to rest."""
+REST_SAMPLES = 20
+FAR = 5.0
+"""Standard deviations that an error does not reach."""
+DRAWN_AT_ONCE = 500_000
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Consecutive samples (k,) of a trajectory: time_s (k,) [s] and poses (k, 7) of what is certified. places: samples (i,), counted from
+    the first of the stretch, at each of the places that the figure looks from."""
+
+    samples: IntArray
+    time_s: FloatArray
+    poses: FloatArray
+    places: tuple[IntArray, ...]
+
+    @classmethod
+    def begun(cls) -> IntArray:
+        """The place where a stretch begins."""
+        return np.zeros(1, dtype=np.int64)
+
+    @classmethod
+    def rested(cls, samples: int) -> IntArray:
+        """The place where a stretch of so many samples comes to rest; of very many samples there some."""
+        last = max(1, int(AT_REST * samples))
+        return np.unique(np.linspace(samples - last, samples - 1, min(last, REST_SAMPLES)).astype(np.int64))
+
+    def moved(self, place: IntArray) -> FloatArray:
+        """(k, 6) how far (rotation [rad]; position [mm]) the stretch is from a place, roundings smoothed away."""
+        to = np.zeros((len(self.samples), 6))
+        if not np.isnan(self.poses[0, 3]):
+            turn = se3.rotation(self.poses)
+            to[:, :3] = (turn * turn[int(place[0])].inv()).as_rotvec()
+        to[:, 3:] = self.poses[:, :3]
+        smooth = savgol_filter(to, SMOOTHED, DEGREE, axis=0) if len(to) >= SMOOTHED else to
+        return np.asarray(smooth - smooth[place].mean(axis=0))
+
+    def finer(self, limit_mm: float) -> "Finer":
+        """Times between the samples that step by no more than a part of a limit [mm]."""
+        steps = np.diff(self.time_s)
+        far = float(np.linalg.norm(np.diff(self.poses[:, :3], axis=0), axis=1).max())
+        pieces = int(np.clip(np.ceil(max(np.median(steps) / FINE_S, far / (FINER_THAN * limit_mm)) - 1e-6), 1, MOST_PIECES))
+        times = self.time_s[:-1, None] + np.arange(pieces) / pieces * steps[:, None]
+        return Finer(self.time_s, pieces, np.append(times.ravel(), self.time_s[-1]))
+
+
+@dataclass(frozen=True)
+class Finer:
+    """Times time_s (K,) [s] at which a stretch is read, so many pieces to the step from each of its samples (k,) to the next."""
+
+    samples_s: FloatArray
+    pieces: int
+    time_s: FloatArray
+
+    def read(self, values: FloatArray, every: int = 1) -> FloatArray:
+        """(K, ...) what values (k, ...) at the samples are there, by the spline through all of them or every other one."""
+        chosen = np.union1d(np.arange(0, len(values), every), [len(values) - 1])
+        return np.asarray(CubicSpline(self.samples_s[chosen], values[chosen])(self.time_s))
+
+    def near(self, sizes: Sequence[FloatArray], limit_mm: float, reach_mm: float, *, largest: bool) -> IntArray:
+        """(F,) those at which errors of a reach may bring sizes (K,) to the other side of a limit - largest: or above the largest behind
+        the first passage of it - and both ends."""
+        near = np.isin(np.arange(len(self.time_s)), [0, len(self.time_s) - 1])
+        for size in sizes:
+            outside = size > limit_mm
+            close = (np.abs(size - limit_mm) <= reach_mm) | np.diff(outside, prepend=outside[:1])
+            if largest:
+                entered = int(np.argmin(outside))
+                close[entered:] |= size[entered:] >= size[entered:].max() - reach_mm
+            near |= binary_dilation(close, iterations=self.pieces)
+        return np.flatnonzero(near)
+
+    def errors(self, points: IntArray, of_samples: Callable[[IntArray], FloatArray]) -> FloatArray:
+        """(trials, F, 3) what errors of positions, (trials, i, 3) at samples (i,), are at points (F,)."""
+        step = np.minimum(points // self.pieces, len(self.samples_s) - 2)
+        used = np.zeros(len(self.samples_s), np.bool_)
+        used[step] = used[step + 1] = True
+        ends = np.flatnonzero(np.diff(binary_dilation(used, iterations=MARGIN), prepend=False, append=False))
+        parts = [
+            CubicSpline(self.samples_s[a:b], of_samples(np.arange(a, b)), axis=1)(self.time_s[points[(step >= a) & (step < b)]])
+            for a, b in ends.reshape(-1, 2)
+        ]
+        return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How figures are read from cycles: `of` makes them (..., q) of times (F,) [s] and vectors (..., F, 3) [mm], one from each place of a
+    stretch to where the robot is, whose sizes (..., F) are held against a limit [mm].
+
+    never (q,): what counts where the limit is not reached, in a draw or by every other sample. largest: whether the largest size is a
+    figure. origin: the point (3,), known without error, that vectors are from instead of the only place.
+    """
+
+    of: Callable[..., FloatArray]
+    size: Callable[[FloatArray], FloatArray]
+    limit_mm: float
+    never: FloatArray
+    largest: bool = False
+    origin: FloatArray | None = None
+
+    def told(self, figures: FloatArray) -> FloatArray:
+        """Figures (..., q), those that are NaN being `never`."""
+        return np.where(np.isnan(figures), self.never, figures)
+
+
+@dataclass(frozen=True)
+class Told:
+    """Figures (n, q) of n cycles, how far the splines that they are read from may be off (n, q), and by each law that the errors may have
+    what the figures of a likely motion are without errors (n, q) and with them (trials, n, q).
+    unresolved: as between (n, q), where the samples do not resolve the motion."""
+
+    values: FloatArray
+    between: FloatArray
+    laws: tuple[tuple[FloatArray, FloatArray], ...]
+    unresolved: FloatArray | None = None
+
+    @property
+    def reached(self) -> BoolArray:
+        """(n,) whether every figure of a cycle could be read."""
+        return np.asarray(np.isfinite(self.values).all(axis=1))
+
+    def u95(self, i: int, over: Callable[..., FloatArray], above: float = -np.inf) -> float:
+        """U95 of figure i taken over the cycles; the larger of the laws'.
+
+        What errors have added to the scatter of the cycles whose figures are above a value is taken away, lest the largest of them be the
+        one that erred most.
+        """
+        out = []
+        for base, drawn in ((likely[:, i], moved[:, :, i]) for likely, moved in self.laws):
+            errors, of_robot, alike = drawn - base, base.copy(), base > above
+            if alike.any():
+                mean, freedom = base[alike].mean(), max(int(alike.sum()) - 1, 1)
+                square = ((base[alike] - mean) ** 2).sum() / freedom
+                of_robot[alike] = mean + reduction(square, errors[:, alike].var(axis=0).mean(), freedom) * (base[alike] - mean)
+            out.append(float(np.quantile(np.abs(over(of_robot + errors, axis=1) - over(of_robot)), COVERAGE)))
+        lost = self.between[:, i]
+        if self.unresolved is not None:
+            # errors of counts alone, whatever the samples resolve, differ by as much as they are
+            of_counts = FEWER_ERR * max(out) * np.sqrt(len(lost))
+            lost = np.where(WITHOUT_HALF * lost > of_counts, np.maximum(self.unresolved[:, i], lost), lost)
+        return float(np.hypot(max(out), lost.max()))
+
+    def characteristic(
+        self, i: int, key: CharacteristicKey, *, clause: str, unit: str, note: Finding, over: Callable[..., FloatArray] = np.mean,
+        above: float = -np.inf
+    ) -> Characteristic:  # fmt: skip
+        """Figure i taken over the cycles, of which those above a value are alike; another run errs anew."""
+        u95, value = self.u95(i, over, above), float(over(self.values[:, i]))
+        return Characteristic(
+            **key._asdict(), clause=clause, value=value, unit=unit, u95=u95, capable=False, cycles=len(self.values),
+            u_random=u95 / NORMAL_95, u_systematic=0.0, note=note,
+        )  # fmt: skip
+
+
+def distance(vectors: FloatArray) -> FloatArray:
+    """(...) lengths of vectors (..., 3)."""
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+
+
+def longest_s(cycles: Sequence[Stretch]) -> float:
+    """How long [s] the longest of cycles lasts."""
+    return max(float(s.time_s[-1] - s.time_s[0]) for s in cycles)
+
+
+class Motion:
+    """A trajectory in the frame and at the point that are certified, with the errors at its samples by each law that may hold."""
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        frame: Frame,
+        errors: Callable[[IntArray], Sequence[PoseErrors]],
+        *,
+        stamps: Stamps,
+        settings: CertificationSettings,
+    ) -> None:
+        self.trajectory, self.frame, self.stamps = trajectory, frame, stamps
+        self._errors, self._settings = errors, settings
+
+    def stretch(self, start: float, end: float, what: str, *, begins: bool) -> Stretch:
+        """A window with the place where it comes to rest, and, where it begins from rest, that one before; CertificationError when it has
+        fewer than two samples."""
+        part = window(self.trajectory, start, end, what)
+        n = part.stop - part.start
+        if n < 2:
+            raise CertificationError(f"{what}: the window [{start:g}, {end:g}] s holds one sample, and no motion")
+        if self.stamps.stretch is not None and self.stamps.stretch[part.start] != self.stamps.stretch[part.stop - 1]:
+            steps = np.diff(self.trajectory.time_s[part])
+            a, b = self.trajectory.time_s[part][[int(np.argmax(steps)), int(np.argmax(steps)) + 1]]
+            raise CertificationError(f"{what}: there are no samples from {a:.6g} to {b:.6g} s, and what the robot did then is not known")
+        places = (*((Stretch.begun(),) if begins else ()), Stretch.rested(n))
+        poses = self.frame.of(self.trajectory.poses[part])
+        return Stretch(np.arange(part.start, part.stop), self.trajectory.time_s[part], poses, places)
+
+    def read(self, cycles: Sequence[Stretch], reading: Reading) -> Told:
+        """What a reading tells of cycles."""
+        values, halves, quarters, found = [], [], [], []
+        # of each place by each law, at all cycles
+        laws = [
+            self._errors(np.array([s.samples[at[0]] for s, at in zip(cycles, at_place, strict=True)])) for at_place in _by_place(cycles)
+        ]
+        random = [e.random if reading.origin is None else e.covariance for of_place in laws for e in of_place]
+        reach = FAR * float(np.sqrt(2.0 * max(np.linalg.eigvalsh(c[:, 3:, 3:]).max() for c in random)))
+        for stretch in cycles:
+            finer = stretch.finer(reading.limit_mm)
+            vectors, of_half, of_quarter = (_vectors(stretch.poses[:, :3], stretch, finer, reading.origin, every) for every in (1, 2, 4))
+            values.append(reading.of(finer.time_s, *vectors))
+            halves.append(reading.told(reading.of(finer.time_s, *of_half)))
+            quarters.append(reading.told(reading.of(finer.time_s, *of_quarter)))
+            found.append((finer, finer.near([reading.size(v) for v in vectors], reading.limit_mm, reach, largest=reading.largest)))
+        by_half, by_quarter = (np.abs(np.array(a) - np.array(b)) for a, b in ((values, halves), (halves, quarters)))
+        nearer = np.divide(by_half, by_quarter, out=np.ones_like(by_half), where=by_quarter > by_half)
+        # where leaving out samples once more changes a figure by hardly more, they do not resolve it, and all of the change may be left
+        unresolved = by_half * np.clip(nearer / np.maximum(1.0 - nearer, 1e-9), 1.0 / WITHOUT_HALF, 1.0)
+        by_law = tuple(self._drawn(cycles, found, of_places, reading) for of_places in zip(*laws, strict=True))
+        return Told(np.array(values), by_half / WITHOUT_HALF, by_law, unresolved)
+
+    def _drawn(
+        self, cycles: Sequence[Stretch], found: Sequence[tuple[Finer, IntArray]], laws: Sequence[PoseErrors], reading: Reading
+    ) -> tuple[FloatArray, FloatArray]:
+        """Figures of a likely motion without and with errors by the laws of the places."""
+        rng = np.random.default_rng([self._settings.seed, int(cycles[0].samples[0])])
+
+        def figures(finer: Finer, points: IntArray, vectors: Sequence[FloatArray]) -> FloatArray:
+            return reading.told(reading.of(finer.time_s[points], *vectors))
+
+        likely = [
+            [v[points] for v in _vectors(s.moved(s.places[-1])[:, 3:] + s.poses[s.places[-1], :3].mean(axis=0), s, finer, reading.origin)]
+            for s, (finer, points) in zip(cycles, found, strict=True)
+        ]
+        base = [figures(finer, points, v) for v, (finer, points) in zip(likely, found, strict=True)]
+        at_once = max(1, DRAWN_AT_ONCE // max(len(points) for _, points in found))
+        out = []
+        for first in range(0, self._settings.trials, at_once):
+            trials = min(at_once, self._settings.trials - first)
+            errors = [
+                _errors_from(cycles, found, at, law, rng=rng, trials=trials, absolute=reading.origin is not None)
+                for at, law in zip(_by_place(cycles), laws, strict=True)
+            ]
+            moved = [[v + e[j] for v, e in zip(likely[j], errors, strict=True)] for j in range(len(cycles))]
+            out.append(np.stack([figures(*found[j], moved[j]) for j in range(len(cycles))], axis=1))
+        return np.array(base), np.concatenate(out)
+
+
+def _by_place(cycles: Sequence[Stretch]) -> list[tuple[IntArray, ...]]:
+    """The samples of each cycle at the first place, at the next one, .."""
+    return list(zip(*(s.places for s in cycles), strict=True))
+
+
+def _vectors(positions: FloatArray, stretch: Stretch, finer: Finer, origin: FloatArray | None, every: int = 1) -> list[FloatArray]:
+    """(K, 3) each: from a stretch's places, or the origin, to positions (k, 3) of its samples, read finer."""
+    fine = finer.read(positions, every)
+    return [fine - (positions[at].mean(axis=0) if origin is None else origin) for at in stretch.places]
+
+
+def _errors_from(
+    cycles: Sequence[Stretch],
+    found: Sequence[tuple[Finer, IntArray]],
+    places: Sequence[IntArray],
+    law: PoseErrors,
+    *,
+    rng: np.random.Generator,
+    trials: int,
+    absolute: bool,
+) -> list[FloatArray]:
+    """Drawn errors (trials, F, 3) [mm] of each cycle's vectors from a place to points (F,), law: of positions at the place, one a cycle;
+    absolute: the vectors are from a point without error, near the place, and err by what the run has in common, too."""
+    apart = np.zeros((len(cycles), 6))
+    poses = np.array([s.poses[at[0]] for s, at in zip(cycles, places, strict=True)])
+    apart[:, 3:] = poses[:, :3] - poses[:, :3].mean(axis=0)
+    if not np.isnan(poses[0, 3]):
+        turns = se3.rotation(poses)
+        apart[:, :3] = (turns * turns.mean().inv()).as_rotvec()
+    start = phases(law, apart, rng, trials)
+    common = law.drawn_factors(rng, trials) if absolute else np.empty((trials, 0))
+    out = []
+    for j, (stretch, (finer, points), at) in enumerate(zip(cycles, found, places, strict=True)):
+        moved = stretch.moved(at)
+        away = rng.random((trials, law.own.shape[2]))
+
+        def of_samples(samples: IntArray, j: int = j, moved: FloatArray = moved, away: FloatArray = away) -> FloatArray:
+            return roundings(law.own[j], moved[samples], start[:, j], away)[..., 3:]
+
+        of_place = -common @ law.factors[j, 3:].T if absolute else of_samples(at).mean(axis=1)
+        out.append(finer.errors(points, of_samples) - of_place[:, None])
+    return out

@@ -1,0 +1,318 @@
+"""The tests of ISO 9283:1998 as a robot runs them: the program that says what is measured, and the list of commands that does it."""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import CertificationError, FloatArray
+from lmeasure.iso9283.program.cube import POSES, Cube
+from lmeasure.iso9283.program.selection import TESTS, Tests
+from lmeasure.recording import CommandedPath, CommandedPose, Compliance, Distance, Drift, Posing, Program
+from lmeasure.robots import GRAVITY_M_S2, Command, Performance
+
+APPROACHES = ("x", "y", "z")
+FROM_THREE_SIDES = ("P1", "P2", "P4")
+POSING_MM = (-1.0, 2.0, -5.0, 10.0, -20.0, 50.0, -100.0, 200.0, -500.0, 1000.0)
+TURN_RAD = math.radians(10.0)
+"""On a path with reorientation, to both sides."""
+LARGE_CIRCLE, SMALL_CIRCLE = 0.8, 0.08
+"""Diameters, of the cube's edge."""
+APPROACH = 0.2
+"""Length of an approach along an axis, of the cube's edge."""
+CIRCLE_STEPS = 720
+"""Straight pieces of a circle as it is run: a thousandth of a millimetre off it at 100 mm."""
+LOAD_STEPS = 10
+DRIFT_GROUP = 10
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A program that has not run, and the commands that run it from rest at `start` (7,)."""
+
+    program: Program
+    commands: tuple[Command, ...]
+    start: FloatArray
+
+
+def campaign(cube: Cube, tests: Tests) -> Campaign:
+    """The tests in the cube, one after the other, beginning and ending at P1."""
+    points = {name: np.array([*p, *tests.quaternion]) for name, p in cube.points().items()}
+    parts = [_PARTS[test](cube, tests, points) for test in TESTS if test in tests.tests]
+    tables: dict[str, tuple[object, ...]] = {}
+    for part in parts:
+        for key, rows in part.tables.items():
+            tables[key] = (*tables.get(key, ()), *rows)
+    program = Program.model_validate({"schema_": "lmeasure.program/1", "name": "ISO 9283 test cube", "angles": tests.angles, **tables})
+    home = Command(points["P1"][None], tests.at(tests.speed_mm_s), 0.0)
+    return Campaign(program, (*(c for part in parts for c in part.commands), home), points["P1"])
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One test: tables of the program, and the commands."""
+
+    tables: dict[str, tuple[object, ...]]
+    commands: tuple[Command, ...]
+
+
+_Points = dict[str, FloatArray]
+
+
+def _conditions(tests: Tests) -> Iterator[tuple[str, float, float]]:
+    """What names end with, the speed [%] and the load [kg]; the first condition's names are the plain ones."""
+    for i, (load, percent) in enumerate(itertools.product(tests.loads_kg, tests.speeds_percent)):
+        words = [f"{percent:g} %"] if percent != tests.speeds_percent[0] else []
+        words += [f"{load:g} kg"] if load != tests.loads_kg[0] else []
+        yield f" at {', '.join(words)}" if i else "", percent, load
+
+
+def _pose(name: str, row: FloatArray, **more: object) -> CommandedPose:
+    return CommandedPose(name=name, position_mm=tuple(float(v) for v in row[:3]), quaternion_xyzw=tuple(float(v) for v in row[3:]), **more)  # type: ignore[arg-type]
+
+
+def _to(row: FloatArray, tests: Tests, target: str = "", **more: object) -> Command:
+    """A straight way to a pose, with a rest when it is measured."""
+    given: dict[str, object] = {"speed_mm_s": tests.at(tests.speed_mm_s), "dwell_s": tests.dwell_s if target else 0.0}
+    return Command(row[None], **(given | {"load_kg": tests.loads_kg[0]} | more), target=target)  # type: ignore[arg-type]
+
+
+def _poses(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """6.7, 7.2.1, 7.2.2, 7.3: P5 to P1 in turn, all in one direction; the distance of P2 and P4."""
+    n, rows, commands, distances = tests.count("pose"), [], [], []
+    for ending, percent, load in _conditions(tests):
+        rows += [_pose(name + ending, points[name], cycles=n, speed_percent=percent, load_kg=load) for name in POSES]
+        distances.append(Distance(from_pose="P2" + ending, to_pose="P4" + ending))
+        speed = 0.01 * percent * tests.speed_mm_s
+        commands += [
+            _to(points[name], tests, name + ending, cycle=cycle, speed_mm_s=speed, load_kg=load)
+            for cycle in range(1, n + 1)
+            for name in reversed(POSES)
+        ]
+    return _Part({"pose": tuple(rows), "distance": tuple(distances)}, tuple(commands))
+
+
+def _approaches(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """7.2.3: P1, P2 and P4, each reached along the three axes in turn, from the cube's middle."""
+    n, rows, commands = tests.count("approach"), [], []
+    for name in FROM_THREE_SIDES:
+        title, inward = f"{name} from three sides", np.sign(cube.centre - points[name][:3])
+        rows.append(_pose(title, points[name], cycles=3 * n, approaches=APPROACHES * n, **tests.first))
+        for cycle in range(1, n + 1):
+            for axis in range(3):
+                before = points[name].copy()
+                before[axis] += (inward[axis] or 1.0) * APPROACH * cube.edge_mm
+                commands += [_to(before, tests), _to(points[name], tests, title, cycle=cycle)]
+    return _Part({"pose": tuple(rows)}, tuple(commands))
+
+
+def _stabilisation(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """7.4, 7.5: P1 from P2."""
+    n, title = tests.count("stabilisation"), "P1 settling"
+    commands = [c for i in range(1, n + 1) for c in (_to(points["P2"], tests), _to(points["P1"], tests, title, role="settling", cycle=i))]
+    return _Part({"pose": (_pose(title, points["P1"], cycles=n, limit_band_mm=tests.limit_band_mm, **tests.first),)}, tuple(commands))
+
+
+def _drift(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """7.6: P1 from P2 ten times in a row, in between P2 to P5 without a rest."""
+    title, groups = "P1 drift", 1 + round(tests.drift_s / tests.drift_every_s)
+    around = tuple(_to(points[name], tests) for name in reversed(POSES[1:]))
+    once = _seconds((_to(points["P2"], tests), _to(points["P1"], tests, title)), points["P1"])
+    circuit = _seconds(around, points["P2"])
+    fill = max(0, round((tests.drift_every_s - DRIFT_GROUP * once) / circuit))
+    commands: list[Command] = []
+    for group in range(groups):
+        for i in range(1, DRIFT_GROUP + 1):
+            commands += [_to(points["P2"], tests), _to(points["P1"], tests, title, cycle=group * DRIFT_GROUP + i)]
+        commands += around * (fill if group < groups - 1 else 0)
+    row = _pose(title, points["P1"], cycles=groups * DRIFT_GROUP, **tests.first)
+    return _Part({"pose": (row,), "drift": (Drift(pose=title, group=DRIFT_GROUP),)}, tuple(commands))
+
+
+def _paths(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """8.2, 8.3, 8.5, 8.6: a line, a rectangle with four corners, a large and a small circle."""
+    p = {name: row[:3] for name, row in points.items()}
+    normal, along = cube.normal, p["P2"] - p["P1"]
+    shapes: dict[str, dict[str, object]] = {
+        "line": {"kind": "linear", "start_mm": p["P2"], "end_mm": p["P4"]},
+        "rectangle": {"kind": "rectangular", "corners_mm": [p[name] for name in POSES[1:]]},
+    }
+    for name, part in (("large circle", LARGE_CIRCLE), ("small circle", SMALL_CIRCLE)):
+        radius = 0.5 * part * cube.edge_mm
+        start = p["P1"] + radius * along / np.linalg.norm(along)
+        shapes[name] = {"kind": "circular", "centre_mm": p["P1"], "normal": normal, "radius_mm": radius, "start_mm": start}
+    n, rows, commands = tests.count("path"), [], []
+    for ending, percent, load in _conditions(tests):
+        speed = 0.01 * percent * tests.path_speed_mm_s
+        for name, shape in shapes.items():
+            row = _path(name + ending, shape, cycles=n, speed_mm_s=speed, speed_percent=percent, load_kg=load, quaternion=tests.quaternion)
+            rows.append(row)
+            commands += _along(row, tests, n, load_kg=load)
+    return _Part({"path": tuple(rows)}, tuple(commands))
+
+
+def _reorientations(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """8.4: the line while the tool turns by 10 degrees to both sides, about each axis of the base."""
+    n, rows, commands = tests.count("reorientation"), [], []
+    shape = {"kind": "linear", "start_mm": points["P2"][:3], "end_mm": points["P4"][:3]}
+    for axis, name in enumerate("xyz"):
+        turn = TURN_RAD * np.eye(3)[axis]
+        first, last = ((Rotation.from_rotvec(t) * Rotation.from_quat(tests.quaternion)).as_quat() for t in (-turn, turn))
+        title = f"line turning about {name}"
+        speed = tests.at(tests.path_speed_mm_s)
+        row = _path(title, shape, cycles=n, speed_mm_s=speed, quaternion=first, end=last, **tests.first)
+        rows.append(row)
+        commands += _along(row, tests, n)
+    return _Part({"path": tuple(rows)}, tuple(commands))
+
+
+def _weaving(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """11: a zigzag in the plane along the line."""
+    n, (stroke, way) = tests.count("weaving"), tests.weave_mm
+    start, end = points["P2"][:3], points["P4"][:3]
+    # whole weaves, so that the line ends on its axis
+    length = float(np.linalg.norm(end - start))
+    whole = math.floor(length / way)
+    if whole < 1:
+        raise CertificationError(f"a weave of {way:g} mm is longer than the line, {length:.4g} mm")
+    shape = {"kind": "linear", "start_mm": start, "end_mm": start + (end - start) * (whole * way / length)}
+    row = _path(
+        "weave", shape, cycles=n, speed_mm_s=0.1 * tests.path_speed_mm_s, load_kg=tests.loads_kg[0], quaternion=tests.quaternion,
+        weave_stroke_mm=stroke, weave_distance_mm=way,
+    )  # fmt: skip
+    return _Part({"path": (row,)}, tuple(_along(row, tests, n, across=np.cross(cube.normal, (end - start) / length))))
+
+
+def _posing(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """9: to and fro along the plane's diagonal through P2, by ever larger steps."""
+    n = tests.count("posing")
+    direction = (points["P2"][:3] - cube.centre) / np.linalg.norm(points["P2"][:3] - cube.centre)
+    reach = float(np.linalg.norm(points["P2"][:3] - cube.centre))
+    places = itertools.takewhile(lambda at: abs(at) <= reach, np.cumsum(POSING_MM))
+    rows = {"posing 0": points["P1"]}
+    for at in places:
+        row = points["P1"].copy()
+        row[:3] += at * direction
+        rows[f"posing {at:+g}"] = row
+    names = list(rows)
+    posings = [Posing(from_pose=a, to_pose=b, limit_band_mm=tests.limit_band_mm) for a, b in itertools.pairwise(names)]
+    commands: list[Command] = []
+    for cycle in range(1, n + 1):
+        commands.append(_to(rows[names[0]], tests, dwell_s=tests.dwell_s))
+        commands += [_to(rows[p.to_pose], tests, p.name, role="posing", cycle=cycle) for p in posings]
+    poses = tuple(_pose(name, row, **tests.first) for name, row in rows.items())
+    return _Part({"pose": poses, "posing": tuple(posings)}, tuple(commands))
+
+
+def _compliance(cube: Cube, tests: Tests, points: _Points) -> _Part:
+    """10: at P1, forces along the axes in both directions, in tenths of the weight of the largest load."""
+    title, full = "P1 loaded", GRAVITY_M_S2 * max(tests.loads_kg)
+    if full == 0.0:
+        raise CertificationError("the compliance test needs a load (--loads, loads_kg): its forces are tenths of the largest load's weight")
+    directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1.0, -1.0)]
+    once = [full * i / LOAD_STEPS * d for d in directions for i in range(LOAD_STEPS + 1)]
+    forces = [f for _ in range(tests.count("compliance")) for f in once]
+    commands = [_to(points["P1"], tests)]
+    commands += [_to(points["P1"], tests, title, role="compliance", cycle=i, force_n=f, load_kg=0.0) for i, f in enumerate(forces, 1)]
+    table = Compliance(pose=title, force_n=tuple((float(f[0]), float(f[1]), float(f[2])) for f in forces))
+    return _Part({"pose": (_pose(title, points["P1"], load_kg=0.0),), "compliance": (table,)}, tuple(commands))
+
+
+def _path(name: str, shape: Mapping[str, object], **more: object) -> CommandedPath:
+    quaternion, end = more.pop("quaternion"), more.pop("end", None)
+    vectors = {key: _tuples(value) for key, value in shape.items()}
+    extra = {} if end is None else {"end_quaternion_xyzw": _tuples(end)}
+    return CommandedPath(name=name, quaternion_xyzw=_tuples(quaternion), **vectors, **extra, **more)  # type: ignore[arg-type]
+
+
+def _tuples(value: object) -> object:
+    """Arrays as the tuples of floats that a program holds."""
+    if isinstance(value, np.ndarray):
+        return tuple(float(v) for v in value)
+    return tuple(_tuples(v) for v in value) if isinstance(value, list | tuple) else value
+
+
+def _along(
+    path: CommandedPath, tests: Tests, cycles: int, *, across: FloatArray | None = None, load_kg: float | None = None
+) -> list[Command]:
+    """To the start of the path and a rest, then along it, over and over."""
+    assert path.speed_mm_s is not None
+    corners, quaternion = path.corners(), np.array(path.quaternion_xyzw)
+    speed = path.speed_mm_s
+    if path.kind == "circular":
+        corners = path.points(2.0 * math.pi * float(path.radius_mm or 0.0) / CIRCLE_STEPS)
+    if across is not None and path.weave_stroke_mm is not None and path.weave_distance_mm is not None:
+        corners, speed = _zigzag(corners, across, stroke=path.weave_stroke_mm, way=path.weave_distance_mm, speed=speed)
+    rows = np.column_stack([corners, np.tile(quaternion, (len(corners), 1))])
+    if path.end_quaternion_xyzw is not None:
+        rows[-1, 3:] = path.end_quaternion_xyzw
+    load = tests.loads_kg[0] if load_kg is None else load_kg
+    return [
+        command
+        for cycle in range(1, cycles + 1)
+        for command in (
+            _to(rows[0], tests, dwell_s=tests.settle_s, load_kg=load),
+            Command(rows[1:], speed, tests.settle_s, path.name, "path", cycle, load_kg=load),
+        )
+    ]
+
+
+def _zigzag(ends: FloatArray, across: FloatArray, *, stroke: float, way: float, speed: float) -> tuple[FloatArray, float]:
+    """(k, 3) corners of a weave about the line between the ends, and the speed on it that makes the given one along the line."""
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    at = np.concatenate([[0.0], np.arange(0.25 * way, length, 0.5 * way), [length]])
+    side = np.concatenate([[0.0], 0.5 * stroke * np.where(np.arange(len(at) - 2) % 2, -1.0, 1.0), [0.0]])
+    corners = ends[0] + at[:, None] * (ends[1] - ends[0]) / length + side[:, None] * across
+    return corners, speed * math.hypot(way, 2.0 * stroke) / way
+
+
+def _seconds(commands: Sequence[Command], start: FloatArray) -> float:
+    return sum(float(d.sum()) for d in _durations(commands, start)) + sum(c.dwell_s for c in commands)
+
+
+def _durations(commands: Sequence[Command], start: FloatArray) -> Iterator[FloatArray]:
+    for command in commands:
+        yield command.durations(start)
+        start = command.poses[-1]
+
+
+def duration_s(plan: Campaign) -> float:
+    """Seconds of all ways at their speeds and all rests, without the time to speed up and slow down."""
+    return _seconds(plan.commands, plan.start)
+
+
+_PARTS: dict[str, Callable[[Cube, Tests, _Points], _Part]] = {
+    "pose": _poses,
+    "approach": _approaches,
+    "stabilisation": _stabilisation,
+    "drift": _drift,
+    "path": _paths,
+    "reorientation": _reorientations,
+    "posing": _posing,
+    "compliance": _compliance,
+    "weaving": _weaving,
+}
+
+
+def timed(program: Program, performance: Performance, settle_s: float) -> Program:
+    """The program with the windows in which a robot ran it.
+
+    A pose is measured from settle_s after its setpoint arrived until the rest ends; settling and posing from the departure to the end of
+    the rest; a path from its departure until settle_s after its setpoint arrived.
+    """
+    windows: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for command, span in zip(performance.commands, performance.spans, strict=True):
+        at_rest, whole = (span.arrival_s + settle_s, span.end_s), (span.begin_s, span.end_s)
+        ways = {
+            "pose": {"pose": at_rest},
+            "settling": {"pose": at_rest, "settling": whole},
+            "compliance": {"compliance": at_rest},
+            "posing": {"posing": whole},
+            "path": {"path": (span.begin_s, min(at_rest[0], span.end_s))},
+        }
+        for kind, window in ways[command.role].items() if command.target else ():
+            windows.setdefault((kind, command.target), []).append(window)
+    return program.with_windows(windows)

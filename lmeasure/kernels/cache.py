@@ -1,0 +1,159 @@
+"""Compiled code kept between runs, believed only where nobody else can have written it.
+
+Numba keeps its code pickled: who writes an index or a code file runs what he likes in every process that loads it. The folder is therefore
+the user's own, of mode 0700; each file in it must be his too, and begins with a digest of what follows. What is not so, what is cut off or
+changed, is passed over, and the function is compiled as if nothing were kept. A full disk costs the compile time, nothing else.
+
+Processes that start together compile each function once: who comes second waits until the first has kept it. Functions call each other in
+one direction only, so that two never wait for each other; who holds a lock too long is not waited for.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import stat
+import time
+from pathlib import Path
+from typing import IO, Any
+
+from numba.core import caching
+from numba.core.registry import cpu_target
+
+from lmeasure.kernels.progress import compilation
+
+try:
+    import fcntl
+except ImportError:  # on Windows each compiles for itself
+    fcntl = None  # type: ignore[assignment]
+
+_Function: Any = caching.FunctionCache
+_IndexAndData: Any = caching.IndexDataCacheFile
+
+MARK = b"lmeasure kept code 1\n"
+LONGEST_WAIT_S = 180.0
+"""For another process that compiles the same function: several times as long as the longest of them takes."""
+LOOK_AGAIN_S = 0.05
+
+
+def ready() -> None:
+    """Load what numba calls compiled code by; the first function that is called does it otherwise, in 0.7 s. Nothing is compiled."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
+
+
+def own_folder(path: Path) -> bool:
+    """Whether the folder is there, made if need be, and is the user's own: nobody else may write in it."""
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = path.lstat()
+        if not stat.S_ISDIR(found.st_mode) or not _is_mine(found):
+            return False
+        if os.name != "nt" and found.st_mode & 0o077:
+            path.chmod(0o700)
+    except OSError:
+        return False
+    return os.access(path, os.W_OK | os.X_OK)
+
+
+def _is_mine(found: os.stat_result) -> bool:
+    # Windows has no such owners and modes: there the folder lies in the user's profile
+    return os.name == "nt" or (found.st_uid == os.geteuid() and not found.st_mode & 0o022)
+
+
+def _read(path: str) -> bytes | None:
+    """What was kept there; None where it is not as it was written, or not by this user."""
+    with open(path, "rb") as file:  # noqa: PTH123 - numba's own paths are texts
+        found = os.fstat(file.fileno())
+        if not stat.S_ISREG(found.st_mode) or not _is_mine(found):
+            return None
+        content = file.read()
+    head = len(MARK) + hashlib.sha256().digest_size
+    if not content.startswith(MARK) or content[len(MARK) : head] != hashlib.sha256(content[head:]).digest():
+        return None
+    return content[head:]
+
+
+class _Files(_IndexAndData):  # type: ignore[misc]
+    """Numba's index and code files, each behind its digest."""
+
+    def _load_index(self) -> Any:
+        try:
+            content = _read(self._index_path)
+        except FileNotFoundError:
+            return {}
+        version, stamp, overloads = pickle.loads(content) if content is not None else (None, None, {})
+        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _save_index(self, overloads: Any) -> None:
+        self._write(self._index_path, self._dump((self._version, self._source_stamp, overloads)))
+
+    def _load_data(self, name: str) -> Any:
+        content = _read(self._data_path(name))
+        if content is None:
+            raise OSError(f"{name}: is not as it was kept")  # which numba takes for a file that is gone
+        return pickle.loads(content)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), self._dump(data))
+
+    def _write(self, path: str, content: bytes) -> None:
+        with self._open_for_write(path) as file:
+            file.write(MARK + hashlib.sha256(content).digest() + content)
+
+
+class KeptCode(_Function):  # type: ignore[misc]
+    """The cache of one function; whatever fails in it costs a compilation, never a command."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._name = str(function.__name__)
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._turn: IO[bytes] | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kept code for a signature, or None."""
+        kept = self._loaded(sig, target_context)
+        if kept is None:
+            compilation.start(self._name)
+            kept = self._loaded(sig, target_context) if self._waited() else None
+            if kept is not None:
+                compilation.by_another(self._name)
+                self._end_turn()
+        return kept
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code, if it can be."""
+        compilation.end(self._name)
+        with contextlib.suppress(Exception):
+            super().save_overload(sig, data)
+        self._end_turn()
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        with contextlib.suppress(Exception):
+            return super().load_overload(sig, target_context)
+        return None
+
+    def _waited(self) -> bool:
+        """Take the turn of compiling this function; whether another process had it until now."""
+        self._end_turn()  # of a compilation that failed
+        if fcntl is None:
+            return False
+        until, waited = time.monotonic() + LONGEST_WAIT_S, False
+        try:
+            self._impl.locator.ensure_cache_path()
+            self._turn = (Path(self._cache_path) / f"{self._impl.filename_base}.lock").open("wb")
+            while time.monotonic() < until:
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(self._turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                waited = True
+                time.sleep(LOOK_AGAIN_S)
+        except OSError:  # a folder that cannot be written, a file system without locks
+            self._end_turn()
+        return waited
+
+    def _end_turn(self) -> None:
+        if self._turn is not None:
+            self._turn.close()
+            self._turn = None

@@ -1,0 +1,175 @@
+"""Proof that near a computed assembly there is exactly one: Krawczyk's test in Study coordinates, complex, with every rounding bounded.
+
+A point x with one coordinate held at 1 and a box of radii r around it: if |Y F(x)| + |I - Y J| r < r for the derivatives J anywhere in the
+box and some matrix Y, the map x - Y F(x) takes the box into itself and contracts it, and the box has one solution (Krawczyk 1969; Rump,
+Verification methods, 2010, 13.3). The equations are quadrics, so that J varies by a known amount. What is computed in floating point is
+enlarged by bounds of its rounding (Higham, Accuracy and Stability, 3.1), as wide as all sums here need by far.
+
+Near folds and far out the map's own rounding, multiplied by Y, fills the box. Where that is all, the point is taken to as many digits as it
+needs and F(x) computed in whole numbers (`exact`): the rest of the test has room for the roundings of double precision.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import BoolArray, ComplexArray, FloatArray, IntArray
+from lmeasure.linkages import study_quadric
+from lmeasure.linkages.integer_equations import ExactLinks, Whole, rounded, whole
+from lmeasure.linkages.study_quadric import Array
+
+ROUNDING = 5e-15
+"""Bound of the relative rounding of a sum of eight sums of eight complex products, 45 units; they have 16 additions and two products at
+most one behind the other, of 3 units each."""
+LEAST, LEAST_KNOWN = 1e-15, 1e-40  # radii: of points in double precision, and in whole numbers
+WIDEN = 3.0  # a box is this much wider than the distance that Newton's method still goes
+REFINED = 6  # steps of Newton's method before the test
+SHARPENED = 12  # of those in whole numbers
+NEAR = 1e-3  # of the largest coordinate: a step beyond which a point is near no assembly
+
+
+@dataclass(frozen=True)
+class Proved:
+    """Points (n, 8), one coordinate of each 1, with what is proved of them."""
+
+    points: ComplexArray
+    radius: FloatArray
+    """(n,) of the box in every coordinate."""
+    certain: BoolArray
+    """(n,) that the box holds one assembly, and a proper one (e.e is not 0)."""
+    real: BoolArray
+    """(n,) that this assembly is real; false where it is proved not to be, or not known."""
+
+
+def proved(rows: ComplexArray, points: ComplexArray, exact: ExactLinks | None = None) -> Proved:
+    """What is true of points (n, 8) near assemblies of links with real dimensions (6, 7).
+
+    The rows need only be what `study.links` makes of coordinates that were moved and scaled: each of these operations is exact up to a
+    rounding of its result. exact: the same links in whole numbers, for points that double precision proves nothing of.
+    """
+    Q, slack = study_quadric.quadrics(rows), ROUNDING * _magnitudes(rows)
+    held = np.abs(points).argmax(axis=1)
+    x = points / np.take_along_axis(points, held[:, None], axis=1)
+    for _ in range(REFINED):
+        x = x - _newton(*_at(Q, x), held)
+    radius, certain = _box(Q, slack, x, held)
+    # a real assembly's box holds its conjugate too, and there is but one
+    real = certain & (np.abs(x.imag).max(axis=1) <= radius)
+    x[real] = x[real].real
+    x[real] -= _newton(*_at(Q, x[real]), held[real]).real
+    radius[real], certain[real] = _box(Q, slack, x[real], held[real])
+    real &= certain
+    if exact is not None:
+        left = np.flatnonzero(~certain & (np.abs(_newton(*_at(Q, x), held)).max(axis=1) < NEAR))
+        x[left], radius[left], certain[left], real[left] = _sharpened(exact, Q, slack, x[left], held[left])
+    return Proved(x, radius, certain, real)
+
+
+def _sharpened(
+    exact: ExactLinks, Q: ComplexArray, slack: FloatArray, x: ComplexArray, held: IntArray
+) -> tuple[ComplexArray, FloatArray, BoolArray, BoolArray]:
+    """`Proved` of points taken to `exact.DIGITS` digits: as they are rounded, with boxes around those."""
+    u, v = whole(x.real), whole(x.imag)
+    x, radius, certain = _settled(exact, Q, slack, u, v, held)
+    real = certain & (np.abs(x.imag).max(axis=1) <= radius)
+    v[real] = 0
+    x[real], radius[real], certain[real] = _settled(exact, Q, slack, u[real], v[real], held[real])
+    return x, radius + ROUNDING, certain, real & certain
+
+
+def _settled(
+    exact: ExactLinks, Q: ComplexArray, slack: FloatArray, u: Whole, v: Whole, held: IntArray
+) -> tuple[ComplexArray, FloatArray, BoolArray]:
+    """Points u + i v after SHARPENED steps, rounded, radii of boxes around them before that, and which are proved."""
+    for _ in range(SHARPENED):
+        step = _newton(exact.equations(u, v), _at(Q, rounded(u) + 1j * rounded(v))[1], held)
+        step[~(np.abs(step).max(axis=1) < NEAR)] = 0.0
+        u, v = u - whole(step.real), v - whole(step.imag)
+    x = rounded(u) + 1j * rounded(v)
+    return (x, *_box(Q, slack, x, held, exact.equations(u, v)))
+
+
+def apart(found: Proved) -> BoolArray:
+    """(n,) which of the certain assemblies are certainly none of those before: a minor of the two points cannot vanish."""
+    n = len(found.points)
+    new = found.certain.copy()
+    size = np.abs(found.points).max(axis=1)
+    for i in range(n):
+        for j in np.flatnonzero(new[:i]):
+            minors = np.outer(found.points[i], found.points[j])
+            r = found.radius[i] * (size[j] + found.radius[j]) + found.radius[j] * (size[i] + found.radius[i])
+            if np.abs(minors - minors.T).max() <= 2.0 * r + ROUNDING:
+                new[i] = False
+                break
+    return new
+
+
+def _newton(F: ComplexArray, J: ComplexArray, held: IntArray) -> ComplexArray:
+    """(n, 8) a step of Newton's method from equations (n, 7) and their derivatives, to be taken off; where there is none, 0."""
+    step = np.einsum("nij,nj->ni", _inverses(_square(J, held)), _with_held(F))
+    return np.where(np.isfinite(step).all(axis=1, keepdims=True), step, 0.0)
+
+
+def _at(Q: ComplexArray, x: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Equations (n, 7) and their derivatives (n, 7, 8)."""
+    Qx = np.einsum("kij,nj->nki", Q, x)
+    return np.einsum("nki,ni->nk", Qx, x), 2.0 * Qx
+
+
+def _square(J: ComplexArray, held: IntArray) -> ComplexArray:
+    """(n, 8, 8) with an eighth equation, that the held coordinate stays."""
+    fixed = np.zeros((len(J), 1, 8))
+    fixed[np.arange(len(J)), 0, held] = 1.0
+    return np.concatenate([J, fixed], axis=1)
+
+
+def _with_held(F: Array) -> Array:
+    """(n, 8), real or complex, with an eighth equation, which is met."""
+    return np.concatenate([F, np.zeros((len(F), 1))], axis=1)
+
+
+def _inverses(J: ComplexArray) -> ComplexArray:
+    """(n, 8, 8) inverses, NaN where there is none."""
+    out = np.full(J.shape, np.nan, dtype=np.complex128)
+    regular = np.linalg.cond(J) < 1.0 / np.finfo(float).eps if len(J) else np.zeros(0, bool)
+    out[regular] = np.linalg.inv(J[regular])
+    return out
+
+
+def _box(
+    Q: ComplexArray, slack: FloatArray, x: ComplexArray, held: IntArray, known: ComplexArray | None = None
+) -> tuple[FloatArray, BoolArray]:
+    """Radii (n,) of boxes around x, and for which the test proves one proper assembly. known: the equations (n, 7) computed in whole
+    numbers at what is x rounded."""
+    F, J = _at(Q, x)
+    J = _square(J, held)
+    Y = _inverses(J)
+    with np.errstate(invalid="ignore"):
+        size, weight = np.abs(x), np.abs(Y)
+        if known is None:
+            # |F| at most: what is computed, its rounding, and what the dimensions may be off
+            f = _with_held(np.abs(F) + np.einsum("kij,ni,nj->nk", ROUNDING * np.abs(Q) + slack, size, size))
+        else:
+            f = _with_held(np.abs(known) * (1.0 + ROUNDING))
+        reach = np.einsum("nij,nj->ni", weight, f)
+        radius = WIDEN * reach.max(axis=1) + (LEAST if known is None else LEAST_KNOWN)
+        # |J| off at most: by the dimensions, by the rounding, and over the box
+        most = np.abs(Q) + slack
+        wide = 2.0 * np.einsum("kij,nj->nki", ROUNDING * np.abs(Q) + slack, size) + 2.0 * radius[:, None, None] * most.sum(axis=-1)
+        wide = np.concatenate([wide, np.zeros((len(x), 1, 8))], axis=1)
+        A = np.abs(np.eye(8) - Y @ J) + ROUNDING * (weight @ np.abs(J)) + weight @ wide
+        inside = (reach + A.sum(axis=2) * radius[:, None]) * (1.0 + ROUNDING) < radius[:, None]
+        ee = np.abs((x[:, :4] ** 2).sum(axis=1))
+        proper = ee > 2.0 * radius * size[:, :4].sum(axis=1) + 4.0 * radius**2 + ROUNDING * (size[:, :4] ** 2).sum(axis=1)
+    return radius, inside.all(axis=1) & proper
+
+
+def _magnitudes(rows: ComplexArray) -> FloatArray:
+    """(7, 8, 8) the quadrics with every term taken by its size: what their entries' rounding is a part of."""
+    a, b = np.abs(rows[:, :3]).max(axis=1), np.abs(rows[:, 3:6]).max(axis=1)
+    out = np.zeros((7, 8, 8))
+    # c is a sum of three squares of which the length's may be as large as both others with it
+    of_c = np.abs(rows[:, 6]) + 6.0 * (a**2 + b**2)
+    out[:6, :4, :4] = of_c[:, None, None] * np.eye(4) + 6.0 * (a * b)[:, None, None]
+    out[:6, :4, 4:] = out[:6, 4:, :4] = 2.0 * (a + b)[:, None, None]
+    return out

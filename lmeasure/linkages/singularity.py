@@ -1,0 +1,264 @@
+"""Where the links of a body lose hold of it: determinant of their rows, its gradient as a twist, and what lies around a singular pose.
+
+Everything is in the base frame: twists (omega; v) have v at its origin, and a link's row is (direction; moment) = (e; B x e), as the
+thesis prints its determinants (Rashoyan 2021, chapter 4). `pluecker.pluecker_rows` has the halves the other way round: the determinant's
+sign, no other difference. Points are joined in pairs: link i from base[i], in the base frame, to body[i], in the body's.
+
+The gradient in closed form. With C the cofactors of the rows M, C_i = (c_i; d_i) those of link i, and a small motion by (omega; v),
+
+    d det = sum_i c_i . de_i + d_i . (B_i x de_i) = sum_i (c_i + d_i x B_i) . de_i,     de_i = (1 - e_i e_i') (v + omega x P_i) / l_i,
+
+so that with g_i = (1 - e_i e_i')(c_i + d_i x B_i) / l_i the gradient is K = (sum_i P_i x g_i ; sum_i g_i). The cofactors exist at singular
+poses too. The increments that the thesis prints one by one (4.5, eqs. 4.30, 4.31; 4.6) are the columns of this sum, with a dozen
+misprints: r of B for r of P, squares missing, signs of the moments' third components.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import FloatArray, IntArray, se3
+
+LOST = 1e-9  # of the largest singular value, turns counted at the rim: below it a row adds nothing
+STEP = 1e-4  # of a turn, and of the rim: differences of gradients err by its square, and by rounding over it
+FLAT = 1e-6  # of what would matter: curvature over a length, a gradient beside curvature
+
+
+SOUND = 1e-3
+"""Determinant of rows of length one from which an inverse is as good as any."""
+
+
+def rim_mm(body: FloatArray) -> float:
+    """Where turns of a body with the points (m, 3) are counted: the largest distance of a point from their middle [mm], never 0."""
+    return max(float(np.linalg.norm(body - body.mean(axis=0), axis=1).max()), 1e-3)
+
+
+def link_rows(base: FloatArray, body: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(..., m, 6) rows (e; B x e), (..., m) lengths [mm] and (..., m, 3) places of the body's points in the base frame, at poses (..., 7)
+    base_from_body; NaN rows where a link has no length."""
+    points = se3.apply(poses[..., None, :], body)
+    along = points - base
+    lengths = np.linalg.norm(along, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        e = along / lengths[..., None]
+    return np.concatenate([e, np.cross(base, e)], axis=-1), lengths, points
+
+
+def determinants(base: FloatArray, body: FloatArray, poses: FloatArray) -> FloatArray:
+    """(...,) determinants [mm^3] of the rows of six links at poses (..., 7)."""
+    return np.asarray(np.linalg.det(link_rows(base, body, poses)[0]))
+
+
+def cofactors(M: FloatArray) -> FloatArray:
+    """(..., k, k) cofactors d det / d M of matrices (..., k, k), singular ones too: det M^-T, and where that is nearly nothing times
+    nearly infinite, det U det V U diag(products of the others) V'."""
+    det = np.linalg.det(M)
+    if (np.abs(det) > SOUND * np.linalg.norm(M, axis=-1).prod(axis=-1)).all():
+        return np.asarray(det[..., None, None] * np.swapaxes(np.linalg.inv(M), -1, -2))
+    U, s, Vt = np.linalg.svd(M)
+    others = np.where(np.eye(s.shape[-1], dtype=np.bool_), 1.0, s[..., None, :]).prod(axis=-1)
+    sign = np.linalg.det(U) * np.linalg.det(Vt)
+    return np.asarray((sign[..., None] * others)[..., None, :] * U @ Vt)
+
+
+def gradients(base: FloatArray, body: FloatArray, poses: FloatArray) -> FloatArray:
+    """(..., 6) the gradient of the determinant at poses (..., 7): its rate by the twist T is K . T."""
+    M, lengths, points = link_rows(base, body, poses)
+    C, e = cofactors(M), M[..., :3]
+    w = C[..., :3] + np.cross(C[..., 3:], base)
+    g = (w - (w * e).sum(axis=-1, keepdims=True) * e) / lengths[..., None]
+    return np.concatenate([np.cross(points, g).sum(axis=-2), g.sum(axis=-2)], axis=-1)
+
+
+def moved(poses: FloatArray, twists: FloatArray) -> FloatArray:
+    """(..., 7) poses (..., 7) after the screw motions of twists (..., 6) of the base frame."""
+    return se3.compose(se3.exp(twists), poses)
+
+
+@dataclass(frozen=True)
+class Hold:
+    """How well links hold a body, turns counted at its rim.
+
+    rank of the rows; condition: of the rows, infinite where they do not hold it; mm_per_mm: the largest motion of the rim by lengths
+    that are off by 1 mm together, a number that a user can judge by where a determinant depends on units.
+    """
+
+    rank: int
+    condition: float
+    mm_per_mm: float
+
+
+def hold(base: FloatArray, body: FloatArray, pose: FloatArray) -> Hold:
+    """How well links hold the body at a pose (7,)."""
+    M, _, points = link_rows(base, body, pose)
+    # about the middle of the points, so that it does not matter where the base frame is
+    arms = points - points.mean(axis=0)
+    rows = np.hstack([M[:, :3], np.cross(arms, M[:, :3]) / rim_mm(body)])
+    s = np.linalg.svd(rows, compute_uv=False)
+    rank = int((s > LOST * s[0]).sum())
+    if rank < 6:
+        return Hold(rank, float("inf"), float("inf"))
+    return Hold(rank, float(s[0] / s[5]), float(1.0 / s[5]))
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """What lies around a singular pose, in displacements of the body's origin (`core.se3.displaced`): turns about it, shifts of it
+    (thesis 4.6).
+
+    gradient (6,) of the determinant, as `gradients`; twists (5, 6) or (6, 6), of the base frame: each leads to singular poses to first
+    order. There are five, with no rate of the determinant, or six where the gradient vanishes. About the body's origin, turns counted in
+    units of a length, they are orthonormal and principal: bend (5,) or (6,) [1/mm] are the curvatures along them, of the surface of
+    singular poses, or of the determinant where there is no gradient, as parts of the largest.
+    """
+
+    gradient: FloatArray
+    twists: FloatArray
+    bend: FloatArray
+    size_mm: float
+
+    @property
+    def topology(self) -> str:
+        """`plane` where the singular poses are a surface without curvature, to second order; `surface` where they are a curved one; where
+        the gradient vanishes `point` if determinants around have one sign, `cone` if both, `higher order` if not even curvature tells."""
+        size = float(np.abs(self.bend).max())
+        if len(self.twists) == 5:
+            return "plane" if size * self.size_mm < FLAT else "surface"
+        if size == 0.0:
+            return "higher order"
+        seen = self.bend[np.abs(self.bend) > FLAT * size]
+        return "point" if len(seen) == 6 and (np.sign(seen) == np.sign(seen[0])).all() else "cone"
+
+
+def neighbourhood(base: FloatArray, body: FloatArray, pose: FloatArray, size_mm: float | None = None) -> Neighbourhood:
+    """The neighbourhood of a singular pose (7,); size_mm: the length at which turns are counted, by default the body's rim. The thesis
+    takes 1, and in its second example lists two of the twists with the halves exchanged."""
+    size = rim_mm(body) if size_mm is None else size_mm
+    unit, to_base = np.repeat([1.0 / size, 1.0], 3), se3.at_points(-pose[:3])
+    K = _displacement_gradients(base, body, pose, np.zeros(6)) * unit
+    H = second_rates(base, body, pose) * np.outer(unit, unit)
+    scale, steep = float(np.abs(H).max()), float(np.linalg.norm(K))
+    if steep <= FLAT * scale * size:
+        values, vectors = np.linalg.eigh(H)
+        # rounding of a determinant that does not change at all is no curvature
+        told = scale * size**2 > FLAT * rim_mm(body) ** 3
+        return Neighbourhood(gradients(base, body, pose), vectors.T * unit @ to_base.T, values / scale if told else np.zeros(6), size)
+    tangent = np.linalg.svd(K[None])[2][1:]
+    values, vectors = np.linalg.eigh(-(tangent @ H @ tangent.T) / steep)
+    return Neighbourhood(gradients(base, body, pose), (vectors.T @ tangent) * unit @ to_base.T, values, size)
+
+
+def second_rates(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatArray:
+    """(6, 6) second derivatives of the determinant by displacements of the body's origin at a pose (7,): differences of the gradient."""
+    step = STEP * np.repeat([1.0, rim_mm(body)], 3)
+    ahead, behind = (np.array([_displacement_gradients(base, body, pose, d) for d in np.diag(sign * step)]) for sign in (1.0, -1.0))
+    rates = (ahead - behind) / (2.0 * step[:, None])
+    return np.asarray((rates + rates.T) / 2.0)
+
+
+def _displacement_gradients(base: FloatArray, body: FloatArray, pose: FloatArray, delta: FloatArray) -> FloatArray:
+    """(6,) derivatives of the determinant by the displacement delta (6,) from a pose (7,)."""
+    there = se3.displaced(pose, delta)
+    K = gradients(base, body, there) @ se3.at_points(-there[:3])
+    return np.concatenate([K[:3] @ se3.left_jacobians(delta[:3]), K[3:]])
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A passive pair of a link's chain that may carry an extra drive at a singular pose.
+
+    link; pair: `base` or `body`; axis (3,) of its turn; rate: of the pair by the lost twist, whose turn or shift is 1; wrench (6,) unit
+    force screw (direction; moment) by which it acts on the body; determinant: of the rows with the wrench in the place of a link that the
+    others can spare (spared).
+    """
+
+    link: int
+    pair: str
+    axis: FloatArray
+    rate: float
+    wrench: FloatArray
+    spared: int
+    determinant: float
+
+
+def extra_drives(base: FloatArray, body: FloatArray, pose: FloatArray, axes: FloatArray | None = None) -> list[Drive]:
+    """Passive pairs that can carry an extra drive at a singular pose (7,) of rank 5, those that hold the body best first (thesis 4.5).
+
+    Each link is a chain of a universal joint at the base, whose axes are axes (m, 2, 3), a sliding pair, and a spherical one at the body;
+    without axes two directions normal to the link are taken. The lost twist is a sum of the chain's unit screws; a pair whose part is not
+    zero moves with it, so that a motor there takes hold of it: by the force screw that does no work on the chain's other pairs.
+    """
+    M, _, points = link_rows(base, body, pose)
+    U, s, Vt = np.linalg.svd(M)
+    if not s[4] > LOST * s[0] or s[5] > LOST * s[0]:
+        return []
+    # rows (e; m) act on (v; omega)
+    lost = np.r_[Vt[5][3:], Vt[5][:3]]
+    turn = float(np.linalg.norm(lost[:3]))
+    lost = lost / (turn if turn > 1e-9 * float(np.linalg.norm(lost[3:])) else float(np.linalg.norm(lost[3:])))
+    spared = int(np.argmax(np.abs(U[:, 5])))
+    out = []
+    for i in range(len(base)):
+        e = M[i, :3]
+        pair = _normal_to(e) if axes is None else np.asarray(axes[i], dtype=np.float64)
+        screws, joints = _chain(base[i], points[i], e, pair)
+        if np.linalg.matrix_rank(screws) < 6:
+            continue
+        rates = np.linalg.solve(screws.T, lost)
+        for k, (where, axis) in enumerate(joints):
+            if where == "slide" or abs(rates[k]) < 1e-9 * np.abs(rates).max():
+                continue
+            # reciprocal to the other five: (moment; force) . (omega; v) = 0
+            wrench = np.linalg.svd(np.delete(screws, k, axis=0))[2][5]
+            force = np.linalg.norm(wrench[3:])
+            wrench = wrench / (force if force > 1e-9 else np.linalg.norm(wrench))
+            row = np.r_[wrench[3:], wrench[:3]]
+            replaced = M.copy()
+            replaced[spared] = row
+            out.append(Drive(i, where, axis, float(rates[k]), row, spared, float(np.linalg.det(replaced))))
+    return sorted(out, key=lambda d: -abs(d.determinant))
+
+
+def _normal_to(e: FloatArray) -> FloatArray:
+    """(2, 3) two directions normal to e and to each other."""
+    return np.asarray(np.linalg.svd(e[None])[2][1:])
+
+
+def _chain(base: FloatArray, point: FloatArray, e: FloatArray, pair: FloatArray) -> tuple[FloatArray, list[tuple[str, FloatArray]]]:
+    """(6, 6) unit screws (omega; v) of a chain's pairs, and what they are: two turns at the base, the slide, three turns at the body."""
+    joints = [("base", pair[0]), ("base", pair[1]), ("slide", e), *(("body", axis) for axis in np.eye(3))]
+    screws = []
+    for where, axis in joints:
+        at = base if where == "base" else point
+        screws.append(np.r_[np.zeros(3), axis] if where == "slide" else np.r_[axis, np.cross(at, axis)])
+    return np.array(screws), joints
+
+
+def dependent(base: FloatArray, body: FloatArray, pose: FloatArray) -> IntArray:
+    """Links (k,) whose rows depend on each other at a pose (7,): those that a lost twist leaves without a say; none where all hold."""
+    M = link_rows(base, body, pose)[0]
+    U, s, _ = np.linalg.svd(M)
+    lost = U[:, int((s > LOST * s[0]).sum()) :]
+    return np.flatnonzero(np.linalg.norm(lost, axis=1) > 1e-6)
+
+
+def link_pressure_angles(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatArray:
+    """(6,) pressure-angle analogues [rad] of the links at a pose (7,), at a singular one too (thesis 5.1).
+
+    Angle between link i and the velocity of its point when only link i changes. At a singular pose the links whose rows depend on each
+    other have 90 degrees: the limit from all sides. A link that takes no part in the dependence still moves the body, but beside a motion
+    that no link sees; its angle is that of the least motion, a turn counted at the rim.
+    """
+    M, _, points = link_rows(base, body, pose)
+    e, rim = M[:, :3], rim_mm(body)
+    middle = points.mean(axis=0)
+    arms = points - middle
+    rows = np.hstack([np.cross(arms, e) / rim, e])
+    s = np.linalg.svd(rows, compute_uv=False)
+    unit = np.linalg.pinv(rows, rcond=LOST).T
+    v = unit[:, 3:] + np.cross(unit[:, :3] / rim, arms)
+    speed2 = np.maximum(1.0, (v * v).sum(axis=1))
+    out = np.arccos(1.0 / np.sqrt(speed2))
+    if s[-1] <= LOST * s[0]:
+        out[dependent(base, body, pose)] = np.pi / 2.0
+    return np.asarray(out)

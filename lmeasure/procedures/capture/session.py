@@ -1,0 +1,418 @@
+"""A session of a capture: samples and commands in, readings and words out. It knows no bus, no terminal and no clock but the samples'."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from lmeasure.acquisition import Event, Samples, folded
+from lmeasure.procedures.capture.closure import Return, judged_return
+from lmeasure.procedures.capture.folder import CaptureFolder, mean_variances, thinned
+from lmeasure.procedures.capture.forecast import Worth
+from lmeasure.procedures.capture.origin_check import BACK, Trust
+from lmeasure.procedures.capture.progress import Progress
+from lmeasure.procedures.capture.rest import Rest, still_counts
+from lmeasure.procedures.capture.text import expected_line, pose_line, reading_lines, surprise, surprising, worth_line
+
+By = Literal["key", "rest", "both"]
+
+AWAY = 4.0
+"""Bands of a rest that the robot moves at least between two readings taken by themselves."""
+WHOLE_PART = 0.5
+"""Of a dwell's samples that must have all channels."""
+MOVES_S = 0.1
+"""A rest is no rest before that."""
+IDLE_S = 1.0
+PIECE_S = 0.02
+LOSSES = {
+    "jump": "went faster than its drum can turn",
+    "reset": "started again at zero",
+    "lost_wrap": "was silent while it may have wrapped",
+    "stall": "stood still while the others moved",
+}
+"""Faults of a recording after which a channel's count is not believed."""
+ORIGIN_LOST = ("reset", "lost_wrap")
+"""Those after which it has none any more in the same recording."""
+HELP = "Enter (or take): read; undo: take back the last; skip; go POSE; return: back to the first pose; status; trust; quit"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How readings are taken: by a key, by a rest or by both; seconds of a dwell, and how long the robot must have stood
+    before it; whether the first pose is read again at the end."""
+
+    by: By = "both"
+    dwell_s: float = 1.0
+    settle_s: float = 0.3
+    closure: bool = True
+
+
+class Session:
+    """Goes through the poses of a folder. say takes lines for a person."""
+
+    def __init__(self, folder: CaptureFolder, settings: Settings, say: Callable[[str], None]) -> None:
+        self.folder, self.settings, self._say = folder, settings, say
+        self.recording = folder.next_recording
+        self._band = still_counts(folder.rig, folder.channels, folder.passage)
+        self.rest = Rest(folder.channels, self._band, folder.modulus)
+        self.poses = folder.poses
+        self.skipped: set[str] = set()
+        self._wanted, self._idle = False, False
+        self._asked_s = self._held_s = -np.inf
+        self.trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
+        self._seen_events = 0
+        self._originless: set[str] = set()
+        self._pending: list[Samples] = []
+        self.progress = Progress(folder, say)
+        self.keys = settings.by != "rest"
+        self.closure: Return | None = None
+        self.finished = self.stopped = False
+        self.goal: str | None = self._next()
+        self._begin()
+
+    @property
+    def idle(self) -> bool:
+        """Whether no counts have come for so long that somebody must look."""
+        return self._idle
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Channels whose frames may come, and whose counts are none any more: where they count from is not known."""
+        return tuple(c for c in self.rest.silent if c in self._originless)
+
+    @property
+    def to_read(self) -> int:
+        """How many readings there will be, the return among them."""
+        return len(self.poses) - len(self.skipped) + self.settings.closure
+
+    @property
+    def worth(self) -> Worth | None:
+        """Of the readings so far; None where nothing can be said of it."""
+        return self.progress.worth
+
+    # --- what comes in ---
+
+    def feed(self, samples: Samples) -> None:
+        """The samples of the recording, in their order; they are looked at when `look` tells what was wrong with them."""
+        self._pending.append(samples)
+
+    def command(self, line: str) -> None:
+        """A line that a person, or a script, has typed."""
+        word, _, rest = line.strip().partition(" ")
+        actions: dict[str, Callable[[], None]] = {
+            "": self._take,
+            "take": self._take,
+            "undo": self._undo,
+            "skip": self._skip,
+            "return": self._return,
+            "status": self._status,
+            "trust": self._believe,
+            "quit": self._quit,
+            "help": lambda: self._say(HELP),
+        }
+        if word == "go":
+            self._go(rest.strip())
+        elif word in actions and not rest:
+            actions[word]()
+        else:
+            self._say(f"{line.strip()!r} is no command. {HELP}")
+
+    def look(self, events: Sequence[Event], idle_s: float = 0.0) -> None:
+        """Decide on what has come; events are all faults of the recording so far, idle_s is since when no sample came [s]."""
+        self._note_faults(events)
+        if idle_s > IDLE_S and not self._idle:  # once, also where nobody asks for a reading
+            self._say("no counts come from the bus at all: is it connected and switched on? `lmeasure check` says what comes instead")
+        self._idle = idle_s > IDLE_S
+        pending, self._pending = self._pending, []
+        # as they would have come had nothing else kept this program busy: no rest is overlooked
+        for samples in pending:
+            count = len(samples.time_s)
+            begun = np.arange(samples.time_s[0], samples.time_s[-1], PIECE_S) if count else np.empty(0)
+            for first, end in pairwise(sorted({0, count, *np.searchsorted(samples.time_s, begun).tolist()})):
+                self.rest.add(Samples(samples.time_s[first:end], samples.recorded[first:end]))
+                self._note_leaps()
+                self._decide()
+        self._decide()
+
+    def _decide(self) -> None:
+        """At the newest sample that is looked at."""
+        if self.finished or self.goal is None:
+            return
+        still = self.rest.lasts_s >= self.settings.settle_s + self.settings.dwell_s and not self._idle
+        still = still and self.rest.seen_throughout(self.settings.dwell_s)
+        if self._wanted and self.rest.since_s > self._asked_s:
+            self._refuse("the robot moved during the dwell")
+        elif still and not self.trust.whole and self.folder.of_pass:
+            self._hold_against_readings()
+        elif still and (self._wanted or self._may_read_by_itself()):
+            self._read()
+
+    def keys_are_gone(self) -> None:
+        """Nobody can type any more."""
+        if self.settings.by == "key":
+            self._quit()
+        self.keys = False
+
+    # --- what a person asks for ---
+
+    def _take(self) -> None:
+        if self.goal is None:
+            return
+        why = self._unfit()
+        if why:
+            self._refuse(why)
+        elif self.rest.lasts_s < MOVES_S:
+            channel, speed = self.rest.fastest
+            self._refuse(f"the robot moves ({channel}: {speed:.0f} counts/s); press when it stands")
+        else:
+            self._wanted, self._asked_s = True, self.rest.since_s
+
+    def _undo(self) -> None:
+        if not self.folder.of_pass:
+            self._say("nothing to take back")
+            return
+        reading = self.folder.take_back()
+        if self.keys:  # who takes it back does not want it again at once: `Enter`, or another rest
+            self._held_s = self.rest.now_s
+        self.progress.renew()
+        if not self.folder.of_pass:
+            self.trust.restore()
+        self.closure, self.finished = None, False
+        self._say(f"taken back: the reading of pose {reading.pose}; {len(self.folder.of_pass)} left")
+        self._head_for(reading.pose)
+
+    def _skip(self) -> None:
+        if self.goal is None:
+            return
+        if self.returns:
+            self.settings = replace(self.settings, closure=False)
+        self.skipped.add(self.goal)
+        self._say(f"pose {self.goal} left out")
+        self._head_for(self._next())
+
+    def _go(self, name: str) -> None:
+        if name not in self.poses.names:
+            self._say(f"there is no pose {name!r}; they are {', '.join(self.poses.names)}")
+            return
+        self.skipped.discard(name)
+        self._head_for(name)
+
+    def _return(self) -> None:
+        if not self.folder.of_pass:
+            self._say("no pose has been read yet")
+            return
+        self._head_for(self.folder.of_pass[0].pose)
+
+    def _believe(self) -> None:
+        if not self.trust.whole:
+            self.folder.note(f"trusted before reading {len(self.folder.of_pass) + 1}: {self.trust.why}")
+            self.trust.restore()
+            self._say("the counters are trusted as they stand, which the folder notes")
+
+    def _quit(self) -> None:
+        self.finished = self.stopped = True
+
+    def _status(self) -> None:
+        for reading in self.folder.of_pass:
+            means = "  ".join(f"{c} {v:.1f}" for c, v in zip(self.folder.channels, reading.mean, strict=True))
+            self._say(f"  {reading.pose:>6s}  {len(reading.counts)} counts each: {means}")
+        self._say_worth()
+        self._say(self.line())
+
+    # --- readings ---
+
+    @property
+    def doubt(self) -> str:
+        """What keeps counts from being believed, or from coming; empty where nothing does."""
+        if self._idle:
+            return "no counts come from the bus at all"
+        if self.lost:
+            anew = "what comes needs a folder of its own" if self.folder.of_pass else "begin again"
+            return f"{', '.join(self.lost)}: where it counts from is lost; end here, {anew}"
+        if self.rest.silent:
+            return f"{', '.join(self.rest.silent)}: no counts come; look at the encoder, its plug and its cable"
+        return f"{self.trust.why}: {BACK}" if self.folder.of_pass and not self.trust.whole else ""
+
+    def _unfit(self) -> str:
+        """Why no reading can be taken whatever the robot does; empty where it can."""
+        if self.doubt or not self.folder.of_pass:
+            return self.doubt
+        if self.goal == self.folder.of_pass[-1].pose:
+            return f"pose {self.goal} was read last; `undo` reads it anew, a second visit comes after another pose"
+        return ""
+
+    def _may_read_by_itself(self) -> bool:
+        """Whether a rest alone is reason enough: a new one, where the pose is expected."""
+        if self.settings.by == "key":
+            return False
+        why = self._unfit()
+        if why:
+            if self.rest.silent and self._held_s < self.rest.since_s:
+                self._held_s = self.rest.now_s
+                self._refuse(why)
+            return False
+        if not self.folder.of_pass:
+            # nothing tells yet where the robot stands
+            return self.settings.by == "rest" or not self.keys
+        mean = np.nanmean(self.rest.counts, axis=0)
+        if (
+            np.abs(folded(mean - self.folder.of_pass[-1].mean, self.folder.modulus)) <= AWAY * self._band
+        ).all() or self._held_s >= self.rest.since_s:
+            return False
+        assert self.goal is not None
+        expected = self.progress.expected(self.goal, mean)
+        if expected is None or not surprising(expected).any():
+            return True
+        self._held_s = self.rest.now_s
+        self._say(f"a rest, but not at pose {self.goal}: {surprise(expected)}" + ("; Enter reads it all the same" if self.keys else ""))
+        return False
+
+    def _read(self) -> None:
+        """Take the reading that the rest gives, or say why not."""
+        assert self.goal is not None
+        self._wanted = False
+        dwell = self.rest.last(self.settings.dwell_s)
+        whole = np.isfinite(dwell.recorded).all(axis=1)
+        why = self._unfit()
+        if not why and whole.mean() < WHOLE_PART:
+            gaps = np.isnan(dwell.recorded).mean(axis=0)
+            worst = [f"{self.folder.channels[j]} ({gaps[j]:.0%})" for j in np.argsort(-gaps) if gaps[j] > 0]
+            why = f"counts are missing: {', '.join(worst)} of the dwell"
+        if why:
+            self._held_s = self.rest.now_s  # said once of a rest
+            self._refuse(why)
+            return
+        was_return, first = self.returns, not self.folder.of_pass
+        expected = None if first else self.progress.expected(self.goal, dwell.recorded[whole].mean(axis=0))
+        reading = thinned(self.goal, self.folder.passage, self.recording, dwell.time_s[whole], counts=dwell.recorded[whole])
+        self.folder.add(reading)
+        self.progress.renew()
+        u = np.sqrt(mean_variances(self.folder.of_pass)[-1])
+        for line in reading_lines(reading, self.folder.channels, u):
+            self._say(line)
+        if expected is not None and len(expected.off_mm):
+            self._say(expected_line(expected))
+        self._say_worth()
+        if was_return:
+            self._close()
+        self._head_for(self._next())
+
+    def _close(self) -> None:
+        readings = self.folder.of_pass
+        variance = mean_variances(readings)[[0, -1]].sum(axis=0)
+        difference = folded(readings[-1].mean - readings[0].mean, self.folder.modulus)
+        of = self.folder.rig, self.folder.channels, self.folder.passage
+        self.closure = judged_return(*of, difference, variance=variance, u_repeatability_mm=self.folder.u_repeatability_mm)
+        for line in self.closure.lines():
+            self._say(line)
+
+    def _hold_against_readings(self) -> None:
+        """Whether the counters stand, at this rest, as they did at a pose that has been read."""
+        dwell = self.rest.last(self.settings.dwell_s).recorded
+        # a channel that is empty throughout will soon be silent, or comes again
+        if self._held_s >= self.rest.since_s or not (self.rest.silent or np.isfinite(dwell).any(axis=0).all()):
+            return
+        self._held_s = self.rest.now_s
+        if self.rest.silent:
+            self._refuse(self._unfit())
+            return
+        mean = np.nanmean(dwell, axis=0)
+        pose, why = self.trust.held_against(mean, self.folder.of_pass)
+        if not pose:
+            self._refuse(why)
+            return
+        self.trust.restore()
+        self._say(f"the counters stand as they did at pose {pose}: they have kept their counts")
+        self._head_for(self.goal)
+
+    # --- faults ---
+
+    def _note_faults(self, events: Sequence[Event]) -> None:
+        for event in events[self._seen_events :]:
+            if event.kind in ORIGIN_LOST:
+                self._originless.add(event.channel)
+            if event.kind in LOSSES and self.folder.of_pass:
+                self._doubt(event.channel, LOSSES[event.kind], f" ({event.text})" if event.text else "")
+        self._seen_events = len(events)
+
+    def _note_leaps(self) -> None:
+        for leap in self.rest.leaps():
+            if self.folder.of_pass:
+                self._doubt(leap.channel, f"leapt by {leap.counts:+.0f} counts, alone and at once", "")
+
+    def _doubt(self, channel: str, why: str, more: str) -> None:
+        if channel not in self.trust.doubts:
+            self._say(f"channel {channel} {why}{more}: no reading until it has been held against a pose that was read")
+            self.trust.doubts[channel] = why
+            self._wanted = False
+
+    def _refuse(self, why: str) -> None:
+        self._wanted = False
+        self._say(f"not read: {why}")
+
+    # --- what is said ---
+
+    def _begin(self) -> None:
+        done = len(self.folder.of_pass)
+        if done:
+            self._say(f"going on: {done} readings are there, of poses {', '.join(dict.fromkeys(r.pose for r in self.folder.of_pass))}")
+        self.progress.renew()
+        if self.progress.of_all is not None:
+            self._say(f"all {len(self.poses)} poses promise:")
+            self._say(worth_line(self.progress.of_all, len(self.poses)).replace("U95 by now", "U95"))
+        if self.settings.by != "rest":
+            self._say(HELP)
+        if self.goal is None:
+            self.finished = True
+            self._say("all poses have been read; `lmeasure calibrate` takes the folder")
+        else:
+            self._head_for(self.goal)
+
+    def _head_for(self, name: str | None) -> None:
+        self.goal, self._wanted = name, False
+        if name is None:
+            self.finished = True
+            return
+        back = "back to the first: " if self.returns else ""
+        self._say(f"{back}{pose_line(self.poses, name, self.folder.rig.angles)}")
+
+    def line(self) -> str:
+        """The state of things in one line."""
+        if self._idle:
+            state = "no counts"
+        elif self.lost:
+            state = f"no origin: {', '.join(self.lost)}"
+        elif self.rest.silent:
+            state = f"silent: {', '.join(self.rest.silent)}"
+        elif self.rest.lasts_s > 0.1:
+            state = f"still {self.rest.lasts_s:.1f} s"
+        else:
+            state = "moving"
+        newest = self.rest.counts[-1] if len(self.rest.counts) else np.full(len(self.folder.channels), np.nan)
+        counts = " ".join("-" if np.isnan(v) else f"{v:+.0f}" for v in newest)
+        return f"pose {self.goal}  {state:12s}  {counts}"
+
+    def _say_worth(self) -> None:
+        if self.worth is not None:
+            self._say(worth_line(self.worth, len({r.pose for r in self.folder.of_pass})))
+
+    # --- state ---
+
+    @property
+    def returns(self) -> bool:
+        """Whether the pose that is wanted is the first one once more."""
+        readings = self.folder.of_pass
+        return len(readings) > 1 and self.goal == readings[0].pose
+
+    def _next(self) -> str | None:
+        """The next pose to be read: those not read yet, then the first once more."""
+        readings = self.folder.of_pass
+        read = {r.pose for r in readings}
+        left = [name for name in self.poses.names if name not in read and name not in self.skipped]
+        if left:
+            return left[0]
+        if self.settings.closure and len(read) > 1 and readings[-1].pose != readings[0].pose:
+            return readings[0].pose
+        return None

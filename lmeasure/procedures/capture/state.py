@@ -1,0 +1,87 @@
+"""Where a session stands, as plain values: for pages and other programs."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import conventions
+from lmeasure.procedures.capture.folder import mean_variances
+from lmeasure.procedures.capture.forecast import Worth
+from lmeasure.procedures.capture.session import Session
+
+MOVES_S = 0.1
+"""A rest is no rest before that."""
+
+
+def state_of(session: Session) -> dict[str, Any]:
+    """The pose that is wanted, as it is typed into the controller; whether the robot stands, and for how long of how long it must; counts;
+    poses with what became of them; readings with standard uncertainties [counts]; what they are worth (95 %, mm), after each of them, and
+    what all poses promise."""
+    folder, rest = session.folder, session.rest
+    newest = rest.counts[-1] if len(rest.counts) else np.full(len(folder.channels), np.nan)
+    wanted = session.settings.settle_s + session.settings.dwell_s
+    silent = folder.channels if session.idle else rest.silent
+    state = "lost" if session.lost and not session.idle else "silent" if silent else "still" if rest.lasts_s > MOVES_S else "moving"
+    return {
+        "pose": session.goal,
+        "typed": [] if session.goal is None else typed(session, session.goal),
+        "back": session.returns,
+        "state": state,
+        "still_s": round(rest.lasts_s, 2),
+        "needs_s": wanted,
+        "channels": [{"name": c, "count": _number(v), "silent": c in silent} for c, v in zip(folder.channels, newest, strict=True)],
+        "doubted": session.doubt,
+        "poses": [{"name": n, "is": _became(session, n)} for n in session.poses.names],
+        "readings": _readings(session),
+        "worth": [worth(count, w) for count, w in session.progress.history],
+        "promised": None if session.progress.of_all is None else worth(len(session.poses), session.progress.of_all),
+        "finished": session.finished,
+    }
+
+
+def typed(session: Session, name: str) -> list[tuple[str, float]]:
+    """A pose in the controller's convention, its angles as they are typed: column and value."""
+    poses, angles = session.poses, session.folder.rig.angles
+    i = poses.names.index(name)
+    out = [(axis, round(float(v), 1) + 0.0) for axis, v in zip(("x", "y", "z"), poses.rows[i, :3], strict=True)]
+    if poses.oriented:
+        values = conventions.rounded_angles(angles, conventions.angles_from_rotation(angles, poses.rotation[i]))
+        out += [(c.rsplit("_", 1)[0], float(v)) for c, v in zip(conventions.convention(angles).columns, values, strict=True)]
+    return out
+
+
+def worth(readings: int, told: Worth) -> dict[str, Any]:
+    """After so many readings."""
+    position = None if told.position_mm is None else _number(told.position_mm)
+    return {
+        "readings": readings,
+        "rms_mm": told.rms_mm,
+        "worst_mm": told.worst_mm,
+        "cable": told.worst_cable,
+        "position_mm": position,
+        "rank": told.rank,
+        "unknowns": told.unknowns,
+        "enough": told.enough(readings),
+    }
+
+
+def _became(session: Session, name: str) -> str:
+    if any(r.pose == name for r in session.folder.of_pass):
+        return "read"
+    return "left out" if name in session.skipped else "open"
+
+
+def _readings(session: Session) -> list[dict[str, Any]]:
+    readings = session.folder.of_pass
+    if not readings:
+        return []
+    u = np.sqrt(mean_variances(readings))
+    return [
+        {"pose": r.pose, "samples": len(r.counts), "spread": float(r.spread.max()), "u_counts": round(float(one.max()), 4)}
+        for r, one in zip(readings, u, strict=True)
+    ]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,201 @@
+"""The check as a whole: from a run to closures, agreement and a verdict with a stated rate of false alarms."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lmeasure.calibration import Distance
+from lmeasure.core import DataFrame, Shown, framed
+from lmeasure.procedures.intermediate_check.closures import Closure, closures
+from lmeasure.procedures.intermediate_check.moved_parts import Cause, Verdict, agreement
+from lmeasure.procedures.intermediate_check.stops import Stops, find_stops
+from lmeasure.recording import Run
+from lmeasure.text import decimal, texts
+from lmeasure.trajectory import Alignment, Reconstruction, align, collected, learn, prepared
+
+ASSUMED_MM = 0.05
+"""Standard deviation per axis with which a robot comes back, where nobody states it: an industrial robot's."""
+FAR_MM = 50.0
+"""Who is at the machine sees a part that has moved so far."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """alarm: rate of checks of a sound instrument that are not passed; near_mm: stops nearer than this are of one place; repeatability_mm:
+    of the robot, per axis, None where it is not known."""
+
+    alarm: float = 0.01
+    near_mm: float = 2.0
+    repeatability_mm: float | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class Checked(Shown):
+    """stops and closures of a run, what its channels say of each other (None where none is redundant); limit: the probability under which
+    one of them fails, so that all together fail by chance as seldom as asked; notes: keys of what the reader must know (`said`)."""
+
+    rig: str
+    stops: Stops
+    closures: tuple[Closure, ...]
+    agreement: Verdict | None
+    limit: float
+    notes: tuple[str, ...]
+
+    @property
+    def failed(self) -> tuple[Closure, ...]:
+        """Closures that are off by more than chance lets them be."""
+        return tuple(c for c in self.closures if c.probability < self.limit)
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the channels contradict each other more than chance lets them."""
+        return self.agreement is not None and self.agreement.probability < self.limit
+
+    @property
+    def astray_mm(self) -> float:
+        """By how much the run does not fit, where that is farther than parts of a rig move unseen, 0 where it is not: the run is of
+        something else. A start that is told to be elsewhere is no riddle."""
+        off = max((abs(c.value_mm) for c in self.failed), default=0.0)
+        if self.causes:
+            off = min(c.size if c.unit == "mm" and c.kind != "start" else 0.0 for c in self.causes)
+        return off if off > FAR_MM else 0.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing failed."""
+        return not self.failed and not self.disagrees
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """What may have changed, one where the data tell it."""
+        return self.agreement.named if self.agreement is not None and self.disagrees else ()
+
+    def about(self) -> dict[str, str]:
+        """Rig, stops, verdict."""
+        return {"rig": self.rig, "stops": str(len(self.stops)), "verdict": "passed" if self.passed else "calibrate again"}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each closure."""
+        return framed([vars(c) for c in self.closures])
+
+
+def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limits | None = None) -> Checked:
+    """Check an instrument by a run of it, which begins where it says or where absolute encoders tell. TrajectoryError where neither is so,
+    of too few stops, or names that are none of its places; raises what `prepared` raises."""
+    limits = limits or Limits()
+    aligned = align(run)
+    reconstruction = _reconstruction(run, aligned)
+    budget, lengths, redundancy = reconstruction.budget, aligned.lengths, reconstruction.redundancy
+    lengths = replace(lengths, change_mm=lengths.change_mm - budget.offsets(lengths.time_s))
+    zero = None if redundancy is None else redundancy.zero
+    stops = find_stops(budget, lengths, run.passes[0].source, limits.near_mm, zero=zero)
+    n, m = stops.readings.shape
+    repeatability = ASSUMED_MM if limits.repeatability_mm is None else limits.repeatability_mm
+    counts = np.nan_to_num(stops.counts)
+    known = budget.of(stops.begin_s, stops.poses, counts=counts, speed_mm_s=np.zeros((n, m)), compiled=False, travel=stops.travel)
+    found = closures(budget, stops, known, distances, repeatability_mm=repeatability)
+    notes = []
+    if limits.repeatability_mm is None:
+        notes.append("repeatability")
+    if run.calibration is None:
+        notes.append("uncalibrated")
+    if not any(c.kind == "return" for c in found):
+        notes.append("open")
+    if not distances:
+        notes.append("distance")
+    tests = len(found) + (reconstruction.redundancy is not None)
+    limit = limits.alarm / max(tests, 1)
+    told = None
+    if reconstruction.correction is not None:
+        notes.append("effects")
+    else:
+        told = agreement(reconstruction, stops, limit)
+        if told is None:
+            notes.append("six")
+    return Checked(run.rig.name, stops, found, told, limit, tuple(notes))
+
+
+def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
+    """Of a run: where its start is stated, before the run has told anything of its origins."""
+    if run.start is None:
+        if not any(run.rig.counter(o).codes is not None for o in run.rig.observed):
+            # says what to do
+            _ = run.known_start
+        found = prepared(aligned)[0]
+        # by all channels: what one of them has against the others is what the check is about
+        found.use(None)
+        learn(found, collected(found, [aligned.lengths])[0])
+        return found
+    return Reconstruction(run.rig, run.start, run.calibration, u_start=run.u_start, clocks=aligned.clocks, temperature_c=run.temperature_c)
+
+
+def as_dict(found: Checked) -> dict[str, Any]:
+    """What a check's file holds."""
+    stops, told = found.stops, found.agreement
+    return {
+        "schema": "lmeasure.check-instrument/1",
+        "rig": found.rig,
+        "verdict": "passed" if found.passed else "calibrate again",
+        "limit": found.limit,
+        "closures": [vars(c) | {"failed": c in found.failed} for c in found.closures],
+        "agreement": None
+        if told is None
+        else {"chi_squared": told.chi_squared, "freedom": told.freedom, "probability": told.probability, "failed": found.disagrees},
+        "moved": [_cause(c) for c in found.causes],
+        "causes": [] if told is None else [_cause(c) for c in told.causes],
+        "stops": [
+            {
+                "place": name,
+                "begin_s": float(begin),
+                "end_s": float(end),
+                "position_mm": pose[:3].tolist(),
+                "quaternion_xyzw": pose[3:].tolist(),
+            }
+            for name, begin, end, pose in zip(stops.names, stops.begin_s, stops.end_s, stops.poses, strict=True)
+        ],
+        "notes": said(found),
+    }
+
+
+def _cause(c: Cause) -> dict[str, Any]:
+    return {"kind": c.kind, "name": c.name, "size": c.size, "u": c.u, "unit": c.unit, "rest": c.rest, "detectable": c.detectable}
+
+
+def said(found: Checked, language: str = "en") -> list[str]:
+    """The notes in the words of a language."""
+    words = texts("interim", language)
+    return [words[f"note.{key}"].format(mm=decimal(language, f"{ASSUMED_MM:g}")) for key in found.notes]
+
+
+def moved_text(c: Cause) -> str:
+    """What has changed, in words."""
+    size = f"{c.size:.3g} {c.unit} (u {c.u:.2g})"
+    return {
+        "point": f"point {c.name} has moved {size}",
+        "attachment": f"attachment point {c.name} has moved {size} on the tool",
+        "encoder": f"encoder {c.name} has turned on its pulley by {size}",
+        "drum": f"the drum of {c.name} counts otherwise by {size}",
+        "start": f"the start pose is not where it is said to be, by {size}",
+    }[c.kind]
+
+
+def verdict_text(found: Checked) -> str:
+    """One sentence for a person."""
+    if found.passed:
+        return "passed: all closes and agrees within what is stated"
+    if found.astray_mm:
+        return (
+            f"not judged: the run is off by {found.astray_mm:.3g} mm, farther than parts of a rig move unseen: most likely the start pose "
+            "is not where the counters were zeroed (its place, its orientation, the order or convention of its angles), or the rig is "
+            "another; state them as they were (--start, --rig) and check again"
+        )
+    failed = [f"{c.kind} {c.name} is off by {c.value_mm:.3g} mm (U95 {c.u95_mm:.2g})" for c in found.failed]
+    if not found.causes:
+        return f"calibrate again: {'; '.join(failed) or 'the channels contradict each other'}; what has moved cannot be told"
+    told = [moved_text(c) for c in found.causes]
+    if len(told) == 1:
+        only = found.causes[0].kind == "start"
+        return f"{told[0]}: {'state it as it is' if only else 'calibrate again'}"
+    return f"calibrate again: one of these, which the stops do not tell apart: {'; '.join(told)}"

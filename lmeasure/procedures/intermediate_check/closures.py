@@ -1,0 +1,130 @@
+"""What must close in a check, by how much it does not, and what the calibration, the counts and the robot let expect.
+
+Two visits of one place differ by what their counts were rounded, by what the robot comes back to otherwise, and by errors that act
+otherwise at the two, of which calibration, phase and start are none: the covariance of the difference of poses i and j is
+O_i O_i' + O_j O_j' + (F_i - F_j)(F_i - F_j)' + twice the robot's, with O and F of `trajectory.pose_covariances.PoseCovariances`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+
+from lmeasure.accuracy import radii_95
+from lmeasure.calibration import Distance
+from lmeasure.core import FloatArray, TrajectoryError, se3
+from lmeasure.kernels import span_rows
+from lmeasure.procedures.intermediate_check.stops import SIZE_MM, Stops
+from lmeasure.trajectory import Budget, PoseCovariances
+
+GAUSS_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Closure:
+    """kind: return, revisit, reversal, drift, distance; name: of what; value and u95 [mm]: how far it does not close, and how far it may
+    with 95 %; probability of as much or more if all is as stated."""
+
+    kind: str
+    name: str
+    value_mm: float
+    u95_mm: float
+    probability: float
+
+
+def closures(
+    budget: Budget, stops: Stops, known: PoseCovariances, distances: Sequence[Distance], *, repeatability_mm: float
+) -> tuple[Closure, ...]:
+    """All closures of a check; repeatability_mm: standard deviation per axis with which the robot comes back to a place, and of a turn at
+    `SIZE_MM`."""
+    robot = np.diag(np.repeat([(repeatability_mm / SIZE_MM) ** 2, repeatability_mm**2], 3))
+    return (
+        *_returns(stops, known, robot),
+        *_reversals(budget, stops, repeatability_mm),
+        *_drifts(budget, stops, repeatability_mm),
+        *(_distance(stops, known, each, repeatability_mm) for each in distances),
+    )
+
+
+def _returns(stops: Stops, known: PoseCovariances, robot: FloatArray) -> list[Closure]:
+    out = []
+    for place in range(int(stops.place.max()) + 1):
+        first, *later = stops.visits(place)
+        for number, i in enumerate(later, 2):
+            apart = se3.displacement(stops.poses[i], stops.poses[first])
+            moved = known.factors[i] - known.factors[first]
+            C = known.random[i] + known.random[first] + moved @ moved.T + 2.0 * robot
+            chi2 = float(apart @ np.linalg.solve(C, apart))
+            # the last visit of where the run began is the return of the whole
+            whole = place == stops.place[0] and i == stops.visits(place)[-1]
+            name = f"P{place + 1} ({number})"
+            radius = float(radii_95(C[None, 3:, 3:])[0])
+            size = float(np.linalg.norm(apart[3:]))
+            out.append(Closure("return" if whole else "revisit", name, size, radius, float(scipy.stats.chi2.sf(chi2, 6))))
+    return out
+
+
+def _tested(kind: str, name: str, value: float, u: float) -> Closure:
+    return Closure(kind, name, value, GAUSS_95 * u, float(2.0 * scipy.stats.norm.sf(abs(value) / u)))
+
+
+def _scatter_mm(budget: Budget, stops: Stops, repeatability_mm: float) -> FloatArray:
+    """(cables,) standard deviations [mm] of a cable's length at a visit: of counting and of the robot, which moves its end."""
+    m = len(budget.rig.cable)
+    rows = np.array([span_rows(budget.scheme.rows, pose)[:m] for pose in stops.poses])
+    turned = np.linalg.norm(rows[:, :, :3], axis=2) / SIZE_MM
+    by_robot = repeatability_mm**2 * (1.0 + np.mean(turned**2, axis=0))
+    return np.sqrt(budget.variance[:m] + by_robot)
+
+
+def _reversals(budget: Budget, stops: Stops, repeatability_mm: float) -> list[Closure]:
+    """Of each cable: its length at places that it came to both ways, paid out less wound in, the mean over places."""
+    out, u = [], _scatter_mm(budget, stops, repeatability_mm)
+    for j, c in enumerate(budget.rig.cable):
+        differences, weights = [], []
+        for place in range(int(stops.place.max()) + 1):
+            visits = stops.visits(place)
+            ways = [visits[stops.travel[visits, j] == side] for side in (1.0, -1.0)]
+            if all(len(way) for way in ways):
+                differences.append(float(np.nanmean(stops.readings[ways[0], j]) - np.nanmean(stops.readings[ways[1], j])))
+                weights.append(1.0 / (1.0 / len(ways[0]) + 1.0 / len(ways[1])))
+        if differences and np.isfinite(differences).all():
+            value = float(np.average(differences, weights=weights))
+            # a stated band is expected, and no finding
+            out.append(_tested("reversal", c.name, value, float(np.hypot(u[j] / np.sqrt(sum(weights)), 2.0 * budget.unsolved.play_mm[j]))))
+    return out
+
+
+def _drifts(budget: Budget, stops: Stops, repeatability_mm: float) -> list[Closure]:
+    """Of each cable: how its length at places changes with time, over the whole of the run; least squares with a constant of each place."""
+    out, u = [], _scatter_mm(budget, stops, repeatability_mm)
+    time_s = (stops.begin_s + stops.end_s) / 2.0
+    span = float(time_s[-1] - time_s[0])
+    for j, c in enumerate(budget.rig.cable):
+        y, t = stops.readings[:, j].copy(), time_s.copy()
+        for place in range(int(stops.place.max()) + 1):
+            visits = stops.visits(place)
+            y[visits] -= y[visits].mean()
+            t[visits] -= t[visits].mean()
+        square = float(t @ t)
+        if square > 0.0 and np.isfinite(y).all():
+            out.append(_tested("drift", c.name, float(t @ y) / square * span, float(u[j]) / np.sqrt(square) * span))
+    return out
+
+
+def _distance(stops: Stops, known: PoseCovariances, asked: Distance, repeatability_mm: float) -> Closure:
+    at = []
+    for name in (asked.a, asked.b):
+        if name not in stops.names:
+            raise TrajectoryError(f"--distance: {name!r} is none of the places of the run ({', '.join(dict.fromkeys(stops.names))})")
+        at.append(stops.names.index(name))
+    i, j = at
+    way = stops.poses[i, :3] - stops.poses[j, :3]
+    length = float(np.linalg.norm(way))
+    if not length > 0.0:
+        raise TrajectoryError(f"--distance: {asked.a} and {asked.b} are one place")
+    e = way / length
+    own = np.concatenate([e @ known.own[i, 3:], e @ known.own[j, 3:], e @ (known.factors[i, 3:] - known.factors[j, 3:])])
+    u = float(np.sqrt(own @ own + asked.u_mm**2 + 2.0 * repeatability_mm**2))
+    return _tested("distance", f"{asked.a} to {asked.b}", length - asked.mm, u)

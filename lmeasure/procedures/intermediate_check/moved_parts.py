@@ -1,0 +1,182 @@
+"""Whether the channels of a check agree with each other, and what has moved since the calibration if they do not.
+
+Parities y of all stops, what no pose of the tool makes (`trajectory.faults.redundancy`), have the covariance V of whole counts and of all
+that the
+calibration leaves uncertain, one draw for the whole run. y' V^-1 y is chi-squared while the rig is what it was. A cause (an observation
+point that moved, an encoder that slipped on its pulley, a drum whose count is of another length, a start that is not where it is said)
+makes y = A d more, and takes A (A' V^-1 A)^-1 A' V^-1 y of chi-squared away, with as many degrees of freedom as d has (Baarda 1968). It is
+named where no other comes near: their remaining chi-squared, with twice their degrees of freedom on top (Akaike), must be more by `APART`.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+import scipy.stats
+
+from lmeasure.core import FloatArray
+from lmeasure.estimation import Remainder
+from lmeasure.kernels import BY_ANGLE_ZERO, BY_ATTACHMENT, BY_BASE, BY_SCALE, length_gradients, span_rows
+from lmeasure.procedures.intermediate_check.stops import Stops
+from lmeasure.rig import Cable, Turned
+from lmeasure.trajectory import UNKNOWN_MM, Epochs, Reconstruction, Redundancy
+
+APART = 9.2
+"""Twice the logarithm of odds of a hundred."""
+POWER = 0.8
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What may have changed: kind (point, attachment, encoder, drum, start), name, size of the change and its standard uncertainty in unit;
+    rest: chi-squared that it leaves, with twice its degrees of freedom; detectable: the size that would be seen with `POWER`, the mean
+    over directions; untold: whether the stops do not tell it."""
+
+    kind: str
+    name: str
+    size: float
+    u: float
+    unit: str
+    rest: float
+    detectable: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """chi_squared of the parities, degrees of freedom, probability of as much by chance; causes: the likeliest first; named: those that
+    cannot be told from the likeliest, none while all agrees."""
+
+    chi_squared: float
+    freedom: int
+    probability: float
+    causes: tuple[Cause, ...]
+    named: tuple[Cause, ...]
+
+
+def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Verdict | None:
+    """What the stops say with the given rate of false alarms; None where there are no more channels than unknowns."""
+    redundancy = reconstruction.redundancy
+    if redundancy is None:
+        return None
+    budget, told = reconstruction.budget, reconstruction.budget.told
+    # what the run told of its origins is not held against the run: they are uncertain as they were before
+    readings = stops.readings + budget.offsets(stops.begin_s)
+    budget.use(None)
+    n, m = readings.shape
+    counts, variance = np.nan_to_num(stops.counts), np.broadcast_to(budget.variance, (n, m))
+    epochs = Epochs(stops.begin_s, readings, np.nan_to_num(readings), counts, np.zeros((n, m)), variance, None, stops.travel)
+    parities = Together(reconstruction, redundancy, epochs, stops.poses)
+    total, freedom = float(parities.y @ parities.y), parities.freedom
+    probability = float(scipy.stats.chi2.sf(total, freedom))
+    causes = sorted(parities.causes(alarm), key=lambda c: c.rest)
+    named = tuple(c for c in causes if c.rest < causes[0].rest + APART) if probability < alarm and causes else ()
+    budget.use(told)
+    return Verdict(total, freedom, probability, tuple(causes), named)
+
+
+class Together:
+    """Samples of a run at poses (n, 7) near the true ones, all their contradictions together: y (f,) whitened, and how causes change them.
+    more (n, m, q): further errors of the readings that they share, by variables of unit variance at most."""
+
+    def __init__(
+        self, reconstruction: Reconstruction, redundancy: Redundancy, epochs: Epochs, poses: FloatArray, *, more: FloatArray | None = None
+    ) -> None:
+        budget, used = reconstruction.budget, np.isfinite(epochs.change_mm)
+        self._budget, self._epochs, self._poses, self._unit = budget, epochs, poses, redundancy.unit
+        basis = redundancy.basis(poses, used)
+        # unit vectors of channels that were not read are in it: their rows are left out
+        self._basis = [b[:, np.abs(b[~seen]).sum(axis=0) < 0.5] if not seen.all() else b for b, seen in zip(basis, used, strict=True)]
+        residual = np.where(used, redundancy.residuals(poses, epochs.gone_on_mm), 0.0) / redundancy.unit
+        self._residual, own = residual, epochs.variance_mm2 / redundancy.unit**2
+        errors = redundancy.shared(epochs, poses, used) * redundancy.unit[:, None]
+        # what was found to go on from another origin is a matter of what is wrong, and no error that was to be expected
+        errors = errors[:, :, : errors.shape[2] - len(budget.restored)]
+        shared = self.seen(errors)
+        # nothing is known of a start that nobody stated: it takes as many degrees of freedom
+        origins = np.abs(budget.origin_lengths(epochs.time_s)[:, :, : len(budget.origin_names) - len(budget.restored)])
+        origins = origins.max(axis=(0, 1), initial=0.0)
+        anywhere = shared[:, shared.shape[1] - len(origins) :][:, origins > UNKNOWN_MM / 2.0]
+        self.start_known = not anywhere.shape[1]
+        V = scipy.linalg.block_diag(*(b.T @ (own[i][:, None] * b) for i, b in enumerate(self._basis))) + shared @ shared.T
+        self.freedom = len(V) - int(np.linalg.matrix_rank(anywhere))
+        if more is not None:
+            wide = self.seen(np.where(used[:, :, None], more, 0.0))
+            against = np.linalg.svd(scipy.linalg.solve_triangular(np.linalg.cholesky(V), wide, lower=True), compute_uv=False) ** 2
+            # they may be none: as many degrees of freedom as they could take
+            self.freedom -= math.ceil(float(np.sum(against / (1.0 + against))))
+            V = V + wide @ wide.T
+        self._L = np.linalg.cholesky(V)
+        y = np.concatenate([b.T @ r for b, r in zip(self._basis, residual, strict=True)])
+        self.y = scipy.linalg.solve_triangular(self._L, y, lower=True)
+
+    def remainder(self) -> Remainder:
+        """The contradictions as residuals (n m,) in the units of `columns`."""
+        n, m = self._residual.shape
+        S = self.whitened(np.eye(n * m).reshape(n, m, n * m) * self._unit[:, None])
+        return Remainder(S.T @ S, self._residual.ravel(), self.freedom)
+
+    def columns(self, errors: FloatArray) -> FloatArray:
+        """(n m, q) what errors (n, m, q) of the readings [mm, rad] add to them."""
+        return np.asarray((errors / self._unit[:, None]).reshape(-1, errors.shape[2]))
+
+    def whitened(self, errors: FloatArray) -> FloatArray:
+        """(f, q) what errors (n, m, q) of the readings [mm, rad] add to y."""
+        return np.asarray(scipy.linalg.solve_triangular(self._L, self.seen(errors), lower=True))
+
+    def seen(self, errors: FloatArray) -> FloatArray:
+        """(f, q) parities by errors (n, m, q) of readings [mm, rad]."""
+        scaled = errors / self._unit[:, None]
+        return np.concatenate([b.T @ e for b, e in zip(self._basis, scaled, strict=True)])
+
+    def causes(self, alarm: float) -> Iterator[Cause]:
+        """Each thing that may have changed, alone, of which the stops tell anything."""
+        for kind, name, unit, factor, errors in self.errors():
+            A = self.whitened(errors)
+            U, s, Vt = np.linalg.svd(A, full_matrices=False)
+            kept = s > 1e-6 * max(float(s[0]), 1e-300)
+            if not s[0] > 0.0:
+                continue
+            fitted = U[:, kept].T @ self.y
+            change, freedom = Vt[kept].T @ (fitted / s[kept]), int(kept.sum())
+            u = float(np.sqrt(np.sum(s[kept] ** -2.0) / freedom))
+            rest = float(self.y @ self.y - fitted @ fitted) + 2.0 * freedom
+            size = float(np.linalg.norm(change if len(change) < 6 else change[3:]))
+            yield Cause(kind, name, size * factor, u * factor, unit, rest, u * factor * _noncentrality(alarm, freedom))
+
+    def errors(self) -> Iterator[tuple[str, str, str, float, FloatArray]]:
+        """kind, name, unit and its size, and errors (n, m, q) of the readings by one mm or rad of it."""
+        budget, poses = self._budget, self._poses
+        rows, observed = budget.scheme.rows, budget.rig.observed
+        counts = np.nan_to_num(self._epochs.counts)
+        since = ~budget.absolute
+        g = length_gradients(rows, np.ascontiguousarray(poses), counts, budget.scales)
+        at_start = length_gradients(rows, budget.start[None], np.zeros((1, len(rows))), budget.scales)[0]
+        g = g - np.where(since[:, None], at_start, 0.0)
+        for point in budget.rig.observation_point:
+            own = np.array([o.from_point == point.name for o in observed])
+            if own.any():
+                yield "point", point.name, "mm", 1.0, np.where(own[:, None], g[:, :, BY_BASE : BY_BASE + 3], 0.0)
+        for name in budget.rig.tool:
+            own = np.array([o.to_point == name for o in observed])
+            if own.any():
+                yield "attachment", name, "mm", 1.0, np.where(own[:, None], g[:, :, BY_ATTACHMENT : BY_ATTACHMENT + 3], 0.0)
+        for o in {o.channel: o for o in observed}.values():  # several passes read one drum, one encoder
+            own = np.array([other.channel == o.channel for other in observed])
+            if isinstance(o, Turned) and o.encoder.absolute:
+                yield "encoder", o.channel, "deg", float(np.degrees(1.0)), np.where(own, g[:, :, BY_ANGLE_ZERO], 0.0)[:, :, None]
+            elif isinstance(o, Cable):
+                yield "drum", o.from_point, "%", 100.0, np.where(own, g[:, :, BY_SCALE], 0.0)[:, :, None]
+        if not self.start_known:
+            return
+        begun = np.where(since[:, None], span_rows(rows, budget.start), 0.0)
+        yield "start", "start pose", "mm", 1.0, np.broadcast_to(begun, (len(poses), *begun.shape))
+
+
+def _noncentrality(alarm: float, freedom: int) -> float:
+    """Size, in standard uncertainties, that a test of so many degrees of freedom sees with `POWER`."""
+    limit = float(scipy.stats.chi2.isf(alarm, freedom))
+    seen = scipy.optimize.brentq(lambda x: scipy.stats.ncx2.sf(limit, freedom, x) - POWER, 1e-6, 1e4)
+    return float(np.sqrt(seen))

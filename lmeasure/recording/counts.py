@@ -1,0 +1,287 @@
+"""Recorded counts of one pass, and what a finite counter hides: wraps, jumps, gaps."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import DataFrame, FileFormatError, FloatArray, IntArray, Shown, conventions, framed
+from lmeasure.io import files
+from lmeasure.kernels import BELIEVED_AT, FOLLOWED, FOREIGN, PAUSE, STATE, UNSURE, UNSURE_AT, resume_counting
+
+INFERRED_BITS = (16, 24, 32)
+
+
+@dataclass(frozen=True, repr=False)
+class Counts(Shown):
+    """Recorded counts of one pass of the motion.
+
+    time_s (n,) strictly rising; recorded (n, m) counts as the encoder gave them, NaN where a cell was empty; sync (n,) 0 or 1, or None;
+    u_time_s (n,) standard uncertainty of the instants of the channels about the sample's, None where they were latched together.
+    """
+
+    time_s: FloatArray
+    channels: tuple[str, ...]
+    recorded: FloatArray
+    sync: FloatArray | None = None
+    source: str = "counts"
+    u_time_s: FloatArray | None = None
+    temperature_c: FloatArray | None = None
+    """(n,) temperature of cables, drums and frame, None where it was not recorded."""
+    first: int = 0
+    """Number of the first sample in the file, for what is said of samples."""
+
+    def about(self) -> dict[str, str]:
+        """Samples and channels."""
+        return {"samples": f"{len(self.time_s)} over {self.time_s[-1] - self.time_s[0]:.6g} s", "channels": ", ".join(self.channels)}
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a counts file."""
+        return framed(self.columns())
+
+    def __post_init__(self) -> None:
+        n = len(self.time_s)
+        if self.recorded.shape != (n, len(self.channels)):
+            raise FileFormatError(
+                f"{self.source}: counts of shape {self.recorded.shape} do not fit {n} times and {len(self.channels)} channels"
+            )
+        if n == 0:
+            raise FileFormatError(f"{self.source}: has no samples")
+        late = np.flatnonzero(~(np.diff(self.time_s) > 0))
+        if len(late):
+            i = int(late[0])
+            raise FileFormatError(
+                f"{self.source}: sample {self.first + i + 1}: "
+                f"time_s = {float(self.time_s[i + 1])!r} does not follow {float(self.time_s[i])!r}"
+            )
+
+    def of(self, channel: str) -> FloatArray:
+        """(n,) recorded counts of one channel; FileFormatError names the channels there are."""
+        if channel not in self.channels:
+            raise FileFormatError(f"{self.source}: column {channel!r} is missing; it has {', '.join(self.channels)}")
+        return np.asarray(self.recorded[:, self.channels.index(channel)])
+
+    def rising(self) -> FloatArray:
+        """(k,) times [s] of the samples at which sync is 1 after being 0. A 1 in the first sample is no edge: nobody saw it rise."""
+        if self.sync is None:
+            return np.empty(0)
+        return np.asarray(self.time_s[1:][(self.sync[1:] == 1) & (self.sync[:-1] == 0)])
+
+    def columns(self) -> dict[str, Any]:
+        """Columns of the counts file."""
+        out: dict[str, Any] = {"time_s": self.time_s}
+        for i, channel in enumerate(self.channels):
+            values = self.recorded[:, i]
+            whole = bool((values == np.rint(values)).all()) and float(np.abs(values).max()) < 2**53
+            out[channel] = values.astype(np.int64) if whole else values
+        if self.sync is not None:
+            out["sync"] = self.sync.astype(np.int64)
+        if self.u_time_s is not None:
+            out["u_time_s"] = self.u_time_s
+        if self.temperature_c is not None:
+            out["temperature_c"] = self.temperature_c
+        return out
+
+
+def read_counts(path: Path, *, torn: bool = False) -> Counts:
+    """Read `time_s, ch1, ch2, ..., optional sync, u_time_s, temperature_c` from .csv or .parquet; FileFormatError names the row and column.
+
+    torn: see `files.read_table`.
+    """
+    return _counts(files.read_table(path, torn=torn))
+
+
+def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | None = None) -> Iterator[Counts]:
+    """`read_counts`, one piece after the other, for files that need not fit into memory; progress is told (done, of) in percent."""
+    before: tuple[int, float] | None = None
+    for table, part in files.read_table_in_pieces(path):
+        counts = _counts(table)
+        first = float(counts.time_s[0])
+        if before is not None and not first > before[1]:
+            raise FileFormatError(f"{path}: sample {before[0]}: time_s = {first!r} does not follow {before[1]!r}")
+        before = table.first + len(table), float(counts.time_s[-1])
+        yield counts
+        if progress is not None:
+            progress(round(100 * part), 100)
+
+
+def _counts(table: files.Table) -> Counts:
+    channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS)
+    if not channels:
+        raise FileFormatError(f"{table.path}: has no count column besides {', '.join(table.columns)}")
+    with table.every_fault(("time_s", "sync", "u_time_s", "temperature_c"), gaps=channels):
+        return _taken(table, channels)
+
+
+def _taken(table: files.Table, channels: tuple[str, ...]) -> Counts:
+    path, sync = table.path, None
+    if "sync" in table.columns:
+        sync = table.numbers("sync")
+        bad = np.flatnonzero((sync != 0) & (sync != 1))
+        if len(bad):
+            raise FileFormatError(f"{path}: sample {table.first + int(bad[0])}: sync = {sync[bad[0]]:g}; it must be 0 or 1")
+    skew = None
+    if "u_time_s" in table.columns:
+        skew = table.numbers("u_time_s")
+        if (skew < 0).any():
+            raise FileFormatError(
+                f"{path}: sample {table.first + int(np.argmax(skew < 0))}: "
+                f"u_time_s = {skew.min():g}; a standard uncertainty is not negative"
+            )
+    warm = table.numbers("temperature_c") if "temperature_c" in table.columns else None
+    if warm is not None:
+        conventions.check_temperature(warm, f"{path}: column 'temperature_c'")
+    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew, warm, table.first)
+
+
+def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None = None) -> None:
+    """Write a counts file, whole or not at all."""
+    files.write_table(path, counts.columns(), metadata)
+
+
+@dataclass(frozen=True)
+class Unwrapped:
+    """A counter with its wraps undone.
+
+    counts (n,) continuous, NaN where there is none; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign, went
+    on;
+    inferred_bits: the counter's width when it was not stated and its jumps are those of wraps, or None.
+    believed_rate: the rate [1/s] by which it may have gone in a pause, where the motion had to tell; None where it had not.
+    """
+
+    counts: FloatArray
+    what: IntArray
+    inferred_bits: int | None
+    believed_rate: float | None = None
+
+
+def unwrap(
+    recorded: FloatArray,
+    time_s: FloatArray,
+    *,
+    max_rate: float,
+    bits: int | None,
+    stated: bool = True,
+    state: FloatArray | None = None,
+    codes: int | None = None,
+) -> Unwrapped:
+    """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find what cannot be a motion; codes: how many values an
+    absolute encoder has instead, 0 .. codes - 1, whose counts are whole turns off at most, wherever it was meanwhile.
+
+    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second; stated: by somebody who knows, else what the
+    counter may have gone unseen is taken from the motion itself (`RateEvidence`). See `kernels.counter.follow`; a state is that of
+    `kernels.counter.resume`, and then nothing is inferred: a piece does not show the whole counter.
+    """
+    inferred = None
+    if codes is not None:
+        strange = ~((recorded > -0.5) & (recorded < codes)) & np.isfinite(recorded)
+        of_turn = np.where(strange, np.nan, recorded)
+        state = np.zeros(STATE) if state is None else state
+        counts, what = resume_counting(of_turn, time_s, max_rate, float(codes), state, _usual(time_s))
+        # an absolute code is sure after any pause
+        what[what == UNSURE], state[UNSURE_AT] = FOLLOWED, 0.0
+        what[strange] = FOREIGN
+        return Unwrapped(counts, what, None)
+    if bits is None and state is None:
+        seen = WidthEvidence(max_rate)
+        seen.add(recorded, time_s)
+        bits = inferred = seen.bits()
+    full = 0.0 if bits is None else 2.0**bits
+    if state is None:
+        state = np.zeros(STATE)
+        if full and not stated:
+            rates = RateEvidence(max_rate, full)
+            rates.add(recorded, time_s)
+            state[BELIEVED_AT] = rates.believed()
+    counts, what = resume_counting(recorded, time_s, max_rate, full, state, _usual(time_s))
+    return Unwrapped(counts, what, inferred, float(state[BELIEVED_AT]) or None)
+
+
+def _usual(time_s: FloatArray) -> float:
+    """The usual interval [s] of stamps (n,): a counter may have gone for as long between two stamps that are closer."""
+    return float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
+
+
+class WidthEvidence:
+    """What the recorded counts of a channel, given in pieces, tell of the width of its counter."""
+
+    def __init__(self, max_rate: float) -> None:
+        self._rate = max_rate
+        self._least, self._most = np.inf, -np.inf
+        self._last: tuple[float, float] | None = None
+        self._short = dict.fromkeys(INFERRED_BITS, False)
+
+    def add(self, recorded: FloatArray, time_s: FloatArray) -> None:
+        """Look at the next piece: recorded (n,) with NaN gaps."""
+        seen = np.isfinite(recorded)
+        values, times = recorded[seen], time_s[seen]
+        if len(values) == 0:
+            return
+        self._least, self._most = min(self._least, values.min()), max(self._most, values.max())
+        if self._last is not None:
+            values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
+        self._last = float(values[-1]), float(times[-1])
+        steps, limit = np.abs(np.diff(values)), self._rate * np.maximum(np.diff(times), _usual(time_s)) + 1.0
+        impossible = steps > limit
+        steps, limit = steps[impossible], limit[impossible]
+        for bits in INFERRED_BITS:
+            full = 2.0**bits
+            self._short[bits] |= bool((np.abs(steps - full) <= np.minimum(limit, full / 2)).any())
+
+    def bits(self) -> int | None:
+        """The smallest usual width that holds all values and turns an impossible step into a possible one; None when no step asks."""
+        for bits in INFERRED_BITS:
+            full = 2.0**bits
+            if self._short[bits] and self._least >= -full / 2 and self._most < full and self._most - self._least < full:
+                return bits
+        return None
+
+
+class RateEvidence:
+    """What the recorded counts of a channel, given in pieces, tell of how fast it goes: max_rate [1/s] bounds it, the counter has `full`
+    values. Steps are taken the shorter way round: a drum that goes half its range from sample to sample has gone a quarter before."""
+
+    def __init__(self, max_rate: float, full: float) -> None:
+        self._rate, self._full = max_rate, full
+        self._longest = self._fastest = self._pause = 0.0
+        self._last: tuple[float, float] | None = None
+
+    def add(self, recorded: FloatArray, time_s: FloatArray) -> None:
+        """Look at the next piece: recorded (n,) with NaN gaps."""
+        seen = np.isfinite(recorded)
+        values, times = recorded[seen], time_s[seen]
+        if len(values) == 0:
+            return
+        if self._last is not None:
+            values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
+        self._last = float(values[-1]), float(times[-1])
+        pauses, usual = np.diff(times), _usual(time_s)
+        steps = np.abs(np.diff(values))
+        steps = np.minimum(steps % self._full, -steps % self._full)
+        pauses = np.maximum(pauses, usual)
+        self._pause = max(self._pause, float(pauses.max(initial=0.0)))
+        possible = steps <= self._rate * pauses + 1.0
+        usually = possible & (pauses <= PAUSE * usual)
+        self._longest = max(self._longest, float(steps[usually].max(initial=0.0)))
+        self._fastest = max(self._fastest, float((steps[possible] / np.maximum(pauses[possible], 1e-12)).max(initial=0.0)))
+
+    def believed(self) -> float:
+        """The rate [1/s] by which the counter may have gone in a pause: twice the fastest that was seen, at least a tenth of the bound and
+        at most that; 0 where the bound itself leaves no doubt, or its steps are so long that the other way round may be the right one."""
+        if self._rate * self._pause + 1.0 < self._full / 2.0 or self._longest >= self._full / 4.0:
+            return 0.0
+        return min(self._rate, max(2.0 * self._fastest, self._rate / 10.0))
+
+
+def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:
+    """Per channel the mean count of the last rest less that of the first [counts]; empty unless all channels rest, within two counts, for
+    rest_s at both ends: the robot has not come back to the start, or was moving."""
+    first = counts.recorded[counts.time_s <= counts.time_s[0] + rest_s]
+    last = counts.recorded[counts.time_s >= counts.time_s[-1] - rest_s]
+    if len(first) < 3 or len(last) < 3 or np.isnan(first).any() or np.isnan(last).any():
+        return {}
+    if (np.ptp(first, axis=0) > 2).any() or (np.ptp(last, axis=0) > 2).any():
+        return {}
+    return dict(zip(counts.channels, (last.mean(axis=0) - first.mean(axis=0)).tolist(), strict=True))

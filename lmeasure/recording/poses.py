@@ -1,0 +1,279 @@
+"""Poses: positions and orientations of the tool in the base frame, with their standard uncertainties where stated."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import DataFrame, FileFormatError, FloatArray, IntArray, Shown, conventions, framed, se3
+from lmeasure.io import Column, files
+from lmeasure.recording.pose_table import read_pose_table
+
+POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
+AXES = ("rx", "ry", "rz", "x", "y", "z")
+AXIS_COLUMNS = ("u_rx_deg", "u_ry_deg", "u_rz_deg", "u_x_mm", "u_y_mm", "u_z_mm")
+"""Standard uncertainties of a small rotation about each base axis and of each coordinate, in the order of `AXES`."""
+UNIT_TOLERANCE = 1e-6
+_ORIENTATION_COLUMNS = {c for convention in conventions.CONVENTIONS.values() for c in convention.columns} | {
+    *conventions.QUATERNION_COLUMNS
+}
+
+
+@dataclass(frozen=True, repr=False)
+class Poses(Shown):
+    """Named poses base_from_tool.
+
+    rows (n, 7): x, y, z [mm], qx, qy, qz, qw (unit); u_position_mm and u_rotation_rad (n,): standard uncertainty of each coordinate and of
+    each component of a small rotation, zero where the pose is taken as exact.
+    """
+
+    names: tuple[str, ...]
+    rows: FloatArray
+    u_position_mm: FloatArray
+    u_rotation_rad: FloatArray
+    covariance: FloatArray | None = None
+    """(n, 6, 6) of (rotation [rad]; position [mm]), R_true = Exp(delta) R, base axes, where more is stated than the two above, which are
+    then its root mean squares."""
+    oriented: bool = True
+    """False where only positions were measured: the rotations are the identity then, and mean nothing."""
+    absent: tuple[str, ...] = ()
+    """Which of "position" and "rotation" have no uncertainty stated: then it is not known, and no zero."""
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def about(self) -> dict[str, str]:
+        """How many, and how well they are known."""
+        stated = (("position", self.u_position_mm, "mm"), ("rotation", self.u_rotation_rad, "rad"))
+        return {"poses": str(len(self)) if self.oriented else f"{len(self)}, positions only"} | {
+            f"u of {name}": "not stated" if name in self.absent else f"{u.max(initial=0.0):.3g} {unit}" for name, u, unit in stated
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a pose file, with quaternions."""
+        return framed(pose_columns(self))
+
+    @property
+    def rotation(self) -> Rotation:
+        """base_from_tool rotations."""
+        return se3.rotation(self.rows)
+
+    @property
+    def covariances(self) -> FloatArray:
+        """(n, 6, 6) of (rotation [rad]; position [mm]), whichever way they are stated."""
+        if self.covariance is not None:
+            return self.covariance
+        sigma = np.column_stack([np.repeat(u[:, None], 3, axis=1) for u in (self.u_rotation_rad, self.u_position_mm)])
+        return np.asarray(sigma[:, :, None] * np.eye(6) * sigma[:, None, :])
+
+    def of(self, index: IntArray) -> "Poses":
+        """The poses of these indices."""
+        return Poses(
+            tuple(self.names[i] for i in index),
+            self.rows[index],
+            self.u_position_mm[index],
+            self.u_rotation_rad[index],
+            None if self.covariance is None else self.covariance[index],
+            self.oriented,
+            self.absent,
+        )
+
+    def with_uncertainty(self, u_position_mm: float | None = None, u_rotation_rad: float | None = None) -> "Poses":
+        """With these standard uncertainties instead of what is stated, or is not; None leaves what there is."""
+        place, turn = self.u_position_mm, self.u_rotation_rad
+        covariance = None if self.covariance is None else self.covariance.copy()
+        for u, own in ((u_position_mm, slice(3, 6)), (u_rotation_rad, slice(0, 3))):
+            if u is not None and covariance is not None:
+                covariance[:, own, :] = covariance[:, :, own] = 0.0
+                covariance[:, own, own] = u**2 * np.eye(3)
+        return replace(
+            self,
+            u_position_mm=place if u_position_mm is None else np.full(len(self), u_position_mm),
+            u_rotation_rad=turn if u_rotation_rad is None else np.full(len(self), u_rotation_rad),
+            covariance=covariance,
+            absent=tuple(
+                name for name, u in (("position", u_position_mm), ("rotation", u_rotation_rad)) if name in self.absent and u is None
+            ),
+        )
+
+    def or_uncertain(self, u_position_mm: float, u_rotation_rad: float) -> "Poses":
+        """With these standard uncertainties for poses that state none."""
+        stated = (self.u_position_mm > 0) | (self.u_rotation_rad > 0)
+        other = Poses(self.names, self.rows, np.full(len(self), u_position_mm), np.full(len(self), u_rotation_rad))
+        return replace(
+            self,
+            u_position_mm=np.where(stated, self.u_position_mm, u_position_mm),
+            u_rotation_rad=np.where(stated, self.u_rotation_rad, u_rotation_rad),
+            covariance=None if self.covariance is None else np.where(stated[:, None, None], self.covariance, other.covariances),
+        )
+
+    def points(self, attachment_mm: Sequence[float] | FloatArray) -> FloatArray:
+        """(n, 3) positions [mm, base frame] of a point given in the tool frame."""
+        return np.asarray(self.rows[:, :3] + self.rotation.apply(np.asarray(attachment_mm, dtype=np.float64)))
+
+
+def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Poses:
+    """Exact poses from (n, 7) rows, or one (7,); names default to 1, 2, ...; FileFormatError when a quaternion is not of unit length, or
+    rows have another shape."""
+    rows = np.atleast_2d(np.array(rows, dtype=np.float64))
+    if rows.ndim != 2 or rows.shape[1] != 7:
+        raise FileFormatError(f"poses of shape {rows.shape}: wanted are rows of x, y, z [mm], qx, qy, qz, qw")
+    if not np.isfinite(rows).all():
+        raise FileFormatError(f"pose {int(np.argmax(~np.isfinite(rows).all(axis=1))) + 1}: holds a number that is not finite")
+    far = (np.abs(rows[:, :3]) > conventions.MAX_LENGTH_MM).any(axis=1)
+    if far.any():
+        raise FileFormatError(f"pose {int(np.argmax(far)) + 1}: lies more than {conventions.MAX_LENGTH_MM:.0f} mm from the origin")
+    with np.errstate(over="ignore"):  # a length of infinity is refused like others
+        length = np.linalg.norm(rows[:, 3:], axis=1)
+    if (np.abs(length - 1) > UNIT_TOLERANCE).any():
+        i = int(np.argmax(np.abs(length - 1)))
+        raise FileFormatError(f"pose {i + 1}: the quaternion's length is {length[i]:.9g}, not 1")
+    rows[:, 3:] /= length[:, None]
+    zero = np.zeros(len(rows))
+    return Poses(tuple(names) if names is not None else tuple(str(i + 1) for i in range(len(rows))), rows, zero, zero)
+
+
+def joined(first: Poses, then: Poses) -> Poses:
+    """All poses of both, oriented ones, with their stated uncertainties."""
+    both = first, then
+    return Poses(
+        (*first.names, *then.names),
+        np.vstack([p.rows for p in both]),
+        np.concatenate([p.u_position_mm for p in both]),
+        np.concatenate([p.u_rotation_rad for p in both]),
+        None if all(p.covariance is None for p in both) else np.concatenate([p.covariances for p in both]),
+    )
+
+
+def read_poses(
+    path: Path,
+    angles: str,
+    columns: Mapping[str, Column] | None = None,
+    *,
+    positions_alone: bool = False,
+    unnamed: bool = False,
+    part: bool = False,
+) -> Poses:
+    """Read `pose, x_mm, y_mm, z_mm` with angle columns of the convention or qx, qy, qz, qw; or anybody's table (`pose_table`), with what
+    `columns` says of it.
+
+    Optional: u_position_mm, u_rotation_deg, or for each axis u_x_mm, u_y_mm, u_z_mm and u_rx_deg, u_ry_deg, u_rz_deg, with correlations
+    such as rho_x_y or rho_z_rx. positions_alone: a file without any column of an orientation is read, and is not `oriented`.
+    unnamed: poses of a text table without the column `pose` are called by their number, from 1; part: `columns` speaks of other tables too.
+    """
+    table = read_pose_table(path, angles, columns, unnamed=unnamed, part=part)
+    turns = conventions.convention(angles).columns
+    known = (*POSITION_COLUMNS, *conventions.QUATERNION_COLUMNS, *turns, "u_position_mm", "u_rotation_deg", *AXIS_COLUMNS)
+    with table.every_fault(known):
+        return _poses_in(table, angles, positions_alone)
+
+
+def _poses_in(table: files.Table, angles: str, positions_alone: bool) -> Poses:
+    path = table.path
+    names = table.text("pose")
+    if len(names) == 0:
+        raise FileFormatError(f"{path}: has no poses")
+    if "" in names:
+        raise FileFormatError(f"{path}: pose number {names.index('') + 1} has no name")
+    name, times = Counter(names).most_common(1)[0]
+    if times > 1:
+        raise FileFormatError(f"{path}: pose {name!r} is given {times} times")
+    position, oriented = table.matrix(POSITION_COLUMNS), True
+    columns = conventions.convention(angles).columns
+    if all(c in table.columns for c in conventions.QUATERNION_COLUMNS):
+        quaternion = table.matrix(conventions.QUATERNION_COLUMNS)
+    elif all(c in table.columns for c in columns):
+        stated = table.matrix(columns)
+        conventions.check_angles(stated, f"{path}: {', '.join(columns)}")
+        quaternion = conventions.rotation_from_angles(angles, stated).as_quat()
+    elif positions_alone and not any(c in table.columns for c in _ORIENTATION_COLUMNS):
+        quaternion, oriented = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1)), False
+    else:
+        raise FileFormatError(
+            f"{path}: needs the columns {', '.join(columns)} (angles = {angles!r}) or qx, qy, qz, qw; it has {', '.join(table.columns)}"
+        )
+    try:
+        poses = poses_from_rows(np.column_stack([position, quaternion]), names)
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    u = {c: table.numbers(c) if c in table.columns else np.zeros(len(names)) for c in ("u_position_mm", "u_rotation_deg")}
+    for column, values in u.items():
+        if (values < 0).any():
+            raise FileFormatError(f"{path}: column {column!r}: a standard uncertainty is negative")
+    covariance = _covariance(table, u["u_position_mm"], np.radians(u["u_rotation_deg"]))
+    columns_of = {"position": ("u_position_mm", "u_x_mm"), "rotation": ("u_rotation_deg", "u_rx_deg")}
+    absent = tuple(n for n, c in columns_of.items() if not set(c) & set(table.columns) and (oriented or n == "position"))
+    if covariance is None:
+        return Poses(poses.names, poses.rows, u["u_position_mm"], np.radians(u["u_rotation_deg"]), oriented=oriented, absent=absent)
+    variance = np.einsum("nii->ni", covariance)
+    rotation, place = np.sqrt(variance[:, :3].mean(axis=1)), np.sqrt(variance[:, 3:].mean(axis=1))
+    return Poses(poses.names, poses.rows, place, rotation, covariance, oriented, absent)
+
+
+def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: FloatArray) -> FloatArray | None:
+    """(n, 6, 6) covariance of a file that states it by axes, None of any other."""
+    path, sigma = table.path, np.column_stack([np.repeat(u[:, None], 3, axis=1) for u in (u_rotation_rad, u_position_mm)])
+    stated = [c for c in table.columns if c in AXIS_COLUMNS or c.startswith("rho_")]
+    if not stated:
+        return None
+    for group, common in ((AXIS_COLUMNS[:3], "u_rotation_deg"), (AXIS_COLUMNS[3:], "u_position_mm")):
+        given = [c for c in group if c in table.columns]
+        if given and common in table.columns:
+            raise FileFormatError(f"{path}: has {given[0]!r} and {common!r}; one of them says how uncertain a pose is")
+        if given and len(given) < len(group):
+            raise FileFormatError(f"{path}: column {next(c for c in group if c not in given)!r} is missing; {given[0]!r} is there")
+        for c in given:
+            values = table.numbers(c)
+            if (values < 0).any():
+                raise FileFormatError(f"{path}: column {c!r}: a standard uncertainty is negative")
+            sigma[:, AXIS_COLUMNS.index(c)] = np.radians(values) if c.endswith("_deg") else values
+    correlation = np.tile(np.eye(6), (len(sigma), 1, 1))
+    for c in stated:
+        if not c.startswith("rho_"):
+            continue
+        axes = [AXES.index(a) for a in c.split("_")[1:] if a in AXES]
+        if len(axes) != 2 or axes[0] == axes[1] or c.count("_") != 2:
+            raise FileFormatError(f"{path}: column {c!r}: a correlation is named by two of {', '.join(AXES)}, as 'rho_x_y'")
+        correlation[:, axes[0], axes[1]] = correlation[:, axes[1], axes[0]] = table.numbers(c)
+    least = np.linalg.eigvalsh(correlation)[:, 0]
+    if (least < -1e-9).any():
+        pose = int(np.argmin(least))
+        raise FileFormatError(f"{path}:{pose + 2}: no six quantities can have these correlations (rho_...)")
+    return np.asarray(sigma[:, :, None] * correlation * sigma[:, None, :])
+
+
+def pose_columns(poses: Poses, angles: str | None = None) -> dict[str, Any]:
+    """Columns of a pose file: angles of the convention, or quaternions when None."""
+    out: dict[str, Any] = {"pose": list(poses.names)}
+    out |= dict(zip(POSITION_COLUMNS, poses.rows[:, :3].T, strict=True))
+    if not poses.oriented:
+        pass
+    elif angles is None:
+        out |= dict(zip(conventions.QUATERNION_COLUMNS, poses.rows[:, 3:].T, strict=True))
+    else:
+        values = conventions.angles_from_rotation(angles, poses.rotation)
+        out |= dict(zip(conventions.convention(angles).columns, values.T, strict=True))
+    if poses.covariance is not None:
+        sigma = np.sqrt(np.einsum("nii->ni", poses.covariance))
+        out |= {c: np.degrees(s) if c.endswith("_deg") else s for c, s in zip(AXIS_COLUMNS, sigma.T, strict=True)}
+        for i, j in zip(*np.triu_indices(6, 1), strict=True):
+            both = sigma[:, i] * sigma[:, j]
+            rho = np.where(both > 0, poses.covariance[:, i, j] / np.where(both > 0, both, 1.0), 0.0)
+            if rho.any():
+                out[f"rho_{AXES[i]}_{AXES[j]}"] = rho
+        return out
+    # zeros too: what is not written is not known
+    if "position" not in poses.absent:
+        out["u_position_mm"] = poses.u_position_mm
+    if "rotation" not in poses.absent and poses.oriented:
+        out["u_rotation_deg"] = np.degrees(poses.u_rotation_rad)
+    return out
+
+
+def write_poses(path: Path, poses: Poses, angles: str | None = None) -> None:
+    """Write a pose file, whole or not at all."""
+    files.write_table(path, pose_columns(poses, angles))

@@ -1,0 +1,389 @@
+"""The robot's program: commanded poses and paths, as program.toml writes them, and, once it has run, when."""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+from scipy.spatial.transform import Rotation, Slerp
+
+from lmeasure.core import DataFrame, FloatArray, Shown, conventions, framed
+from lmeasure.io import Strict, Whole, checked, files
+
+NEEDS = {
+    "linear": ("start_mm", "end_mm"),
+    "circular": ("centre_mm", "normal", "radius_mm", "start_mm"),
+    "rectangular": ("corners_mm",),
+    "points": ("points_mm",),
+}
+
+
+def _one_line(value: str) -> str:
+    if not value.isprintable():
+        raise ValueError("must be one line of printable text")
+    return value
+
+
+def _in_order(windows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    for number, (start, end) in enumerate(windows, 1):
+        if not start < end:
+            raise ValueError(f"window {number}, [{start:g}, {end:g}] s, does not end after its start")
+    for number, ((_, end), (start, _)) in enumerate(itertools.pairwise(windows), 1):
+        if start < end:
+            raise ValueError(f"window {number + 1} starts at {start:g} s, before window {number} ends at {end:g} s")
+    return windows
+
+
+def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    length = math.hypot(*value)
+    if abs(length - 1.0) > 1e-6:
+        raise ValueError(f"is not of length 1 but {length:.9g}")
+    return value
+
+
+Label = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
+Coordinate = Annotated[float, Field(ge=-conventions.MAX_LENGTH_MM, le=conventions.MAX_LENGTH_MM)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
+Positive = Annotated[float, Field(gt=0)]
+Cycles = Annotated[Whole, Field(ge=1, le=100_000)]
+Windows = Annotated[tuple[tuple[float, float], ...], AfterValidator(_in_order)]
+"""Intervals of time [s], one per cycle, in order."""
+
+
+class _Run(Strict):
+    """What poses and paths have in common: a name, when they were run, at what speed and load."""
+
+    name: Label
+    """Name, as certificates write it."""
+    windows_s: Windows = ()
+    """When it was run, [begin, end], one per cycle; `certify` can find them by itself."""
+    cycles: Cycles | None = None
+    """How many there should be; windows of another number are refused."""
+    speed_percent: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Speed, of the rated one."""
+    load_kg: Annotated[float, Field(ge=0)] | None = None
+    """Load, where it is not the program's."""
+
+    @model_validator(mode="after")
+    def _all_cycles(self) -> Self:
+        if self.cycles is not None and self.windows_s and len(self.windows_s) != self.cycles:
+            raise ValueError(f"has {len(self.windows_s)} windows for {self.cycles} cycles")
+        return self
+
+
+class CommandedPose(_Run):
+    """A pose the robot is told to take; windows_s are its dwells, one per cycle.
+
+    approaches: the direction each dwell was reached from (7.2.3), units: the robot each belongs to (7.7), as many as windows. settling_s:
+    from before the arrival until rest, one per cycle, for stabilisation and overshoot (7.4, 7.5) with limit_band_mm about the pose at the
+    end, by default the pose's repeatability.
+    """
+
+    position_mm: Vector
+    """Of the tool origin, base frame."""
+    quaternion_xyzw: Quaternion
+    """Orientation base_from_tool."""
+    approaches: tuple[Label, ...] = ()
+    """Direction each dwell was reached from (7.2.3), one per window."""
+    units: tuple[Label, ...] = ()
+    """Robot each dwell belongs to (7.7), one per window."""
+    settling_s: Windows = ()
+    """From before the arrival until rest, one per cycle, for stabilisation and overshoot (7.4, 7.5)."""
+    limit_band_mm: Positive | None = None
+    """Band about the pose at the end for these; absent: the pose's repeatability."""
+
+    @model_validator(mode="after")
+    def _one_per_window(self) -> Self:
+        for key in ("approaches", "units"):
+            given = getattr(self, key)
+            if given and self.windows_s and len(given) != len(self.windows_s):
+                raise ValueError(f"has {len(given)} {key} for {len(self.windows_s)} windows; one for each")
+        return self
+
+
+class CommandedPath(_Run):
+    """A path of the tool origin [mm, base frame] at a commanded speed; windows_s hold its runs, one per cycle.
+
+    quaternion_xyzw: the orientation on it, or at its start when end_quaternion_xyzw says another for its end (8.4: turning at constant rate
+    about one axis). stabilisation_mm: the deviation within which the robot is back on the path after a corner (8.5). weave_stroke_mm,
+    weave_distance_mm: peak to peak across a linear path and the way along it of one weave (11).
+    """
+
+    kind: Literal["linear", "circular", "rectangular", "points"]
+    """Its shape, which says what else is needed."""
+    start_mm: Vector | None = None
+    """Begin of a linear path; of a circular one a point on it."""
+    end_mm: Vector | None = None
+    """End of a linear path."""
+    centre_mm: Vector | None = None
+    """Centre of a circular path."""
+    normal: Vector | None = None
+    """Axis of a circular path, about which it is run right-handed."""
+    radius_mm: Positive | None = None
+    """Radius of a circular path."""
+    corners_mm: Annotated[tuple[Vector, ...], Field(min_length=3)] | None = None
+    """Corners of a rectangular path, in order."""
+    points_mm: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = None
+    """Corners of a path of straight pieces."""
+    speed_mm_s: Positive | None = None
+    """Commanded speed."""
+    quaternion_xyzw: Quaternion | None = None
+    """Orientation on it, or at its start."""
+    end_quaternion_xyzw: Quaternion | None = None
+    """Orientation at its end, where that is another (8.4)."""
+    stabilisation_mm: Positive | None = None
+    """Deviation within which the robot is back on the path after a corner (8.5)."""
+    weave_stroke_mm: Positive | None = None
+    """Of a weave across a linear path, peak to peak (11)."""
+    weave_distance_mm: Positive | None = None
+    """Way along the path of one weave."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        for key in NEEDS[self.kind]:
+            if getattr(self, key) is None:
+                raise ValueError(f"kind {self.kind!r} needs {key}")
+        for key in {k for keys in NEEDS.values() for k in keys} - set(NEEDS[self.kind]):
+            if getattr(self, key) is not None:
+                raise ValueError(f"kind {self.kind!r} has no {key}")
+        if self.normal is not None and math.hypot(*self.normal) == 0.0:
+            raise ValueError("normal has no length")
+        if self.end_quaternion_xyzw is not None and self.quaternion_xyzw is None:
+            raise ValueError("end_quaternion_xyzw needs quaternion_xyzw for the start")
+        if (self.weave_stroke_mm is None) != (self.weave_distance_mm is None) or (self.weave_stroke_mm and self.kind != "linear"):
+            raise ValueError("a weave is a linear path with weave_stroke_mm and weave_distance_mm")
+        corners = self.corners()
+        steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        if (steps == 0.0).any():
+            raise ValueError(f"point {int(np.argmin(steps)) + 2} is the one before it again")
+        if self.kind == "circular" and np.linalg.norm(self._from_centre()) < 1e-9:
+            raise ValueError("start_mm lies on the axis of the circle")
+        return self
+
+    def corners(self) -> FloatArray:
+        """(k, 3) corners [mm] of a path made of straight lines, back at the start when it is rectangular; a circle's start alone."""
+        if self.kind == "linear":
+            return np.array([self.start_mm, self.end_mm], dtype=np.float64)
+        if self.kind == "rectangular":
+            assert self.corners_mm is not None
+            return np.array([*self.corners_mm, self.corners_mm[0]], dtype=np.float64)
+        if self.kind == "points":
+            return np.array(self.points_mm, dtype=np.float64)
+        return np.array([self.start_mm], dtype=np.float64)
+
+    def circle(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a circular path: centre (3,), and radii (3,) to its start and to a quarter turn behind it, right-handed about the normal."""
+        assert self.radius_mm is not None
+        out = self._from_centre()
+        out *= self.radius_mm / np.linalg.norm(out)
+        return np.array(self.centre_mm, dtype=np.float64), out, np.cross(self._axis(), out)
+
+    def _axis(self) -> FloatArray:
+        normal = np.array(self.normal, dtype=np.float64)
+        return np.asarray(normal / np.linalg.norm(normal))
+
+    def _from_centre(self) -> FloatArray:
+        out = np.array(self.start_mm, dtype=np.float64) - np.array(self.centre_mm, dtype=np.float64)
+        return np.asarray(out - (out @ self._axis()) * self._axis())
+
+    def orientation(self, share: FloatArray) -> Rotation | None:
+        """Commanded rotations (n,) base_from_tool where these shares (n,) of the path's length are gone; None where it states none."""
+        if self.quaternion_xyzw is None:
+            return None
+        ends = Rotation.from_quat([self.quaternion_xyzw, self.end_quaternion_xyzw or self.quaternion_xyzw])
+        return Slerp([0.0, 1.0], ends)(np.clip(share, 0.0, 1.0))
+
+    def points(self, step_mm: float) -> FloatArray:
+        """(n, 3) points along the path [mm], at most step_mm apart; a closed kind comes back to its start."""
+        if self.kind == "circular":
+            assert self.radius_mm is not None
+            centre, out, across = self.circle()
+            turn = np.linspace(0, 2 * math.pi, max(8, math.ceil(2 * math.pi * self.radius_mm / step_mm)) + 1)
+            return np.asarray(centre + np.cos(turn)[:, None] * out + np.sin(turn)[:, None] * across)
+        corners = self.corners()
+        parts = [corners[:1]]
+        for a, b in itertools.pairwise(corners):
+            n = max(1, math.ceil(float(np.linalg.norm(b - a)) / step_mm))
+            parts.append(a + (np.arange(1, n + 1) / n)[:, None] * (b - a))
+        return np.concatenate(parts)
+
+
+class Distance(Strict):
+    """Two poses whose distance is certified (7.3)."""
+
+    from_pose: Annotated[Label, Field(alias="from")]
+    """Name of one pose."""
+    to_pose: Annotated[Label, Field(alias="to")]
+    """Name of the other."""
+
+    @property
+    def name(self) -> str:
+        """As the certificate writes it."""
+        return f"{self.from_pose}-{self.to_pose}"
+
+
+class Posing(Distance):
+    """Moves between two poses whose time is certified (9): windows from before departure until rest, one per cycle; the robot has arrived
+    when it stays within limit_band_mm of where it ends, by default the repeatability of that pose."""
+
+    windows_s: Windows = ()
+    """From before departure until rest, one per cycle."""
+    limit_band_mm: Positive | None = None
+    """Band in which the robot has arrived; absent: the repeatability of the pose."""
+
+
+class Drift(Strict):
+    """A pose whose cycles, so many at a time, show its drift (7.6)."""
+
+    pose: Label
+    """Name of the pose."""
+    group: Annotated[Whole, Field(ge=2, le=100_000)] = 10
+    """Cycles that are taken together."""
+
+
+class Compliance(Strict):
+    """Dwells at a pose under forces on the tool [N, base frame], one force per window (10)."""
+
+    pose: Label
+    """Name of the pose."""
+    force_n: tuple[tuple[float, float, float], ...]
+    """Force on the tool, base frame, one per window."""
+    windows_s: Windows = ()
+    """The dwells, one per force."""
+
+    @model_validator(mode="after")
+    def _one_per_window(self) -> Self:
+        if self.windows_s and len(self.force_n) != len(self.windows_s):
+            raise ValueError(f"compliance of {self.pose}: {len(self.force_n)} force_n for {len(self.windows_s)} windows_s; one for each")
+        return self
+
+
+class Tolerance(Strict):
+    """Limits of a characteristic, at one pose or path or at all that have it; rule of decision by JCGM 106, else the evaluation's."""
+
+    characteristic: Label
+    """Name of the characteristic, such as AP_p."""
+    pose: Label | None = None
+    """Pose it is for; absent: all that have it."""
+    path: Label | None = None
+    """Path it is for; absent: all that have it."""
+    lower: float | None = None
+    """Least allowed value."""
+    upper: float | None = None
+    """Largest allowed value."""
+    rule: Literal["simple", "guarded"] | None = None
+    """Rule of decision (JCGM 106); absent: the evaluation's."""
+
+    @model_validator(mode="after")
+    def _limits(self) -> Self:
+        if self.lower is None and self.upper is None:
+            raise ValueError(f"tolerance of {self.characteristic}: needs lower, upper or both")
+        if self.lower is not None and self.upper is not None and not self.lower < self.upper:
+            raise ValueError(f"tolerance of {self.characteristic}: lower = {self.lower:g} is not below upper = {self.upper:g}")
+        return self
+
+
+class Program(Shown, Strict):
+    """A program.toml: poses and paths in file order, and what is to be told of them."""
+
+    schema_: Annotated[Literal["lmeasure.program/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
+    name: Label | None = None
+    """Name of the program."""
+    angles: str | None = None
+    """Convention of component-wise angles; see `lmeasure.core.conventions`."""
+    load_kg: Annotated[float, Field(ge=0)] | None = None
+    """Load at the flange."""
+    pose: tuple[CommandedPose, ...] = ()
+    """Commanded poses."""
+    path: tuple[CommandedPath, ...] = ()
+    """Commanded paths."""
+    distance: tuple[Distance, ...] = ()
+    """Pairs of poses whose distance is certified (7.3)."""
+    drift: tuple[Drift, ...] = ()
+    """Poses whose drift is certified (7.6)."""
+    posing: tuple[Posing, ...] = ()
+    """Moves whose time is certified (9)."""
+    compliance: tuple[Compliance, ...] = ()
+    """Poses under forces (10)."""
+    tolerance: tuple[Tolerance, ...] = ()
+    """Limits of characteristics."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.angles is not None and self.angles not in conventions.CONVENTIONS:
+            raise ValueError(f"angles: {self.angles!r} is not one of {', '.join(conventions.CONVENTIONS)}")
+        poses, paths = [p.name for p in self.pose], [p.name for p in self.path]
+        for kind, names in (("pose", poses), ("path", paths)):
+            for name, times in Counter(names).items():
+                if times > 1:
+                    raise ValueError(f"{kind}: the name {name!r} is given {times} times")
+        asked = [(f"distance {d.name}", n) for d in (*self.distance, *self.posing) for n in (d.from_pose, d.to_pose)]
+        asked += [("drift", d.pose) for d in self.drift] + [("compliance", c.pose) for c in self.compliance]
+        asked += [
+            ("tolerance", t.pose) for t in self.tolerance if t.pose and t.pose not in {d.name for d in (*self.distance, *self.posing)}
+        ]
+        for what, name in asked:
+            if name not in poses:
+                raise ValueError(f"{what}: there is no pose {name!r}")
+        for t in self.tolerance:
+            if t.path is not None and t.path not in paths:
+                raise ValueError(f"tolerance: there is no path {t.path!r}")
+        _apart("pose", self.pose)
+        _apart("path", self.path)
+        return self
+
+    def with_windows(self, windows: Mapping[tuple[str, str], Sequence[tuple[float, float]]]) -> "Program":
+        """The program with windows by kind (`pose`, `settling`, `path`, `posing`, `compliance`) and name; those not named have none."""
+
+        def of(kind: str, name: str) -> tuple[tuple[float, float], ...]:
+            return tuple(windows.get((kind, name), ()))
+
+        return self.model_copy(
+            update={
+                "pose": tuple(
+                    p.model_copy(update={"windows_s": of("pose", p.name), "settling_s": of("settling", p.name)}) for p in self.pose
+                ),
+                "path": tuple(p.model_copy(update={"windows_s": of("path", p.name)}) for p in self.path),
+                "posing": tuple(p.model_copy(update={"windows_s": of("posing", p.name)}) for p in self.posing),
+                "compliance": tuple(c.model_copy(update={"windows_s": of("compliance", c.pose)}) for c in self.compliance),
+            }
+        )
+
+    def about(self) -> dict[str, str]:
+        """Name, and what is told of it."""
+        parts = {"poses": self.pose, "paths": self.path, "distances": self.distance, "posings": self.posing, "tolerances": self.tolerance}
+        return ({} if self.name is None else {"name": self.name}) | {name: str(len(part)) for name, part in parts.items() if part}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each commanded pose."""
+        columns = ("pose", "x_mm", "y_mm", "z_mm", *conventions.QUATERNION_COLUMNS, "windows")
+        rows = [(p.name, *p.position_mm, *p.quaternion_xyzw, len(p.windows_s)) for p in self.pose]
+        return framed([dict(zip(columns, row, strict=True)) for row in rows])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of program.toml, keys left out where they say nothing."""
+        return {"schema": self.schema_} | self.model_dump(by_alias=True, exclude_defaults=True, mode="json")
+
+
+def _apart(kind: str, parts: Sequence[_Run]) -> None:
+    """The robot cannot be at two poses at once."""
+    windows = sorted((start, end, p.name) for p in parts for start, end in p.windows_s)
+    for (_, end, one), (start, _, other) in itertools.pairwise(windows):
+        if start < end:
+            raise ValueError(f"{kind} {other}: a window starts at {start:g} s, before one of {one} ends at {end:g} s")
+
+
+def read_program(path: Path) -> Program:
+    """Read a program.toml; FileFormatError names the file and the key."""
+    return checked(files.read_toml(path), Program, str(path))
+
+
+def write_program(path: Path, program: Program) -> None:
+    """Write a program.toml, whole or not at all."""
+    files.write_toml(path, program.to_dict())

@@ -1,0 +1,188 @@
+"""The run folder: run.toml, the rig (with its calibration record when linked) and the counts of each pass."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field
+
+from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, TrajectoryError, conventions, framed
+from lmeasure.io import Strict, checked, files, inside, no_folder
+from lmeasure.recording.counts import Counts, read_counts, write_counts
+from lmeasure.recording.recording import Recorded, check_digests, recorded_in
+from lmeasure.recording.start import (
+    StartTable,
+    StatedStart,
+    start_in,
+    start_of_rig,
+    start_uncertainty,
+    uncertainty_entries,
+)
+from lmeasure.rig import CalibrationRecord, Rig, write_calibration_record, write_rig
+from lmeasure.rig import read_linked_rig as read_linked_rig
+from lmeasure.text import numbers
+
+SCHEMA = "lmeasure.run/1"
+
+
+def _temperature(value: float) -> float:
+    conventions.check_temperature(value, "temperature")
+    return value
+
+
+class RunPass(Strict):
+    """A pass of the motion."""
+
+    counts: str
+    """Counts file of the pass, in the run folder: .csv or .parquet."""
+
+
+class RunFile(Strict):
+    """A recorded run: its rig, its counts and where it started."""
+
+    schema_: Annotated[Literal["lmeasure.run/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
+    rig: str | None = None
+    """Rig file, in the run folder; may be missing where `--rig` names one."""
+    passes: Annotated[tuple[RunPass, ...], Field(alias="pass")]
+    """The passes, a table `[[pass]]` each; the n-th is pass n."""
+    temperature_c: Annotated[float, AfterValidator(_temperature)] | None = None
+    """Temperature at the start pose, and of every pass whose counts do not state theirs."""
+    start: StartTable | None = None
+    """The pose at which the counters were zeroed; absent: unknown."""
+    note: Any = None
+    """A remark."""
+    recording: Any = None
+    """What `record` and `import` write about each pass: bus, clock, faults, closure, digests. Not for editing."""
+
+
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
+    """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes.
+
+    start: None where nobody stated it, which the counts of incremental encoders cannot tell; `known_start` is for who needs it. u_start:
+    standard uncertainties of the start pose, per coordinate [mm] and per axis of rotation [rad], base axes, tool origin, and of the length
+    of each cable there [mm] where the pose came from lengths.
+    """
+
+    rig: Rig
+    start: FloatArray | None
+    passes: tuple[Counts, ...]
+    calibration: CalibrationRecord | None = None
+    u_start: tuple[float, ...] = (0.0, 0.0)
+    temperature_c: float | None = None
+    """Temperature at the start pose, and of every pass whose counts do not state theirs."""
+    recorded: tuple[Recorded, ...] = ()
+    """How the passes were recorded, where that is known."""
+
+    def about(self) -> dict[str, str]:
+        """Rig, samples, start, calibration."""
+        return {
+            "rig": self.rig.name,
+            "samples": ", ".join(f"{len(c.time_s)} over {c.time_s[-1] - c.time_s[0]:.6g} s" for c in self.passes),
+            "start": "unknown" if self.start is None else numbers("en", self.start[:3], ".6g") + " mm",
+            "calibration": "none" if self.calibration is None else f"of {len(self.calibration.parameters)} parameters",
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The recorded counts of all passes, one under the other."""
+        import pandas as pd
+
+        return pd.concat([framed(counts.columns()).assign(**{"pass": n}) for n, counts in enumerate(self.passes, 1)], ignore_index=True)
+
+    @property
+    def known_start(self) -> FloatArray:
+        """(7,) the start pose; TrajectoryError, which says what to do, where it is unknown."""
+        return known(self.start, self.passes[0].source if self.passes else "", self.rig)
+
+
+@dataclass(frozen=True)
+class RunHead:
+    """A run folder without its counts: the files that hold them, and which of them broke off while they were recorded."""
+
+    rig: Rig
+    start: FloatArray | None
+    counts: tuple[Path, ...]
+    torn: tuple[bool, ...]
+    calibration: CalibrationRecord | None = None
+    u_start: tuple[float, ...] = (0.0, 0.0)
+    temperature_c: float | None = None
+    recorded: tuple[Recorded, ...] = ()
+
+    @property
+    def known_start(self) -> FloatArray:
+        """As that of `Run`."""
+        return known(self.start, str(self.counts[0]), self.rig)
+
+
+def known(start: FloatArray | None, source: str, rig: Rig) -> FloatArray:
+    """(7,) the start pose; TrajectoryError, which names the source, where it is unknown."""
+    if start is None:
+        run = f"{source}: " if source else ""
+        absolute = any(rig.counter(o).codes is not None for o in rig.observed)
+        why = "what is asked needs it stated" if absolute else "its channels are not absolute"
+        raise TrajectoryError(
+            f"{run}the start pose of this run is not known, and {why}: state [start] in run.toml, a pose or lengths_mm, or give it to "
+            "`reconstruct` by --start"
+        )
+    return start
+
+
+def read_run(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> Run:
+    """Read a run folder; rig_path replaces the rig it names, start its [start].
+
+    FileFormatError names the file and key, counts that are not those that were recorded, and a calibration that is of another rig.
+    """
+    head = read_run_head(folder, rig_path, start)
+    passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
+    return Run(head.rig, head.start, passes, head.calibration, head.u_start, head.temperature_c, head.recorded)
+
+
+def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> RunHead:
+    """`read_run` without the counts."""
+    folder = Path(folder)
+    path = folder / "run.toml"
+    if not folder.is_dir():
+        raise FileFormatError(f"{folder}: is not a run folder{no_folder(folder, path.name)}")
+    data = files.read_toml(path)
+    if not isinstance(data.get("pass"), list) or not data["pass"]:
+        raise FileFormatError(f"{path}: [[pass]] is missing")
+    table = checked(data, RunFile, str(path))
+    if table.rig is None and rig_path is None:
+        raise FileFormatError(f"{path}: rig: is missing; it names the rig file inside this folder")
+    rig, calibration = read_linked_rig(rig_path or inside(folder, table.rig or "", f"{path}: rig", "the run folder"))
+    if len(table.passes) < rig.passes:
+        raise FileFormatError(f"{path}: has {len(table.passes)} [[pass]], but the rig's cables need {rig.passes}")
+    names = [one.counts for one in table.passes]
+    counts = [inside(folder, name, f"{path}: pass {n}: counts", "the run folder") for n, name in enumerate(names, 1)]
+    recorded = recorded_in(data, path)
+    check_digests(recorded, dict(zip(names, counts, strict=True)), path)
+    torn = tuple(any(r.early and r.passage == number for r in recorded) for number in range(1, len(counts) + 1))
+    stated, where = (start_in(data), str(path)) if start is None else (start.table, start.source)
+    pose = None if stated is None else start_of_rig(stated, rig, where)
+    u_start = (0.0, 0.0) if stated is None else start_uncertainty(stated, where)
+    return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, table.temperature_c, recorded)
+
+
+def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
+    """Write a run folder: counts first, run.toml last, so that a folder with a run.toml is whole."""
+    folder = Path(folder)
+    rig = run.rig.model_copy(update={"calibration": "calibration.json" if run.calibration else None})
+    if run.calibration:
+        write_calibration_record(folder / "calibration.json", run.calibration)
+    write_rig(folder / "rig.toml", rig)
+    names = [f"pass{i + 1}{suffix}" for i in range(len(run.passes))]
+    for name, counts in zip(names, run.passes, strict=True):
+        write_counts(folder / name, counts)
+    start: dict[str, Any] = {}
+    if run.start is not None:
+        pose = {"position_mm": run.start[:3].tolist(), "quaternion_xyzw": run.start[3:].tolist()}
+        start = {"start": pose | uncertainty_entries(run.u_start)}
+    files.write_toml(
+        folder / "run.toml",
+        {"schema": SCHEMA, "rig": "rig.toml"}
+        | ({} if run.temperature_c is None else {"temperature_c": run.temperature_c})
+        | start
+        | {"pass": [{"counts": n} for n in names]}
+        | (extra or {}),
+    )

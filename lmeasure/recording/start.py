@@ -1,0 +1,237 @@
+"""Where a run starts: the [start] table of run.toml, a pose or the lengths of the cables there."""
+
+import math
+import re
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from lmeasure.core import FileFormatError, FloatArray, conventions
+from lmeasure.io import Strict, files
+from lmeasure.kernels import ATTACHMENT_XYZ
+from lmeasure.recording.poses import poses_from_rows
+from lmeasure.rig import Rig
+
+NOT_GIVEN = "the start pose was not given: the base frame is taken to be the tool's frame at the start"
+"""The note beside a [start] of zero that recordings without a start once had: nobody had stated it."""
+_ZERO = {"position_mm": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
+LENGTHS = "lengths_mm"
+TYPED = "angles"
+"""Three angles in whatever convention the rig has, as a person types them behind --start."""
+START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg", "u_length_mm")
+CLEARLY = 2.0  # times farther than the nearest assembly the next one must be from the place that is stated
+
+
+Triple = tuple[float, float, float]
+
+
+class StartTable(Strict):
+    """The pose at which the counters were zeroed: a position with a quaternion or with angles of the rig's convention, or the lengths of
+    all cables there."""
+
+    position_mm: Triple | None = None
+    """Of the tool origin, base frame; with `lengths_mm` only about where it is."""
+    quaternion_xyzw: tuple[float, float, float, float] | None = None
+    """Orientation base_from_tool."""
+    o_a_t_deg: Triple | None = None
+    """The same in angles of a rig of `angles = "puma-oat"`."""
+    a_b_c_deg: Triple | None = None
+    """The same of `kuka-abc`."""
+    w_p_r_deg: Triple | None = None
+    """The same of `fanuc-wpr`."""
+    rx_ry_rz_deg: Triple | None = None
+    """The same of `staubli-xyz`."""
+    phi_theta_psi_deg: Triple | None = None
+    """The same of `zyz`."""
+    rx_ry_rz_rad: Triple | None = None
+    """The same of `ur-rotation-vector`."""
+    lengths_mm: dict[str, float] | None = None
+    """Length of every cable at the start, from its observation point to its attachment point along the cable, by its name."""
+    u_position_mm: Annotated[float, Field(ge=0)] | None = None
+    """Standard uncertainty of each coordinate."""
+    u_rotation_deg: Annotated[float, Field(ge=0)] | None = None
+    """Standard uncertainty of a rotation about each axis."""
+    u_length_mm: Annotated[float, Field(ge=0)] | None = None
+    """Standard uncertainty of each length."""
+
+
+@dataclass(frozen=True)
+class StatedStart:
+    """A [start] table and where it was stated, for messages."""
+
+    table: Any
+    source: str
+
+
+def start_in(data: dict[str, Any]) -> Any | None:
+    """The [start] table of a run.toml; None where the start is unknown: without one, or with one that only stands for a missing one."""
+    start = data.get("start")
+    return None if start == _ZERO and data.get("note") == NOT_GIVEN else start
+
+
+def stated_start(text: str) -> StatedStart:
+    """What a --start option states: numbers with commas or blanks, x, y, z [mm] and three angles in the rig's convention, or qx, qy, qz,
+    qw, or a file with a table start.
+
+    FileFormatError names the option or the file.
+    """
+    parts, turns = re.split(r"\s*,\s*|\s+", text.strip()), {6: TYPED, 7: "quaternion_xyzw"}
+    if len(parts) in turns:
+        with suppress(ValueError):
+            numbers = [float(part) for part in parts]
+            return StatedStart({"position_mm": numbers[:3], turns[len(parts)]: numbers[3:]}, f"--start {text!r}")
+    if not Path(text).is_file():
+        raise FileFormatError(
+            f"--start {text!r}: is neither six numbers, x,y,z in mm and the rig's three angles, nor seven, x,y,z and qx,qy,qz,qw, "
+            "nor a file with the table start"
+        )
+    return start_from(Path(text))
+
+
+def start_from_text(text: str, rig: Rig) -> FloatArray:
+    """(7,) the pose that a --start option states for a rig; FileFormatError says what is wrong with it."""
+    stated = stated_start(text)
+    return start_of_rig(stated.table, rig, stated.source)
+
+
+def start_from(path: Path) -> StatedStart:
+    """The table start of a file; FileFormatError when there is none, or one that only stands for a missing one."""
+    start = start_in(files.read_toml(path))
+    if start is None:
+        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
+    return StatedStart(start, str(path))
+
+
+def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
+    """(7,) the pose of a [start] table: as stated, or that whose cables have its lengths_mm.
+
+    Lengths fit several assemblies. The rig's `side` and the table's own position and orientation, which then only say about where the tool
+    is, choose among them. Where the search may have missed some, only a stated place chooses. FileFormatError names the path, and lists the
+    assemblies among which nothing chooses.
+    """
+    if not isinstance(start, dict) or LENGTHS not in start:
+        return start_pose(start, rig.angles, path)
+    from lmeasure.linkages import by_side, distances, wrapped_assemblies
+
+    about = _about(start, rig, path)
+    rig.require_pose()
+    lengths, rows = _lengths(start[LENGTHS], rig, path), rig.cable_rows()
+    found, all_of_them = wrapped_assemblies(rows, lengths)
+    if len(found) == 0:
+        raise FileFormatError(f"{path}: start: no pose of rig {rig.name!r} was found that has these lengths_mm")
+    if rig.side is not None:
+        there = by_side(found, rows, np.array(rig.side))
+        if len(there) == 0:
+            raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found, all_of_them)}, none on the rig's side = {list(rig.side)}")
+        found = there
+    if about[0] is not None:
+        far = distances(found, about[0], about[1], _size(rows))
+        found = found[np.argsort(far)]
+        far = np.sort(far)
+        if len(found) == 1 or far[1] > CLEARLY * far[0]:
+            found = found[:1]
+    if len(found) > 1 or not (all_of_them or about[0] is not None):
+        hint = "position_mm and quaternion_xyzw of about where the tool starts, nearer to one of them, or side in the rig file"
+        raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found, all_of_them)}; state {hint}")
+    return np.asarray(found[0])
+
+
+def _size(rows: FloatArray) -> float:
+    """The largest arm of an attachment point [mm]."""
+    return float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max())
+
+
+def _about(start: dict[str, Any], rig: Rig, path: Path | str) -> tuple[FloatArray | None, FloatArray | None]:
+    """The place and the orientation (quaternion) that a table with lengths states, or None for what it leaves open."""
+    place = {key: start[key] for key in start if key != LENGTHS}
+    turned = any(key not in ("position_mm", *START_UNCERTAINTY) for key in place)
+    if turned and "position_mm" not in place:
+        raise FileFormatError(f"{path}: start: an orientation without position_mm does not say about where the tool is")
+    if not turned:
+        place["quaternion_xyzw"] = [0.0, 0.0, 0.0, 1.0]
+    if "position_mm" not in place:
+        start_pose(place | {"position_mm": [0.0, 0.0, 0.0]}, rig.angles, path)
+        return None, None
+    pose = start_pose(place, rig.angles, path)
+    return pose[:3], pose[3:] if turned else None
+
+
+def _lengths(table: Any, rig: Rig, path: Path | str) -> FloatArray:
+    names = [c.name for c in rig.cable]
+    if not isinstance(table, dict) or set(table) != set(names):
+        raise FileFormatError(f"{path}: start: lengths_mm must give the length of each cable: {', '.join(names)}")
+    lengths = np.array([_numbers({name: [table[name]]}, name, 1, path)[0] for name in names])
+    if not (lengths > 0.0).all():
+        raise FileFormatError(f"{path}: start: lengths_mm: {names[int(np.argmin(lengths))]} = {lengths.min():g} is not a length")
+    return lengths
+
+
+def _listed(poses: FloatArray, all_of_them: bool) -> str:
+    """Assemblies for a person, and whether there may be others."""
+    texts = []
+    for pose in poses:
+        place = ", ".join(f"{x:.1f}" for x in pose[:3])
+        texts.append(f"({place}) mm with quaternion ({', '.join(f'{x:.3f}' for x in pose[3:])})")
+    more = "" if all_of_them else " (there may be others, which are hard to find)"
+    return f"{len(poses)} {'assembly' if len(poses) == 1 else 'assemblies'}: {'; '.join(texts)}{more}"
+
+
+def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
+    """(7,) the pose of a [start] table, its angles in the given convention; FileFormatError names the path and key."""
+    if not isinstance(start, dict):
+        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
+    convention = conventions.convention(angles)
+    unit = convention.columns[0].rsplit("_", 1)[1]
+    angle_key = "_".join(c.rsplit("_", 1)[0] for c in convention.columns) + f"_{unit}"
+    if TYPED in start:
+        start = {angle_key if key == TYPED else key: value for key, value in start.items()}
+    known = ("position_mm", "quaternion_xyzw", angle_key, LENGTHS, *START_UNCERTAINTY)
+    unknown = sorted(set(start) - set(known))
+    if unknown:
+        raise FileFormatError(f"{path}: start: unknown key {unknown[0]!r}; known: {', '.join(known)}")
+    position = _numbers(start, "position_mm", 3, path)
+    if ("quaternion_xyzw" in start) == (angle_key in start):
+        raise FileFormatError(f"{path}: start: give either quaternion_xyzw or {angle_key}")
+    if "quaternion_xyzw" in start:
+        quaternion = _numbers(start, "quaternion_xyzw", 4, path)
+    else:
+        turned = _numbers(start, angle_key, 3, path)
+        conventions.check_angles(turned, f"{path}: start: {angle_key}")
+        quaternion = conventions.rotation_from_angles(angles, turned).as_quat()
+    try:
+        return np.asarray(poses_from_rows(np.concatenate([position, quaternion])).rows[0])
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: start: {error}") from None
+
+
+def start_uncertainty(start: dict[str, Any], path: Path | str) -> tuple[float, ...]:
+    """(mm, rad) standard uncertainties of a [start] table, per coordinate and per axis, and behind them that of each length [mm] where the
+    pose comes from lengths; zero where it states none."""
+    values = []
+    for key in START_UNCERTAINTY:
+        value = start.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= conventions.MAX_LENGTH_MM:
+            raise FileFormatError(f"{path}: start: {key} = {value!r} is not a standard uncertainty: a number that is not negative")
+        values.append(float(value))
+    from_lengths = LENGTHS in start or START_UNCERTAINTY[2] in start
+    return values[0], math.radians(values[1]), *(values[2:] if from_lengths else ())
+
+
+def uncertainty_entries(u_start: tuple[float, ...]) -> dict[str, float]:
+    """The entries of a [start] table that `start_uncertainty` reads, those that are not zero."""
+    values = (u_start[0], math.degrees(u_start[1]), *u_start[2:])
+    return {key: value for key, value in zip(START_UNCERTAINTY, values, strict=False) if value}
+
+
+def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> FloatArray:
+    values = table.get(key)
+    if isinstance(values, list) and len(values) == count and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+        with suppress(OverflowError):  # an integer of hundreds of digits
+            numbers = np.array([float(v) for v in values])
+            if np.isfinite(numbers).all():
+                return numbers
+    raise FileFormatError(f"{path}: start: {key} must be {count} numbers")

@@ -1,0 +1,49 @@
+"""The words of a certificate in the languages it can be printed in, `locale/*/report.po`; names, numbers and units as each writes them."""
+
+import re
+from typing import Any
+
+from lmeasure.text import Say, texts
+
+DOMAIN = "report"
+THOUSANDS = {"en": ",", "ru": "\u00a0"}
+UNITS = {
+    "ru": {"kg": "кг", "mm": "мм", "deg": "°", "s": "с", "%": "%", "mm/s": "мм/с", "mm/N": "мм/Н", "Hz": "Гц", "rad": "рад", "ms": "мс"},
+    "en": {"deg": "°"},
+}
+
+
+def word(language: str, key: str, **values: Any) -> str:
+    """The text of a key in a language, with values put in as they are."""
+    text = texts(DOMAIN, language)[key]
+    return text.format(**values) if values else text
+
+
+def characteristic_name(language: str, name: str) -> str:
+    """What a characteristic such as AP_p is called; empty where the table has no name for it."""
+    words = texts(DOMAIN, language)
+    stem = name if f"name.{name}" in words else name.split("_")[0]
+    return words.get(f"name.{stem}", "")
+
+
+_SYMBOL = re.compile(r"(?<!\w)(?:([vd]?[AR]P|[AR]D|[AR]T|[Ct])_(p|l|x|y|z|a|b|c|s|min|rot)|(U)(95))(?!\w)")
+
+
+def with_indices(text: str) -> list[tuple[str, str]]:
+    """A text in pieces (plain, index): symbols such as AP_p and U95 are set as AP and U with an index behind them."""
+    out, end = [], 0
+    for found in _SYMBOL.finditer(text):
+        stem, index = (group for group in found.groups() if group is not None)
+        out.append((text[end : found.start()] + stem, index))
+        end = found.end()
+    return [*out, (text[end:], "")] if end < len(text) or not out else out
+
+
+def axes(say: Say) -> dict[str, Any]:
+    """Of a drawing in the base frame."""
+    return {"xaxis_title": say("X, mm"), "yaxis_title": say("Y, mm"), "zaxis_title": say("Z, mm"), "aspectmode": "data"}
+
+
+def unit(language: str, symbol: str) -> str:
+    """A unit as the language writes it."""
+    return UNITS[language].get(symbol, symbol)

@@ -1,0 +1,266 @@
+"""The calibration record: what was found, how well, what could not be told, and from which files."""
+
+import json
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from lmeasure.core import DataFrame, FloatArray, Shown, framed
+from lmeasure.io import complaints, files, told
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+
+# of the correlations: what rounding leaves of a covariance that is singular along a direction
+NEGATIVE_EIGENVALUE = 1e-6
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
+
+
+class RecordedParameter(_Record):
+    """One solved value in the unit its name states; u is its standard uncertainty, prior_u that of the nominal value."""
+
+    name: str
+    value: Number
+    u: Number
+    prior_u: Number
+    U95: float | None = None
+    """Expanded uncertainty: the half width of the 95 % interval of this value alone."""
+
+
+class Residual(_Record):
+    """Length residual, measured less modelled, of one channel at one pose [mm]."""
+
+    pose: str
+    channel: str
+    mm: Number
+
+
+class Unobservable(_Record):
+    """A direction that the data leave undetermined: unit vector over the point's parameters in units of their prior widths."""
+
+    point: str
+    direction: dict[str, Number]
+    text: str
+
+
+class Dimension(_Record):
+    """A dimension that was not solved and that the rig states to be uncertain, by prior_u: its value as the counts correct it, the standard
+    uncertainty that they leave, its covariance with the parameters (p,) and then with all dimensions (s,), in the units of the names."""
+
+    name: str
+    value: Number
+    u: Annotated[Number, Field(ge=0)]
+    prior_u: Annotated[Number, Field(ge=0)]
+    covariance: tuple[Number, ...]
+
+
+class SolvedEffect(_Record):
+    """An effect that was solved for: owner, an observation point; effect, what `--solve` calls it; value, by how much it differs from
+    what the rig stated, with its standard uncertainty in unit; probability of as much by chance; bits that were learned of it; found,
+    whether the probability, times the number of effects solved for, is under one in a hundred."""
+
+    owner: str
+    effect: str
+    value: Number
+    u: Annotated[Number, Field(ge=0)]
+    unit: str
+    probability: Number
+    bits: Number
+    found: bool
+
+
+class ShownEffect(_Record):
+    """An effect of a channel that was looked for in the residuals, and the size from which it is named with a probability of 80 %."""
+
+    effect: str
+    channel: str
+    size: Annotated[Number, Field(gt=0)]
+    unit: str
+
+
+class Finding(_Record):
+    """Something the reader must know; code is one of a short list, text is one line."""
+
+    code: str
+    text: str
+    channel: str | None = None
+    pose: str | None = None
+    value: float | None = None
+
+
+class Input(_Record):
+    """A file the record was made of."""
+
+    file: str
+    sha256: str
+
+
+class CalibrationRecord(Shown, _Record):
+    """calibration.json of the contract.
+
+    covariance (p, p) is that of the parameters in their order, in their units. tangent_covariance, of the linearised model, is what lengths
+    and poses inherit: along a bent valley the values stray from the tangent and the lengths hardly do. Absent, the covariance serves both.
+    region: the values v with (v - values)' covariance^-1 (v - values) <= factor^2 hold the truth with the probability stated.
+    """
+
+    schema_: Annotated[Literal["lmeasure.calibration/1"], Field(alias="schema")] = "lmeasure.calibration/1"
+    rig: str
+    parameters: tuple[RecordedParameter, ...]
+    covariance: tuple[tuple[Number, ...], ...]
+    residuals: tuple[Residual, ...]
+    equations: Count
+    unknowns: Count
+    rank: Count
+    unobservable: tuple[Unobservable, ...] = ()
+    warnings: tuple[Finding, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    coarse: tuple[dict[str, Any], ...] = ()
+    ranges: tuple[dict[str, Any], ...] = ()
+    correlations: tuple[dict[str, Any], ...] = ()
+    spectrum: tuple[dict[str, Any], ...] = ()
+    poses: tuple[dict[str, Any], ...] = ()
+    """Reference poses that were estimated with the rig, and the standard uncertainties of what was unknown of each."""
+    predicted: dict[str, Any] = Field(default_factory=dict)
+    validation: dict[str, Any] = Field(default_factory=dict)
+    u_length_mm: dict[str, Number] = Field(default_factory=dict)
+    """By which the length of a cable errs on its own at every pose, beside what the parameters make, where residuals showed it."""
+    tangent_covariance: tuple[tuple[Number, ...], ...] | None = None
+    region: dict[str, Any] = Field(default_factory=dict)
+    robust: dict[str, Any] = Field(default_factory=dict)
+    noise: dict[str, float] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
+    dimensions: tuple[Dimension, ...] = ()
+    """Dimensions that were not solved, and whose uncertainty is in that of the parameters."""
+    effects: tuple[SolvedEffect, ...] = ()
+    """Physical effects that were solved for, and what the counts say of each."""
+    effects_shown: tuple[ShownEffect, ...] = ()
+    """Physical effects that were looked for in the residuals."""
+    temperature_c: Number | None = None
+    """Mean temperature of the counts; None where it was not stated."""
+    taken_as_exact: tuple[dict[str, Any], ...] = ()
+    """What the rig does not state and nothing has solved, and what a usual size of it would do."""
+
+    def about(self) -> dict[str, str]:
+        """What was solved, how well it fits, what it tells of lengths, what to know."""
+        out = {"rig": self.rig, "parameters": f"{self.unknowns}, rank {self.rank}, from {self.equations} equations"}
+        if "residual_rms_mm" in self.noise:
+            out["residuals"] = f"{self.noise['residual_rms_mm']:.4g} mm rms"
+        if self.predicted.get("lengths"):
+            out["predicted u of lengths"] = f"{max(e['rms_mm'] for e in self.predicted['lengths']):.4f} mm rms"
+        return out | {"warnings": ", ".join(dict.fromkeys(w.code for w in self.warnings)) or "none"}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each parameter."""
+        return framed([p.model_dump() for p in self.parameters])
+
+    @model_validator(mode="after")
+    def _are_covariances(self) -> Self:
+        p = len(self.parameters)
+        _check_covariance("covariance", self.covariance, p)
+        if self.tangent_covariance is not None:
+            _check_covariance("tangent_covariance", self.tangent_covariance, p)
+        if p:
+            name, times = Counter(q.name for q in self.parameters).most_common(1)[0]
+            if times > 1:
+                raise ValueError(f"parameters: the name {name!r} is given {times} times")
+        for own in self.dimensions:
+            if len(own.covariance) != p + len(self.dimensions):
+                raise ValueError(f"dimensions: {own.name}: covariance: has {len(own.covariance)} numbers, not {p + len(self.dimensions)}")
+        if self.dimensions:
+            cross, own_part = self._of_dimensions()
+            joint = np.block([[self.tangent_matrix(), cross], [cross.T, own_part]])
+            _check_covariance("dimensions: covariance", tuple(map(tuple, joint.tolist())), len(joint))
+        return self
+
+    def _of_dimensions(self) -> tuple[FloatArray, FloatArray]:
+        """(p, s) covariance of the parameters with the dimensions, and (s, s) of these."""
+        p = len(self.parameters)
+        rows = np.array([own.covariance for own in self.dimensions], dtype=np.float64).reshape(len(self.dimensions), -1).T
+        return rows[:p], rows[p:]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all that the calibration tells something of: parameters and dimensions."""
+        return (*(p.name for p in self.parameters), *(d.name for d in self.dimensions))
+
+    def covariance_matrix(self) -> FloatArray:
+        """(p, p) covariance of the parameters in their own units."""
+        return _matrix(self.covariance)
+
+    def tangent_matrix(self) -> FloatArray:
+        """(p, p) covariance of the parameters to propagate linearly, in their own units."""
+        return _matrix(self.covariance if self.tangent_covariance is None else self.tangent_covariance)
+
+    def cable_covariance(self, names: list[list[str]]) -> FloatArray:
+        """(13 m, 13 m) covariance of the kernels' parameters, mm and rad, for m cables.
+
+        names[j] are the record's names of cable j's parameters in the kernels' order (`kernels.layout.PARAMETERS`).
+        Parameters that were not solved are taken as exact.
+        """
+        select = self._selection(names)
+        return np.asarray(select @ self.tangent_matrix() @ select.T)
+
+    def dimension_columns(self, names: list[list[str]]) -> tuple[FloatArray, FloatArray]:
+        """Independent errors of the dimensions, of unit variance: (s, s) what each does to these, and (13 m, s) to the kernels' parameters,
+        named as in `cable_covariance`, whose covariance holds the squares of these columns."""
+        cross, own = self._of_dimensions()
+        width = np.sqrt(np.maximum(np.diag(own), 0.0))
+        width = np.where(width > 0.0, width, 1.0)
+        values, vectors = np.linalg.eigh(own / np.outer(width, width))
+        kept = values > 1e-12
+        root = np.where(kept, np.sqrt(np.maximum(values, 0.0)), 0.0)
+        back = np.where(kept, 1.0 / np.where(kept, root, 1.0), 0.0)
+        # symmetric, so that no choice of LAPACK's is in them (`lmeasure.core.linalg`)
+        return width[:, None] * (vectors * root) @ vectors.T, self._selection(names) @ (cross / width) @ (vectors * back) @ vectors.T
+
+    def _selection(self, names: list[list[str]]) -> FloatArray:
+        """(13 m, p) the kernels' parameters by the record's."""
+        index = {p.name: i for i, p in enumerate(self.parameters)}
+        flat = [name for row in names for name in row]
+        select = np.zeros((len(flat), len(self.parameters)))
+        for i, own in enumerate(flat):
+            # a swivel axis stands at the angle of its guide and its own tilt together
+            for name in dict.fromkeys((own, own.replace(".guide_", ".swivel_tilt_"))):
+                if name in index:
+                    select[i, index[name]] = math.radians(1.0) if name.endswith("_deg") else 1.0
+        return select
+
+
+def _matrix(rows: tuple[tuple[float, ...], ...]) -> FloatArray:
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows))
+
+
+def _check_covariance(name: str, rows: tuple[tuple[float, ...], ...], p: int) -> None:
+    """ValueError unless the rows are a symmetric positive semidefinite (p, p) matrix."""
+    if len(rows) != p or any(len(row) != p for row in rows):
+        raise ValueError(f"{name}: is not {p} x {p} as the parameters ask")
+    matrix = _matrix(rows)
+    scale = np.sqrt(np.outer(np.diag(matrix).clip(0), np.diag(matrix).clip(0)))
+    if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
+        raise ValueError(f"{name}: is not symmetric with variances on its diagonal")
+    correlation = matrix / np.where(scale > 0, scale, 1.0)
+    if p and np.linalg.eigvalsh(correlation).min() < -NEGATIVE_EIGENVALUE:
+        raise ValueError(f"{name}: is not positive semidefinite: some combination would have a negative variance")
+
+
+def read_calibration_record(path: Path) -> CalibrationRecord:
+    """Read a calibration.json; FileFormatError names the file and the key."""
+    raw = files.read_bytes(path)
+    try:
+        return CalibrationRecord.model_validate_json(raw)
+    except ValidationError as error:
+        # what is no JSON has no keys to name
+        data = None if error.errors()[0]["type"] == "json_invalid" else json.loads(raw)
+        raise told(str(path), data, complaints(error, data, CalibrationRecord)) from None
+
+
+def write_calibration_record(path: Path, record: CalibrationRecord) -> None:
+    """Write a calibration.json, whole or not at all."""
+    files.write_text(path, json.dumps(record.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n")

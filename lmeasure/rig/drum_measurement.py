@@ -1,0 +1,269 @@
+"""From what a mechanic measures on a grooved drum to the drum of a rig file (thesis Rashoyan 2021, 5.5, figures 5.19 and 5.20).
+
+The cable is fastened at a distance g from the drum's end face, is wound on over K counts until the robot stands at the pose where
+the counters are zeroed, and runs from there to a pulley with a fixed axis, a centre distance away, whose plane of symmetry is C from that
+end face. With N counts per turn, drum radius R1, pulley radius R2, groove pitch t_m, centre distance a:
+
+    turn       N c = hypot(2 pi R1, t_m),  groove angle  tan(gamma) = t_m/(2 pi R1)
+    engaging   gamma1 = arcsin(R2/a), gamma2 = arccos((R1 - R2)/a): the drum turns by gamma3 = gamma2 - gamma1 until the cable is tangent,
+               K0 = N gamma3/(2 pi) counts, and the pay-out point has gone t0 = R1 gamma3 tan(gamma) along the axis
+    winding    t1 = (K - K0) t_m/N
+    tangent    |E_C B_H| = a sin(gamma2) = sqrt(a^2 - (R1 - R2)^2)
+    offset     |E_1 E_C| = C - g - t0 - t1
+
+Corrected against the print: the tangent is a sin(gamma2), not a cos(gamma2); the sum of squares gives |E_1 B_H|. As t0 = K0 t_m/N, the
+offset is C - g - K t_m/N: the radii and the centre distance do not enter it.
+"""
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from lmeasure.core import FileFormatError, RigError
+from lmeasure.io import Name, Strict, Whole, checked, files
+from lmeasure.rig.points_and_drums import Length, NotNegative, Positive
+from lmeasure.rig.rig import Rig, rig_from_dict
+
+AGREEMENT = 0.01  # of a turn's cable: beyond it the radius and the length of a count cannot be of one drum
+
+
+class DrumMeasurement(Strict):
+    """What is measured on the drum of one observation point [mm], each with an optional standard uncertainty `u_<key>`.
+
+    Radii are to the middle of the cable. Of drum_radius_mm and count_length_mm one is enough; with both, the length of a count is
+    believed and the radius is held against it.
+    """
+
+    point: Name
+    """Observation point whose drum it is."""
+    counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
+    """Counts in one turn of the drum (N)."""
+    groove_pitch_mm: Positive
+    """From groove to groove (t_m): ruler over ten grooves, divided by ten."""
+    drum_radius_mm: Positive | None = None
+    """Half the diameter over the wound cable, less half the cable's thickness (R1)."""
+    count_length_mm: Positive | None = None
+    """Pull a known length of cable and divide by the counts (c)."""
+    fixed_pulley_radius_mm: Positive
+    """Radius of the fixed pulley's groove bottom, plus half the cable's thickness (R2)."""
+    centre_distance_mm: Positive
+    """Between the axes of drum and fixed pulley, square to them (a)."""
+    pulley_plane_mm: Length
+    """Along the drum's axis, from its end face to the middle plane of the fixed pulley (C)."""
+    cable_end_mm: NotNegative
+    """From the same end face to where the cable is fastened (g)."""
+    full_wind_counts: Annotated[float, Field(gt=0, le=1e12)]
+    """Counts that wind the cable up from its end until it is taut to the robot at the zero pose (K)."""
+    u_groove_pitch_mm: NotNegative = 0.0
+    """Standard uncertainty of `groove_pitch_mm`."""
+    u_drum_radius_mm: NotNegative = 0.0
+    """Standard uncertainty of `drum_radius_mm`."""
+    u_count_length_mm: NotNegative = 0.0
+    """Standard uncertainty of `count_length_mm`."""
+    u_fixed_pulley_radius_mm: NotNegative = 0.0
+    """Standard uncertainty of `fixed_pulley_radius_mm`."""
+    u_centre_distance_mm: NotNegative = 0.0
+    """Standard uncertainty of `centre_distance_mm`."""
+    u_pulley_plane_mm: NotNegative = 0.0
+    """Standard uncertainty of `pulley_plane_mm`."""
+    u_cable_end_mm: NotNegative = 0.0
+    """Standard uncertainty of `cable_end_mm`."""
+    u_full_wind_counts: NotNegative = 0.0
+    """Standard uncertainty of `full_wind_counts`."""
+
+    @model_validator(mode="after")
+    def _can_be_built(self) -> Self:
+        n, pitch, radius, count = self.counts_per_revolution, self.groove_pitch_mm, self.drum_radius_mm, self.count_length_mm
+        if radius is None and count is None:
+            raise ValueError("drum_radius_mm or count_length_mm is missing")
+        if count is not None and n * count <= pitch:
+            raise ValueError(f"groove_pitch_mm: must be less than the cable of one turn, {n * count:g} mm")
+        if radius is not None and count is not None:
+            turn = math.hypot(2 * math.pi * radius, pitch)
+            if abs(turn - n * count) > AGREEMENT * turn:
+                raise ValueError(f"drum_radius_mm gives {turn:g} mm of cable per turn, count_length_mm gives {n * count:g} mm")
+        geometry = drum_geometry(self)
+        if self.centre_distance_mm <= geometry.drum_radius_mm + self.fixed_pulley_radius_mm:
+            raise ValueError(
+                f"centre_distance_mm: {self.centre_distance_mm:g} mm is not more than the radii of drum and pulley together, "
+                f"{geometry.drum_radius_mm + self.fixed_pulley_radius_mm:g} mm"
+            )
+        if self.full_wind_counts <= geometry.engaging_counts:
+            raise ValueError(
+                f"full_wind_counts: {self.full_wind_counts:g} is not more than the {geometry.engaging_counts:.0f} counts "
+                "that bring the cable to the tangent"
+            )
+        return self
+
+
+class DrumsFile(Strict):
+    """What a mechanic measures on drums, for `lmeasure drum`."""
+
+    schema_: Annotated[Literal["lmeasure.drum/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
+    drum: Annotated[tuple[DrumMeasurement, ...], Field(min_length=1)]
+    """The drums, a table `[[drum]]` each."""
+
+    @model_validator(mode="after")
+    def _one_per_point(self) -> Self:
+        names = [d.point for d in self.drum]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"drum: the point {name!r} is given {names.count(name)} times")
+        return self
+
+
+@dataclass(frozen=True)
+class DrumGeometry:
+    """The drum in the words of the thesis: lengths in mm, angles in rad, with the module's symbols; NaN where it cannot be built."""
+
+    drum_radius_mm: float
+    count_length_mm: float
+    groove_angle: float
+    engaging_angle: float
+    engaging_counts: float
+    engaging_travel_mm: float
+    winding_travel_mm: float
+    tangent_length_mm: float
+    axial_offset_mm: float
+
+    @property
+    def stretch_mm(self) -> float:
+        """|E_1 B_H|: cable from drum to fixed pulley at k = 0."""
+        return math.hypot(self.tangent_length_mm, self.axial_offset_mm)
+
+
+def drum_geometry(measured: DrumMeasurement) -> DrumGeometry:
+    """The drum of thesis 5.5 from the measured values."""
+    n, pitch, a, r2 = (
+        measured.counts_per_revolution,
+        measured.groove_pitch_mm,
+        measured.centre_distance_mm,
+        measured.fixed_pulley_radius_mm,
+    )
+    count = measured.count_length_mm
+    if count is None:
+        r1 = float(measured.drum_radius_mm or math.nan)
+        count = math.hypot(2 * math.pi * r1, pitch) / n
+    else:
+        r1 = math.sqrt((n * count) ** 2 - pitch**2) / (2 * math.pi)
+    gamma = math.atan(pitch / (2 * math.pi * r1))
+    if abs(r1 - r2) >= a or r2 >= a:
+        nan = math.nan
+        return DrumGeometry(r1, count, gamma, nan, nan, nan, nan, nan, nan)
+    gamma2 = math.acos((r1 - r2) / a)
+    gamma3 = gamma2 - math.asin(r2 / a)
+    k0 = n * gamma3 / (2 * math.pi)
+    t0 = r1 * gamma3 * math.tan(gamma)
+    t1 = (measured.full_wind_counts - k0) * pitch / n
+    return DrumGeometry(
+        drum_radius_mm=r1,
+        count_length_mm=count,
+        groove_angle=gamma,
+        engaging_angle=gamma3,
+        engaging_counts=k0,
+        engaging_travel_mm=t0,
+        winding_travel_mm=t1,
+        tangent_length_mm=a * math.sin(gamma2),
+        axial_offset_mm=measured.pulley_plane_mm - measured.cable_end_mm - t0 - t1,
+    )
+
+
+def drum_uncertainty(measured: DrumMeasurement) -> tuple[float, float]:
+    """Standard uncertainties (tangent_length_mm, axial_offset_mm) from those of the measured values, independent (JCGM 100, 5.1.2)."""
+    g, n = drum_geometry(measured), measured.counts_per_revolution
+    if measured.count_length_mm is None:
+        u_radius, radius_by_pitch = measured.u_drum_radius_mm, 0.0
+    else:
+        # R1 = sqrt((N c)^2 - t_m^2)/(2 pi)
+        u_radius = n**2 * g.count_length_mm / (4 * math.pi**2 * g.drum_radius_mm) * measured.u_count_length_mm
+        radius_by_pitch = -measured.groove_pitch_mm / (4 * math.pi**2 * g.drum_radius_mm)
+    difference = (g.drum_radius_mm - measured.fixed_pulley_radius_mm) / g.tangent_length_mm
+    tangent = math.hypot(
+        measured.centre_distance_mm / g.tangent_length_mm * measured.u_centre_distance_mm,
+        difference * u_radius,
+        difference * radius_by_pitch * measured.u_groove_pitch_mm,
+        difference * measured.u_fixed_pulley_radius_mm,
+    )
+    offset = math.hypot(
+        measured.u_pulley_plane_mm,
+        measured.u_cable_end_mm,
+        measured.full_wind_counts / n * measured.u_groove_pitch_mm,
+        measured.groove_pitch_mm / n * measured.u_full_wind_counts,
+    )
+    return tangent, offset
+
+
+def read_drums(path: Path) -> tuple[DrumMeasurement, ...]:
+    """Read a measurements file (schema lmeasure.drum/1, one [[drum]] per observation point); FileFormatError names the file and key."""
+    return checked(files.read_toml(path), DrumsFile, str(path)).drum
+
+
+def choose(measured: tuple[DrumMeasurement, ...], points: list[str], source: str) -> tuple[DrumMeasurement, ...]:
+    """The drums of these observation points, all when none is named; FileFormatError names a point without a drum."""
+    given = {m.point: m for m in measured}
+    for name in points:
+        if name not in given:
+            raise FileFormatError(f"{source}: has no drum of {name!r}; it has {', '.join(given)}")
+    return tuple(m for m in measured if not points or m.point in points)
+
+
+def with_drums(rig: Rig, measured: tuple[DrumMeasurement, ...]) -> Rig:
+    """The rig with these drums; what was measured is no longer assumed, and a link to a calibration made before is dropped.
+
+    RigError when a drum's observation point is not in the rig.
+    """
+    source = f"rig {rig.name!r}"
+    return rig_from_dict(drums_into(rig.to_dict(), measured, source), source)
+
+
+def drums_into(content: Mapping[str, Any], measured: tuple[DrumMeasurement, ...], source: str) -> dict[str, Any]:
+    """A rig.toml's content with these drums, as `with_drums`, where it need have none yet; source is named in errors."""
+    data = copy.deepcopy(dict(content))
+    data.pop("calibration", None)
+    stated, assumed = data.get("observation_point"), data.get("assumed", [])
+    points: dict[Any, dict[str, Any]] = {p.get("name"): p for p in stated if isinstance(p, dict)} if isinstance(stated, list) else {}
+    known: set[str] = set()
+    for m in measured:
+        if m.point not in points:
+            raise RigError(f"{source}: has no observation_point {m.point!r}; it has {', '.join(map(str, points)) or 'none'}")
+        g, (u_tangent, u_offset) = drum_geometry(m), drum_uncertainty(m)
+        values: dict[str, float] = {
+            "counts_per_revolution": m.counts_per_revolution,
+            "count_length_mm": g.count_length_mm,
+            "groove_pitch_mm": m.groove_pitch_mm,
+            "tangent_length_mm": g.tangent_length_mm,
+            "axial_offset_mm": g.axial_offset_mm,
+        }
+        known |= {f"{m.point}.{key}" for key in values}
+        uncertain = {"u_tangent_length_mm": u_tangent, "u_axial_offset_mm": u_offset}
+        there = points[m.point].get("drum", {})
+        drum = {key: value for key, value in there.items() if key not in uncertain} if isinstance(there, dict) else {}
+        points[m.point]["drum"] = drum | values | {key: u for key, u in uncertain.items() if u > 0}
+    if isinstance(assumed, list):
+        left = [name for name in assumed if name not in known]
+        data |= {"assumed": left} if left or "assumed" in data else {}
+    return data
+
+
+def drum_summary(measured: Sequence[DrumMeasurement]) -> list[str]:
+    """Lines for a person, one for all drums that are alike: what goes into the rig file, and the angles to check it by."""
+    points: dict[str, list[str]] = {}
+    for m in measured:
+        points.setdefault(_figures(m), []).append(m.point)
+    return [f"{', '.join(names)}: {figures}" for figures, names in points.items()]
+
+
+def _figures(measured: DrumMeasurement) -> str:
+    g, (u_tangent, u_offset) = drum_geometry(measured), drum_uncertainty(measured)
+    tangent, offset = (f"u {u:.3f}" if u > 0 else "u not stated" for u in (u_tangent, u_offset))
+    return (
+        f"tangent {g.tangent_length_mm:.3f} mm ({tangent}), "
+        f"axial offset {g.axial_offset_mm:.3f} mm ({offset}), {g.count_length_mm:.6g} mm per count; "
+        f"groove angle {math.degrees(g.groove_angle):.3f} deg, drum to fixed pulley {g.stretch_mm:.3f} mm at k = 0"
+    )

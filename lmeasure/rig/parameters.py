@@ -1,0 +1,331 @@
+"""Parameters of an instrument by their names: values, priors, and where rig and kernels keep them (`rig.parameter_table`)."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from lmeasure.core import BoolArray, CalibrationError, FloatArray, RigError
+from lmeasure.kernels import (
+    ALPHA,
+    BETA,
+    BY_ANGLE_ZERO,
+    BY_ATTACHMENT,
+    BY_BASE,
+    BY_BETA,
+    CABLE,
+    GUIDE_XYZ,
+    KIND,
+    TURN_COUNTS,
+    guide_direction,
+)
+from lmeasure.rig.encoders import AngleEncoder
+from lmeasure.rig.parameter_table import FURTHER as FURTHER
+from lmeasure.rig.parameter_table import TABLE as TABLE
+from lmeasure.rig.parameter_table import TILT, CableParameter
+from lmeasure.rig.parameter_table import Owner as Owner
+from lmeasure.rig.points_and_drums import Cable, Drum, ObservationPoint
+from lmeasure.rig.rig import Observed, Rig, Turned, rig_from_dict
+
+ANYWHERE_DEG = 360.0 / math.sqrt(12.0)
+"""Standard uncertainty of an angle that may be anywhere on the circle."""
+ENCODER_ZERO = "zero_deg"
+"""What is found of an absolute encoder of angles, by the name of its channel: the angle at count 0."""
+EXACT = 1e-9
+"""Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an instrument, in the unit of its name, and how well it was known before: its standard uncertainty."""
+
+    name: str
+    value: float
+    prior_u: float
+    unit: str = "mm"
+
+
+_SELDOM = (*FURTHER, *TILT)
+_OF_POINT = (*(p for p in TABLE if p.owner is not Owner.ATTACHMENT), *_SELDOM)
+_OF_TOOL = tuple(p for p in TABLE if p.owner is Owner.ATTACHMENT)
+_OF_KEY = {p.key: p for p in _OF_POINT}
+
+GROUPS = {g: tuple(p.key for p in (*TABLE, *_SELDOM) if p.group == g) for g in dict.fromkeys(p.group for p in (*TABLE, *_SELDOM))}
+"""What `--solve` names, and the keys of each."""
+PLACE, GUIDE = GROUPS["position"], GROUPS["guide"]
+SCALE = next(i for i, p in enumerate(TABLE) if p.key == "scale")
+"""Which of the table is the decoding scale, which the kernels' rows do not have."""
+UNSIGNED = frozenset(p.key for p in TABLE if p.unsigned)
+"""Keys of values whose sign means nothing."""
+FACTORS = np.array([p.factor for p in TABLE])
+"""(13,) what the kernels have for one unit of each."""
+FURTHER_KEYS = frozenset(p.key for p in FURTHER)
+"""Of what the kernels do not know."""
+PHASED = frozenset(p.key for p in FURTHER if p.group in ("run-out", "eccentricity"))
+"""Of what turns with drum and pulley, and means nothing without where they stood."""
+
+_OF_PULLEY = ("eccentricity", "offset")
+"""Groups of what a point without a pulley does not have."""
+_ABSENT = frozenset(p.stored or p.key for p in _SELDOM)
+"""Keys that mean 0 where they are not given."""
+_IN_ROWS = np.array([p.column is not None for p in TABLE])
+_COLUMNS = np.array([-1 if p.column is None else p.column for p in TABLE])
+_PER_REVOLUTION = np.array([p.per_revolution for p in TABLE])
+_UNSIGNED = np.array([p.unsigned for p in TABLE])
+
+
+def parameter_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> list[list[str]]:
+    """For each channel, default all cables, the calibration record's names of the kernels' parameters (`kernels.layout.PARAMETERS`); empty
+    where an encoder of angles does not have one."""
+    return [_names(o) for o in (rig.cable if cables is None else cables)]
+
+
+def _names(observed: Observed) -> list[str]:
+    if isinstance(observed, Cable):
+        return [p.name(observed) for p in TABLE]
+    names = [""] * len(TABLE)
+    names[BY_ANGLE_ZERO] = zero_name(observed)
+    if observed.from_point:
+        names[BY_BASE : BY_BETA + 1] = [f"{observed.from_point}.{key}" for key in (*PLACE, *GUIDE)]
+        names[BY_ATTACHMENT : BY_ATTACHMENT + 3] = attachment_names(observed.to_point)
+    return names
+
+
+def further_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> list[list[str]]:
+    """For each channel, default all cables, the names of `FURTHER`; empty ones of an encoder of angles, which has none."""
+    return [[p.name(o) if isinstance(o, Cable) else "" for p in FURTHER] for o in (rig.cable if cables is None else cables)]
+
+
+def tilt_names(observed: Observed) -> tuple[str, ...]:
+    """The names of the tilts that are added to the guide's angles of a channel, none of what has no guide."""
+    return tuple(f"{observed.from_point}.{p.key}" for p in TILT) if observed.from_point else ()
+
+
+def zero_name(observed: Turned) -> str:
+    """The calibration record's name of an encoder's zero."""
+    return f"{observed.channel}.{ENCODER_ZERO}"
+
+
+def attachment_names(point: str) -> tuple[str, ...]:
+    """The calibration record's names of an attachment point's coordinates."""
+    return tuple(f"tool.{point}.{p.key}" for p in _OF_TOOL)
+
+
+def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...]) -> tuple[Parameter, ...]:
+    """What to solve for: the named groups, and every assumed value, of the points that the cables lead from and to; and the zeros of
+    absolute encoders of angles, but for those that are stated to be exact.
+
+    CalibrationError for a group that does not exist, and when nothing is left.
+    """
+    points = [p.name for p in rig.observation_point]
+    for group, _, owner in (asked.partition(":") for asked in solve):
+        if group not in GROUPS:
+            raise CalibrationError(f"--solve: {group!r} is not one of {', '.join(GROUPS)}")
+        if owner and (owner not in points or group == "attachment"):
+            raise CalibrationError(f"--solve: {group}:{owner}: {owner!r} is no observation_point ({', '.join(points)})")
+    assumed, out = _assumed(rig), []
+    for name, p in _named(cables):
+        owner = name.rpartition(".")[0]
+        if (p.group in solve or f"{p.group}:{owner}" in solve or name in assumed) and not (
+            p.group in _OF_PULLEY and not rig.point(name.rpartition(".")[0]).pulley_radius_mm
+        ):
+            out.append(parameter_of(rig, name))
+    for name in dict.fromkeys(zero_name(o) for o in cables if isinstance(o, Turned) and o.encoder.absolute):
+        zero = parameter_of(rig, name)
+        if zero.prior_u > EXACT:
+            out.append(zero)
+    if not out:
+        raise CalibrationError("--solve: nothing is left to solve for")
+    return tuple(out)
+
+
+def parameter_of(rig: Rig, name: str) -> Parameter:
+    """The parameter of a calibration record's name as the rig states it, its prior standard uncertainty as usual where it states none."""
+    owner, _, key = name.rpartition(".")
+    if key == ENCODER_ZERO:
+        encoder = _encoder(rig, owner)
+        u_zero = ANYWHERE_DEG if encoder.zero_deg is None else encoder.u_zero_deg or 0.0
+        return Parameter(name, encoder.zero_deg or 0.0, max(u_zero, EXACT), "deg")
+    p = next(q for q in _OF_TOOL if q.key == key) if owner.startswith("tool.") else _OF_KEY[key]
+    u, value = stated_u(rig, name), value_of(rig, name)
+    assert value is not None
+    usual = p.assumed_u if name in _assumed(rig) else p.default_u
+    prior_u = usual if u is None else max(u, EXACT)
+    if p.column == BETA and u != 0.0:
+        prior_u = min(prior_u * azimuth_stretch(rig.point(owner).guide_alpha_deg), max(p.assumed_u, prior_u))
+    return Parameter(name, value, prior_u, p.unit)
+
+
+def azimuth_stretch(alpha_deg: float) -> float:
+    """By how much beta is worse known than a guide's direction, 1 up to 60 degrees of alpha: a vertical guide has a direction like any
+    other, but beta can be anything there. Steeper than 60 degrees beta is as uncertain as half so much of the direction makes it."""
+    return max(1.0, 0.5 / max(abs(math.cos(math.radians(alpha_deg))), 1e-9))
+
+
+def _encoder(rig: Rig, channel: str) -> AngleEncoder:
+    return next(e for e in rig.encoders if e.channel == channel)
+
+
+def group_names(cables: tuple[Observed, ...], group: str) -> tuple[str, ...]:
+    """Names of a group's parameters of the points that the cables lead from and to."""
+    return tuple(name for name, p in _named(cables) if p.group == group)
+
+
+def _named(cables: tuple[Observed, ...]) -> list[tuple[str, CableParameter]]:
+    """Every parameter of some cables by its name: those of observation points before those of attachment points. An encoder of angles sees
+    some of its cable's, and has none besides."""
+    drawn = [c for c in cables if isinstance(c, Cable)]
+    points, tool = (dict.fromkeys(names) for names in ((c.from_point for c in drawn), (c.to_point for c in drawn)))
+    of_points = [(f"{point}.{p.key}", p) for point in points for p in _OF_POINT]
+    return of_points + [(f"tool.{point}.{p.key}", p) for point in tool for p in _OF_TOOL]
+
+
+def _assumed(rig: Rig) -> set[str]:
+    """Names of the parameters that the rig's `assumed` list means."""
+    out: set[str] = set()
+    for name in rig.assumed:
+        if name in rig.tool:
+            out |= {*attachment_names(name)}
+            continue
+        point, key = name.split(".", 1)
+        out |= {f"{point}.{p.key}" for p in _OF_POINT if key in (p.stored or p.key, p.inverse)}
+    return out
+
+
+def stated_u(rig: Rig, name: str) -> float | None:
+    """Standard uncertainty that the rig states of a parameter's value, in its unit; None where it states none."""
+    owner, _, key = name.rpartition(".")
+    if owner.startswith("tool."):
+        return rig.u_attachment_mm
+    if key == ENCODER_ZERO:
+        return _encoder(rig, owner).u_zero_deg
+    p, point = _OF_KEY[key], rig.point(owner)
+    holder = point.drum if p.owner is Owner.DRUM else point
+    u: float | None = getattr(holder, p.stated or f"u_{key}", None)
+    if u is None and p.inverse and (of_inverse := getattr(holder, f"u_{p.inverse}")) is not None:
+        u = of_inverse / getattr(holder, p.inverse) * getattr(holder, key)
+    return u
+
+
+class _Location(NamedTuple):
+    """Where rig.toml keeps a number: in what, that one's name, the key, and which of several numbers there."""
+
+    kind: Owner
+    owner: str
+    key: str
+    place: int | None
+
+
+def _located(name: str) -> _Location | None:
+    """Where a number of a calibration record's name is kept; None for a kind of number that a rig does not hold."""
+    owner, _, key = name.rpartition(".")
+    if key == ENCODER_ZERO:
+        return _Location(Owner.ENCODER, owner, key, None)
+    if owner.startswith("tool."):
+        index = next((p.index for p in _OF_TOOL if p.key == key), None)
+        point = owner.removeprefix("tool.")
+        return None if index is None else _Location(Owner.ATTACHMENT, point, point, index)
+    if key in _OF_KEY:
+        p = _OF_KEY[key]
+        return _Location(p.owner, owner, p.stored or key, p.index)
+    kind = next((kind for kind, model in ((Owner.POINT, ObservationPoint), (Owner.DRUM, Drum)) if key in model.model_fields), None)
+    return None if kind is None else _Location(kind, owner, key, None)
+
+
+def value_of(rig: Rig, name: str) -> float | None:
+    """The rig's number of a calibration record's name, a dimension's too, in the unit of the name; None for a kind of number that no rig
+    holds. RigError, the beginning of a sentence, where its owner is missing."""
+    at = _located(name)
+    if at is None:
+        return None
+    if at.kind is Owner.ATTACHMENT:
+        if at.owner not in rig.tool:
+            raise RigError(f"there is no point {at.owner} in [tool] of")
+        return rig.tool[at.owner][at.place or 0]
+    if at.kind is Owner.ENCODER:
+        encoder = next((e for e in rig.encoders if e.channel == at.owner), None)
+        if encoder is None:
+            raise RigError(f"there is no encoder {at.owner} in")
+        return encoder.zero_deg
+    point = next((p for p in rig.observation_point if p.name == at.owner), None)
+    if point is None:
+        raise RigError(f"there is no observation point {at.owner} in")
+    value = getattr(point.drum if at.kind is Owner.DRUM else point, at.key)
+    if value is None and at.key in _ABSENT:
+        return 0.0
+    value = value if at.place is None else value[at.place]
+    return float(value) if isinstance(value, int | float) else None
+
+
+def with_values(rig: Rig, values: Mapping[str, float]) -> Rig:
+    """The rig with other values of parameters or dimensions by their names, signs taken off where they mean nothing, guide angles brought
+    back to their ranges."""
+    data = rig.to_dict()
+    points = {p["name"]: p for p in data["observation_point"]}
+    encoders = {e["channel"]: e for e in (*data.get("swivel", ()), *data.get("inclination", ()))}
+    for name, number in values.items():
+        at = _located(name)
+        assert at is not None
+        value = abs(float(number)) if at.key in UNSIGNED else float(number)
+        point = points.get(at.owner, {})
+        holder = {Owner.POINT: point, Owner.DRUM: point.get("drum"), Owner.ATTACHMENT: data["tool"]}
+        holder = encoders[at.owner] if at.kind is Owner.ENCODER else holder[at.kind]
+        value = math.remainder(value, 360.0) if at.kind is Owner.ENCODER else value
+        if at.place is None:
+            holder[at.key] = value
+        else:
+            holder.setdefault(at.key, [0.0, 0.0])[at.place] = value
+    for point in points.values():
+        point[GUIDE[0]], point[GUIDE[1]] = _in_range(point[GUIDE[0]], point[GUIDE[1]])
+    return rig_from_dict(data, "calibrated rig")
+
+
+def _in_range(alpha: float, beta: float) -> tuple[float, float]:
+    """Guide angles [deg] of the same direction, alpha within +-90 and beta within +-360."""
+    alpha = math.remainder(alpha, 360.0)
+    if abs(alpha) > 90.0:
+        alpha, beta = math.copysign(180.0, alpha) - alpha, beta + 180.0
+    return alpha, math.remainder(beta, 360.0) if abs(beta) > 360.0 else beta
+
+
+def same_direction(key: str, angle: float) -> Iterable[float]:
+    """A guide angle [deg] and the other of the same direction: (alpha, beta) and (180 - alpha, beta + 180)."""
+    return angle, 180.0 - angle if key == GUIDE[0] else angle + 180.0
+
+
+def kernel_values(rows: FloatArray) -> FloatArray:
+    """(m, 13) parameters of m cables in the kernels' order and units, from their rows; NaN for what these do not have."""
+    out = np.full((len(rows), len(TABLE)), np.nan)
+    out[:, _IN_ROWS] = rows[:, _COLUMNS[_IN_ROWS]]
+    out[:, _PER_REVOLUTION] *= rows[:, [TURN_COUNTS]]
+    return out
+
+
+def with_kernel_values(rows: FloatArray, values: FloatArray) -> FloatArray:
+    """(m, CABLE_COLUMNS) rows of cables with parameters (m, 13) in the kernels' order and units."""
+    slots = Slots(rows, np.ones(values.shape, dtype=np.bool_))
+    return slots.filled(rows, values[slots.cable, slots.parameter])
+
+
+class Slots:
+    """Where chosen (m, 13) parameters of m cables, rows (m, CABLE_COLUMNS), stand in the kernels' rows: cable (k,) and parameter (k,) of
+    those that do."""
+
+    def __init__(self, rows: FloatArray, chosen: BoolArray) -> None:
+        self.cable, self.parameter = np.nonzero(chosen & _IN_ROWS)
+        self._at = self.cable, _COLUMNS[self.parameter]
+        self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, TURN_COUNTS], 1.0)
+        # an encoder of angles has its zero where a cable has a radius
+        self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter] & (rows[self.cable, KIND] == CABLE))
+
+    def filled(self, rows: FloatArray, values: FloatArray) -> FloatArray:
+        """The rows with values (k,) in the kernels' units there."""
+        out, new = rows.copy(), values / self._per
+        # a radius has no sign: a step below zero comes out on the other side
+        new[self._unsigned] = np.abs(new[self._unsigned])
+        out[self._at] = new
+        for row in out:
+            row[GUIDE_XYZ] = guide_direction(row[ALPHA], row[BETA])
+        return out

@@ -1,0 +1,391 @@
+"""The rig: observation points, drums, attachment points and cables, exactly as rig.toml writes them."""
+
+import difflib
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from lmeasure.core import DataFrame, FloatArray, IntArray, RigError, Shown, conventions, framed
+from lmeasure.io import Keys, Name, Strict, checked, files, refuse
+from lmeasure.kernels import (
+    ALPHA,
+    ANGLE_ZERO,
+    ATTACHMENT_XYZ,
+    AXIAL,
+    BASE_XYZ,
+    BETA,
+    CABLE_COLUMNS,
+    COUNT_LENGTH,
+    ECCENTRIC_PHASE,
+    ECCENTRICITY,
+    GUIDE_XYZ,
+    INCLINATION,
+    KIND,
+    RADIUS,
+    SWIVEL,
+    TANGENT,
+    TRAVEL,
+    TURN_COUNTS,
+)
+from lmeasure.rig.can import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
+from lmeasure.rig.encoders import AngleEncoder as AngleEncoder
+from lmeasure.rig.encoders import Inclination, Swivel
+from lmeasure.rig.points_and_drums import Cable as Cable
+from lmeasure.rig.points_and_drums import CableOnDrum, Expansion, Length, NotNegative
+from lmeasure.rig.points_and_drums import Drum as Drum
+from lmeasure.rig.points_and_drums import ObservationPoint as ObservationPoint
+
+CABLES_FOR_A_POSE = 6
+
+
+def _one_line(value: str) -> str:
+    if not value.isprintable():
+        raise ValueError("must be one line of printable text")
+    return value
+
+
+@dataclass(frozen=True)
+class Turned:
+    """An angle encoder as a channel of one pass: from an observation point and to an attachment point as the cable that turns it, both
+    empty of an inclinometer."""
+
+    encoder: Swivel | Inclination
+    passage: int = 1
+    from_point: str = ""
+    to_point: str = ""
+    again: bool = False
+    """Whether other passes read it too."""
+
+    @property
+    def channel(self) -> str:
+        """That of its column."""
+        return self.encoder.channel
+
+    @property
+    def name(self) -> str:
+        """That of its column; `sw1@2` in pass 2, where several passes read sw1."""
+        return f"{self.channel}@{self.passage}" if self.again else self.channel
+
+
+Observed = Cable | Turned
+"""What a channel of readings belongs to."""
+
+
+class Rig(Shown, Strict):
+    """The instrument as rig.toml states it."""
+
+    schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
+    """What the file is, and in which version."""
+    name: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
+    """By which reports call the rig."""
+    angles: Annotated[str, Field(json_schema_extra={"enum": list(conventions.CONVENTIONS)})] = conventions.DEFAULT
+    """The controller's convention of angles, in which reference poses and start poses are written."""
+    assumed: tuple[str, ...] = ()
+    """Values of this file that nobody measured, such as `B1.pulley_radius_mm` or `P1`: they have wide priors and are named in reports."""
+    calibration: str | None = None
+    """Record beside this file that `calibrate` wrote, and links here; it brings the covariance."""
+    constraint: Literal["planar", "vertical-axis"] | None = None
+    """What holds the tool where fewer than six cables measure it."""
+    side: tuple[float, float, float] | None = None
+    """Direction in which the tool lies from the middle of the observation points: tells assemblies apart where a run gives lengths."""
+    frame_expansion_per_k: Expansion | None = None
+    """Of what carries the observation points and drums, from the base frame's origin."""
+    reference_temperature_c: Annotated[float, Field(ge=-100, le=200)] | None = None
+    """Temperature at which the rig has the dimensions stated here; 20 where it is not given (ISO 1)."""
+    u_frame_expansion_per_k: NotNegative | None = None
+    """Standard uncertainty of `frame_expansion_per_k`."""
+    u_temperature_k: NotNegative | None = None
+    """Standard uncertainty of a temperature: of the parts against the thermometer."""
+    u_attachment_mm: NotNegative | None = None
+    """Of each coordinate of every attachment point in the tool frame."""
+    observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
+    """The observation points, a table `[[observation_point]]` each."""
+    tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
+    """Attachment points by their names, in the tool frame [mm]."""
+    cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
+    """The cables, a table `[[cable]]` each."""
+    swivel: tuple[Swivel, ...] = ()
+    """Encoders on swivel pulleys, a table `[[swivel]]` each."""
+    inclination: tuple[Inclination, ...] = ()
+    """Axes of inclinometers on the tool, a table `[[inclination]]` each."""
+    can: CanTable | None = None
+    """Which frames of the bus carry the counters; absent: the default frames of CiA 406 encoders on nodes 1, 2, ..."""
+
+    def about(self) -> dict[str, str]:
+        """Name, cables, points, calibration."""
+        passes = f" in {self.passes} passes" if self.passes > 1 else ""
+        assumed = {"assumed": ", ".join(self.assumed)} if self.assumed else {}
+        linked = "none" if self.calibration is None else self.calibration
+        points = ", ".join(p.name for p in self.observation_point)
+        beside = {kind: ", ".join(e.channel for e in of) for kind, of in self._encoders().items() if of}
+        cables = f"{len(self.cable)}{passes}"
+        return {"name": self.name, "cables": cables, "observation points": points, "calibration": linked} | beside | assumed
+
+    def to_frame(self) -> DataFrame:
+        """A row for each cable: its ends, its observation point, guide and pulley."""
+        rows = []
+        for cable in self.cable:
+            point = self.point(cable.from_point)
+            rows.append(
+                {"cable": cable.name, "channel": cable.channel, "pass": cable.passage, "from": cable.from_point, "to": cable.to_point}
+                | dict(zip(("x_mm", "y_mm", "z_mm"), point.position_mm, strict=True))
+                | {name: getattr(point, name) for name in ("guide_alpha_deg", "guide_beta_deg", "pulley_radius_mm")}
+                | {"count_length_mm": point.drum.count_length_mm}
+            )
+        return framed(rows)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        cables = [{"name": c.name, "channel": c.channel, "from": c.from_point, "to": c.to_point, "pass": c.passage} for c in self.cable]
+        refuse(_references({"observation_point": [{"name": p.name} for p in self.observation_point], "tool": self.tool, "cable": cables}))
+        if self.angles not in conventions.CONVENTIONS:
+            raise ValueError(f"angles: {self.angles!r} is not one of {', '.join(conventions.CONVENTIONS)}")
+        passes = {c.passage for c in self.cable}
+        if passes != set(range(1, len(passes) + 1)):
+            raise ValueError(f"cable: the passes are {sorted(passes)}; they must be numbered from 1 without a hole")
+        self._check_encoders()
+        if self.can is not None:
+            check_channels(self.can, {*self.channels, *(e.channel for e in self.encoders)})
+        known = set(self.parameter_names())
+        hints = {name: difflib.get_close_matches(name, known, n=1) for name in self.assumed if name not in known}
+        refuse(
+            (("assumed",), f"{name!r} names no value of this rig" + (f"; did you mean {hints[name][0]!r}?" if hints[name] else ""))
+            for name in hints
+        )
+        return self
+
+    def _check_encoders(self) -> None:
+        points = [p.name for p in self.observation_point]
+        taken = Counter([*self.channels, *(e.channel for e in self.encoders)])
+        found: list[tuple[Keys, str]] = []
+        for kind, of in self._encoders().items():
+            for i, e in enumerate(of):
+                at = (kind, i, "channel")
+                if e.channel in conventions.RESERVED_COLUMNS:
+                    found.append((at, f"{e.channel!r} is the name of another column of counts files"))
+                if taken[e.channel] > 1:
+                    found.append((at, f"{e.channel!r} is the channel of something else as well"))
+        for i, s in enumerate(self.swivel):
+            if s.point not in points:
+                found.append((("swivel", i, "point"), f"{s.point!r} is no observation_point ({', '.join(points)})"))
+                continue
+            leaving = [c for c in self.cable if c.from_point == s.point]
+            told = ", ".join(c.name for c in leaving) or "there is none"
+            if s.cable is not None and s.cable not in [c.name for c in leaving]:
+                found.append((("swivel", i, "cable"), f"{s.cable!r} is no cable from {s.point} ({told})"))
+            several = max(Counter(c.passage for c in leaving).values(), default=0) > 1
+            if not leaving or (s.cable is None and several):
+                found.append((("swivel", i), f"say by cable which of the cables from {s.point} turns {s.channel} ({told})"))
+        refuse(found)
+
+    def _encoders(self) -> dict[str, tuple[AngleEncoder, ...]]:
+        return {"swivel": self.swivel, "inclination": self.inclination}
+
+    @property
+    def encoders(self) -> tuple[AngleEncoder, ...]:
+        """Its angle encoders: of swivels, then of inclinometers."""
+        return (*self.swivel, *self.inclination)
+
+    def parameter_names(self) -> list[str]:
+        """Names that `assumed` may hold: `<observation point>.<key>`, drum keys included, and `<attachment point>`."""
+        keys = [k for k in ObservationPoint.model_fields if k not in {"name", "drum"} and not k.startswith("u_")]
+        keys += [k for k in Drum.model_fields if not k.startswith("u_") and k != "zero_exact"]
+        return [f"{p.name}.{k}" for p in self.observation_point for k in keys] + list(self.tool)
+
+    def point(self, name: str) -> ObservationPoint:
+        """The observation point of that name."""
+        return next(p for p in self.observation_point if p.name == name)
+
+    @property
+    def passes(self) -> int:
+        """How many passes of the motion the cables need."""
+        return max(c.passage for c in self.cable)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The counter channels of the cables, each once, in the cables' order."""
+        return tuple(dict.fromkeys(c.channel for c in self.cable))
+
+    def drums_of(self, passage: int = 1) -> dict[str, Drum]:
+        """The drum that each channel counts in one pass."""
+        return {c.channel: self.point(c.from_point).drum for c in self.cables_of(passage)}
+
+    @property
+    def observed(self) -> tuple[Observed, ...]:
+        """All channels of readings, of all passes: the cables, the swivels that they turn, the inclinometers' axes."""
+        swivels = [
+            Turned(s, c.passage, c.from_point, c.to_point, again=len(turning) > 1)
+            for s in self.swivel
+            if (turning := [c for c in self.cable if c.from_point == s.point and s.cable in (None, c.name)])
+            for c in turning
+        ]
+        passes = range(1, self.passes + 1)
+        leaning = [Turned(e, passage, again=self.passes > 1) for e in self.inclination for passage in passes]
+        return (*self.cable, *swivels, *leaning)
+
+    def counter(self, observed: Observed) -> Drum | Swivel | Inclination:
+        """What counts a channel."""
+        return observed.encoder if isinstance(observed, Turned) else self.point(observed.from_point).drum
+
+    def counters_of(self, passage: int = 1) -> dict[str, Drum | Swivel | Inclination]:
+        """What each column of a pass's counts shows."""
+        return {o.channel: self.counter(o) for o in self.observed if o.passage == passage}
+
+    @property
+    def can_table(self) -> RawCan | DbcCan | CanOpenCan | J1939Can:
+        """The `[can]` table, or the default frames of CiA 406 encoders."""
+        return self.can or default_can(self.all_channels)
+
+    @property
+    def all_channels(self) -> tuple[str, ...]:
+        """The counter channels of the cables, then those of the encoders of angles."""
+        return (*self.channels, *(e.channel for e in self.encoders))
+
+    def cables_of(self, passage: int) -> tuple[Cable, ...]:
+        """The cables measured in one pass."""
+        return tuple(c for c in self.cable if c.passage == passage)
+
+    def cable_rows(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+        """(m, columns) rows of the kernels (`lmeasure.kernels.layout`) for the given channels, default all cables: mm and rad, B and u in
+        the base frame, P in the tool frame."""
+        chosen = self.cable if cables is None else cables
+        return np.array([self._row(o) for o in chosen]).reshape(len(chosen), CABLE_COLUMNS)
+
+    def _row(self, o: Observed) -> FloatArray:
+        row = np.zeros(CABLE_COLUMNS)
+        counter = self.counter(o)
+        row[COUNT_LENGTH], row[TURN_COUNTS] = counter.per_count, counter.counts_per_revolution
+        if o.from_point:
+            p = self.point(o.from_point)
+            tilt = p.swivel_tilt_deg or (0.0, 0.0)
+            a, b = math.radians(p.guide_alpha_deg + tilt[0]), math.radians(p.guide_beta_deg + tilt[1])
+            row[BASE_XYZ], row[ATTACHMENT_XYZ] = p.position_mm, self.tool[o.to_point]
+            row[GUIDE_XYZ] = (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
+            row[ALPHA], row[BETA] = a, b
+        if isinstance(counter, Drum):
+            row[RADIUS] = p.pulley_radius_mm
+            row[TANGENT], row[AXIAL] = counter.tangent_length_mm, counter.axial_offset_mm
+            row[TRAVEL] = counter.axial_per_count_mm
+            return row
+        row[ANGLE_ZERO] = math.radians(counter.zero_deg or 0.0)
+        if isinstance(counter, Swivel):
+            row[KIND], row[ECCENTRICITY] = SWIVEL, math.radians(counter.eccentricity_deg or 0.0)
+            row[ECCENTRIC_PHASE] = math.radians(counter.eccentricity_phase_deg or 0.0)
+            return row
+        row[KIND] = INCLINATION
+        row[BASE_XYZ] = np.array(counter.up) / math.hypot(*counter.up)
+        row[ATTACHMENT_XYZ] = np.array(counter.axis) / math.hypot(*counter.axis)
+        return row
+
+    def scales(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+        """(m,) decoding scales of the channels' counters, default of all cables."""
+        return np.array([self.counter(o).scale for o in (self.cable if cables is None else cables)])
+
+    def zeroings(self, cables: tuple[Observed, ...] | None = None) -> IntArray:
+        """(m,) which zeroing of a counter each cable is counted from, numbered from 0 in the order of the cables, default all.
+
+        A channel that leads the same cable, from and to, in passes that follow one another on it is taken not to be zeroed again between
+        them. To lead another it has to be taken off at the start pose, fastened there and zeroed.
+        """
+        zeroing: dict[tuple[str, int], int] = {}
+        led: dict[str, tuple[str, str, int]] = {}
+        for c in sorted(self.observed, key=lambda c: c.passage):
+            before = led.get(c.channel)
+            same = before is not None and before[:2] == (c.from_point, c.to_point)
+            led[c.channel] = c.from_point, c.to_point, before[2] if before is not None and same else c.passage
+            zeroing[c.channel, c.passage] = led[c.channel][2]
+        begun = [(c.channel, zeroing[c.channel, c.passage]) for c in (self.cable if cables is None else cables)]
+        number = {key: i for i, key in enumerate(dict.fromkeys(begun))}
+        return np.array([number[key] for key in begun], dtype=np.int64)
+
+    def require_pose(self, redundant: bool = False) -> None:
+        """RigError unless the cables can tell a whole pose: six of them, or more where these are welcome, to attachment points that do not
+        lie on one line."""
+        if len(self.cable) < CABLES_FOR_A_POSE or (len(self.cable) > CABLES_FOR_A_POSE and not redundant):
+            raise RigError(
+                f"rig {self.name!r}: has {len(self.cable)} cables; a pose is reconstructed from "
+                f"{'at least' if redundant else 'exactly'} {CABLES_FOR_A_POSE}, "
+                "in one pass or in several"
+            )
+        self.require_spread()
+
+    def require_spread(self) -> None:
+        """RigError when the attachment points lie on one line: no cable sees a turn about it."""
+        used = sorted({c.to_point for c in self.cable})
+        points = np.array([self.tool[name] for name in used])
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if len(used) < 3 or spread[1] < 1e-6 * max(spread[0], 1e-9) or spread[1] < 1e-3:
+            raise RigError(
+                f"rig {self.name!r}: tool: the attachment points {', '.join(used)} lie on one line; the orientation cannot be measured"
+            )
+
+    def without_effects(self) -> Self:
+        """The rig with cables of fixed length: nothing stated of temperature, tension and weight, drums and pulleys that run true."""
+        nothing: dict[str, None] = dict.fromkeys((*CableOnDrum.model_fields, *Drum.UNTRUE))
+        true: dict[str, Any] = dict.fromkeys(ObservationPoint.UNTRUE)
+        points = tuple(p.model_copy(update={"drum": p.drum.model_copy(update=nothing)} | true) for p in self.observation_point)
+        frame = dict.fromkeys(("frame_expansion_per_k", "u_frame_expansion_per_k", "u_temperature_k"))
+        return self.model_copy(update={"observation_point": points} | frame)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of rig.toml, optional keys left out where they are not set."""
+        data = self.model_dump(by_alias=True, exclude_none=True, mode="json")
+        # a limit that nobody stated would else be stated by the file
+        for point, table in zip(self.observation_point, data["observation_point"], strict=True):
+            if not point.drum.rate_stated:
+                del table["drum"]["max_cable_speed_mm_s"]
+        for kind, encoders in self._encoders().items():
+            for encoder, table in zip(encoders, data[kind], strict=True):
+                if not encoder.rate_stated:
+                    del table["max_speed_deg_s"]
+        # rigs without encoders, and digests of them, do not have these keys
+        return {key: value for key, value in data.items() if value or key not in self._encoders()}
+
+
+def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
+    """What contradicts itself in the names of a rig.toml's content, whatever else is wrong with it: (keys, what is wrong)."""
+    lists = {key: data.get(key) for key in ("observation_point", "cable")}
+    tables = {key: [t for t in value if isinstance(t, dict)] if isinstance(value, list) else [] for key, value in lists.items()}
+    points, tool = [p.get("name") for p in tables["observation_point"]], data.get("tool")
+    # a point whose name is missing or no text may be the one that is meant, and is complained of itself
+    named_all = all(isinstance(p, str) for p in points)
+    for kind, named in tables.items():
+        for i, table in enumerate(named):
+            if isinstance(name := table.get("name"), str) and name in [t.get("name") for t in named[:i]]:
+                yield (kind, i, "name"), f"the name {name!r} is given {sum(t.get('name') == name for t in named)} times"
+    served: set[tuple[str, int]] = set()
+    for i, c in enumerate(tables["cable"]):
+        channel, start, end, passage = c.get("channel"), c.get("from"), c.get("to"), c.get("pass", 1)
+        if isinstance(channel, str) and channel in conventions.RESERVED_COLUMNS:
+            yield ("cable", i, "channel"), f"{channel!r} is the name of another column of counts files"
+        if named_all and isinstance(start, str) and start not in points:
+            yield ("cable", i, "from"), f"{start!r} is no observation_point ({', '.join(map(str, dict.fromkeys(points)))})"
+        if isinstance(end, str) and isinstance(tool, dict) and end not in tool:
+            yield ("cable", i, "to"), f"{end!r} is no point of [tool] ({', '.join(tool)})"
+        if isinstance(channel, str) and isinstance(passage, int) and not isinstance(passage, bool):
+            if (channel, passage) in served:
+                yield ("cable", i, "channel"), f"{channel!r} serves another cable too in pass {passage}; one cable per pass"
+            served.add((channel, passage))
+
+
+def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
+    """A checked rig; RigError names the source and the key."""
+    if "schema" not in data:
+        raise RigError(f"{source}: schema: is missing; this program reads 'lmeasure.rig/1'")
+    return checked(data, Rig, source, RigError, also=_references)
+
+
+def read_rig(path: Path) -> Rig:
+    """Read and check a rig.toml; RigError names the file and the key."""
+    return rig_from_dict(files.read_toml(path), str(path))
+
+
+def write_rig(path: Path, rig: Rig) -> None:
+    """Write a rig.toml, whole or not at all."""
+    files.write_toml(path, rig.to_dict())

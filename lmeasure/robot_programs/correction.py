@@ -1,0 +1,227 @@
+"""A program corrected for an identified robot: of every target a way to it chosen, corrected and written back; what was left, said."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, framed, se3
+from lmeasure.io import files
+from lmeasure.robot_programs.frame_evidence import NEAR_RAD, contradicted
+from lmeasure.robot_programs.program import Dialect, Listing, Target, rewritten
+from lmeasure.robots import NO_POSE, Correction, IdentifiedRobot, Limits, corrections, fits, in_keep_out, ways, whole_turns
+
+AS_WRITTEN_DEG = 0.02
+"""By which a joint at 0 or at a quarter may seem to be beyond it, because places and angles were written with few decimals."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a target. correction: None where no way to it was found or chosen; left: why it stays as it was, empty where it does
+    not; u95_mm: radius about the wanted place that holds 95 % of where the corrected robot goes, what clipping leaves added; u_mm: standard
+    uncertainty of that by identification alone, all coordinates together."""
+
+    target: Target
+    file: str
+    correction: Correction | None
+    values: tuple[float, ...]
+    left: str
+    u95_mm: float
+    u_mm: float
+
+
+@dataclass(frozen=True, repr=False)
+class Corrected(Shown):
+    """outcomes in the order of the listing, and the texts of its sources."""
+
+    outcomes: tuple[Outcome, ...]
+    texts: tuple[str, ...]
+
+    def about(self) -> dict[str, str]:
+        """How many targets are corrected, by how much, and how well the robot goes there."""
+        out = {"targets": f"{len(self.outcomes)}, {self.changed} corrected"}
+        sizes = [o.correction.size_mm for o in self.done if o.correction is not None]
+        return out | ({"largest correction": f"{max(sizes):.3f} mm", "U95": f"{max(o.u95_mm for o in self.done):.3f} mm"} if sizes else {})
+
+    def to_frame(self) -> DataFrame:
+        """A row for each target."""
+        return framed([{key: value for key, value in _record(o).items() if not isinstance(value, list)} for o in self.outcomes])
+
+    @property
+    def done(self) -> tuple[Outcome, ...]:
+        """The targets that are corrected."""
+        return tuple(o for o in self.outcomes if not o.left and o.correction is not None)
+
+    @property
+    def u_mm(self) -> dict[str, float]:
+        """By name of a target, the standard uncertainty that identification leaves of it [mm], all coordinates together; of targets of one
+        name the largest."""
+        out: dict[str, float] = {}
+        for o in self.done:
+            out[o.target.name] = max(o.u_mm, out.get(o.target.name, 0.0))
+        return out
+
+    @property
+    def changed(self) -> int:
+        """How many targets are corrected."""
+        return sum(not o.left for o in self.outcomes)
+
+
+def corrected_program(
+    listing: Listing, dialect: Dialect, robot: IdentifiedRobot, *, limits: Limits, near: Sequence[float] = ()
+) -> Corrected:
+    """Targets in the order in which first motions to them stand, joint values nearest to the one before, at first to near (n,) [deg, mm]
+    or to the first target of joint values. Where neither the configuration nor such values tell one way of several, a target is left.
+
+    A target in a keep-out box or on a straight way through one, as the identified robot goes to it, is left too. Jumps, loops and calls
+    are not followed: a way that only they make is not looked at.
+    """
+    order = sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved)
+    apart = contradicted(listing, dialect, robot.nominal, single=not len(near))
+    chosen, left = _chosen([i for i in order if i not in apart], listing, dialect, robot, near)
+    left |= apart
+    ready = corrections(robot.nominal, robot.seen, np.array(list(chosen.values())), limits) if chosen else []
+    found = dict(zip(chosen, ready, strict=True))
+    outcomes: dict[int, Outcome] = {}
+    values: dict[int, Sequence[float]] = {}
+    place: FloatArray | None = None
+    for i in order:
+        target = listing.targets[i]
+        file = listing.sources[target.source].name
+        if i in left:
+            outcomes[i] = Outcome(target, file, None, target.values, left[i], float("nan"), float("nan"))
+            continue
+        why = found[i].refused or _other_flags(target, dialect, found[i], robot)
+        tool = listing.frames.get(target.tool, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+        at = se3.compose(robot.seen.forward(found[i].joints[None])[0], tool)[:3]
+        if not why and in_keep_out(limits, np.array([at if place is None else place, at])) is not None:
+            why = "the way to it leads through a keep-out box"
+        place = at
+        new = list(target.values) if why else [float(v) for v in _values(target, listing, dialect, found[i], robot)]
+        u95 = float(robot.u95_mm(found[i].joints[None])[0]) + found[i].left_mm
+        outcomes[i] = Outcome(target, file, found[i], tuple(new), why, u95, float(robot.u_mm(found[i].joints[None])[0]))
+        if not why:
+            values[i] = new
+    return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
+
+
+def _chosen(
+    order: Sequence[int], listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]
+) -> tuple[dict[int, FloatArray], dict[int, str]]:
+    """By target, the joint values at which the controller reaches it, each nearest to those before; and why others have none."""
+    chosen: dict[int, FloatArray] = {}
+    left: dict[int, str] = {}
+    last = _first(listing, dialect, robot, near)
+    for i in order:
+        joints, left[i] = _joints(listing.targets[i], listing, dialect, robot, last)
+        if joints is not None and not np.isfinite([m.forward(joints[None])[0] for m in (robot.nominal, robot.seen)]).all():
+            joints, left[i] = None, NO_POSE
+        if joints is not None:
+            chosen[i] = last = joints
+            del left[i]
+    return chosen, left
+
+
+def _first(listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]) -> FloatArray | None:
+    if len(near):
+        return np.where(robot.nominal.sliding, near, np.radians(near))
+    for target in sorted(listing.targets, key=lambda t: t.moved):
+        if target.joints and len(target.values) == len(robot.nominal.joint_names):
+            return _of_joints(target, dialect, robot)
+    return None
+
+
+def _of_joints(target: Target, dialect: Dialect, robot: IdentifiedRobot) -> FloatArray:
+    values = np.array(target.values)
+    return np.where(robot.nominal.sliding, values, values * dialect.joint_size)
+
+
+def _joints(
+    target: Target, listing: Listing, dialect: Dialect, robot: IdentifiedRobot, last: FloatArray | None
+) -> tuple[FloatArray | None, str]:
+    """The joint values at which the controller reaches a target, or why they are not known."""
+    low, high = robot.nominal.limits
+    if target.joints:
+        if len(target.values) != len(low):
+            return None, f"{len(target.values)} joint values; the robot has {len(low)}"
+        joints = _of_joints(target, dialect, robot)
+        return (joints, "") if ((joints >= low - 1e-9) & (joints <= high + 1e-9)).all() else (None, "beyond the limits of the joints")
+    if target.near:
+        if len(target.near) != len(low):
+            return None, f"{len(target.near)} joint values are stated beside it; the robot has {len(low)}"
+        last = np.where(robot.nominal.sliding, target.near, np.array(target.near) * dialect.joint_size)
+    flange = se3.compose(listing.frames[target.base], dialect.pose(target.values))
+    found = ways(robot.nominal, se3.compose(flange, se3.inverse(listing.frames[target.tool])), last)
+    if not len(found):
+        return None, "out of the nominal robot's reach"
+    if target.near and last is not None and not target.taught:
+        away = np.where(robot.nominal.sliding, 0.0, np.abs(found - last)).max(axis=1)
+        if away.min() > NEAR_RAD:
+            return None, f"none of its {len(found)} ways is within 90° of the joint values that the program states beside it"
+    if target.flags:
+        # a configuration may tell whole turns: those nearest to the target before are not always meant
+        every = [q for way in found for q in whole_turns(robot.nominal, way)]
+        found = np.array(sorted(every, key=lambda q: 0.0 if last is None else float(np.abs(q - last).max())))
+    fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q, slack_deg=AS_WRITTEN_DEG)]
+    if target.loose and last is not None:
+        # nearest to where the robot comes from, unless what is stated says another
+        if fitting and not np.array_equal(fitting[0], found[0]):
+            return None, "its configuration may not hold (ConfJ or ConfL \\Off), and the target before says another; state --near"
+        return found[0], ""
+    if target.loose and len(found) > 1:
+        return None, "its configuration may not hold (ConfJ or ConfL \\Off), and nothing says where the robot comes from; state --near"
+    if not fitting:
+        return None, f"none of its {len(found)} ways has the configuration that it states"
+    if last is None and len(fitting) > 1:
+        return None, f"{len(fitting)} ways lead to it, and nothing says which; state --near"
+    return fitting[0], ""
+
+
+def _other_flags(target: Target, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> str:
+    if target.joints or target.loose or fits(dialect.name, target.flags, robot.nominal, found.joints):
+        return ""
+    return "corrected it would have another configuration than the program states"
+
+
+def _values(target: Target, listing: Listing, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> FloatArray:
+    """The numbers to be written."""
+    if target.joints:
+        return np.where(robot.nominal.sliding, found.joints, found.joints / dialect.joint_size)
+    pose = se3.compose(se3.compose(se3.inverse(listing.frames[target.base]), found.flange), listing.frames[target.tool])
+    return dialect.numbers(pose, target.values)
+
+
+def as_record(found: Corrected, listing: Listing, frames: Mapping[str, FloatArray]) -> dict[str, object]:
+    """The content of corrections.json."""
+    return {
+        "schema": "lmeasure.corrections/1",
+        "targets": [_record(o) for o in found.outcomes],
+        "corrected": found.changed,
+        "unread": [{"file": u.file, "line": u.line, "text": str(u)} for u in listing.unread],
+        "frames": {name: {"position_mm": row[:3].tolist(), "quaternion_xyzw": row[3:].tolist()} for name, row in frames.items()},
+    }
+
+
+def _record(o: Outcome) -> dict[str, object]:
+    out: dict[str, object] = {"name": o.target.name, "file": o.file, "line": o.target.line, "left": o.left or None}
+    out |= {"values": list(o.target.values), "corrected_values": list(o.values)}
+    if o.correction is not None:
+        c = o.correction
+        out |= {"size_mm": c.size_mm, "size_deg": float(np.degrees(c.size_rad)), "error_before_mm": c.was_mm, "error_left_mm": c.left_mm}
+        out |= {"clipped": c.clipped, "u95_mm": None if np.isnan(o.u95_mm) else o.u95_mm, "u_identified_mm": o.u_mm}
+    return out
+
+
+def identified_mm(path: Path) -> dict[str, float]:
+    """`Corrected.u_mm` of a corrections.json; FileFormatError where it is none."""
+    out: dict[str, float] = {}
+    raw = files.read_bytes(path)
+    try:
+        for row in json.loads(raw)["targets"]:
+            if not row["left"]:
+                out[str(row["name"])] = max(float(row["u_identified_mm"]), out.get(str(row["name"]), 0.0))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise FileFormatError(f"{path}: not what `lmeasure correct` writes: {error!r}") from None
+    return out

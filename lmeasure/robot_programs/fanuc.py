@@ -1,0 +1,172 @@
+"""FANUC TP listings (.ls): positions P[n] of group 1 in user frames and tools; CONFIG is read, not changed.
+
+X, Y, Z in mm and W, P, R in degrees: R = Rz(R) Ry(P) Rx(W). Frames are `UF[n]` and `UT[n]`; UF 0 is the robot's own. A position that a
+motion takes with an offset, along with a moving workpiece or with a tool that stands still, that is not taught (asterisks), or whose
+extended axes are not at 0, is left, and so are those in frames that the program sets.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lmeasure.robot_programs.euler import of_angles
+from lmeasure.robot_programs.program import (
+    IDENTITY,
+    NUMBER,
+    Dialect,
+    Listing,
+    Source,
+    Span,
+    Target,
+    Unread,
+    closing,
+    wrong,
+)
+
+POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
+_POSITION = re.compile(r'^[ \t]*P\[\s*(\d+)\s*(?::\s*"?([^"\]]*))?[^\]]*\]\s*(?=\{)', re.M)
+_MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCAS])\s+(.*?);", re.M | re.S)
+_NAMED = re.compile(r"\b(PR?)\[\s*([^\]:]*)[^\]]*\]")
+_BY_DIFFERENCE = re.compile(r"\b(\w*OFFSET|INC|TRACK|COORD|RTCP)\b", re.I)
+_ASSIGNED = re.compile(r"^[ \t]*\d*\s*:\s*P\[\s*(\d+)[^\]]*\]\s*=", re.M)
+_SET_FRAME = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME|UTOOL)\s*\[\s*(?:GP\d+\s*:\s*)?(\w+).*?=", re.M)
+_FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
+_CURRENT = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME_NUM|UTOOL_NUM)\s*=\s*(\w+)", re.M)
+_FIELD = re.compile(rf"\b([XYZWPR]|[JE]\d)\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
+_CONFIG = re.compile(r"CONFIG\s*:\s*'([NF])\s*(?:[LR]\s*)?([UD])?\s*([TB])\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*'")
+_pose, _numbers = of_angles("fanuc-wpr")
+
+
+def read(sources: Sequence[Source]) -> Listing:
+    """The targets of listings."""
+    targets: list[Target] = []
+    unread: list[Unread] = []
+    for k, source in enumerate(sources):
+        _read(k, source, targets, unread)
+    own = np.array(IDENTITY)
+    return Listing(tuple(sources), tuple(targets), {"UF[0]": own, "UT[0]": own}, tuple(unread))
+
+
+def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -> None:
+    text = source.text
+    body, positions = _sections(text)
+
+    def leave(place: int, why: str) -> None:
+        unread.append(Unread(source.name, source.line(place), why))
+
+    used: dict[int, set[str]] = {}
+    first: dict[int, int] = {}
+    for m in _MOTION.finditer(text, *body):
+        if m[2].lstrip().startswith("!"):
+            continue
+        by, registers = _BY_DIFFERENCE.search(m[2]), list(_NAMED.finditer(m[2]))
+        if not registers:
+            leave(m.start(1), f"{m[1]} {m[2].strip().partition(' ')[0]}: a position that is computed")
+        for register in registers:
+            number = register[2].strip()
+            if m[2][register.end() :].lstrip().startswith("="):
+                continue  # what a skip condition keeps
+            if register[1] == "PR" or not number.isdigit():
+                if not (by and register.start() > by.start()):
+                    leave(m.start(1), f"{m[1]} {register[0]}: a position that is computed")
+            else:
+                used.setdefault(int(number), set()).add(by[1].upper() if by else "")
+                first.setdefault(int(number), m.start(2) + register.start())
+    current = {"UF": {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UFRAME_NUM"}}
+    current["UT"] = {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UTOOL_NUM"}
+    # of a number that is computed any may be meant
+    set_here = {f"{m[1][:2]}[{m[2] if m[2].isdigit() else ''}": source.line(m.start(1)) for m in _SET_FRAME.finditer(text, *body)}
+    changed = {int(m[1]): source.line(m.start(1)) for m in _ASSIGNED.finditer(text, *body)}
+    for m in _POSITION.finditer(text, *positions):
+        number, end = int(m[1]), closing(text, m.end(), "{}")
+        name = f"P[{number}]"
+        if end < 0:
+            leave(m.start(), f"{name}: not closed")
+            continue
+        differences = sorted(d for d in used.get(number, set()) if d)
+        if number not in used:
+            leave(m.start(), f"{name}: no motion goes to it")
+        elif number in changed:
+            leave(m.start(), f"{name}: is changed by the program in {source.name}:{changed[number]}")
+        elif differences:
+            leave(m.start(), f"{name}: is moved to with {', '.join(differences)}")
+        else:
+            found = _target(k, source, name, (m.end(), end), current)
+            if isinstance(found, str):
+                leave(m.start(), f"{name}: {found}")
+                continue
+            frame = next((f for t in found if not t.joints for f in (t.base, t.tool) if _set_at(f, set_here)), "")
+            if frame:
+                leave(m.start(), f"{name}: its frame {frame} is set by the program in {source.name}:{_set_at(frame, set_here)}")
+            else:
+                targets += [replace(t, moved=(k, first[number]), label=(m[2] or "").strip()) for t in found]
+
+
+def _set_at(frame: str, set_here: Mapping[str, int]) -> int:
+    """The line that sets a frame, 0 where none does: that of the robot, number 0, is never set."""
+    which, number = frame[:2], frame[3:-1]
+    return 0 if number == "0" else set_here.get(f"{which}[{number}", set_here.get(f"{which}[", 0))
+
+
+def _target(k: int, source: Source, name: str, span: Span, current: dict[str, set[str]]) -> list[Target] | str:
+    """The position between braces, twice where it is told by joint values and as a pose, or why it is none."""
+    text = source.text
+    start = text.find("GP1", *span)
+    other = re.compile(r"GP[2-9]").search(text, *span)
+    if start < 0:
+        return "has nothing of group 1"
+    stop = other.start() if other and other.start() > start else span[1]
+    fields = {}
+    for m in _FIELD.finditer(text, start, stop):
+        if m[2].startswith("*"):
+            return "not taught"
+        unit = "mm" if m[1] in "XYZ" else "deg"
+        if m[3] and m[3] != unit and m[1][0] != "E":
+            return f"{m[1]} in {m[3]}"
+        if m[1] in fields:
+            return f"{m[1]} stated twice"
+        fields[m[1]] = (float(m[2]), m.span(2))
+    both = all(key in fields for key in (*AXES, *POSE))
+    joints = "J1" in fields and not both
+    wanted = AXES if joints else POSE
+    missing = [key for key in wanted if key not in fields]
+    if missing:
+        return f"{', '.join(missing)} not stated"
+    if why := wrong([v for v, _ in fields.values()]):
+        return why
+    out = [key for key in fields if key[0] == "E" and fields[key][0]]
+    if out and not joints:
+        return f"{out[0]} is at {fields[out[0]][0]:g}: where robot and workpiece then are is not known"
+    frames = {}
+    for m in _FRAME.finditer(text, start, stop):
+        own = m[2] if m[2].isdigit() else next(iter(current[m[1]])) if len(current[m[1]]) == 1 else ""
+        if not own.isdigit() and not joints:
+            return f"{m[1]} is the one that the controller then has"
+        frames[m[1]] = f"{m[1]}[{int(own)}]" if own.isdigit() else ""
+    if set(frames) != {"UF", "UT"} and not joints:
+        return "UF and UT not stated"
+    config = _CONFIG.search(text, start, stop)
+    if config is None and not joints and text.find("CONFIG", start, stop) >= 0:
+        return "a CONFIG of another kind"
+    flags = {} if config is None else {"flip": int(config[1] == "F"), "up": int(config[2] != "D"), "front": int(config[3] == "T")}
+    flags |= {} if config is None else {f"turn{i}": int(config[3 + i]) for i in (1, 2, 3)}
+    values, spans = zip(*(fields[key] for key in wanted), strict=True)
+    told = Target(name, k, source.line(span[0]), joints, values, spans, frames.get("UF", ""), frames.get("UT", ""), flags)
+    if not both:
+        return [told]
+    axes, places = zip(*(fields[key] for key in AXES), strict=True)
+    return [replace(told, near=axes, taught=True), replace(told, joints=True, values=axes, spans=places, flags={})]
+
+
+def _sections(text: str) -> tuple[Span, Span]:
+    """Places of the instructions and of the positions; remarks stay in, since their lines begin with !."""
+    begin, positions, end = (re.search(rf"^/{name}\b", text, re.M) for name in ("MN", "POS", "END"))
+    last = end.start() if end else len(text)
+    middle = positions.start() if positions else last
+    return (begin.end() if begin else 0, middle), (middle, last)
+
+
+DIALECT = Dialect("fanuc", read, _pose, _numbers, math.radians(1.0), (3, 3, 3), ("UF[0]", "UT[0]"))

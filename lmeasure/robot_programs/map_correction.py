@@ -1,0 +1,92 @@
+"""A program corrected by a map of measured errors: for who has no model of the robot, where the map tells something and nowhere else.
+
+A robot that is told a pose p goes to p with the error e(p); it is told p* with p* + e(p*) = p, found by going on from p. Errors change so
+little over their own size that each step leaves a thousandth of the one before.
+"""
+
+import numpy as np
+
+from lmeasure.core import FloatArray, se3
+from lmeasure.robot_programs.correction import Corrected, Outcome
+from lmeasure.robot_programs.program import Dialect, Listing, Target, rewritten
+from lmeasure.robots import Correction, ErrorMap, Limits, in_keep_out, too_large
+
+STEPS = 50
+SETTLED = 1e-9
+SAME_MM, SAME_RAD = 0.01, 1e-4
+"""By which a program's tool may differ from the one that the map was measured with."""
+
+
+def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limits: Limits, tool: FloatArray | None = None) -> Corrected:
+    """Targets in the order in which first motions to them stand. tool (7,): where the measured target sat on the flange; a target told with
+    another is left, and with None every tool is taken for that one."""
+    outcomes: dict[int, Outcome] = {}
+    values: dict[int, list[float]] = {}
+    place: FloatArray | None = None
+    for i in sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved):
+        target = listing.targets[i]
+        file = listing.sources[target.source].name
+        why = _unfit(target, listing, tool)
+        if why:
+            outcomes[i] = Outcome(target, file, None, target.values, why, float("nan"), float("nan"))
+            continue
+        wanted = se3.compose(listing.frames[target.base], dialect.pose(target.values))
+        found = _corrected(wanted, errors, limits)
+        why = found.refused
+        if not why and in_keep_out(limits, np.array([wanted[:3] if place is None else place, wanted[:3]])) is not None:
+            why = "the way to it leads through a keep-out box"
+        place = wanted[:3]
+        new = list(target.values)
+        if not why:
+            told = se3.compose(se3.inverse(listing.frames[target.base]), found.flange)
+            new = values[i] = [float(v) for v in dialect.numbers(told, target.values)]
+        at = _known(errors, found.flange)[None]
+        outcomes[i] = Outcome(target, file, found, tuple(new), why, float(errors.u95_mm(at)[0]) + found.left_mm, float(errors.u_mm(at)[0]))
+    return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
+
+
+def _unfit(target: Target, listing: Listing, tool: FloatArray | None) -> str:
+    """Why a map cannot be asked about a target."""
+    if target.joints:
+        return "joint values: a map knows poses alone"
+    if tool is None:
+        return ""
+    off = se3.displacement(listing.frames[target.tool], tool)
+    if np.linalg.norm(off[3:]) <= SAME_MM and np.linalg.norm(off[:3]) <= SAME_RAD:
+        return ""
+    return f"its tool {target.tool} is not the one that the map was measured with"
+
+
+def _known(errors: ErrorMap, pose: FloatArray) -> FloatArray:
+    """A pose as the map knows poses: without an orientation where it has none."""
+    return pose if errors.turned else np.concatenate([pose[:3], [0.0, 0.0, 0.0, 1.0]])
+
+
+def _corrected(wanted: FloatArray, errors: ErrorMap, limits: Limits) -> Correction:
+    nothing = np.zeros(0)
+    was = errors.errors(_known(errors, wanted)[None])[0]
+    told, step = wanted, np.inf
+    for _ in range(STEPS):
+        # displacements act from the left: what is told is what is wanted less the error that it will have
+        after = se3.displaced(wanted, -errors.errors(_known(errors, told)[None])[0])
+        step, told = float(np.abs(se3.displacement(after, told)).max()), after
+        if step < SETTLED:
+            break
+    refused = errors.outside(_known(errors, wanted)) or errors.outside(_known(errors, told))
+    if not refused and step >= SETTLED:
+        refused = "errors change too much around it to be corrected"
+    change, clipped = se3.displacement(told, wanted), False
+    if not refused and (why := too_large(change, limits)):
+        if limits.clip:
+            size = np.array([np.linalg.norm(change[3:]), np.linalg.norm(change[:3])])
+            change = change * float((np.array([limits.most_mm, limits.most_rad]) / np.maximum(size, 1e-300)).min())
+            told, clipped = se3.displaced(wanted, change), True
+        else:
+            refused = why
+    if refused:
+        told, change = wanted, np.zeros(6)
+    left = se3.displacement(se3.displaced(told, errors.errors(_known(errors, told)[None])[0]), wanted)
+    size_mm, size_rad, was_mm, left_mm, left_rad = (
+        float(np.linalg.norm(part)) for part in (change[3:], change[:3], was[3:], left[3:], left[:3])
+    )
+    return Correction(nothing, nothing, wanted, told, size_mm, size_rad, was_mm, left_mm, left_rad, clipped, refused)

@@ -1,0 +1,220 @@
+"""What every dialect makes of a program: targets with the places of their numbers, frames, and what was not understood.
+
+A dialect never guesses. A position is a target where the program moves to it as it stands, in frames that the program or the user
+states; everything else that holds or moves to a position is listed with its line and left as it is.
+"""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import MAX_LENGTH_MM, FloatArray, se3, shortened
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+Span = tuple[int, int]
+UNIT = 1e-3
+"""By which the length of a quaternion may differ from 1: programs have four decimals and more."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file of a program: its name, and its text, one character a byte (latin-1), so that what is not touched stays byte for byte."""
+
+    name: str
+    text: str
+
+    def line(self, place: int) -> int:
+        """The number of the line of a character, from 1."""
+        return self.text.count("\n", 0, place) + 1
+
+
+@dataclass(frozen=True)
+class Unread:
+    """Something that was left as it is: where, and why, one line."""
+
+    file: str
+    line: int
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {shortened(' '.join(self.why.split()))}"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A position of a program. values: its numbers as written, in the dialect's units, spans their places in the source; joints: whether
+    they are joint values; base, tool: names of the frames that it is told in, of `Listing.frames`; flags: of its configuration, by name;
+    moved: source and place of the first motion to it, which need not stand where the target does; near: joint values in the dialect's units
+    that the program states beside a pose, the way to which is the nearest to them; loose: the controller may be told to pass over the
+    flags, so that a way is known where the target before says none but theirs; taught: `near` are the joint values
+    of the pose itself; label: what the program calls the point, where that is not its name; sizes: of the
+    dialect's units in those that the numbers are written in, where these are others."""
+
+    name: str
+    source: int
+    line: int
+    joints: bool
+    values: tuple[float, ...]
+    spans: tuple[Span, ...]
+    base: str = ""
+    tool: str = ""
+    flags: Mapping[str, int] = field(default_factory=dict)
+    moved: tuple[int, int] = (0, 0)
+    near: tuple[float, ...] = ()
+    loose: bool = False
+    taught: bool = False
+    label: str = ""
+    sizes: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a controller writes poses and joint values.
+
+    pose: base_from_tool (7,) of a target's numbers; numbers: those of a pose, near old ones where several say the same; joint_size: rad per
+    unit of a joint value; decimals of places, orientations and joints that are written at least; known: frames of every program.
+    """
+
+    name: str
+    read: Callable[[Sequence[Source]], "Listing"]
+    pose: Callable[[Sequence[float]], FloatArray]
+    numbers: Callable[[FloatArray, Sequence[float]], FloatArray]
+    joint_size: float
+    decimals: tuple[int, int, int]
+    known: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A program read: frames [mm] by name, as far as it states them; assumed: those that hold where the user states no others."""
+
+    sources: tuple[Source, ...]
+    targets: tuple[Target, ...]
+    frames: Mapping[str, FloatArray]
+    unread: tuple[Unread, ...]
+    assumed: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def stated(self, frames: Mapping[str, FloatArray]) -> "Listing":
+        """With frames that the user states; what the program states itself holds. Targets whose frame nobody states become unread."""
+        known = dict(self.assumed) | dict(frames) | dict(self.frames)
+        lost, kept = list(self.unread), []
+        for target in self.targets:
+            missing = [] if target.joints else [name for name in (target.base, target.tool) if name not in known]
+            if missing:
+                lost.append(Unread(self.sources[target.source].name, target.line, f"{target.name}: the frame {missing[0]} is not stated"))
+            else:
+                kept.append(target)
+        return replace(self, targets=tuple(kept), frames=known, unread=tuple(lost))
+
+
+def rewritten(listing: Listing, dialect: Dialect, values: Mapping[int, Sequence[float]]) -> tuple[str, ...]:
+    """The sources' texts with the numbers of targets, by their places in the listing, replaced; nothing else differs by a byte."""
+    out = []
+    for k, source in enumerate(listing.sources):
+        changes: list[tuple[Span, str]] = []
+        for i, numbers in values.items():
+            target = listing.targets[i]
+            if target.source != k:
+                continue
+            for c, (span, number) in enumerate(zip(target.spans, numbers, strict=True)):
+                least = dialect.decimals[2 if target.joints else (0 if c < 3 else 1)]
+                size = target.sizes[c] if target.sizes else 1.0
+                least += max(round(math.log10(size)), 0)
+                changes.append((span, as_written(source.text[slice(*span)], float(number) / size, least)))
+        parts, at = [], 0
+        for (start, stop), text in sorted(changes):
+            parts += [source.text[at:start], text]
+            at = stop
+        out.append("".join([*parts, source.text[at:]]))
+    return tuple(out)
+
+
+def as_written(old: str, value: float, least: int) -> str:
+    """A number with the decimals of the old one, or so many at least; the old text where it says the same."""
+    if "," in old:
+        return as_written(old.replace(",", "."), value, least).replace(".", ",")
+    if abs(float(old) - value) < 0.5 * 10.0**-least:
+        return old
+    decimals = least if "e" in old.lower() else max(len(old.partition(".")[2]), least)
+    text = f"{value:.{decimals}f}"
+    text = text[1:] if float(text) == 0.0 and text.startswith("-") else text
+    return f"+{text}" if old.startswith("+") and not text.startswith("-") else text
+
+
+def masked(text: str, comment: str, quotes: str = '"') -> str:
+    """The text with comments, from a character to the line's end, and strings as blanks: every other character at its own place."""
+    out, inside = list(text), ""
+    i = 0
+    while i < len(text):
+        c = text[i]
+        if inside:
+            if c == "\n" or (inside in quotes and c == inside):
+                inside = ""
+            if c != "\n":
+                out[i] = " "
+        elif c in comment or c in quotes:
+            inside, out[i] = c, " "
+        i += 1
+    return "".join(out)
+
+
+def closing(text: str, start: int, pair: str) -> int:
+    """Where the bracket that opens at start is closed, or -1."""
+    return _closed(text, pair).get(start, -1)
+
+
+@lru_cache(maxsize=64)
+def _closed(text: str, pair: str) -> dict[int, int]:
+    """Where each bracket of a text is closed: once for all, for programs may be long."""
+    out, opened = {}, list[int]()
+    for m in re.finditer(f"[{re.escape(pair)}]", text):
+        if m[0] == pair[0]:
+            opened.append(m.start())
+        elif opened:
+            out[opened.pop()] = m.start()
+    return out
+
+
+def numbers_in(text: str, span: Span) -> list[tuple[float, Span]]:
+    """Numbers of a part of a text with their places."""
+    return [(float(m[0]), m.span()) for m in re.compile(rf"(?<![\w.]){NUMBER}").finditer(text, *span)]
+
+
+def pieces(text: str, span: Span, separator: str = ",") -> list[Span]:
+    """Parts of a list between its separators, those within brackets of any kind not counted; without blanks at their ends."""
+    out, depth, start = [], 0, span[0]
+    for i in range(span[0], span[1] + 1):
+        if i == span[1] or (text[i] == separator and depth == 0):
+            part = text[start:i]
+            left = start + len(part) - len(part.lstrip())
+            out.append((left, left + len(part.strip())))
+            start = i + 1
+        else:
+            depth += (text[i] in "([{") - (text[i] in ")]}")
+    return out
+
+
+def wrong(values: Sequence[float], quaternion: Sequence[float] = ()) -> str:
+    """Why numbers are those of no target, empty where they may be: one that no robot reaches, or a quaternion that is not of length 1."""
+    for value in values:
+        if not abs(value) <= MAX_LENGTH_MM:
+            return f"a number that no robot has: {value:g}"
+    length = math.sqrt(sum(q * q for q in quaternion)) if len(quaternion) else 1.0
+    return "" if abs(length - 1.0) <= UNIT else f"a quaternion of length {length:.4g}, not 1"
+
+
+def pose(position_mm: Sequence[float], turn: Rotation) -> FloatArray:
+    """(7,)"""
+    return se3.pose(np.asarray(position_mm, dtype=np.float64), turn)
+
+
+def near_turns(angles: FloatArray, old: Sequence[float], whole: float = 360.0) -> FloatArray:
+    """Angles with the whole turns that bring each nearest to an old one."""
+    before = np.asarray(old, dtype=np.float64)
+    return np.asarray(angles + whole * np.round((before - angles) / whole))

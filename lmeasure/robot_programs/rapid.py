@@ -1,0 +1,294 @@
+"""ABB RAPID (.mod, .prg): robtarget and jointtarget with wobjdata and tooldata; confdata is read, not changed.
+
+Read: declared targets and literals in Move and Trigg instructions, of several of one name the one that the routine or module knows. A work
+object is uframe times oframe and stands still; a tool is held by the robot. Numbers of an orientation are q1 (the scalar), q2, q3, q4.
+Poses with external axes elsewhere than at 0 are left.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import FloatArray, se3
+from lmeasure.robot_programs.program import (
+    IDENTITY,
+    NUMBER,
+    Dialect,
+    Listing,
+    Source,
+    Span,
+    Target,
+    Unread,
+    closing,
+    masked,
+    pieces,
+    pose,
+    wrong,
+)
+from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
+
+_DECLARED = re.compile(
+    r"\b((?:LOCAL\s+|TASK\s+)?)(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I
+)
+_MODULE = re.compile(r"\bMODULE\b.*?\bENDMODULE\b", re.I | re.S)
+_ROUTINE = re.compile(r"\b(PROC|FUNC|TRAP)\b.*?\bEND\1\b", re.I | re.S)
+_MOVE = re.compile(r"\b(Move(?:Abs)?(?:J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?:J|L|C)|Search(?:L|C))\b\s*", re.I)
+_ASSIGNED = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.M | re.I)
+_GIVEN = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*(\w+|%[^%;\n]*%)(?=[ \t]+(?!:=)([^;]*);)", re.M | re.I)
+_KINDS = r"(?:robtarget|jointtarget|tooldata|wobjdata)"
+_ARGUMENTS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(([^)]*)\)", re.I)
+_OWN = re.compile(rf"\b(?:VAR|PERS)\s+{_KINDS}\s+(\w+)\s*;", re.I)
+_DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.I)
+_WORDS = re.compile(
+    r"const|pers|var|local|task|sysmodule|(end)?(module|proc|func|trap|record)|alias|return|raise|exit|retry|trynext|(else|end)?if|else|(end)?(for|while|test)"
+    r"|case|default|error|undo|backward|goto"
+)
+UNUSED = 9e8
+"""An external axis that is not there is at 9E9."""
+
+
+def read(sources: Sequence[Source]) -> Listing:
+    """The targets of a program's modules together."""
+    return _Reader(sources).listing()
+
+
+class _Reader:
+    def __init__(self, sources: Sequence[Source]) -> None:
+        self.sources = tuple(sources)
+        self.plain = [masked(s.text, "!") for s in sources]
+        self.points = Points()
+        self.moving: dict[str, str] = {}
+        self.hidden = [self._hidden(k) for k in range(len(sources))]
+        self.loose = any(re.search(r"\bConf[JL]\s*\\\s*Off\b", text, re.I) for text in self.plain)
+        self.frames: dict[str, FloatArray] = {"wobj0": np.array(IDENTITY), "tool0": np.array(IDENTITY)}
+        self.stated: set[str] = set()
+        self.targets: list[Target] = []
+        self.unread: list[Unread] = []
+
+    def listing(self) -> Listing:
+        for k, text in enumerate(self.plain):
+            for m in _DECLARED.finditer(text):
+                self._declared(k, m)
+        for k, text in enumerate(self.plain):
+            self._changed(k, text)
+        for k, text in enumerate(self.plain):
+            for m in _MOVE.finditer(text):
+                self._moved(k, m)
+        for point in self.points:
+            k, name, used = point.source, point.name, point.used
+            if not used:
+                self._leave(k, point.span[0], f"{name}: no motion goes to it as it stands")
+            elif point.changed:
+                self._leave(k, point.span[0], f"{name}: {point.changed}")
+            elif len(used) > 1:
+                self._leave(k, point.span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
+            else:
+                self._take(k, name, point.span, next(iter(used)), point.first or (k, point.span[0]))
+        return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
+
+    def _hidden(self, k: int) -> list[tuple[str, int, int]]:
+        """Names that a routine is given, or has without a value, and where they hide those of the module."""
+        out = []
+        for block in _ROUTINE.finditer(self.plain[k]):
+            names = [m[1] for m in _OWN.finditer(block[0])]
+            for m in _ARGUMENTS.finditer(block[0]):
+                names += re.findall(rf"\b{_KINDS}\s+(\w+)", m[2], re.I)
+            out += [(name.lower(), *block.span()) for name in names]
+        return out
+
+    def _hides(self, k: int, name: str, place: int) -> bool:
+        return any(name.lower() == own and start <= place < stop for own, start, stop in self.hidden[k])
+
+    def _frame_at(self, k: int, name: str, place: int) -> str:
+        """The name of a frame; what a routine is given has one that nobody states."""
+        return f"{name} of line {self.sources[k].line(place)}, which its routine is given" if self._hides(k, name, place) else name
+
+    def _changed(self, k: int, text: str) -> None:
+        """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not told; all
+        targets are elsewhere where a displacement may be on."""
+        for m in _ASSIGNED.finditer(text):
+            self._mark(k, m[1], m.start(1), "is changed by the program")
+            if not self._hides(k, m[1], m.start(1)):
+                self.moving.setdefault(m[1].lower(), f"{self.sources[k].name}:{self.sources[k].line(m.start(1))}")
+        for m in _GIVEN.finditer(text):
+            at_once = m[1].upper() == "IF" and not re.search(r"\bTHEN\b", m[2], re.I) and not _MOVE.search(m[2])
+            if at_once or not (_MOVE.match(m[1]) or _WORDS.fullmatch(m[1].lower())):
+                for word in re.findall(r"\w+", m[2]):
+                    self._mark(k, word, m.start(1), f"is passed to {m[1]}")
+        for m in re.finditer(r"\bFUNC\s+\w+\s+(\w+)", "\n".join(self.plain), re.I):
+            for call in re.finditer(rf"(?<!\w)(?<!FUNC )\b{m[1]}\s*\(([^()]*)\)", text, re.I):
+                for word in re.findall(r"\w+", call[1]):
+                    self._mark(k, word, call.start(), f"is passed to {m[1]}")
+        for point in self.points:
+            displaced = self._displacement()
+            if displaced and point.kind == "robtarget":
+                point.changed = point.changed or displaced
+
+    def _displacement(self) -> str:
+        for k, text in enumerate(self.plain):
+            m = _DISPLACED.search(text)
+            if m:
+                return f"a displacement may be on, by {m[1]} in {self.sources[k].name}:{self.sources[k].line(m.start())}"
+        return ""
+
+    def _mark(self, k: int, name: str, place: int, why: str) -> None:
+        point = None if self._hides(k, name, place) else self.points.at(name, k, place)
+        if point is not None:
+            point.changed = point.changed or f"{why} in {self.sources[k].name}:{self.sources[k].line(place)}"
+
+    def _declared(self, k: int, m: re.Match[str]) -> None:
+        text, kind, name = self.plain[k], m[2].lower(), m[3]
+        span = m.end(), closing(text, m.end(), "[]")
+        if span[1] < 0:
+            self._leave(k, m.start(), f"{name}: a list that is not closed")
+        elif m[4]:
+            self._leave(k, m.start(), f"{name}: an array of {kind}")
+        elif kind in ("robtarget", "jointtarget"):
+            self.points.add(Point(name, k, kind, span, self._region(k, m)))
+        else:
+            self._stated(k, kind, name, span)
+
+    def _region(self, k: int, m: re.Match[str]) -> Region:
+        """Where a declaration is known: its routine, or, where it is local, its module, or everywhere."""
+        around = [_ROUTINE, _MODULE] if "LOCAL" in m[1].upper() else [_ROUTINE]
+        for kind in around:
+            for block in kind.finditer(self.plain[k]):
+                if block.start() < m.start() < block.end():
+                    return ((k, *block.span()),)
+        return EVERYWHERE
+
+    def _stated(self, k: int, kind: str, name: str, span: Span) -> None:
+        """A tool or a work object; where it cannot be read, moves, or is stated twice, targets in it are left for want of it."""
+        text = self.plain[k]
+        parts = pieces(text, (span[0] + 1, span[1]))
+        words = [text[slice(*p)].upper() for p in parts]
+        if kind == "tooldata":
+            held, frames = words[:1] == ["TRUE"], parts[1:2]
+        else:
+            held, frames = words[:2] == ["FALSE", "TRUE"], parts[3:5]
+        found = [self._frame(k, p) for p in frames]
+        if not held:
+            self._leave(k, span[0], f"{name}: {'a tool that stands still' if kind == 'tooldata' else 'a work object that moves'}")
+        elif not found or any(f is None for f in found):
+            self._leave(k, span[0], f"{name}: a frame that is no list of numbers, or no orientation")
+        elif name.lower() in self.stated:
+            self._leave(k, span[0], f"{name}: is declared more than once")
+            self.frames.pop(name.lower(), None)
+        else:
+            total = np.array(IDENTITY)
+            for one in found:
+                assert one is not None
+                total = se3.compose(total, one)
+            self.frames[name.lower()] = total
+        self.stated.add(name.lower())
+
+    def _frame(self, k: int, span: Span) -> FloatArray | None:
+        lists = self._lists(k, span)
+        if lists is None or [len(v) for v in lists[:2]] != [3, 4]:
+            return None
+        values = [v for part in lists[:2] for v, _ in part]
+        return None if wrong(values, values[3:]) else _pose(values)
+
+    def _moved(self, k: int, m: re.Match[str]) -> None:
+        text, move = self.plain[k], m[1].lower()
+        end = text.find(";", m.end())
+        if end < 0:
+            self._leave(k, m.start(), f"{m[1]}: an instruction that is not closed")
+            return
+        plain = [p for p in pieces(text, (m.end(), end)) if text[p[0] : p[1]] and text[p[0]] != "\\"]
+        if move.startswith("search"):
+            # a signal and the target that takes what was found stand before where it moves to
+            for start, stop in plain[:2]:
+                self._mark(k, text[start:stop], start, "is searched for")
+            plain = plain[2:]
+        targets = plain[: 2 if move.startswith(("movec", "triggc", "searchc")) else 1]
+        # to, speed, (trigger,) (zone,) tool; what follows the tool are signals
+        tool = len(targets) + (1 if move.startswith("search") else 3 if move.startswith("trigg") else 2)
+        word = re.match(r"\w+", text[slice(*plain[tool])]) if len(plain) > tool else None
+        wobj = re.search(r"\\\s*WObj\s*:=\s*(\w+)(\s*\{)?", text[m.end() : end], re.I)
+        frames = (
+            self._frame_at(k, wobj[1].lower() + (wobj[2] or "") if wobj else "wobj0", m.start()),
+            self._frame_at(k, word[0].lower() if word else "", m.start()),
+        )
+        sensed = re.search(r"\\\s*Corr\b", text[m.end() : end], re.I) is not None
+        for start, stop in targets:
+            line = f"{m[1]} of line {self.sources[k].line(start)}"
+            operand = re.sub(r"(?<=[\w\]])\s*\\.*", "", text[start:stop], flags=re.S).strip()
+            point = None if self._hides(k, operand, start) else self.points.at(operand, k, start)
+            if sensed:
+                why = f"{m[1]} with \\Corr: a sensor shifts the way"
+                self._leave(k, start, why)
+                if point is not None:
+                    point.changed = point.changed or f"is moved to by {why}"
+            elif operand.startswith("[") and (why := self._displacement()):
+                self._leave(k, start, f"{line}: {why}")
+            elif operand.startswith("["):
+                self._take(k, line, (start, start + len(operand) - 1), frames, (k, start))
+            elif point is not None:
+                point.use({("wobj0", "tool0") if move.startswith("moveabs") else frames}, (k, start))
+            elif re.fullmatch(r"\w+", operand):
+                self._leave(k, start, f"{m[1]} {operand}: is not declared here with its values")
+            else:
+                self._leave(k, start, f"{m[1]} {text[start:stop]}: a target that is computed")
+
+    def _take(self, k: int, name: str, span: Span, frames: tuple[str, str], moved: tuple[int, int]) -> None:
+        lists = self._lists(k, span)
+        if lists is None:
+            self._leave(k, span[0], f"{name}: a list with what is no number")
+            return
+        place, shape = self.sources[k].line(span[0]), [len(v) for v in lists]
+        own = [v for part in lists[:-1] for v, _ in part]
+        out = [v for v, _ in lists[-1] if v and abs(v) < UNUSED] if lists else []
+        if shape == [6, 6]:
+            numbers, spans = zip(*lists[0], strict=True)
+            if why := wrong(own):
+                self._leave(k, span[0], f"{name}: {why}")
+            else:
+                self.targets.append(Target(name, k, place, True, numbers, spans, *frames, moved=moved))
+        elif shape != [3, 4, 4, 6]:
+            self._leave(k, span[0], f"{name}: neither a robtarget nor a jointtarget")
+        elif why := wrong(own, own[3:7]):
+            self._leave(k, span[0], f"{name}: {why}")
+        elif frame := next((f for f in frames if f in self.moving), ""):
+            self._leave(k, span[0], f"{name}: its frame {frame} is set by the program in {self.moving[frame]}")
+        elif out:
+            self._leave(k, span[0], f"{name}: an external axis is at {out[0]:g}: where robot and workpiece then are is not known")
+        else:
+            numbers, spans = zip(*lists[0], *lists[1], strict=True)
+            flags = dict(zip(("cf1", "cf4", "cf6", "cfx"), (int(v) for v, _ in lists[2]), strict=True))
+            self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags, moved, loose=self.loose))
+
+    def _lists(self, k: int, span: Span) -> list[list[tuple[float, Span]]] | None:
+        """Lists of numbers within a list, with their places; None where anything else stands there."""
+        text = self.plain[k]
+        out = []
+        for start, stop in pieces(text, (span[0] + 1, closing(text, span[0], "[]"))):
+            if not text[start:stop].startswith("[") or closing(text, start, "[]") != stop - 1:
+                return None
+            inner = []
+            for part in pieces(text, (start + 1, stop - 1)):
+                if not re.fullmatch(NUMBER, text[slice(*part)]):
+                    return None
+                inner.append((float(text[slice(*part)]), part))
+            out.append(inner)
+        return out
+
+    def _leave(self, k: int, place: int, why: str) -> None:
+        self.unread.append(Unread(self.sources[k].name, self.sources[k].line(place), why))
+
+
+def _pose(values: Sequence[float]) -> FloatArray:
+    w, x, y, z = values[3:7]
+    return pose(values[:3], Rotation.from_quat([x, y, z, w]))
+
+
+def _numbers(row: FloatArray, old: Sequence[float]) -> FloatArray:
+    x, y, z, w = row[3:]
+    q = np.array([w, x, y, z])
+    return np.concatenate([row[:3], q if q @ np.asarray(old[3:7]) >= 0.0 else -q])
+
+
+DIALECT = Dialect("rapid", read, _pose, _numbers, math.radians(1.0), (4, 9, 5), ("wobj0", "tool0"))

@@ -1,0 +1,206 @@
+"""Targets in tables: plain CSV of this program's columns, and those of RoboDK; any separator, decimal points or commas, quotes.
+
+Plain: `x_mm, y_mm, z_mm` with the columns of a convention of angles or a quaternion, or `joint_1_deg` ...; `name`, or `target`, where it
+has one.
+RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are told in `base` with
+`tool`, which columns of these names may say.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import CONVENTIONS, QUATERNION_COLUMNS, FloatArray, RobotError
+from lmeasure.io import COLUMN_KINDS, Column
+from lmeasure.robot_programs.euler import of_angles
+from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, pose, wrong
+
+PLACE = ("x_mm", "y_mm", "z_mm")
+Columns = Mapping[str, Column]
+NAMED = ("name", "target", "", "unnamed: 0")
+"""Columns of what a target is called; pandas writes an index under no name."""
+ROBODK_PLACE, ROBODK_TURN = ("x", "y", "z"), ("rx", "ry", "rz")
+BOM = "\xef\xbb\xbf"
+"""Of UTF-8, a character a byte."""
+_JOINT = re.compile(r"joint_\d+_deg|j\d+")
+
+
+def _cells(text: str, start: int, stop: int, separator: str) -> list[Span]:
+    """Places of a line's cells, without quotes and blanks."""
+    out, at, quoted = [], start, False
+    for i in range(start, stop + 1):
+        if i < stop and text[i] == '"':
+            quoted = not quoted
+        elif i == stop or (text[i] == separator and not quoted):
+            cell = text[at:i]
+            left = at + len(cell) - len(cell.lstrip(' "\t'))
+            out.append((left, max(left, at + len(cell.rstrip(' "\t\r')))))
+            at = i + 1
+    return out
+
+
+def header_line(text: str) -> str:
+    """The first line that is neither blank nor a remark, nor a spreadsheet's word for its separator; empty where there is none."""
+    lines = text.removeprefix(BOM).split("\n")
+    return next((line for line in lines if not _passed_over(line)), "")
+
+
+def _passed_over(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith("#") or line.lower().startswith("sep=")
+
+
+def _column(word: str) -> str:
+    """The name of a column, without the unit behind it in brackets where that is the one that is taken for granted."""
+    name = word.strip().lower()
+    plain = re.fullmatch(r"(.+?)\s*[\[(](mm|deg|\xb0|\xc2\xb0)[\])]", name)
+    return plain[1] if plain and (plain[2] == "mm") == (plain[1] in ROBODK_PLACE) else name
+
+
+Renamed = dict[str, tuple[str, float]]
+"""By a header in lower case, our name of the column and the size of its unit in ours."""
+
+
+def mapping_of(columns: Columns, header: str) -> Renamed:
+    """Return what `--columns` says of a table of targets; RobotError for what is no column of one, or not in the header."""
+    out: Renamed = {}
+    turns = {name for c in CONVENTIONS.values() for name in c.columns}
+    there = [_column(word.strip('"')) for word in re.split(r"[,;\t]", header)]
+    for name, column in columns.items():
+        kind = "mm" if name in ("x", "y", "z") else "deg" if re.fullmatch(r"joint_\d+", name) else ""
+        whole = f"{name}_{column.unit}"
+        if name in ("name", "base", "tool", *QUATERNION_COLUMNS):
+            own, size = name, 1.0
+        elif kind and (column.unit or kind) in COLUMN_KINDS[kind]:
+            own, size = f"{name}_{kind}", COLUMN_KINDS[kind][column.unit or kind]
+        elif whole in turns:
+            own, size = whole, 1.0
+        else:
+            known = ", ".join(("name", *"xyz", "joint_1", *QUATERNION_COLUMNS, *sorted(turns)))
+            raise RobotError(f"--columns {name}={column.name}[{column.unit}]: a table of targets has {known}, angles with their unit")
+        if column.name.lower() not in there:
+            raise RobotError(f"--columns {name}={column.name}: the table has no such column; it has {', '.join(filter(None, there))}")
+        out[column.name.lower()] = own, size
+    return out
+
+
+def _read(sources: Sequence[Source], turn: tuple[str, ...], place: tuple[str, ...], mapping: Renamed | None = None) -> Listing:
+    targets: list[Target] = []
+    unread: list[Unread] = []
+    for k, source in enumerate(sources):
+        _rows(k, source, turn, place, mapping=mapping or {}, targets=targets, unread=unread)
+    return Listing(tuple(sources), tuple(targets), {}, tuple(unread), {"base": np.array(IDENTITY), "tool": np.array(IDENTITY)})
+
+
+def _rows(
+    k: int,
+    source: Source,
+    turn: tuple[str, ...],
+    place: tuple[str, ...],
+    *,
+    mapping: Renamed,
+    targets: list[Target],
+    unread: list[Unread],
+) -> None:
+    text, header, sizes = source.text, list[str](), dict[str, float]()
+    at = len(BOM) if text.startswith(BOM) else 0
+    separator = max(",;\t", key=header_line(text).count)
+    wanted, posed, number = list[str](), False, 0
+    for raw in text[at:].split("\n"):
+        start, at = at, at + len(raw) + 1
+        if _passed_over(raw):
+            continue
+        cells = _cells(text, start, at - 1, separator)
+        if not header:
+            named = [mapping.get(word, (word, 1.0)) for word in (_column(text[slice(*c)]) for c in cells)]
+            header, sizes = [name for name, _ in named], dict(named)
+            posed = all(c in header for c in (*place, *turn))
+            wanted = [*place, *turn] if posed else [h for h in header if _JOINT.fullmatch(h)]
+            continue
+        number += 1
+        row = dict(zip(header, cells, strict=False))
+        called = next((text[slice(*row[key])] for key in NAMED if key in row), "")
+        name, line = called or f"row {number}", source.line(start)
+        spans = tuple(row[c] for c in wanted if c in row)
+        words = [text[slice(*s)] for s in spans]
+        if separator != ",":
+            words = [word.replace(",", ".") for word in words]
+        values = tuple(sizes[c] * float(w) for c, w in zip(wanted, words, strict=False) if re.fullmatch(NUMBER, w))
+        why = ""
+        if not wanted:
+            why = f"neither {', '.join((*place, *turn))} nor joint values"
+        elif twice := [c for c in wanted if header.count(c) > 1]:
+            why = f"two columns {twice[0]}"
+        elif len(cells) != len(header):
+            why = f"{len(cells)} cells under {len(header)} columns"
+        elif len(values) < len(wanted):
+            why = "a cell that is no number"
+        why = why or wrong(values, values[3:] if posed and turn == QUATERNION_COLUMNS else ())
+        if why:
+            unread.append(Unread(source.name, line, f"{name}: {why}"))
+            continue
+        base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
+        own = tuple(sizes[c] for c in wanted) if mapping else ()
+        told = Target(name, k, line, not posed, values, spans, base, tool, moved=(k, start), sizes=own)
+        axes = [c for c in header if posed and _JOINT.fullmatch(c)]
+        beside = tuple(row[c] for c in axes)
+        words = [text[slice(*s)] if separator == "," else text[slice(*s)].replace(",", ".") for s in beside]
+        if beside and all(re.fullmatch(NUMBER, word) for word in words):
+            # told by joint values too: both are corrected
+            joints, own = tuple(sizes[c] * float(w) for c, w in zip(axes, words, strict=True)), tuple(sizes[c] for c in axes)
+            by_joints = replace(told, joints=True, values=joints, spans=beside, sizes=own if mapping else ())
+            targets += [replace(told, near=joints, taught=True), by_joints]
+        else:
+            targets.append(told)
+
+
+def _of_quaternion(values: Sequence[float]) -> FloatArray:
+    return pose(values[:3], Rotation.from_quat(np.asarray(values[3:7], dtype=np.float64)))
+
+
+def _to_quaternion(row: FloatArray, old: Sequence[float]) -> FloatArray:
+    same = row[3:] @ np.asarray(old[3:7]) >= 0.0
+    return np.concatenate([row[:3], row[3:] if same else -row[3:]])
+
+
+def plain(header: str, columns: Columns | None = None) -> Dialect:
+    """The dialect of a table whose header this is, with what `--columns` says of it: which columns of an orientation it has."""
+    mapping = mapping_of(columns or {}, header)
+    words = {w.strip(' "\r').lower() for w in re.split(r"[,;\t]", header)}
+    words |= {name for name, _ in mapping.values()}
+    read = partial(_read, mapping=mapping)
+    if set(QUATERNION_COLUMNS) <= words:
+        return Dialect(
+            "csv", partial(read, turn=QUATERNION_COLUMNS, place=PLACE), _of_quaternion, _to_quaternion, math.radians(1.0), (6, 12, 9)
+        )
+    for c in CONVENTIONS.values():
+        if set(c.columns) <= words:
+            of, numbers = of_angles(c.name) if c.axes != "rotvec" else (_of_vector, _to_vector)
+            return Dialect("csv", partial(read, turn=c.columns, place=PLACE), of, numbers, math.radians(1.0), (6, 9, 9))
+    return Dialect(
+        "csv", partial(read, turn=QUATERNION_COLUMNS, place=PLACE), _of_quaternion, _to_quaternion, math.radians(1.0), (6, 12, 9)
+    )
+
+
+def _of_vector(values: Sequence[float]) -> FloatArray:
+    return pose(values[:3], Rotation.from_rotvec(np.asarray(values[3:6], dtype=np.float64)))
+
+
+def _to_vector(row: FloatArray, old: Sequence[float]) -> FloatArray:
+    return np.concatenate([row[:3], Rotation.from_quat(row[3:]).as_rotvec()])
+
+
+_robodk_pose, _robodk_numbers = of_angles("fanuc-wpr")
+ROBODK = Dialect(
+    "robodk",
+    partial(_read, turn=ROBODK_TURN, place=ROBODK_PLACE),
+    _robodk_pose,
+    _robodk_numbers,
+    math.radians(1.0),
+    (6, 6, 6),
+    ("base", "tool"),
+)

@@ -1,0 +1,88 @@
+"""A robot of any kind where it stands, as a simulation moves it: tool poses in the frame of the cell in, joint values out, and back."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.core import FloatArray, IntArray, RobotError, se3
+from lmeasure.robots.model import RobotModel
+from lmeasure.robots.parallel.model import Parallel
+from lmeasure.robots.platform import Platform
+from lmeasure.robots.serial_robot import SerialRobot
+
+COARSE = 10
+"""Samples of a motion between those whose poses are found from home; the others are found from these."""
+NONE: IntArray = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """base (7,): cell_from_base; tool (7,): flange_from_tool. A `simulated.Mechanics`; lengths do not grow."""
+
+    robot: RobotModel
+    base: FloatArray
+    tool: FloatArray
+
+    @property
+    def axes_count(self) -> int:
+        """Of joints."""
+        return len(self.robot.joint_names)
+
+    def flange(self, poses: FloatArray) -> FloatArray:
+        """(N, 7) base_from_flange at tool poses (N, 7) in the cell."""
+        back = se3.compose(np.broadcast_to(se3.inverse(self.base), poses.shape), poses)
+        return se3.compose(back, np.broadcast_to(se3.inverse(self.tool), poses.shape))
+
+    def placed(self, flange: FloatArray) -> FloatArray:
+        """(N, 7) tool poses in the cell at base_from_flange (N, 7)."""
+        return se3.compose(np.broadcast_to(self.base, flange.shape), se3.compose(flange, np.broadcast_to(self.tool, flange.shape)))
+
+    def follow(self, poses: FloatArray, start: FloatArray) -> FloatArray:
+        """(N, n) joint values along tool poses (N, 7), beginning near start (n,); RobotError names the first sample out of reach."""
+        flange, robot = self.flange(poses), self.robot
+        if isinstance(robot, Parallel):
+            return robot.follow(flange, start)
+        if isinstance(robot, Platform):
+            joints = (robot.lengths(flange) - robot.offset) / robot.scale
+            beyond = (joints < robot.low) | (joints > robot.high)
+            if beyond.any():
+                sample = int(np.argmax(beyond.any(axis=1)))
+                leg = int(np.argmax(beyond[sample]))
+                raise RobotError(
+                    f"sample {sample}: {robot.joint_names[leg]} would be at {joints[sample, leg]:.6g} mm, beyond its limits", sample
+                )
+            return np.asarray(joints)
+        if isinstance(robot, SerialRobot) and robot.arm.is_elbow:
+            return replace(robot.arm, tool=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])).follow(flange, start)
+        raise RobotError(
+            f"robot {robot.name!r}: paths are followed by elbow arms with a spherical wrist and by platforms, not by this kind"
+        )
+
+    def forward(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> FloatArray:
+        """(N, 7) tool poses in the cell at the joint values (N, n) of a motion; RobotError names the first sample that has none."""
+        robot = self.robot
+        if isinstance(robot, Parallel):
+            far = robot.forward(joints[::COARSE])
+            self._say(far, COARSE)
+            flange, same = robot.beside(joints, np.repeat(far, COARSE, axis=0)[: len(joints)])
+            if not same.all():  # it moves far between: each by its own way from home
+                flange[~same] = robot.forward(joints[~same])
+        else:
+            flange = robot.forward(joints)
+        self._say(flange, 1)
+        return self.placed(flange)
+
+    def deflection(self, joints: FloatArray, stiffness: FloatArray, force: FloatArray, points: FloatArray) -> FloatArray:
+        """(N, n) rad or mm by which forces (N, 3) [N] at points (N, 3) [mm], both in the cell's axes, move joints of the stiffness (n,)."""
+        _, by_joints, _ = self.robot.derivatives(joints, None, NONE)
+        turn = se3.matrices(self.base)
+        own, at = force @ turn, (points - self.base[:3]) @ turn
+        moved = by_joints[:, :, 3:] + np.cross(by_joints[:, :, :3], at[:, None])
+        return np.asarray(np.einsum("njc,nc->nj", moved, own) / stiffness)
+
+    def _say(self, flange: FloatArray, every: int) -> None:
+        lost = np.isnan(flange[:, 0])
+        if lost.any():
+            raise RobotError(
+                f"sample {every * int(np.argmax(lost))}: no pose of robot {self.robot.name!r} is reached from home with its joints there"
+            )

@@ -1,0 +1,254 @@
+"""Errors of a robot between the poses at which they were measured, without a model of it: universal kriging of scattered points.
+
+Each component of an error is an affine function of the place, which takes up how the robot stands and how it is scaled, plus a Gaussian
+process of Matern's covariance with nu = 5/2 (Stein, Interpolation of Spatial Data, 1999), plus noise. Poses are as far from each other as
+their places in parts of one length and their rotation matrices in parts of an angle (their chord, |R - R'| / sqrt 2, is the angle for
+small ones; a Euclidean distance, so that the covariance is one). Length, angle and the noise's share are those of the largest restricted
+likelihood (Patterson and Thompson, Biometrika 58, 1971), in common for the three components; each has its own size. What leaving out each
+point in turn gives (Dubrule, Math. Geology 15, 1983, in closed form), and folds that are tuned anew, widen what is stated where it was too
+little.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.optimize import minimize
+from scipy.spatial import Delaunay, QhullError
+from scipy.spatial.distance import cdist
+from scipy.stats import norm, t
+
+from lmeasure.accuracy import radii_95
+from lmeasure.core import BoolArray, FloatArray, RobotError, se3
+
+LEAST, MOST = 40, 4000
+"""Points of a map: of fewer its stated radii hold too little (77 % at 30 of a real arm), more take too long."""
+TURN_RAD = math.radians(5.0)
+"""By which an orientation may differ from the nearest that was measured."""
+FLAT = 1e-3
+"""Of the largest extent: a direction in which places differ less is none of the region's."""
+FOLDS = 5
+STARTS = [[0.5, 1e-2, 0.5], [0.2, 0.3, 2.0], [5.0, 1e-4, 5.0]]
+"""Length in parts of the extent, noise's share and angle from which the largest likelihood is looked for."""
+TUNED = 300
+"""Points, drawn from all, by which length, angle and noise are found where there are more."""
+NUGGET = 1e-10
+SPREAD = (1e-6, 1e3)
+"""Least and largest of the noise's variance in parts of the process's."""
+
+
+@dataclass(frozen=True)
+class Process:
+    """Three components of an error at poses (N, 7): coefficients (N + 4, 3) of the predictor; sizes (3,) variances of the process; length
+    [mm], angle [rad] and noise share of its covariance; left_out (N, 3), left_out_u (N, 3): differences of the errors from what all
+    others predict, and their standard uncertainties as stated before widening; misfit: by which that is widened."""
+
+    poses: FloatArray
+    factor: FloatArray
+    weights: FloatArray
+    trend: FloatArray
+    trend_factor: FloatArray
+    sizes: FloatArray
+    length_mm: float
+    angle_rad: float
+    share: float
+    left_out: FloatArray
+    left_out_u: FloatArray
+    misfit: float
+
+    def at(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(M, 3) errors at poses (M, 7), and (M, 3) their standard uncertainties without noise."""
+        K = _covariance(_apart(poses, self.poses), self.length_mm, self.angle_rad)
+        H = _affine(poses, self.poses)
+        value = K @ self.weights + H @ self.trend
+        white = solve_triangular(self.factor, K.T, lower=True)
+        loose = H.T - solve_triangular(self.factor, _affine(self.poses, self.poses), lower=True).T @ white
+        added = (solve_triangular(self.trend_factor, loose, lower=True) ** 2).sum(axis=0)
+        variance = np.maximum(1.0 - (white**2).sum(axis=0), 0.0) + added
+        return value, self.misfit * np.sqrt(variance[:, None] * self.sizes)
+
+    @property
+    def noise(self) -> FloatArray:
+        """(3,) standard deviations of what does not repeat from point to point."""
+        return np.asarray(self.misfit * np.sqrt(self.share * self.sizes))
+
+
+@dataclass(frozen=True)
+class ErrorMap:
+    """Commanded poses (N, 7) of a target in the robot's base, and processes of the errors of its place [mm] and, where these were measured,
+    of its orientation [rad]. turned: whether the poses' orientations are known."""
+
+    poses: FloatArray
+    place: Process
+    turn: Process | None
+    turned: bool
+    largest_mm: float
+    """Radius that holds 95 % of the measured errors: what the robot is worth without correction."""
+    most_rad: float
+    """By which an orientation may differ from the nearest that was measured: as those do from each other, or `TURN_RAD`."""
+
+    def errors(self, poses: FloatArray) -> FloatArray:
+        """(M, 6) errors (rotation [rad]; place [mm]) at commanded poses (M, 7), rotations nothing where they were not measured."""
+        turn = np.zeros((len(poses), 3)) if self.turn is None else self.turn.at(poses)[0]
+        return np.concatenate([turn, self.place.at(poses)[0]], axis=1)
+
+    def u_mm(self, poses: FloatArray) -> FloatArray:
+        """(M,) [mm] standard uncertainty of a place's error by the map alone, all coordinates together."""
+        return np.asarray(np.linalg.norm(self.place.at(poses)[1], axis=1))
+
+    def u95_mm(self, poses: FloatArray) -> FloatArray:
+        """(M,) [mm] radius that holds 95 % of where a corrected robot is from where it was sent, noise included."""
+        u = self.place.at(poses)[1]
+        variance = u**2 + self.place.noise**2
+        freedom = max(len(self.poses) - 4, 1)
+        return np.asarray(float(t.ppf(0.975, freedom) / norm.ppf(0.975)) * radii_95(variance[:, None] * np.eye(3)))
+
+    def outside(self, pose: FloatArray) -> str:
+        """Why the map tells nothing of a pose (7,); empty where it does."""
+        if not inside(self.poses[:, :3], pose[None, :3])[0]:
+            return "outside the region where errors were measured"
+        if self.turned:
+            away = float(_angles(self.poses, pose[None]).min())
+            if away > self.most_rad:
+                return f"its orientation is {math.degrees(away):.1f} deg from the nearest that was measured"
+        if self.u95_mm(pose[None])[0] >= self.largest_mm:
+            return "the map is no surer there than the robot is without it"
+        return ""
+
+    @property
+    def within(self) -> float:
+        """Part of the points that lie within the U95 that all others state of them."""
+        u = self.place.misfit * self.place.left_out_u
+        return float(np.mean(np.linalg.norm(self.place.left_out, axis=1) <= radii_95(u[:, :, None] ** 2 * np.eye(3))))
+
+
+def error_map(poses: FloatArray, errors_mm: FloatArray, turns: FloatArray | None = None, *, turned: bool = True) -> ErrorMap:
+    """The map of errors (N, 3) [mm] of places and, where measured, of turns (N, 3) [rad] about the base's axes at commanded poses (N, 7).
+
+    turned: whether the orientations of the poses are known. RobotError for too few or too many points, or two at one pose that differ in
+    nothing, so that nothing tells how errors vary.
+    """
+    n = len(poses)
+    if not LEAST <= n <= MOST:
+        raise RobotError(f"a map of errors needs {LEAST} to {MOST} points, not {n}")
+    if not turned:
+        poses = np.concatenate([poses[:, :3], np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))], axis=1)
+    if np.linalg.matrix_rank(_affine(poses, poses)) == 1:
+        raise RobotError("all points of the map are at one place")
+    largest = float(np.quantile(np.linalg.norm(errors_mm, axis=1), 0.95))
+    apart = _angles(poses, poses) + np.diag(np.full(n, np.inf))
+    most = max(TURN_RAD, float(apart.min(axis=0).max()))
+    return ErrorMap(poses, _process(poses, errors_mm), None if turns is None else _process(poses, turns), turned, largest, most)
+
+
+def inside(places: FloatArray, points: FloatArray) -> BoolArray:
+    """(M,) whether points (M, 3) are in the convex hull of places (N, 3), which may be flat: then at its plane, or line."""
+    middle = places.mean(axis=0)
+    _, size, axes = np.linalg.svd(places - middle, full_matrices=False)
+    rank = int((size > FLAT * size[0]).sum())
+    of, at = (places - middle) @ axes.T, (points - middle) @ axes.T
+    slack = 1e-6 * float(np.ptp(of[:, 0])) + 1e-9
+    near = np.asarray((np.abs(at[:, rank:]) <= max(FLAT * float(np.ptp(of[:, 0])), slack)).all(axis=1))
+    if rank == 1:
+        return near & (at[:, 0] >= of[:, 0].min() - slack) & (at[:, 0] <= of[:, 0].max() + slack)
+    try:
+        hull = Delaunay(of[:, :rank])
+    except QhullError:
+        return np.zeros(len(points), np.bool_)
+    # a target at the edge is in the region: its neighbours were measured
+    return np.asarray(near & (hull.find_simplex(at[:, :rank], tol=1e-6) >= 0))
+
+
+def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(M, N) angles between orientations."""
+    return np.asarray(2.0 * np.arccos(np.clip(np.abs(a[:, 3:] @ b[:, 3:].T), 0.0, 1.0)))
+
+
+def _affine(poses: FloatArray, of: FloatArray) -> FloatArray:
+    """(N, 1 + k) constant and the places in parts of the extent, along the directions in which they differ."""
+    middle = of[:, :3].mean(axis=0)
+    _, size, axes = np.linalg.svd(of[:, :3] - middle, full_matrices=False)
+    kept = axes[size > FLAT * max(size[0], 1e-300)]
+    scale = max(float(np.ptp(of[:, :3], axis=0).max()), 1e-9)
+    return np.column_stack([np.ones(len(poses)), (poses[:, :3] - middle) @ kept.T / scale])
+
+
+def _apart(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squares of the distances of places [mm2] and of orientations [rad2], (M, N) each."""
+    turns = (se3.matrices(p).reshape(len(p), 9) / math.sqrt(2.0) for p in (a, b))
+    return cdist(a[:, :3], b[:, :3], "sqeuclidean"), cdist(*turns, "sqeuclidean")
+
+
+def _covariance(apart: tuple[FloatArray, FloatArray], length_mm: float, angle_rad: float) -> FloatArray:
+    """(M, N) Matern 5/2."""
+    r = np.sqrt(5.0 * (apart[0] / length_mm**2 + apart[1] / angle_rad**2))
+    return np.asarray((1.0 + r + r**2 / 3.0) * np.exp(-r))
+
+
+def _process(poses: FloatArray, errors: FloatArray) -> Process:
+    """Widened by what folds show of points that neither the prediction nor what it was tuned by has seen."""
+    found = _fitted(poses, errors)
+    order, ratios = np.random.default_rng(1).permutation(len(poses)), []
+    for part in np.array_split(order, FOLDS):
+        others = np.setdiff1d(order, part)
+        fold = replace(_fitted(poses[others], errors[others], found), misfit=1.0)
+        value, u = fold.at(poses[part])
+        stated = radii_95((u**2 + fold.noise**2)[:, :, None] * np.eye(3))
+        ratios += list(np.linalg.norm(errors[part] - value, axis=1) / np.maximum(stated, 1e-300))
+    return replace(found, misfit=max(found.misfit, float(np.quantile(ratios, 0.95))))
+
+
+def _fitted(poses: FloatArray, errors: FloatArray, near: Process | None = None) -> Process:
+    """near: what it is tuned from."""
+    n = len(poses)
+    part = np.arange(n) if n <= TUNED else np.sort(np.random.default_rng(0).permutation(n)[:TUNED])
+    length, angle, share = _tuned(poses[part], errors[part], near)
+    H = _affine(poses, poses)
+    L, M, trend, rest = _solved(_covariance(_apart(poses, poses), length, angle), H, errors, share=share)
+    sizes = (rest**2).sum(axis=0) / (n - H.shape[1])
+    weights = solve_triangular(L, rest, lower=True, trans=1)
+    whole = cho_solve((L, True), np.eye(n))
+    of_trend = cho_solve((M, True), (whole @ H).T)
+    diagonal = np.diag(whole) - np.einsum("nq,qn->n", whole @ H, of_trend)
+    # Q e = K^-1 (e - H beta): what is left out differs by its parts of the diagonal
+    left_out, u = weights / diagonal[:, None], np.sqrt(sizes / diagonal[:, None])
+    misfit = max(1.0, float(np.sqrt(np.mean((left_out / np.maximum(u, 1e-300)) ** 2))))
+    return Process(poses, L, weights, trend, M, sizes, length, angle, share, left_out, u, misfit)
+
+
+def _tuned(poses: FloatArray, errors: FloatArray, near: Process | None) -> tuple[float, float, float]:
+    """Length [mm], angle [rad] and the noise's share of the largest restricted likelihood; of orientations that are all one, an angle
+    without meaning."""
+    H, apart = _affine(poses, poses), _apart(poses, poses)
+    n, q = H.shape
+    extent = max(float(np.ptp(poses[:, :3], axis=0).max()), 1e-9)
+    flat = np.ptp(se3.matrices(poses).reshape(n, 9), axis=0).max() < 1e-6
+
+    def read(log: FloatArray) -> tuple[float, float, float]:
+        return extent * math.exp(log[0]), 1e3 if flat else math.exp(log[2]), math.exp(log[1])
+
+    def unlikely(log: FloatArray) -> float:
+        length, angle, share = read(log)
+        L, M, _, rest = _solved(_covariance(apart, length, angle), H, errors, share=share)
+        sizes = (rest**2).sum(axis=0) / (n - q)
+        determinants = 2.0 * (np.log(np.diag(L)).sum() + np.log(np.diag(M)).sum())
+        return float(errors.shape[1] * determinants + (n - q) * np.log(np.maximum(sizes, 1e-300)).sum())
+
+    parts = 2 if flat else 3
+    bounds = list(zip(np.log([0.02, SPREAD[0], 0.02])[:parts], np.log([20.0, SPREAD[1], 20.0])[:parts], strict=True))
+    begin = STARTS if near is None else [[near.length_mm / extent, near.share, near.angle_rad]]
+    low, high = np.array(bounds).T
+    starts = np.clip(np.log(np.array(begin)[:, :parts]), low, high)
+    found = [minimize(unlikely, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}) for start in starts]
+    return read(min(found, key=lambda f: float(f.fun)).x)
+
+
+def _solved(K: FloatArray, H: FloatArray, errors: FloatArray, *, share: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Of a covariance (N, N) and a trend's basis (N, q): Cholesky factors of the covariance with noise and of the trend's information, the
+    trend's coefficients, and the whitened rest (N, 3)."""
+    L = cholesky(K + (share + NUGGET) * np.eye(len(K)), lower=True)
+    white, basis = solve_triangular(L, errors, lower=True), solve_triangular(L, H, lower=True)
+    M = cholesky(basis.T @ basis, lower=True)
+    trend = cho_solve((M, True), basis.T @ white)
+    return L, M, trend, white - basis @ trend

@@ -1,0 +1,64 @@
+"""What files of robots have in common: lengths, angles, and places of frames."""
+
+import math
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from lmeasure.core import LARGEST_ANGLE, MAX_LENGTH_MM, FloatArray
+from lmeasure.io import Name, Strict
+from lmeasure.recording import UNIT_TOLERANCE
+
+
+def _length(value: float) -> float:
+    if not abs(value) <= MAX_LENGTH_MM:
+        raise ValueError(f"must be a length of at most {MAX_LENGTH_MM:.0f} mm")
+    return value
+
+
+def _angle(value: float) -> float:
+    if not abs(value) <= LARGEST_ANGLE:
+        raise ValueError(f"must be an angle of at most {LARGEST_ANGLE:g} degrees")
+    return value
+
+
+Length = Annotated[float, AfterValidator(_length)]
+Angle = Annotated[float, AfterValidator(_angle)]
+Small = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+def named_once(kind: str, names: list[str]) -> None:
+    """ValueError for a name that several have."""
+    twice = next((n for n in names if names.count(n) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{kind}: the name {twice!r} is given twice")
+
+
+class Place(Strict):
+    """A pose: of the first axis or of home in the robot's base, or of the tool on the flange."""
+
+    position_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """Position."""
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """Orientation."""
+
+    @model_validator(mode="after")
+    def _turns(self) -> Self:
+        length = math.hypot(*self.quaternion_xyzw)
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
+            raise ValueError(f"quaternion_xyzw: its length is {length:.9g}, not 1")
+        return self
+
+    @property
+    def row(self) -> FloatArray:
+        """(7,) pose."""
+        quaternion = np.array(self.quaternion_xyzw)
+        return np.concatenate([self.position_mm, quaternion / np.linalg.norm(quaternion)])
+
+
+class Frame(Place):
+    """A frame of the controller: its base, or its flange."""
+
+    link: Name | None = None
+    """Link of the URDF that it was read from."""

@@ -1,0 +1,119 @@
+"""AX = YB with covariance: where a robot stands in an instrument's frame, and how a target sits on its flange, from poses of both.
+
+Y is instrument_from_base, X flange_from_target: instrument_from_target = Y base_from_flange X. It is an identification in which nothing
+of the robot is freed (cf. Ha, Probabilistic framework for hand-eye and robot-world calibration AX = YB, IEEE T-RO 39, 2023).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
+from lmeasure.recording import Poses
+from lmeasure.robots.identification.identify import Identified, Settings, identify
+from lmeasure.robots.identification.measurements import Measurements, measured
+from lmeasure.robots.model import Parameter
+
+ASTRAY = 0.1
+"""Of the spread of the places: what poses of both still miss each other by where they are not poses of one robot and one target."""
+
+
+@dataclass(frozen=True)
+class GivenPoses:
+    """A robot whose poses a table states: its only joint value is the row's number, and it has no parameters."""
+
+    poses: FloatArray
+    name: str = "poses"
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The row's number."""
+        return ("row",)
+
+    @property
+    def sliding(self) -> BoolArray:
+        """Not an angle."""
+        return np.ones(1, np.bool_)
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """The first and the last row."""
+        return np.zeros(1), np.full(1, len(self.poses) - 1.0)
+
+    @property
+    def reach_mm(self) -> float:
+        """Not known."""
+        return float("inf")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None."""
+        return ()
+
+    def moved(self, change: FloatArray) -> Self:
+        """The same: there is nothing to change."""
+        return self
+
+    def forward(self, joints: FloatArray, side: FloatArray | None = None) -> FloatArray:
+        """(N, 7) base_from_flange of the rows."""
+        return self.poses[joints[:, 0].astype(int)]
+
+    def derivatives(
+        self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """base_from_flange (N, 7), and no derivatives."""
+        return self.forward(joints), np.zeros((len(joints), 1, 6)), np.zeros((len(joints), 0, 6))
+
+    def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
+        """Rows with this very pose."""
+        return np.flatnonzero(np.abs(self.poses - pose).max(axis=1) < 1e-9)[:, None].astype(np.float64)
+
+
+def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPoses]:
+    """Base and target from poses of the same names, as many as both have: base_from_flange and instrument_from_target.
+
+    Stated uncertainties of both count, those of the robot taken to the instrument's frame; where neither states any, the noise is what
+    the residuals show. RobotError where no name stands in both, and where what base and target leave is no error of measurement.
+    """
+    both = [n for n in instrument.names if n in set(robot.names)]
+    if not both:
+        firsts = f"the robot's first is {robot.names[0]!r}, the first that was measured {instrument.names[0]!r}"
+        raise RobotError(f"no pose has one name in both tables: {firsts}")
+    of_robot = robot.of(np.array([robot.names.index(n) for n in both], dtype=np.int64))
+    seen = instrument.of(np.array([instrument.names.index(n) for n in both], dtype=np.int64))
+    rows = measured(
+        np.arange(len(both), dtype=np.float64)[:, None], seen.rows[:, :3], seen.rows[:, 3:] if seen.oriented else None, names=both
+    )
+    model = GivenPoses(of_robot.rows)
+    stated = ("position" not in seen.absent, "rotation" not in seen.absent and seen.oriented)
+    rows = replace(rows, covariance=seen.covariances, stated=stated)
+    # stated of whole poses, and more than nothing: then that is what they scatter by, and the robot's poses are given ones
+    told = bool(all(stated) and (np.einsum("nii->ni", rows.covariance) > 0.0).all())
+    found = identify(model, rows, Settings(seed=seed, own_noise=not told))
+    _check_one(found)
+    if not of_robot.covariances.any():
+        return found
+    return identify(model, _with_robot(rows, of_robot, found), Settings(seed=seed, own_noise=not told))
+
+
+def _check_one(found: Identified[GivenPoses]) -> None:
+    kept = found.kept & found.rows.placed
+    places = found.rows.position[kept]
+    off, spread = (float(np.sqrt((part**2).sum() / len(part))) for part in (found.errors_mm()[kept], places - places.mean(axis=0)))
+    if off > ASTRAY * spread:
+        raise RobotError(
+            f"robot and instrument still miss each other by {off:.3g} mm of a spread of {spread:.3g} mm: names, the order of quaternions, "
+            "angles, axes or units are others than stated"
+        )
+
+
+def _with_robot(rows: Measurements, robot: Poses, found: Identified[GivenPoses]) -> Measurements:
+    """Rows with the robot's own uncertainty added, in the instrument's axes and at the target as the frames found have it."""
+    state = found.state
+    turn = se3.matrices(state.base)
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = turn
+    arm = se3.apply(robot.rows, state.targets[0, :3]) - robot.rows[:, :3]
+    moves = both @ se3.at_points(arm)
+    return replace(rows, covariance=rows.covariance + moves @ robot.covariances @ np.swapaxes(moves, 1, 2))

@@ -1,0 +1,1 @@
+"""Identify a robot: find its parameters from joint values and measured places."""

@@ -1,0 +1,299 @@
+"""How good an identification is where it was not made: rows held out, error against number of poses, and what was worth freeing."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2, f, t
+
+from lmeasure.core import BoolArray, FloatArray, IntArray
+from lmeasure.estimation import fall_test, scatter
+from lmeasure.robots.identification.extrapolation import Beyond
+from lmeasure.robots.identification.identify import FAMILIES, Identified, Prediction, family, predicted
+from lmeasure.robots.identification.initial_frames import Frames
+from lmeasure.robots.identification.measurements import POSITION, Measurements
+from lmeasure.robots.identification.problem import Fit, solved, weighted, with_noise
+from lmeasure.robots.identification.stays import STILL
+from lmeasure.robots.identification.unknowns import R, Unknowns
+
+FOLDS = 5
+SIZES = (15, 20, 30, 45, 60, 100, 160, 320, 640)
+DRAWS = 5
+JUDGES = 200
+"""Rows left out by which one identification of the learning curve is judged, at most."""
+MOST_ROWS = 500
+"""Of all draws of one size together."""
+PARTS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
+"""Of the rows, of which each predicts the rest."""
+MEASURED = 0.95
+"""Quantile of the measured poses' leverages, from which on a pose is far from them."""
+FALSE = 1e-4
+"""Probability with which predictions of a robot of which the model lacks nothing are widened."""
+LEAST_LEFT = 5.0
+"""Degrees of freedom that a cut must leave."""
+TOLD = 0.8
+"""Of what all rows determine: what a part of them must determine to predict the others."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors (k,) [mm] and u95 (k,) at rows (k,) of the fit that were held out in turn.
+
+    misfit: rms of the errors in units of what was stated of them, rows counted by their weights, 1 at least: a model that lacks something
+    fits its own rows better than others, the more the farther these lie apart. u95_mm is widened by it, as are predictions
+    of an identification that knows it.
+    """
+
+    rows: IntArray
+    error_mm: FloatArray
+    u95_mm: FloatArray
+    misfit: float
+
+    @property
+    def within(self) -> float:
+        """Part of the errors within their u95."""
+        return float(np.mean(self.error_mm <= self.u95_mm))
+
+
+@dataclass(frozen=True)
+class Worth:
+    """A family of parameters: whether it was freed, how many of them, by how much chi-squared falls with it, the probability of so much by
+    chance, and by how much Akaike's and Schwarz's criteria change with it: below 0 it is worth freeing."""
+
+    family: str
+    freed: bool
+    parameters: int
+    drop: float
+    chance: float
+    aic: float
+    bic: float
+
+
+def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut | None:
+    """Each fold of the poses with positions predicted by an identification from the others; None where they are too few.
+
+    All rows of the same joint values are in one fold: what the robot adds there, and what its model lacks, they have in common.
+    """
+    rows = found.fit.problem.rows
+    of = _poses(found)
+    parts = np.array_split(np.random.default_rng(seed).permutation(len(of)), folds)
+    if len(of) < 2 * folds or found.fit.counted * (1.0 - 1.0 / folds) < found.fit.told + 6:
+        return None
+    found = replace(found, misfit=1.0, beyond=Beyond())
+    order, errors, radii, squares = [], [], [], []
+    for part in parts:
+        own = np.concatenate([of[i] for i in part])
+        rest = np.setdiff1d(np.arange(len(rows)), own)
+        again = _refitted(found, rest)
+        error, told = _errors(again, rows.of(own))
+        order.append(own)
+        errors.append(error)
+        radii.append(told.u95_mm)
+        squares.append(error**2 / np.einsum("nii->n", told.covariance))
+    at, square = np.concatenate(order), np.concatenate(squares)
+    weight = found.fit.problem.weight
+    # what weights take from the errors of a robot of which nothing is wrong is no fit
+    if weight is not None:
+        square = square / np.array([scatter(int(m)) for m in rows.known[at].sum(axis=1)])
+    misfit = max(1.0, float(np.sqrt(np.average(square, weights=None if weight is None else weight[at]))))
+    return HeldOut(at, np.concatenate(errors), misfit * np.concatenate(radii), misfit)
+
+
+def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float, float, float]]:
+    """(poses, median, least and largest mean error [mm] at the poses left out) for random sets of growing numbers."""
+    rows = found.fit.problem.rows
+    of = _poses(found)
+    rng = np.random.default_rng(seed)
+    out = []
+    for size in SIZES:
+        if 3 * size < found.fit.told + 6 or size > 0.7 * len(of):
+            continue
+        means = []
+        for _ in range(min(DRAWS, max(1, MOST_ROWS // size))):
+            order = rng.permutation(len(of))
+            again = _refitted(found, np.sort(np.concatenate([of[i] for i in order[:size]])))
+            means.append(float(_errors(again, rows.of(np.concatenate([of[i] for i in order[size : size + JUDGES]])))[0].mean()))
+        out.append((size, float(np.median(means)), min(means), max(means)))
+    return out
+
+
+def beyond(found: Identified[R]) -> Beyond:
+    """How predictions far from the measured joint values are to be widened: by what blocks of the measurements show of each other.
+
+    The rows are cut in two along each joint, each coordinate and the distance from the robot's base, at a third, the middle and two thirds,
+    and each part predicts the other. Where the parts' parameters differ by more than their covariances allow (a Chow test over all cuts),
+    the largest factor counts, widened as one that is known from as many draws as joints have moved.
+    """
+    fit, problem = found.fit, found.fit.problem
+    rows = problem.rows
+    residuals, jacobian = problem.whitened(fit.at)
+    owner, prior = np.nonzero(rows.known)[0], np.diag(1.0 / problem.width**2)
+    total = float(residuals @ residuals + fit.theta @ prior @ fit.theta)
+    own = np.einsum("nii->n", problem.blocks[:, POSITION, POSITION])
+    shift = fit.at.jacobian[:, POSITION]
+    chances, factors = [], []
+    cuts = _cuts(found)
+    for inside in cuts:
+        halves = [_half(jacobian[on], residuals[on], prior, fit.theta) for on in (inside[owner], ~inside[owner])]
+        (step, covariance, told, chi_squared, whole), (_, _, told_other, chi_other, whole_other) = halves
+        bought, left = told + told_other - fit.told, len(residuals) - told - told_other
+        if bought < 1.0 or left < LEAST_LEFT or told < TOLD * fit.told:
+            continue
+        rest = chi_squared + chi_other
+        tested = fall_test(total - whole - whole_other, bought, rest, left)
+        if tested is None:
+            continue
+        chances.append(tested[1])
+        leverage = np.einsum("nip,nip->n", shift @ covariance, shift)
+        other = ~inside & rows.placed
+        square = ((fit.at.residuals[other, POSITION] - shift[other] @ step) ** 2).sum(axis=1)
+        excess = np.maximum(leverage[other] - np.quantile(leverage[inside], MEASURED), 0.0).sum()
+        more = float((square - own[other] - leverage[other]).sum())
+        factors.append(max(more, 0.0) / float(excess) if excess > 0.0 else 0.0)
+    if not chances or min(chances) > math.log(FALSE / len(cuts)):
+        return Beyond()
+    moved = int((np.ptp(rows.joints, axis=0) > 0.0).sum())
+    factor = float(np.sqrt(max(factors)) * t.ppf(0.975, moved) / t.ppf(0.975, np.inf))
+    leverage = np.einsum("nip,nip->n", shift @ fit.covariance, shift)
+    return Beyond(factor, float(np.quantile(leverage[rows.placed], MEASURED)), problem.width)
+
+
+def _cuts(found: Identified[R]) -> list[BoolArray]:
+    """(N,) which rows of the fit lie on one side of each cut."""
+    rows = found.fit.problem.rows
+    if not rows.placed.all():
+        return []
+    from_base = np.linalg.norm(rows.position - found.state.base[:3], axis=1)
+    along = np.column_stack([rows.joints, rows.position, from_base])
+    along = along[:, np.ptp(along, axis=0) > 0.0]
+    return [side * value < np.quantile(side * value, part) for value in along.T for part in PARTS for side in (1.0, -1.0)]
+
+
+def _half(
+    jacobian: FloatArray, residuals: FloatArray, prior: FloatArray, theta: FloatArray
+) -> tuple[FloatArray, FloatArray, float, float, float]:
+    """From whitened rows alone, near theta: the step to their optimum, its covariance, how many unknowns they determine, chi-squared, and
+    that with the priors."""
+    information = jacobian.T @ jacobian
+    covariance = np.linalg.inv(information + prior)
+    step = covariance @ (jacobian.T @ residuals - prior @ theta)
+    left, at = residuals - jacobian @ step, theta + step
+    return step, np.asarray(covariance), float(np.trace(covariance @ information)), float(left @ left), float(left @ left + at @ prior @ at)
+
+
+def _poses(found: Identified[R]) -> list[IntArray]:
+    """The rows of the fit with positions by the joint values that they have in common, in their order."""
+    rows = found.fit.problem.rows
+    placed = np.flatnonzero(rows.placed)
+    values = np.where(found.nominal.sliding, rows.joints, np.degrees(rows.joints))[placed]
+    _, first, of = np.unique(np.round(values / STILL), axis=0, return_index=True, return_inverse=True)
+    of = np.argsort(np.argsort(first))[of.reshape(-1)]
+    order = np.argsort(of, kind="stable")
+    return np.split(placed[order], np.flatnonzero(np.diff(of[order])) + 1)
+
+
+def worth_freeing(found: Identified[R]) -> list[Worth]:
+    """Every family of the robot's parameters: those freed by what they explain, the others by what they would (a score test)."""
+    fit = found.fit
+    every = found.nominal.parameters
+    wide = Unknowns(found.nominal, np.arange(len(every)), _frames(fit), fit.problem.rows, widths=fit.problem.unknowns.widths)
+    inside = {p.name: i for i, p in enumerate(fit.problem.unknowns.own)}
+    theta = np.zeros(len(wide))
+    for i, p in enumerate(every):
+        if p.name in inside:
+            theta[i] = fit.theta[inside[p.name]]
+    frames = len(fit.theta) - len(inside)
+    theta[len(every) :] = fit.theta[len(inside) :] if frames else theta[len(every) :]
+    problem = replace(fit.problem, unknowns=wide)
+    residuals, jacobian = problem.whitened(problem.linearised(theta))
+    prior = 1.0 / (wide.width / wide.size) ** 2
+    now = np.array([p.name in inside for p in every] + [True] * frames)
+    stay = np.unique(problem.rows.stay[np.nonzero(problem.rows.known)[0]], return_inverse=True)[1]
+    out = []
+    for name in FAMILIES:
+        of = np.zeros(len(wide), np.bool_)
+        of[: len(every)] = [family(p.name) == name for p in every]
+        of &= np.abs(jacobian).max(axis=0) > 0.0
+        if not of.any():
+            continue
+        freed = bool(now[of].any())
+        full, less = (now | of), (now & ~of)
+        # at the optimum of the freed ones, the others at their nominal values
+        target = residuals + jacobian[:, now] @ theta[now]
+        drop = _left(jacobian[:, less], target, prior[less]) - _left(jacobian[:, full], target, prior[full])
+        count = _determined(jacobian, prior, full) - _determined(jacobian, prior, less)
+        if count < 1:
+            continue
+        n, rest = len(residuals), _left(jacobian[:, full], target, prior[full])
+        # a noise that the residuals tell they tell from so many of them
+        spare = fit.counted - fit.told - (0 if freed else count)
+        left = min(spare, fit.spare - (0 if freed else count))
+        tested = fall_test(drop, count, rest * left / spare, left) if fit.problem.own_noise and spare > 0.0 else None
+        chance = float(chi2.sf(drop, count)) if tested is None else math.exp(tested[1])
+        if problem.several and not freed:
+            rest_of = residuals - jacobian[:, now] @ _step(jacobian[:, now], residuals, prior[now])
+            chance = max(chance, _by_stays(jacobian[:, of] / np.sqrt(prior[of]), jacobian[:, now], rest_of, stay, count=count))
+        out.append(Worth(name, freed, count, drop, chance, 2.0 * count - drop, count * math.log(n) - drop))
+    return out
+
+
+def _left(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> float:
+    """Chi-squared that is left of a target by least squares with priors about nothing."""
+    return float(target @ target - (jacobian.T @ target) @ _step(jacobian, target, prior))
+
+
+def _step(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> FloatArray:
+    """Return the least-squares unknowns of a target; 0 for those that nothing determines, as the place of an axis that slides."""
+    normal = jacobian.T @ jacobian + np.diag(prior)
+    size = np.sqrt(np.diagonal(normal))
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(normal / np.outer(size, size), (jacobian.T @ target) / size, rcond=1e-14)[0] / size)
+
+
+def _by_stays(more: FloatArray, jacobian: FloatArray, residuals: FloatArray, stay: IntArray, *, count: int) -> float:
+    """Return the chance of what further columns (e, k) explain of residuals (e,), judged by how it differs between stays (e,).
+
+    Hotelling's test of the stays' scores in the columns' strongest directions holds however the rows of one stay correlate: joints that
+    repeat differently make turns of a stay likelier about some axes.
+    """
+    scores = more - jacobian @ np.linalg.lstsq(jacobian, more, rcond=1e-12)[0]
+    strongest = np.linalg.svd(scores, full_matrices=False)[2][:count].T
+    count = strongest.shape[1]
+    of = np.zeros((int(stay.max()) + 1, count))
+    np.add.at(of, stay, (scores @ strongest) * residuals[:, None])
+    stays, total = len(of), of.sum(axis=0)
+    if stays <= count:
+        return 1.0
+    square = float(total @ np.linalg.pinv(of.T @ of, hermitian=True) @ total)
+    return float(f.sf((stays - count) / count * square / max(stays - square, 1e-300), count, stays - count))
+
+
+def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> int:
+    """How many directions the rows determine among these unknowns."""
+    white = jacobian[:, which] / np.sqrt(prior[which])
+    return int((np.linalg.eigvalsh(white.T @ white) > 1.0).sum())
+
+
+def _refitted(found: Identified[R], rows: IntArray) -> Identified[R]:
+    """From these rows of the fit alone."""
+    problem = found.fit.problem
+    again = replace(problem, rows=problem.rows.of(rows))
+    if problem.weight is None:
+        fit = with_noise(again, found.fit.theta)
+    else:
+        fit = weighted(solved(replace(again, weight=problem.weight[rows]), found.fit.theta))
+    return replace(found, fit=fit)
+
+
+def _errors(found: Identified[R], rows: Measurements) -> tuple[FloatArray, Prediction]:
+    """(k,) distances of measured from predicted places of rows of the fit, and the prediction with the errors that these have."""
+    reading = found.noise.reading_mm**2 / rows.readings
+    instrument = rows.covariance[:, POSITION, POSITION] + reading[:, None, None] * np.eye(3)
+    instrument = instrument + rows.systematic[:, POSITION] @ np.swapaxes(rows.systematic[:, POSITION], 1, 2)
+    told = predicted(found, rows, instrument)
+    return np.linalg.norm(rows.position - told.pose[:, :3], axis=1), told
+
+
+def _frames(fit: Fit[R]) -> Frames:
+    start = fit.problem.unknowns.start
+    return Frames(start.base, start.targets, start.stations, 0.0, np.ones(len(fit.problem.rows), np.bool_))

@@ -1,0 +1,119 @@
+"""Measurements of a robot from a file: measurements.csv of the contract, or anybody's table with --columns."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure.core import FileFormatError, FloatArray, conventions
+from lmeasure.io import Column, ForeignTable
+from lmeasure.robots.identification.measurements import Measurements, measured
+from lmeasure.robots.model import RobotModel
+
+OF_THE_PLACE = ("x", "y", "z", "length")
+"""What columns of the measured place are called, and joints are not told by."""
+
+
+def read_measurements(
+    path: Path,
+    robot: RobotModel,
+    columns: Mapping[str, Column] | None = None,
+    *,
+    joints_alone: bool = False,
+    points_alone: bool = False,
+) -> Measurements:
+    """Read `name, joint_1_deg, ..., x_mm, y_mm, z_mm`, optional qx..qw, u_position_mm, u_rotation_deg, target, length_mm with station.
+
+    joints_alone: a file of poses to be predicted, whose places are not looked at; points_alone: one of measured points by name, whose joint
+    values stand elsewhere and are NaN here. FileFormatError names file, line and column.
+    """
+    table = ForeignTable(path, columns, part=points_alone)
+    n = len(table)
+    if n == 0:
+        raise FileFormatError(f"{path}: has no rows")
+    joints = np.full((n, len(robot.joint_names)), np.nan) if points_alone else joints_of(table, robot)
+    names = names_of(table)
+    target = table.text("target") if table.find("target") else None
+    lines = tuple(table.lines)
+    if joints_alone:
+        return replace(measured(joints, names=names, target=target), lines=lines)
+    length = table.numbers("length", "mm", gaps=True) if table.find("length", "mm") else np.full(n, np.nan)
+    position = np.full((n, 3), np.nan)
+    if table.find("x", "mm") or np.isnan(length).any():
+        position = np.column_stack([table.numbers(axis, "mm", gaps=True) for axis in "xyz"])
+    _whole(path, position, names, "x, y, z")
+    _in_range(path, position, names)
+    neither = np.isnan(position[:, 0]) == np.isnan(length)
+    if neither.any():
+        what = "has neither x, y, z nor length" if np.isnan(length[np.argmax(neither)]) else "has both x, y, z and length"
+        raise FileFormatError(f"{path}: row {names[int(np.argmax(neither))]} {what}")
+    quaternion = table.orientation(gaps=True)
+    if quaternion is not None:
+        _whole(path, quaternion, names, "qx, qy, qz, qw")
+    station = None
+    if not np.isnan(length).all():
+        station = table.text("station")
+        lost = [name for name, s, value in zip(names, station, length, strict=True) if not s and not np.isnan(value)]
+        if lost:
+            raise FileFormatError(f"{path}: row {lost[0]}: a length without its station")
+        station = [s if not np.isnan(value) else "" for s, value in zip(station, length, strict=True)]
+    u = {key: table.numbers(key, unit) if table.find(key, unit) else None for key, unit in (("u_position", "mm"), ("u_rotation", "deg"))}
+    for key, values in u.items():
+        if values is not None and (values < 0).any():
+            column = table.find(key, "mm" if key == "u_position" else "deg")
+            row = int(np.argmax(values < 0))
+            raise FileFormatError(
+                f"{path}: row {names[row]}, column {column.name if column else key!r}: a standard uncertainty is negative"
+            )
+    if not points_alone:
+        table.nothing_else()
+    turn = u["u_rotation"]
+    found = measured(
+        joints,
+        position,
+        quaternion,
+        names=names,
+        target=target,
+        station=station,
+        length_mm=length,
+        u_position_mm=u["u_position"],
+        u_rotation_rad=None if turn is None else np.radians(turn),
+    )
+    return replace(found, lines=lines)
+
+
+def joints_of(table: ForeignTable, robot: RobotModel) -> FloatArray:
+    """(N, n) joint values [rad, mm] of a table; FileFormatError where one is missing."""
+    return np.column_stack([_joint(table, i, name, bool(robot.sliding[i])) for i, name in enumerate(robot.joint_names)])
+
+
+def names_of(table: ForeignTable) -> list[str]:
+    """Names of its rows, their numbers where it has none."""
+    names = table.row_names("name") or [""] * len(table)
+    return [name or str(i + 1) for i, name in enumerate(names)]
+
+
+def _joint(table: ForeignTable, i: int, name: str, slides: bool) -> FloatArray:
+    """(n,) values [rad, mm] of a joint, under its own name or its number; a gantry's x is not that of the measured place."""
+    unit = "mm" if slides else "deg"
+    key = name if name not in OF_THE_PLACE and table.find(name, unit) else f"joint_{i + 1}"
+    values = table.numbers(key, unit)
+    if slides:
+        return values
+    conventions.check_angles(values, f"{table.path}: {key}")
+    return np.radians(values)
+
+
+def _whole(path: Path, values: FloatArray, names: list[str], what: str) -> None:
+    part = np.isnan(values).any(axis=1) & ~np.isnan(values).all(axis=1)
+    if part.any():
+        raise FileFormatError(f"{path}: row {names[int(np.argmax(part))]}: one of {what} is empty and another is not")
+
+
+def _in_range(path: Path, position: FloatArray, names: list[str]) -> None:
+    far = (np.abs(position) > conventions.MAX_LENGTH_MM).any(axis=1)
+    if far.any():
+        raise FileFormatError(
+            f"{path}: row {names[int(np.argmax(far))]}: lies more than {conventions.MAX_LENGTH_MM:.0f} mm from the origin"
+        )

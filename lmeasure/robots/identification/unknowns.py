@@ -1,0 +1,202 @@
+"""What an identification asks for, and how the measurements depend on it: residuals, their derivatives, priors and names.
+
+The unknowns x are changes from a start: of the robot's freed parameters (rad, mm, from their nominal values), of the base's pose in the
+instrument's frame, of every target's place, and pose where it was measured, on the flange, and of every station's place. Turns are
+rotation vectors applied from the left, about the axes of the frame that the pose leads to. Behind them stand the variables of what the
+instrument errs by in all rows together, of unit variance: what it does to the robot is in the covariance then, whole and with its sign.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, IntArray, se3
+from lmeasure.robots.identification.initial_frames import Frames
+from lmeasure.robots.identification.measurements import COMPONENTS, LENGTH, POSITION, ROTATION, Measurements
+from lmeasure.robots.model import Parameter, RobotModel
+
+R = TypeVar("R", bound=RobotModel)
+WIDE_MM, WIDE_RAD = 1e5, 1e2
+"""Prior of frames of which nothing is known: too wide to move anything, and enough to leave no equation singular."""
+NO_POSE = 1e100
+"""Residual of a robot that has no pose at some of the joint values: worse than any that has."""
+_AXES = ("x_mm", "y_mm", "z_mm")
+_TURNS = ("rx_deg", "ry_deg", "rz_deg")
+
+
+@dataclass(frozen=True)
+class State(Generic[R]):
+    """Values of all unknowns: the robot, base (7,) instrument_from_base, targets (k, 7) flange_from_target, stations (s, 3)."""
+
+    robot: R
+    base: FloatArray
+    targets: FloatArray
+    stations: FloatArray
+
+    def predicted(self, rows: Measurements) -> FloatArray:
+        """(N, 7) instrument_from_target at the rows' joint values."""
+        flange = self.robot.forward(rows.joints, rows.side)
+        return se3.compose(se3.compose(self.base, flange), self.targets[rows.target_of])
+
+
+class Unknowns(Generic[R]):
+    """The unknowns of the measurements `rows` of a robot with its nominal values, from frames that a start has found."""
+
+    def __init__(self, robot: R, freed: IntArray, frames: Frames, rows: Measurements, *, widths: FloatArray | None = None) -> None:
+        """widths (all parameters,): prior standard uncertainties in the units of the names, by default the parameters' own."""
+        self.start = State(robot, frames.base, frames.targets, frames.stations)
+        self.freed = freed
+        self.rows = rows
+        every = robot.parameters
+        if widths is not None:
+            every = tuple(replace(p, width=float(w)) for p, w in zip(every, widths, strict=True))
+        self.widths = widths
+        self.own: tuple[Parameter, ...] = tuple(every[i] for i in freed)
+        self._all = len(every)
+        measured = rows.placed | rows.ranged
+        self.turned: BoolArray = np.array([bool((rows.oriented & (rows.target_of == t)).any()) for t in range(len(rows.targets))])
+        self.based = bool(rows.placed.any())
+        """Whether anything tells where the robot stands; lengths alone do not."""
+        free = len(freed)
+        self.base_at = slice(free, free + 6 * self.based)
+        at = self.base_at.stop
+        names = [p.name for p in self.own] + [f"base.{key}" for key in (*_TURNS, *_AXES) if self.based]
+        sizes = [p.size for p in self.own] + [np.radians(1.0)] * (3 * self.based) + [1.0] * (3 * self.based)
+        self.target_at: list[slice] = []
+        for t, name in enumerate(rows.targets):
+            if not (measured & (rows.target_of == t)).any():
+                self.target_at.append(slice(at, at))
+                continue
+            label = "tool" if len(rows.targets) == 1 else f"target_{name}"
+            names += [f"{label}.{key}" for key in (_TURNS if self.turned[t] else ()) + _AXES]
+            sizes += [np.radians(1.0)] * (3 * int(self.turned[t])) + [1.0] * 3
+            self.target_at.append(slice(at, len(names)))
+            at = len(names)
+        self.station_at = slice(at, at + 3 * len(rows.stations))
+        names += [f"station_{name}.{key}" for name in rows.stations for key in _AXES]
+        sizes += [1.0] * (3 * len(rows.stations))
+        self.asked = len(names)
+        """How many unknowns somebody asks for: all but the instrument's errors, which are the last."""
+        shared = rows.systematic.shape[2]
+        names += [f"instrument.error_{k + 1}" for k in range(shared)]
+        sizes += [1.0] * shared
+        self.names = tuple(names)
+        self.size: FloatArray = np.array(sizes)
+        """(p,) rad or mm in one of the unit that the name ends with."""
+        wide = np.where(self.size == 1.0, WIDE_MM, WIDE_RAD)
+        self.width: FloatArray = np.concatenate([[p.width * p.size for p in self.own], wide[free : self.asked], np.ones(shared)])
+        """(p,) standard uncertainty of the prior, rad or mm."""
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def of_robot(self, x: FloatArray) -> FloatArray:
+        """(all parameters,) changes of the robot's parameters."""
+        change = np.zeros(self._all)
+        change[self.freed] = x[: len(self.freed)]
+        return change
+
+    def state(self, x: FloatArray) -> State[R]:
+        """The values at x (p,)."""
+        s = self.start
+        base = se3.displaced(s.base, x[self.base_at]) if self.based else s.base
+        targets = s.targets.copy()
+        for t, at in enumerate(self.target_at):
+            if at.stop > at.start:
+                targets[t] = se3.displaced(s.targets[t], np.concatenate([np.zeros(3 * (not self.turned[t])), x[at]]))
+        return State(s.robot.moved(self.of_robot(x)), base, targets, s.stations + x[self.station_at].reshape(-1, 3))
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """(p,) values in the units of the names: parameters as the robot's, turns as rotation vectors."""
+        state = self.state(x)
+        parameters = state.robot.parameters
+        out = [parameters[i].value for i in self.freed]
+        poses = [state.base] * self.based + [t for t, at in zip(state.targets, self.target_at, strict=True) if at.stop > at.start]
+        turned = [True] * self.based + [bool(turned) for turned, at in zip(self.turned, self.target_at, strict=True) if at.stop > at.start]
+        for pose, whole in zip(poses, turned, strict=True):
+            out += [*(np.degrees(se3.rotation(pose).as_rotvec()) if whole else ()), *pose[:3]]
+        return np.array([*out, *state.stations.reshape(-1), *x[self.asked :]])
+
+    def levers(self, rows: Measurements) -> FloatArray:
+        """(N, 6, 6) how the components of rows move with what the robot adds at their stay: a turn, about the mean place of the stay's
+        rows, and a shift (rotation [rad]; position [mm], instrument's axes)."""
+        place = self.start.predicted(rows)[:, :3]
+        _, of, counts = np.unique(rows.stay, return_inverse=True, return_counts=True)
+        middle = np.zeros((len(counts), 3))
+        np.add.at(middle, of, place)
+        arm = place - (middle / counts[:, None])[of]
+        out = np.tile(np.eye(COMPONENTS), (len(rows), 1, 1))
+        out[:, POSITION, ROTATION] = -np.cross(np.eye(3)[None], arm[:, None])
+        if rows.ranged.any():
+            way = (place - self.start.stations[rows.station_of])[rows.ranged]
+            along = (way / np.linalg.norm(way, axis=1)[:, None])[:, None]
+            out[rows.ranged, LENGTH] = (along @ out[rows.ranged, POSITION])[:, 0]
+        return np.asarray(np.where(rows.known[:, :, None], out, 0.0))
+
+    def residuals(self, x: FloatArray, rows: Measurements | None = None) -> FloatArray:
+        """(N, 6) measured less predicted components (rotation [rad]; position or length [mm]), 0 where nothing was measured."""
+        return self.linearised(x, rows)[0]
+
+    def linearised(self, x: FloatArray, rows: Measurements | None = None) -> tuple[FloatArray, FloatArray]:
+        """(N, 6) residuals and (N, 6, p) derivatives of what is predicted, negative ones of the residuals."""
+        rows = self.rows if rows is None else rows
+        state = self.state(x)
+        flange, _, twists = state.robot.derivatives(rows.joints, rows.side, self.freed)
+        n, free = len(rows), len(self.freed)
+        if np.isnan(flange).any():
+            return np.full((n, COMPONENTS), NO_POSE), np.zeros((n, COMPONENTS, len(self)))
+        to_flange = se3.matrices(flange)
+        local = state.targets[rows.target_of]
+        in_base = se3.apply(flange, local[:, :3])
+        turn = se3.matrices(state.base)
+        place = in_base @ turn.T + state.base[:3]
+        out, jacobian = np.zeros((n, COMPONENTS)), np.zeros((n, COMPONENTS, len(self)))
+
+        shift = twists[..., 3:] + np.cross(twists[..., :3], in_base[:, None])
+        if self.turned.any():
+            jacobian[:, ROTATION, :free] = np.swapaxes(twists[..., :3] @ turn.T, 1, 2)
+        jacobian[:, POSITION, :free] = np.swapaxes(shift @ turn.T, 1, 2)
+        if self.based:
+            about = se3.left_jacobians(x[self.base_at][:3])
+            first = self.base_at.start
+            jacobian[:, ROTATION, first : first + 3] = about
+            jacobian[:, POSITION, first : first + 3] = np.cross(about.T[None], (place - state.base[:3])[:, None]).swapaxes(1, 2)
+            jacobian[:, POSITION, first + 3 : first + 6] = np.eye(3)
+        outer = turn @ to_flange
+        for t, at in enumerate(self.target_at):
+            own = np.flatnonzero(rows.target_of == t)
+            if at.stop == at.start or len(own) == 0:
+                continue
+            jacobian[own[:, None], np.arange(3, 6)[None], at.stop - 3 : at.stop] = outer[own]
+            if self.turned[t]:
+                jacobian[own[:, None], np.arange(3)[None], at.start : at.start + 3] = outer[own] @ se3.left_jacobians(x[at][:3])
+
+        placed, oriented, ranged = rows.placed, rows.oriented, rows.ranged
+        out[placed, POSITION] = (rows.position - place)[placed]
+        if oriented.any():
+            # instrument axes: measured = Exp(residual) predicted
+            predicted = se3.compose(se3.compose(np.broadcast_to(state.base, flange.shape), flange), local)[oriented]
+            read = se3.pose(predicted[:, :3], se3.rotation(np.column_stack([predicted[:, :3], rows.quaternion[oriented]])))
+            residual = se3.displacement(read, predicted)[:, :3]
+            out[oriented, ROTATION] = residual
+            back = np.linalg.inv(se3.left_jacobians(-residual))
+            jacobian[oriented, ROTATION] = back @ jacobian[oriented, ROTATION]
+        jacobian[~oriented, ROTATION] = 0.0
+        if ranged.any():
+            way = place[ranged] - state.stations[rows.station_of[ranged]]
+            length = np.linalg.norm(way, axis=1)
+            along = way / length[:, None]
+            out[ranged, LENGTH] = rows.length_mm[ranged] - length
+            jacobian[ranged, LENGTH] = np.einsum("ni,nip->np", along, jacobian[ranged, POSITION])
+            jacobian[ranged, LENGTH + 1 :] = 0.0
+            for i, station in zip(np.flatnonzero(ranged), rows.station_of[ranged], strict=True):
+                first = self.station_at.start + 3 * int(station)
+                jacobian[i, LENGTH, first : first + 3] = -along[np.count_nonzero(ranged[:i])]
+        unknown = ~(placed | ranged)
+        jacobian[unknown, POSITION] = 0.0
+        if rows.systematic.shape[2]:
+            shared = slice(self.asked, len(self))
+            jacobian[:, :, shared] = np.where(rows.known[:, :, None], rows.systematic, 0.0)
+            out -= jacobian[:, :, shared] @ x[shared]
+        return out, jacobian

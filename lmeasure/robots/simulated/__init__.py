@@ -1,0 +1,1 @@
+"""Simulated robots: a controller's commands, and an arm with errors."""

@@ -1,0 +1,208 @@
+"""Physical effects on a rig's cables, what its keys mean for lengths and how uncertain that is: temperature, stretch and sag, and parts
+that are not as drawn (`sensors.imperfect_parts`)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, GeometryError
+from lmeasure.kernels import (
+    AXIAL,
+    CABLE_EXPANSION,
+    COMPLIANCE,
+    COUNT_LENGTH,
+    DRUM_EXPANSION,
+    EFFECT_COLUMNS,
+    FRAME_EXPANSION,
+    GUIDE_LENGTH,
+    TANGENT,
+    TENSION,
+    TENSION_RISE,
+    WEIGHT,
+    excesses,
+    span_lengths,
+)
+from lmeasure.rig import Cable, Drum, Rig
+from lmeasure.sensors.imperfect_parts import Parts, parts_of
+
+GRAVITY = 9.80665  # standard gravity [m/s^2]; it differs by 0.3 % between equator and pole
+REFERENCE_C = 20.0  # ISO 1:2022
+
+_EXPANSIONS = [CABLE_EXPANSION, DRUM_EXPANSION, FRAME_EXPANSION]
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Where the equations of m cables start: pose (m, 7), true count (m,) and temperature (m,) [deg C]."""
+
+    poses: FloatArray
+    counts: FloatArray
+    temperature_c: FloatArray
+
+
+def zero_at(pose: FloatArray, cables: int, temperature_c: float) -> Zero:
+    """All counters zeroed at one pose (7,)."""
+    return Zero(np.tile(pose, (cables, 1)), np.zeros(cables), np.full(cables, temperature_c))
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The effects on m cables.
+
+    rows (m, columns) of `kernels.effects`; reference_c; moved: for each uncertain property the rows one standard uncertainty above and
+    below; u_temperature_k; u_tension_change_n (m,).
+    """
+
+    rows: FloatArray
+    cables: tuple[str, ...]
+    reference_c: float
+    moved: tuple[tuple[FloatArray, FloatArray], ...]
+    u_temperature_k: float
+    u_tension_change_n: FloatArray
+    parts: Parts | None = None
+
+    @property
+    def physical(self) -> bool:
+        """Whether temperature, tension or weight has an effect."""
+        return bool(self.rows[:, [*_EXPANSIONS, COMPLIANCE, WEIGHT]].any())
+
+    @property
+    def thermal(self) -> bool:
+        """Whether temperature has an effect."""
+        return bool(self.rows[:, _EXPANSIONS].any())
+
+    def excess(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray) -> FloatArray:
+        """(n, m) what the effects add to modelled less measured changes [mm], at (n, 7) poses, true counts and temperatures (n, m).
+
+        F(P) - F(P0) + excess = D(k) - D(k0) with F and D of `kernels.cable` for cable_rows (m, columns). NaN where pose or count is NaN and
+        where a cable cannot run or carries no tension.
+        """
+        if not self.physical:
+            assert self.parts is not None
+            return self.parts.excess(cable_rows, (zero.poses, zero.counts), poses, counts)
+        out = self._excess(self.rows, cable_rows, zero, poses, counts, temperature_c)
+        return out if self.parts is None else out + self.parts.excess(cable_rows, (zero.poses, zero.counts), poses, counts)
+
+    def checked_excess(
+        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
+    ) -> FloatArray:
+        """`excess`; GeometryError names the sample and cable where there is none."""
+        out = self.excess(cable_rows, zero, poses, counts, temperature_c=temperature_c)
+        bad = ~np.isfinite(out) & np.isfinite(poses[:, :1]) & np.isfinite(counts)
+        if bad.any():
+            i, j = (int(x) for x in np.argwhere(bad)[0])
+            raise GeometryError(
+                f"sample {i}: cable {self.cables[j]}: with {self._tension(j, counts[i, j], cable_rows):.3g} N "
+                "it does not carry itself, or it cannot run there"
+            )
+        return out
+
+    def _tension(self, j: int, count: float, cable_rows: FloatArray) -> float:
+        return float(self.rows[j, TENSION] + self.rows[j, TENSION_RISE] * cable_rows[j, COUNT_LENGTH] * count)
+
+    def _excess(
+        self, rows: FloatArray, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray
+    ) -> FloatArray:
+        return np.asarray(
+            excesses(
+                cable_rows,
+                rows,
+                np.ascontiguousarray(zero.poses),
+                zero.counts,
+                np.ascontiguousarray(poses),
+                np.ascontiguousarray(counts),
+                zero.temperature_c - self.reference_c,
+                np.ascontiguousarray(temperature_c - self.reference_c),
+            )
+        )
+
+    def property_shifts(
+        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
+    ) -> Iterator[FloatArray]:
+        """(n, m) changes of the excess by one standard uncertainty of each property of cables and frame: errors shared by all samples."""
+        for above, below in self.moved:
+            given = cable_rows, zero, poses, counts, temperature_c
+            yield (self._excess(above, *given) - self._excess(below, *given)) / 2.0
+
+    def temperature_shifts(
+        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """(n, m) changes of the excess by one standard uncertainty of the temperature at the zero pose, and of that at the sample."""
+        u = self.u_temperature_k
+        if not (u > 0.0 and self.thermal):
+            return None
+
+        def at(first: float, later: float) -> FloatArray:
+            begun = Zero(zero.poses, zero.counts, zero.temperature_c + first)
+            return self._excess(self.rows, cable_rows, begun, poses, counts, temperature_c + later)
+
+        return (at(u, 0.0) - at(-u, 0.0)) / 2.0, (at(0.0, u) - at(0.0, -u)) / 2.0
+
+    def tension_shift(self, cable_rows: FloatArray, poses: FloatArray) -> FloatArray | None:
+        """(n, m) how much longer each free cable is when its tension is one standard uncertainty more than the drum's law says; it is
+        another error at each cable and, as friction turns with the direction of travel, at each stop."""
+        per_mm = self.u_tension_change_n * self.rows[:, COMPLIANCE]
+        if not per_mm.any():
+            return None
+        to_pulley = np.hypot(cable_rows[:, TANGENT], cable_rows[:, AXIAL]) + self.rows[:, GUIDE_LENGTH]
+        return np.asarray((span_lengths(cable_rows, np.ascontiguousarray(poses)) + to_pulley) * per_mm)
+
+
+def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None, *, with_parts: bool = True) -> Effects | None:
+    """The effects that a rig's keys state for the given cables, default all, those of parts left out if asked; None when it states none."""
+    chosen = rig.cable if cables is None else cables
+    drums = [rig.point(c.from_point).drum for c in chosen]
+    rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), EFFECT_COLUMNS)
+    parts = parts_of(rig, chosen) if with_parts else None
+    if not (rows[:, [*_EXPANSIONS, COMPLIANCE, WEIGHT]] != 0.0).any() and parts is None:
+        return None
+    reference = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
+    change = np.array([drum.u_cable_tension_change_n or 0.0 for drum in drums])
+    moved = []
+    for point in dict.fromkeys(c.from_point for c in chosen):
+        own = np.array([c.from_point == point for c in chosen])
+        for column, low, high in _ranges(rig.point(point).drum):
+            moved.append((_with(rows, own, column, high), _with(rows, own, column, low)))
+    if rig.frame_expansion_per_k is not None and rig.u_frame_expansion_per_k:
+        every, u = np.ones(len(chosen), dtype=bool), rig.u_frame_expansion_per_k
+        value = rig.frame_expansion_per_k
+        moved.append((_with(rows, every, FRAME_EXPANSION, value + u), _with(rows, every, FRAME_EXPANSION, value - u)))
+    return Effects(rows, tuple(c.name for c in chosen), reference, tuple(moved), rig.u_temperature_k or 0.0, change, parts)
+
+
+def _row(drum: Drum, rig: Rig) -> list[float]:
+    return [
+        drum.cable_expansion_per_k or 0.0,
+        drum.drum_expansion_per_k or 0.0,
+        rig.frame_expansion_per_k or 0.0,
+        0.0 if drum.cable_stiffness_n is None else 1.0 / drum.cable_stiffness_n,
+        (drum.cable_mass_kg_per_m or 0.0) * GRAVITY / 1000.0,
+        drum.cable_tension_n or 0.0,
+        (drum.cable_tension_n_per_m or 0.0) / 1000.0,
+        np.nan if drum.winding_tension_n is None else drum.winding_tension_n,
+        drum.guide_length_mm or 0.0,
+    ]
+
+
+def _ranges(drum: Drum) -> Iterator[tuple[int, float, float]]:
+    """(column, value less u, value plus u) of what is uncertain."""
+    if drum.cable_expansion_per_k is not None and drum.u_cable_expansion_per_k:
+        u = drum.u_cable_expansion_per_k
+        yield CABLE_EXPANSION, drum.cable_expansion_per_k - u, drum.cable_expansion_per_k + u
+    if drum.cable_stiffness_n is not None and drum.u_cable_stiffness_n:
+        # linear in 1/EA
+        u = drum.u_cable_stiffness_n / drum.cable_stiffness_n**2
+        yield COMPLIANCE, 1.0 / drum.cable_stiffness_n - u, 1.0 / drum.cable_stiffness_n + u
+    if drum.cable_mass_kg_per_m is not None and drum.u_cable_mass_kg_per_m:
+        value, u = drum.cable_mass_kg_per_m * GRAVITY / 1000.0, drum.u_cable_mass_kg_per_m * GRAVITY / 1000.0
+        yield WEIGHT, value - u, value + u
+    if drum.cable_tension_n is not None and drum.u_cable_tension_n:
+        u = drum.u_cable_tension_n
+        yield TENSION, drum.cable_tension_n - u, drum.cable_tension_n + u
+
+
+def _with(rows: FloatArray, which: BoolArray, column: int, value: float) -> FloatArray:
+    out = rows.copy()
+    out[which, column] = value
+    return out

@@ -1,0 +1,154 @@
+"""What else acts on the length of a cable than its parameters: how uncertain drums, pulleys and attachment points are, and what that does.
+
+With F and D of `kernels.cable`, N counts per turn, k the true count, every error as what it adds to f = F(P) - D(k):
+
+    count length    c + dc:               -k dc
+    groove pitch    g + dg:               a(k)/h(k) k/N dg
+    attachment      P + dP in the tool:   (R^T e) . dP
+    swivel axis     d beside the groove:  -d sin phi                                (`sensors.imperfect_parts`)
+    other cable     o thicker:            o/2 phi - k dl, dl that of a count
+    run-out         the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more:  minus that
+    eccentricity    below
+    play            the true count is k + s w, s = 1 paying out, s = -1 winding in:  -s c w
+
+each less the same at the pose and count where the counter was zeroed. Of the play, s is that of the last travel: where a run has got
+to it is known, where the counter was zeroed it is not, and as either sign is as likely the two errors are uncorrelated, each of the
+variance of w. Play between drum and encoder and friction along the cable obey the same law: a reading stands still until the band of
+width 2 w is crossed. (While it is crossed s lies between its two values, and the last one is taken.) Temperature, tension and weight
+need more than one number and have a module of their own (`lmeasure.sensors.cable_effects`).
+
+Swivel pulley off its axle
+--------------------------
+Cable does not slip on the pulley, so D(k) turns it by psi = D(k)/R, from u towards n (module docstring of `kernels.cable`). Its groove is a
+circle about O + x, with x = x1 (cos psi u + sin psi n) + x2 (cos psi n - sin psi u) fixed to the pulley. A tight cable pulls the pulley by
+its tension times e - u, so that by virtual work the length changes by dF = x . (u - e) to first order, second orders being x^2/R:
+
+    dF = x1 (cos psi (1 - cos phi) - sin psi sin phi) - x2 (sin psi (1 - cos phi) + cos psi sin phi)
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lmeasure.core import FloatArray
+from lmeasure.kernels import RADIUS, TRAVEL, TURN_COUNTS
+from lmeasure.sensors.wrap import Drum, Span, drum_of
+from lmeasure.text import Finding, finding
+
+
+class Acted(NamedTuple):
+    """A cable at n samples: its row of the kernels, base_from_tool turns (n, 3, 3), true counts (n,), and how it runs."""
+
+    row: FloatArray
+    turns: FloatArray
+    counts: FloatArray
+    span: Span
+
+    @property
+    def drum(self) -> Drum:
+        """What pays it out."""
+        return drum_of(self.row)
+
+
+@dataclass(frozen=True)
+class CableEffect:
+    """A kind of error. key: the rig's key that states it; text: what it is called, code: of that in the
+    catalogues; size: a usual one, and typical: in the
+    key's unit, of the value `of` where it is a share of that; parameter: what a calibration calls the same, if it can solve it; adds: what
+    one unit of each of its components adds to F(P) - D(k), (n, components) [mm], None of play, which depends on the way that was gone."""
+
+    key: str
+    text: str
+    code: str
+    size: Finding
+    typical: float
+    of: str | None = None
+    parameter: str | None = None
+    adds: Callable[[Acted], FloatArray] | None = None
+
+    @property
+    def said(self) -> Finding:
+        """What it is called, in every language."""
+        return finding(f"exact.{self.code}")
+
+
+def _of_count_length(at: Acted) -> FloatArray:
+    return -at.counts[:, None]
+
+
+def _of_pitch(at: Acted) -> FloatArray:
+    a = at.drum.axial_mm + at.drum.travel_mm * at.counts
+    return (a / np.maximum(np.hypot(at.drum.tangent_mm, a), 1e-300) * at.counts / at.row[TURN_COUNTS])[:, None]
+
+
+def _of_run_out(at: Acted) -> FloatArray:
+    angle = 2.0 * np.pi * at.counts / at.row[TURN_COUNTS]
+    return -np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _of_eccentricity(at: Acted) -> FloatArray:
+    psi = at.drum.paid_out(at.counts) / at.row[RADIUS]
+    lift, sine, c, s = 1.0 - at.span.cosine, at.span.sine, np.cos(psi), np.sin(psi)
+    return np.column_stack([c * lift - s * sine, -s * lift - c * sine])
+
+
+def _of_offset(at: Acted) -> FloatArray:
+    return -at.span.sine[:, None]
+
+
+def _of_oversize(at: Acted) -> FloatArray:
+    turn = at.row[TURN_COUNTS]
+    _, by_over = thicker(at.drum.count_mm * turn, at.row[TRAVEL] * turn, 0.0)
+    return (0.5 * at.span.angle * (at.row[RADIUS] > 0.0) - at.counts / turn * by_over)[:, None]
+
+
+def thicker(turn_mm: ArrayLike, pitch_mm: ArrayLike, over: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """How much longer a turn is on drums (...) of such pitches, with turn_mm of cable in it, of cables thicker by over; derivative."""
+    turn, pitch, half = (np.asarray(v, dtype=np.float64) for v in (turn_mm, pitch_mm, 0.5 * np.asarray(over)))
+    r = np.sqrt(turn**2 - pitch**2) / (2.0 * np.pi)
+    # a difference of two lengths would lose the digits of a small one
+    longer = np.hypot(2.0 * np.pi * (r + half), pitch)
+    return 4.0 * np.pi**2 * half * (2.0 * r + half) / (longer + turn), 2.0 * np.pi**2 * (r + half) / longer
+
+
+def _of_attachment(at: Acted) -> FloatArray:
+    return np.asarray(np.einsum("nij,ni->nj", at.turns, at.span.direction))
+
+
+def _mm(typical: float) -> dict[str, Any]:
+    return {"size": finding("size.mm", mm=typical), "typical": typical}
+
+
+def _band(half: float) -> dict[str, Any]:
+    return {"size": finding("size.band", counts=round(2.0 * half)), "typical": half}
+
+
+COUNT_LENGTH = CableEffect(
+    "u_count_length_mm",
+    "count length",
+    "count_length",
+    finding("size.percent", percent=0.05),
+    5e-4,
+    "count_length_mm",
+    "scale",
+    _of_count_length,
+)
+PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "groove_pitch", **_mm(0.01), parameter="groove_pitch_mm", adds=_of_pitch)
+RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "run_out", **_mm(0.02), adds=_of_run_out)
+ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "pulleys", **_mm(0.05), adds=_of_eccentricity)
+ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "attachment", **_mm(0.1), parameter="attachment", adds=_of_attachment)
+OFFSET = CableEffect("u_swivel_offset_mm", "swivel axes beside the groove", "swivels", **_mm(0.2), adds=_of_offset)
+OVERSIZE = CableEffect("u_cable_oversize_mm", "cable diameter", "cable_diameter", **_mm(0.05), adds=_of_oversize)
+BACKLASH = CableEffect("u_backlash_counts", "backlash", "backlash", **_band(1.0))
+FRICTION = CableEffect("u_friction_counts", "friction", "friction", **_band(4.0))
+
+DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
+"""What is a dimension of the rig, the same in every run and calibration."""
+OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION, OFFSET, OVERSIZE)
+"""What depends on how drum and pulley stand and which way they turned, and what only a rig that states it has."""
+EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION)
+STATED = (*EFFECTS, OFFSET, OVERSIZE)
+"""What a rig may state to be uncertain."""

@@ -1,0 +1,251 @@
+"""Parts of a cable's way that are not as drawn, as numbers of the rig: drums that run out, eccentric pulleys, swivel axes beside the
+groove, another cable, play. What each adds to f = F(P) - D(k), F and D of `kernels.cable`, N counts per turn, c the length of a count:
+
+    run-out        -(a cos 2 pi k'/N + b sin 2 pi k'/N)
+    pulley         F(P - X) + X.u - F(P) with X the way of its groove's centre from where it should be, in the pulley's plane (u, n)
+    other cable    F with R + o/2 instead of R about the same axle, and D with the helix of the drum's radius + o/2
+    play           -s w D'(k), s the sign of the last travel
+
+each less the same where the counter was zeroed.
+
+The pulley (checked against taut strings in `tests/sensors/test_parts.py`)
+------------------------------------------------------------------------------
+The cable comes along u, up to the groove of radius R about C = B + R n + X, and leaves for P. Seen from C all is as in `kernels.cable`,
+with P - X for P, but that the cable before the groove is longer by X.u. The way from the fixed pulley is turned by X.n over its length,
+which lengthens it by the square of that alone and is left out. X has two parts. An eccentric groove turns with the pulley,
+X = x1 (cos psi u + sin psi n) + x2 (cos psi n - sin psi u), psi = (cable passed)/R as the cable does not slip; the groove's own
+eccentricity changes psi by x/R and X by x^2/R, which is left out: 1e-4 mm of 0.05 mm on 20 mm. A swivel axis that passes the groove at the
+distance d keeps C at R + d from it: X = d n, whatever way the pulley is turned, and as the cable before the groove is then turned alike in
+every position, F(P - d n) is exact. To first order x1 and x2 act as `sensors.effect_laws` has it, and dF/dd = -sin phi. A cable
+that is thicker by o has its middle at R + o/2 from an axle that stays where it is, X = -o/2 n: dF/do = phi/2.
+
+What `k'` and psi count from: the rig's `phase_length_mm`, a length L of the cable from B to P. Where a counter was zeroed with F0 of
+cable, k' = k + (F0 - L)/c, and the cable passed is D(k) + F0 - L. Without it drum and pulley stand as stated where the counter was zeroed.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, se3
+from lmeasure.kernels import (
+    ALPHA,
+    BASE_XYZ,
+    BETA,
+    BY_ALPHA,
+    BY_ATTACHMENT,
+    BY_AXIAL,
+    BY_BASE,
+    BY_BETA,
+    BY_PITCH,
+    BY_RADIUS,
+    BY_SCALE,
+    BY_TANGENT,
+    COUNT_LENGTH,
+    GUIDE_XYZ,
+    RADIUS,
+    TRAVEL,
+    TURN_COUNTS,
+    WIDTH,
+    length_gradients,
+    span_rows,
+)
+from lmeasure.rig import FURTHER, PHASED, Cable, Rig, further_names, value_of
+from lmeasure.sensors.effect_laws import thicker
+from lmeasure.sensors.wrap import arms, by_guide, drum_of, guide, span
+
+RUN_OUT, PART_ECCENTRICITY, OFFSET, OVERSIZE, PLAY = slice(0, 2), slice(2, 4), 4, 5, 6
+"""Where each stands among `FURTHER`."""
+
+
+class Added(NamedTuple):
+    """What parts add to F(P) - D(k) [mm], (n, m), its derivatives by their values (n, m, 7), by the way from B to P (n, m, 3) in base axes,
+    by the pulley's radius, by the pulley's angle psi and the drum's angle theta (n, m)."""
+
+    mm: FloatArray
+    by_values: FloatArray
+    by_way: FloatArray
+    by_radius: FloatArray
+    by_psi: FloatArray
+    by_theta: FloatArray
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Those of m cables: values (m, 7) of `parameters.FURTHER`, mm and counts; phase_mm (m,) what they are stated at, NaN where that is
+    where the counter was zeroed; scales (m,) of the counters; pulleys: whether derivatives by those of pulleys are asked for where all
+    are 0."""
+
+    values: FloatArray
+    phase_mm: FloatArray
+    scales: FloatArray
+    pulleys: bool = True
+
+    def excess(self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray) -> FloatArray:
+        """(n, m) what they add to modelled less measured changes [mm], for the kernels' rows (m, columns), at (n, 7) poses and true
+        counts (n, m) that are free of play, zeroed at poses (m, 7) with counts (m,). NaN where pose or count is NaN, or a cable cannot
+        run."""
+        known: BoolArray = np.isfinite(poses[:, 0])
+        there, begun = self.added(rows, zero, poses[known], counts[known], travel=np.zeros(counts[known].shape))
+        return _where(known, there.mm - begun.mm)
+
+    def gradient(
+        self,
+        rows: FloatArray,
+        zero: tuple[FloatArray, FloatArray],
+        poses: FloatArray,
+        counts: FloatArray,
+        *,
+        travel: FloatArray | None = None,
+        since: bool = True,
+    ) -> FloatArray:
+        """(n, m, 7) derivatives of `excess` by the values, NaN where the pose is; travel (n, m): signs of the last travel; since: as
+        there, less those where counting began."""
+        known: BoolArray = np.isfinite(poses[:, 0])
+        travel = np.zeros(counts.shape) if travel is None else travel
+        there, begun = self.added(rows, zero, poses[known], counts[known], travel=travel[known])
+        return _where(known, there.by_values - begun.by_values if since else there.by_values)
+
+    def added(
+        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, *, travel: FloatArray
+    ) -> tuple[Added, Added]:
+        """What they add at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) where counting began."""
+        way = poses[:, None, :3] + arms(rows, poses) - rows[:, BASE_XYZ]
+        begun = (zero[0][:, :3] + np.einsum("mmi->mi", arms(rows, zero[0])) - rows[:, BASE_XYZ])[None]
+        k0 = zero[1][None]
+        plain = span(begun, rows[:, GUIDE_XYZ], rows[:, RADIUS])
+        since = np.where(np.isnan(self.phase_mm), 0.0, plain.length - self.phase_mm)
+        return self._at(rows, way, counts, travel, k0, since), self._at(rows, begun, k0, np.zeros(k0.shape), k0, since)
+
+    def _at(self, rows: FloatArray, way: FloatArray, k: FloatArray, s: FloatArray, k0: FloatArray, since: FloatArray) -> Added:
+        a, b, x1, x2, offset, over, play = self.values.T
+        drum, turn, R, u = drum_of(rows.T), rows[:, TURN_COUNTS], rows[:, RADIUS], rows[:, GUIDE_XYZ]
+        w = play / self.scales
+        slope = drum.slope(k)
+        theta = 2.0 * np.pi * (k - k0 + since / drum.count_mm) / turn
+        c, sine = np.cos(theta), np.sin(theta)
+        longer, by_over = thicker(drum.count_mm * turn, rows[:, TRAVEL] * turn, over)
+        mm = -a * c - b * sine - k * longer / turn - s * w * slope
+        by = np.stack([-c, -sine, *np.zeros((3, *k.shape)), -k * by_over / turn, -s * slope / self.scales], axis=2)
+        by_theta = a * sine - b * c
+        nothing = np.zeros(k.shape)
+        wrapped = R > 0.0
+        if not (wrapped.any() and (self.pulleys or self.values[:, PART_ECCENTRICITY.start : PLAY].any())):
+            return Added(mm, by, np.zeros(way.shape), nothing, nothing, by_theta)
+        safe = np.where(wrapped, R, 1.0)
+        psi = (drum.paid_out(k) - drum.paid_out(k0) + since) / safe
+        c, sine = np.cos(psi), np.sin(psi)
+        along, outward = x1 * c - x2 * sine, x1 * sine + x2 * c + offset - 0.5 * over
+        away = way - np.einsum("nmi,mi->nm", way, u)[:, :, None] * u
+        n = away / np.linalg.norm(away, axis=2)[:, :, None]
+        plain = span(way, u, R)
+        moved = span(way - along[:, :, None] * u - outward[:, :, None] * n, u, R + 0.5 * over)
+        lift, across = 1.0 - moved.cosine, -moved.sine
+        by[:, :, PART_ECCENTRICITY] = np.stack([c * lift + sine * across, -sine * lift + c * across], axis=2)
+        by[:, :, OFFSET] = across
+        by[:, :, OVERSIZE] += np.where(wrapped, 0.5 * moved.angle, 0.0)
+        by[:, :, PART_ECCENTRICITY.start : OFFSET + 1] *= wrapped[:, None]
+        by_psi = (-x1 * sine - x2 * c) * lift + (x1 * c - x2 * sine) * across
+        by_way = (moved.cosine - plain.cosine)[:, :, None] * u + (moved.sine - plain.sine)[:, :, None] * n
+        by_radius = moved.angle - moved.sine - plain.angle + plain.sine - by_psi * psi / safe
+        of_pulley = moved.length + along - plain.length
+        return Added(
+            mm + np.where(wrapped, of_pulley, 0.0),
+            by,
+            np.where(wrapped[:, None], by_way, 0.0),
+            np.where(wrapped, by_radius, 0.0),
+            np.where(wrapped, by_psi, 0.0),
+            by_theta,
+        )
+
+    def by_parameters(
+        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, *, travel: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Derivatives of `excess`, with the play of travel (n, m): (n, m, 7) by the values, (n, m, 13) by the kernels' parameters, and
+        (2, n, m, 6) by small motions (omega; v) of the pose and of where counting began, base axes."""
+        there, begun = self.added(rows, zero, poses, counts, travel=travel)
+        scales, m = self.scales, len(rows)
+        at = np.arange(m)
+        g = length_gradients(rows, np.ascontiguousarray(poses), counts, scales)
+        g0 = length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(zero[1], (m, 1)), scales)[at, at][None]
+        R, count_mm, turn = rows[:, RADIUS], rows[:, COUNT_LENGTH], rows[:, TURN_COUNTS]
+        stated = np.isfinite(self.phase_mm)[:, None]
+        of_drum = np.isin(np.arange(WIDTH), [BY_SCALE, BY_TANGENT, BY_AXIAL, BY_PITCH])
+        # what has passed since: D(k) - D(k0) + F0 - L, and f = F - D
+        begun_by = np.where(stated & ~of_drum, g0, 0.0)
+        radius = np.where(R > 0.0, R, 1.0)
+
+        def by_kernels(side: Added, at: FloatArray, k: FloatArray, by: FloatArray, *, of_start: bool) -> FloatArray:
+            passed = np.where(of_drum, g0 - by, 0.0) + begun_by
+            turned = np.repeat(begun_by * (2.0 * np.pi / (count_mm * turn))[:, None], len(k), axis=0)
+            turned[:, :, BY_SCALE] = -2.0 * np.pi * (k - zero[1]) / (turn * scales)
+            own = side.by_theta[:, :, None] * turned + (side.by_psi / radius)[:, :, None] * passed
+            own[:, :, BY_RADIUS] += side.by_radius
+            return own + self._of_lengths(rows, at, side, k, of_start=of_start)
+
+        of_kernels = by_kernels(there, poses, counts, g, of_start=False) - by_kernels(begun, zero[0], zero[1][None], g0, of_start=True)
+        arm = arms(rows, poses), np.einsum("mmi->mi", arms(rows, zero[0]))[None]
+        moved = [np.concatenate([np.cross(way, side.by_way), side.by_way], axis=2) for way, side in ((arm[0], there), (arm[1], begun))]
+        # the phase follows what is out where counting began
+        rate = np.where(np.isfinite(self.phase_mm), 1.0, 0.0)
+        shift = np.array([span_rows(rows[j : j + 1], pose)[0] for j, pose in enumerate(zero[0])])
+        by_begun = rate * (there.by_theta - begun.by_theta) * 2.0 * np.pi / (count_mm * turn)
+        by_begun = by_begun + rate * (there.by_psi - begun.by_psi) / radius
+        return there.by_values - begun.by_values, of_kernels, np.stack([moved[0], by_begun[:, :, None] * shift - moved[1]])
+
+    def _of_lengths(self, rows: FloatArray, poses: FloatArray, side: Added, k: FloatArray, *, of_start: bool) -> FloatArray:
+        """(n, m, 13) derivatives at fixed angles of drum and pulley, but by the radius."""
+        n, m = side.mm.shape
+        out = np.zeros((n, m, WIDTH))
+        arm, turns = arms(rows, poses), se3.matrices(poses)
+        arm, turns = (np.einsum("mmi->mi", arm)[None], turns[None]) if of_start else (arm, np.broadcast_to(turns[:, None], (n, m, 3, 3)))
+        at = np.broadcast_to(poses[:, :3][None] if of_start else poses[:, None, :3], arm.shape)
+        way = at + arm - rows[:, BASE_XYZ]
+        out[:, :, BY_BASE : BY_BASE + 3] = -side.by_way
+        for j, row in enumerate(rows):
+            out[:, j, BY_ALPHA : BY_BETA + 1] = by_guide(guide(row[ALPHA], row[BETA]), way[:, j], side.by_way[:, j])
+        out[:, :, BY_ATTACHMENT : BY_ATTACHMENT + 3] = np.einsum("nmji,nmj->nmi", turns, side.by_way)
+        over, drum, turn = self.values[:, OVERSIZE], drum_of(rows.T), rows[:, TURN_COUNTS]
+        pitch = rows[:, TRAVEL] * turn
+        longer, _ = thicker(drum.count_mm * turn, pitch, over)
+        r = np.sqrt((drum.count_mm * turn) ** 2 - pitch**2) / (2.0 * np.pi)
+        out[:, :, BY_SCALE] = k * longer / turn / self.scales
+        out[:, :, BY_PITCH] = k / turn * pitch * over / (2.0 * r * (drum.count_mm * turn + longer))
+        return out
+
+
+def _where(known: BoolArray, values: FloatArray) -> FloatArray:
+    """(n, ...) values (k, ...) of the k samples whose pose is known, NaN of the others."""
+    out = np.full((len(known), *values.shape[1:]), np.nan)
+    out[known] = values
+    return out
+
+
+def parts_of(rig: Rig, cables: tuple[Cable, ...] | None = None) -> Parts | None:
+    """Those that a rig's keys state for the given cables, default all; None when it states none but play, which is taken off counts."""
+    parts = every_part(rig, rig.cable if cables is None else cables)
+    return parts if parts.values[:, :PLAY].any() else None
+
+
+def every_part(rig: Rig, cables: tuple[Cable, ...]) -> Parts:
+    """The same, where there is none too."""
+    values = np.array([[value_of(rig, name) or 0.0 for name in own] for own in further_names(rig, cables)]).reshape(
+        len(cables), len(FURTHER)
+    )
+    points = [rig.point(c.from_point) for c in cables]
+    phase = np.array([np.nan if p.phase_length_mm is None else p.phase_length_mm for p in points])
+    return Parts(values, phase, np.array([p.drum.scale for p in points]))
+
+
+def phased(rig: Rig, names: tuple[str, ...], poses: FloatArray, cables: tuple[Cable, ...]) -> Rig:
+    """The rig with a `phase_length_mm` at all points of which something named turns: if it states none, about the cable that is out where
+    the counters are zeroed, at poses (m, 7), in whole millimetres."""
+    asked = {owner for owner, _, key in (name.rpartition(".") for name in names) if key in PHASED}
+    lengths: dict[str, float] = {}
+    for row, pose, c in zip(rig.cable_rows(cables), poses, cables, strict=True):
+        if c.from_point in asked and rig.point(c.from_point).phase_length_mm is None and c.from_point not in lengths:
+            way = pose[:3] + arms(row[None], pose[None])[0, 0] - row[BASE_XYZ]
+            lengths[c.from_point] = float(np.rint(np.linalg.norm(way)))
+    points = tuple(p.model_copy(update={"phase_length_mm": lengths[p.name]}) if p.name in lengths else p for p in rig.observation_point)
+    return rig.model_copy(update={"observation_point": points}) if lengths else rig

@@ -1,0 +1,406 @@
+"""Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import (
+    WORDS,
+    DataFrame,
+    FileFormatError,
+    FloatArray,
+    GeometryError,
+    IntArray,
+    OtherTimes,
+    Shown,
+    Status,
+    TextArray,
+    framed,
+    words,
+)
+from lmeasure.io import files
+from lmeasure.kernels import (
+    STATE,
+    counts_from_changes,
+)
+from lmeasure.kernels import (
+    changes_from_counts as cable_kernels_changes_from_counts,
+)
+from lmeasure.kernels import (
+    span_lengths as cable_kernels_span_lengths,
+)
+from lmeasure.recording import Run, unwrap
+from lmeasure.rig import AngleEncoder, Cable, Drum, Observed, Rig, Swivel
+from lmeasure.sensors.cable_effects import effects_of, zero_at
+from lmeasure.sensors.rejected_samples import Reasons, on_time_base, other_times, rate_notes, reasons_of
+from lmeasure.sensors.stated_errors import last_travel
+from lmeasure.text import Finding, finding, from_file, in_english
+
+POSE = 7
+"""Numbers of a pose."""
+NEARLY_UNIT = 1e-3
+"""By how much a quaternion's length may be off: it is made a unit by who reads poses, and rounded by who writes them."""
+MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
+
+
+@dataclass(frozen=True, repr=False)
+class Lengths(Shown):
+    """Changes of the free cables since the counters were zeroed, and what the other channels of the rig (`Rig.observed`) show.
+
+    time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose, of encoders of angles
+    their angle [rad] less that where the count is 0; counts (n, m) true counts k; flags (n,) of `Status` (ok, gap or jump), cause (n,) as
+    `lmeasure.text.sample_messages` has them and cable (n,) say why and which; notes for the reader.
+    """
+
+    time_s: FloatArray
+    cables: tuple[str, ...]
+    change_mm: FloatArray
+    counts: FloatArray
+    flags: IntArray
+    cause: TextArray
+    cable: TextArray
+    notes: tuple[Finding, ...] = ()
+    u_time_s: FloatArray | None = None
+    """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
+    temperature_c: FloatArray | None = None
+    """(n, m) temperatures at which the cables were counted; None where they were not recorded."""
+    gone_on: FloatArray | None = None
+    """(n, m) true counts of whatever a channel showed, those included that are not used because its origin is in doubt."""
+    reasons: tuple[Reasons, ...] = ()
+    """Of each cable."""
+    encoders: int = 0
+    """How many of the channels, behind the cables, are encoders of angles."""
+    missed_mm: FloatArray | None = None
+    """(n, m) by about how much lengths are off that were read off straight lines between samples of a later pass; None where none was."""
+
+    def about(self) -> dict[str, str]:
+        """Samples, cables, how far they were drawn."""
+        farthest = np.nanmax(np.abs(self.change_mm[:, : self.lengths]), initial=0.0)
+        ok = int((self.flags == Status.OK).sum())
+        return {"samples": f"{len(self.time_s)}, {ok} ok", "cables": ", ".join(self.cables), "largest change": f"{farthest:.6g} mm"}
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a lengths file."""
+        return framed(self.columns())
+
+    @property
+    def lengths(self) -> int:
+        """How many of the channels are cables: the first ones."""
+        return len(self.cables) - self.encoders
+
+    def of_cables(self) -> "Lengths":
+        """The same of the cables alone."""
+        if not self.encoders:
+            return self
+
+        def some(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[:, : self.lengths]
+
+        return replace(
+            self,
+            cables=self.cables[: self.lengths],
+            change_mm=self.change_mm[:, : self.lengths],
+            counts=self.counts[:, : self.lengths],
+            u_time_s=some(self.u_time_s),
+            temperature_c=some(self.temperature_c),
+            gone_on=some(self.gone_on),
+            missed_mm=some(self.missed_mm),
+            reasons=self.reasons[: self.lengths],
+            encoders=0,
+        )
+
+    @property
+    def u_mm(self) -> FloatArray | None:
+        """(n, m) standard uncertainties of the lengths beside what is rounded off the counts: by the instants at which the cables were
+        counted and by straight lines between samples. None where there is neither."""
+        if self.u_time_s is None:
+            return self.missed_mm
+        late = self.u_time_s * self.speed_mm_s
+        return late if self.missed_mm is None else np.hypot(late, self.missed_mm)
+
+    @cached_property
+    def speed_mm_s(self) -> FloatArray:
+        """(n, m) speeds of the cables, zero where they are not known."""
+        if len(self.time_s) < 2:
+            return np.zeros_like(self.change_mm)
+        return np.asarray(np.nan_to_num(np.gradient(self.change_mm, self.time_s, axis=0)))
+
+    def columns(self) -> dict[str, Any]:
+        """Columns of a lengths file."""
+        out: dict[str, Any] = {"time_s": self.time_s}
+        out |= {f"{name}_mm" if i < self.lengths else f"{name}_rad": self.change_mm[:, i] for i, name in enumerate(self.cables)}
+        out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
+        return out | {"status": words(self.flags), "cause": in_english(self.cause), "cable": self.cable}
+
+
+def write_lengths(path: Path, lengths: Lengths) -> None:
+    """Write .csv or .parquet: time_s, one `<cable>_mm` and `<cable>_count` per cable, status, cause, cable."""
+    files.write_table(path, lengths.columns())
+
+
+def read_lengths(path: Path) -> Lengths:
+    """Read what `write_lengths` wrote."""
+    table = files.read_table(path)
+    columns = [c for c in table.columns if c.endswith("_mm")] + [c for c in table.columns if c.endswith("_rad")]
+    names = tuple(c.rsplit("_", 1)[0] for c in columns)
+    if not names:
+        raise FileFormatError(f"{path}: has no column <cable>_mm")
+    return Lengths(
+        table.numbers("time_s"),
+        names,
+        table.matrix(columns, gaps=True),
+        table.matrix([f"{n}_count" for n in names], gaps=True),
+        table.choices("status", WORDS),
+        from_file(table.labels("cause")),
+        table.labels("cable"),
+        encoders=sum(c.endswith("_rad") for c in columns),
+    )
+
+
+def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, of other channels their angles [rad], at (n, 7) poses
+    base_from_tool: x, y, z [mm], qx, qy, qz, qw (unit). GeometryError names pose and cable, and what are no such poses."""
+    rows = np.ascontiguousarray(rows, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != POSE:
+        # a kernel would read on behind the end of a row
+        raise GeometryError(f"poses of shape {rows.shape}: wanted are rows (n, {POSE}) of x, y, z [mm], qx, qy, qz, qw")
+    off = np.flatnonzero(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) > NEARLY_UNIT)
+    if len(off):
+        i = int(off[0])
+        raise GeometryError(f"pose {i + 1}: its quaternion is not of length 1 but {np.linalg.norm(rows[i, 3:]):.4g}")
+    chosen = rig.cable if cables is None else cables
+    out = cable_kernels_span_lengths(rig.cable_rows(chosen), rows)
+    bad = np.argwhere(~np.isfinite(out))
+    if len(bad):
+        i, j = (int(x) for x in bad[0])
+        if not chosen[j].from_point:
+            raise GeometryError(f"pose {i + 1}: inclination {chosen[j].name}: its axis is upright: how far it leans has no direction there")
+        raise GeometryError(
+            f"pose {i + 1}: cable {chosen[j].name}: {chosen[j].to_point} lies on the axis of {chosen[j].from_point} or inside its pulley"
+        )
+    return np.asarray(out)
+
+
+def counts_from_poses(
+    rig: Rig,
+    rows: FloatArray,
+    zero: FloatArray,
+    cables: tuple[Observed, ...] | None = None,
+    *,
+    temperature_c: FloatArray | None = None,
+    zero_temperature_c: float | None = None,
+) -> FloatArray:
+    """(n, m) true counts k, not rounded, at (n, 7) poses when the counters were zeroed at the pose zero (7,), of cables first and then of
+    other channels, absolute ones from their own zero, and without the play of any.
+
+    temperature_c (n,) at the poses and zero_temperature_c at the zero pose, the rig's reference where not given, matter only to rigs that
+    state effects (`lmeasure.sensors.cable_effects`). GeometryError names a cable that cannot run, or carries no tension.
+    """
+    chosen = rig.cable if cables is None else cables
+    every = span_lengths(rig, np.vstack([zero[None, :], rows]), chosen)
+    channel_rows, m = rig.cable_rows(chosen), sum(isinstance(c, Cable) for c in chosen)
+    absolute = np.array([rig.counter(c).codes is not None for c in chosen])
+    # readings of angles go on along the motion, beyond half a turn too
+    every[:, m:] = np.unwrap(every[:, m:], axis=0)
+    all_counts = np.asarray(counts_from_changes(channel_rows, every[1:] - np.where(absolute, 0.0, every[0])))
+    cables = tuple(c for c in chosen if isinstance(c, Cable))
+    effects = effects_of(rig, cables)
+    if effects is None:
+        return all_counts
+    changes, counts, cable_rows = every[1:, :m] - every[0, :m], all_counts[:, :m], channel_rows[:m]
+    start = zero_at(zero, m, effects.reference_c if zero_temperature_c is None else zero_temperature_c)
+    warm = np.full(len(rows), effects.reference_c) if temperature_c is None else np.asarray(temperature_c, dtype=np.float64)
+    warm = np.repeat(warm[:, None], m, axis=1)
+    # the excess hardly depends on the count: each round gains three digits or more
+    for _ in range(MAX_ROUNDS):
+        before = counts
+        counts = np.asarray(
+            counts_from_changes(cable_rows, changes + effects.checked_excess(cable_rows, start, rows, counts, temperature_c=warm))
+        )
+        if not np.abs(counts - before).max(initial=0.0) > 1e-9:
+            break
+    return np.column_stack([counts, all_counts[:, m:]])
+
+
+def recorded_from_counts(
+    rig: Rig, counts: FloatArray, cables: tuple[Observed, ...] | None = None, phase: FloatArray | None = None
+) -> FloatArray:
+    """(n, m) counts as the encoders record them: whole, with sign and scale, wrapped to signed counters of the stated width; phase (m,) as
+    `sensors.zero_phase.drawn_phases` has it, zero by default."""
+    chosen = rig.cable if cables is None else cables
+    within = np.zeros(len(chosen)) if phase is None else phase
+    out = np.empty_like(counts)
+    for j, c in enumerate(chosen):
+        drum = rig.counter(c)
+        values = np.rint(drum.count_sign * drum.scale * (counts[:, j] + _play(drum, counts[:, j])) + within[j])
+        if drum.codes is not None:
+            values = values % drum.codes
+        elif drum.counter_bits is not None:
+            half = 2.0 ** (drum.counter_bits - 1)
+            values = (values + half) % (2 * half) - half
+        out[:, j] = values
+    return out
+
+
+def changes_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(n, m) changes of the free cables [mm] from (n, m) true counts, of encoders of angles [rad]."""
+    return np.asarray(cable_kernels_changes_from_counts(rig.cable_rows(cables), np.ascontiguousarray(counts)))
+
+
+def count_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(m,) variance [mm^2, rad^2] of a length or angle read in whole counts: independent, uniform within half a recorded count."""
+    chosen = rig.cable if cables is None else cables
+    return np.array([(rig.counter(c).per_count / rig.counter(c).scale) ** 2 / 12.0 for c in chosen])
+
+
+def _play(counter: Drum | AngleEncoder, counts: FloatArray, state: FloatArray | None = None) -> FloatArray:
+    """(n,) counts that a swivel's reading is off by its play, by the way it turned last in true counts (n,); state as that of
+    `last_travel`."""
+    width = counter.backlash_deg if isinstance(counter, Swivel) else None
+    if not width:
+        return np.zeros(len(counts))
+    half = width / 720.0 * counter.counts_per_revolution
+    return np.asarray(half * last_travel(counts[:, None], np.ones(1), state)[:, 0])
+
+
+def _lag(drum: Drum, counts: FloatArray, state: FloatArray | None) -> FloatArray:
+    """(n,) true counts that a drum's counter is behind by play, by the way it turned last, from counts (n,); state as that of
+    `last_travel`."""
+    if not drum.backlash_counts:
+        return np.zeros(len(counts))
+    return np.asarray(drum.backlash_counts / drum.scale * last_travel(counts[:, None], np.full(1, 1.0 / drum.scale), state)[:, 0])
+
+
+COUNTER_STATE = STATE + 2
+"""Of a counter from one piece of a run to the next: as the kernel has it, and which way it turned last."""
+
+
+def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths:
+    """The run's counts as changes of its cables, on the time base of pass 1.
+
+    counters (m, `COUNTER_STATE`), zeros at first and moved on in place, carries the counters from one piece of a run of one pass to
+    the next; without it the run is whole.
+
+    A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes, which
+    must be on the clock of pass 1 (`trajectory.time.passes.align`), are read between their samples (`interpolation.OtherTimes`).
+    """
+    time_s = run.passes[0].time_s
+    observed = run.rig.observed
+    n, m = len(time_s), len(observed)
+    gone_on = np.full((n, m), np.nan)
+    reasons: list[Reasons] = []
+    notes: list[Finding] = []
+    believed: dict[str, dict[str, tuple[Drum | AngleEncoder, float]]] = {p.source: {} for p in run.passes}
+    missed_mm = np.zeros((n, m))
+    others: dict[int, OtherTimes | None] = {}
+    skewed = any(p.u_time_s is not None for p in run.passes)
+    u_time = np.zeros((n, m)) if skewed else None
+    warm = np.empty((n, m)) if any(p.temperature_c is not None for p in run.passes) else None
+    for j, c in enumerate(observed):
+        counts = run.passes[c.passage - 1]
+        drum = run.rig.counter(c)
+        state = None if counters is None else counters[j]
+        counter = unwrap(
+            counts.of(c.channel),
+            counts.time_s,
+            max_rate=drum.rate,
+            bits=drum.counter_bits,
+            stated=drum.rate_stated,
+            state=state,
+            codes=drum.codes,
+        )
+        if counter.inferred_bits is not None:
+            notes.append(finding("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
+        if counter.believed_rate is not None and state is None:
+            believed[counts.source][c.channel] = drum, counter.believed_rate
+        values = counter.counts * drum.count_sign / drum.scale
+        way = None if state is None else state[None, STATE:]
+        values += _lag(drum, values, way) if isinstance(drum, Drum) else -_play(drum, values, way)
+        why = reasons_of(counter, c.channel, drum, counts.time_s)
+        if c.passage > 1:
+            if c.passage not in others:
+                others[c.passage] = other_times(counts.time_s, time_s)
+            times = others[c.passage]
+            if times is not None:
+                values, missed, why = on_time_base(c.passage, times, values, why, drum=drum)
+                missed_mm[:, j] = missed * drum.per_count
+        gone_on[:, j] = values
+        reasons.append(why)
+        if u_time is not None and counts.u_time_s is not None:
+            u_time[:, j] = counts.u_time_s if c.passage == 1 else np.interp(time_s, counts.time_s, counts.u_time_s)
+        if warm is not None:
+            warm[:, j] = np.nan if counts.temperature_c is None else np.interp(time_s, counts.time_s, counts.temperature_c)
+    notes += [note for source, rates in believed.items() for note in rate_notes(source, rates)]
+    cables, nothing = tuple(c.name for c in observed), np.zeros(n, np.int64)
+    none, encoders = np.full(n, "", dtype=np.object_), m - len(run.rig.cable)
+    whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on, encoders=encoders)
+    return with_reasons(run.rig, replace(whole, missed_mm=missed_mm if missed_mm.any() else None), tuple(reasons))
+
+
+def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Lengths:
+    """The same lengths, each channel used but for these reasons."""
+    assert lengths.gone_on is not None
+    n, k = len(lengths.time_s), lengths.gone_on.copy()
+    flags = np.zeros(n, np.int64)
+    cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
+    for j, (c, why) in enumerate(zip(rig.observed, reasons, strict=True)):
+        for mask, flag, said in why:
+            k[mask, j] = np.nan
+            first = mask & (flags == Status.OK)
+            flags[first], cause[first], where[first] = flag, said, c.name
+    return replace(
+        lengths, change_mm=changes_from_counts(rig, k, rig.observed), counts=k, flags=flags, cause=cause, cable=where, reasons=reasons
+    )
+
+
+def zero_temperature(lengths: Lengths, stated: float | None) -> float | None:
+    """Temperature [deg C] at which the counters were zeroed: the one stated for the run, else that of the first sample that has one."""
+    if stated is not None or lengths.temperature_c is None:
+        return stated
+    known = lengths.temperature_c[np.isfinite(lengths.temperature_c)]
+    return float(known[0]) if len(known) else None
+
+
+def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
+    """(n, m) residuals [mm] of each cable at (n, 7) poses on the time base of pass 1, as `lengths_from_counts` has it: change by the counts
+    less change by the model. Of a run whose start is unknown they are about their mean.
+
+    NaN where the pose or the count is not known.
+    """
+    return LengthResiduals(run.rig, run.start, run.temperature_c).of(lengths_from_counts(run), poses)
+
+
+class LengthResiduals:
+    """`length_residuals` of a run from its start pose (7,), given the lengths of one piece of it after the other.
+
+    start: None where it is unknown: what was out when a counter was zeroed is then what leaves no mean residual in the first piece that
+    tells. temperature_c is that at the start; None: that of the first sample that has one.
+    """
+
+    def __init__(self, rig: Rig, start: FloatArray | None, temperature_c: float | None = None) -> None:
+        self._rows, self._effects = rig.cable_rows(), effects_of(rig)
+        self._start, self._temperature_c = start, temperature_c
+        m = len(self._rows)
+        self._begun = np.full((1, m), np.nan) if start is None else cable_kernels_span_lengths(self._rows, start[None, :])
+
+    def of(self, lengths: Lengths, poses: FloatArray) -> FloatArray:
+        """(n, m) residuals [mm] at the piece's (n, 7) poses."""
+        lengths = lengths.of_cables()
+        modelled = cable_kernels_span_lengths(self._rows, np.ascontiguousarray(poses))
+        known = np.flatnonzero(np.isfinite(poses[:, 0]))
+        if self._start is None and len(known):
+            self._start = poses[known[0]]
+        effects = self._effects
+        if effects is not None and self._start is not None:
+            self._temperature_c = zero_temperature(lengths, self._temperature_c)
+            start = zero_at(self._start, len(self._rows), effects.reference_c if self._temperature_c is None else self._temperature_c)
+            warm = np.tile(start.temperature_c, (len(poses), 1)) if lengths.temperature_c is None else lengths.temperature_c
+            warm = np.where(np.isfinite(warm), warm, start.temperature_c)
+            modelled = modelled + effects.excess(self._rows, start, poses, lengths.counts, temperature_c=warm)
+        out = modelled - lengths.change_mm
+        told = np.isnan(self._begun[0]) & np.isfinite(out).any(axis=0)
+        self._begun[0, told] = np.nanmean(out[:, told], axis=0)
+        return np.asarray(self._begun - out)

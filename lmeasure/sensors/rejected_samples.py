@@ -1,0 +1,121 @@
+"""Why samples of a channel are not used: what its counter was seen to do, and what lies between the samples of a later pass."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, OtherTimes, Status
+from lmeasure.kernels import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
+from lmeasure.recording import Unwrapped
+from lmeasure.rig import AngleEncoder, Drum
+from lmeasure.text import Cause, Finding, finding
+
+SLACK_S = 0.5  # a cable that lost the tool is taut again before
+HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
+SMOOTH_MM = 0.2
+"""By which a later pass may bend otherwise before and after an interval, and still be taken for smooth there: where a counter stepped or a
+cable was jerked nothing is to be spread over the samples about."""
+
+ARM_MM = 1000.0
+"""Of an angle, to hold it against a length."""
+
+
+class Reason(NamedTuple):
+    """Why samples of a channel are not used: mask (n,), their status, and what is said of it."""
+
+    mask: BoolArray
+    status: int
+    said: Cause
+
+
+Reasons = tuple[Reason, ...]
+
+
+def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time_s: FloatArray) -> Reasons:
+    """Why samples of a channel, at times (n,), are not used."""
+    speed = _speed(drum, drum.rate)
+    in_pauses = _speed(drum, counter.believed_rate or drum.rate)
+    foreign = finding("cause.foreign.bits", channel=channel, bits=drum.counter_bits)
+    if drum.codes is not None:
+        foreign = finding("cause.foreign.codes", channel=channel, codes=drum.codes)
+    every = [
+        Reason(counter.what == JUMPED, Status.JUMP, finding("cause.jumped", channel=channel, **speed)),
+        Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, finding("cause.went_on", channel=channel)),
+        Reason(counter.what == FOREIGN, Status.JUMP, foreign),
+        Reason(counter.what == UNSURE, Status.GAP, finding("cause.wrapped", channel=channel, **in_pauses)),
+        Reason(counter.what == EMPTY, Status.GAP, finding("cause.no_count", channel=channel)),
+    ]
+    if isinstance(drum, Drum) and drum.max_cable_acceleration_mm_s2 is not None:
+        limit = drum.max_cable_acceleration_mm_s2
+        values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) / drum.scale
+        slack = slack_samples(values, time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
+        every.append(Reason(slack, Status.SLACK, finding("cause.slack", channel=channel, limit=limit)))
+    return tuple(reason for reason in every if reason.mask.any())
+
+
+def rate_notes(source: str, believed: Mapping[str, tuple[Drum | AngleEncoder, float]]) -> list[Finding]:
+    """That rates [1/s] of the counters of these channels were taken from their motion: a note for each of the keys that nobody stated."""
+    found: dict[str, tuple[list[str], float]] = {}
+    for channel, (drum, rate) in believed.items():
+        key, limit = _speed(drum, rate).values()
+        channels, most = found.get(key, ([], 0.0))
+        found[key] = [*channels, channel], max(most, limit)
+    return [finding("counts.rate", source=source, channels=", ".join(c), key=key, limit=most) for key, (c, most) in found.items()]
+
+
+def _speed(drum: Drum | AngleEncoder, rate: float) -> dict[str, Any]:
+    """The key that bounds a counter's rate, and the value that it has for this one [1/s]."""
+    if isinstance(drum, Drum):
+        return {"key": "max_cable_speed_mm_s", "limit": rate * drum.count_length_mm / drum.scale}
+    return {"key": "max_speed_deg_s", "limit": rate * 360.0 / drum.counts_per_revolution}
+
+
+def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> BoolArray:
+    """(n,) where a cable does not follow, from its true counts (n,) at times (n,): it changed its speed faster than limit [1/s^2] allows,
+    beyond what counts rounded to a quantum can show, or stands between two such changes less than SLACK_S apart.
+
+    The change is taken over as many samples as make rounding smaller than the limit.
+    """
+    n = len(counts)
+    out = np.zeros(n, np.bool_)
+    if n < 3:
+        return out
+    w = max(1, int(np.ceil(2.0 * np.sqrt(quantum / limit) / np.median(np.diff(time_s)))))
+    if n <= 2 * w:
+        return out
+    before, after = time_s[w:-w] - time_s[: -2 * w], time_s[2 * w :] - time_s[w:-w]
+    with np.errstate(invalid="ignore"):
+        change = (counts[2 * w :] - counts[w:-w]) / after - (counts[w:-w] - counts[: -2 * w]) / before
+        allowed = limit * (before + after) / 2.0 + quantum * (1.0 / before + 1.0 / after)
+        out[w:-w] = np.abs(change) > allowed
+    broken = np.flatnonzero(out)
+    for a, b in pairwise(broken.tolist()):
+        if time_s[b] - time_s[a] < SLACK_S:
+            out[a:b] = True
+    return out
+
+
+def other_times(time_s: FloatArray, base_s: FloatArray) -> OtherTimes | None:
+    """Where pass 1's times lie among those of a later pass; None where they are the same."""
+    same = len(time_s) == len(base_s) and np.allclose(time_s, base_s, rtol=0, atol=1e-9)
+    return None if same else OtherTimes(time_s, base_s, HOLE)
+
+
+def on_time_base(
+    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, *, drum: Drum | AngleEncoder
+) -> tuple[FloatArray, FloatArray, Reasons]:
+    """Counts of a later pass at pass 1's times and by how much they may miss there, in counts; what lies outside it, in a hole of it, or
+    next to a sample that is not good, is flagged."""
+    good = np.isfinite(values)
+    for reason in reasons:
+        good &= ~reason.mask
+    mm = drum.per_count * (1.0 if isinstance(drum, Drum) else ARM_MM)
+    out, missed = times.read(values, good, 1.0 / drum.scale, SMOOTH_MM / mm)
+    moved = (
+        *(Reason(times.either(mask), flag, said) for mask, flag, said in reasons),
+        Reason(times.outside, Status.GAP, finding("cause.pass.outside", passage=passage)),
+        Reason(times.in_hole, Status.GAP, finding("cause.pass.hole", passage=passage)),
+    )
+    return out, missed, moved

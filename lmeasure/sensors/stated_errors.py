@@ -1,0 +1,306 @@
+"""What no calibration has solved: how uncertain a rig states its drums, pulleys and attachment points to be, and what that does to lengths.
+The laws of these errors are in `sensors.effect_laws`."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import FloatArray, se3
+from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, TANGENT
+from lmeasure.kernels import last_travel as kernels_last_travel
+from lmeasure.rig import Cable, CalibrationRecord, Rig, attachment_names
+from lmeasure.sensors.cable_effects import Zero
+from lmeasure.sensors.effect_laws import (
+    ATTACHMENT,
+    BACKLASH,
+    ECCENTRICITY,
+    EFFECTS,
+    FRICTION,
+    OFFSET,
+    OTHERS,
+    RUN_OUT,
+    STATED,
+    Acted,
+    CableEffect,
+)
+from lmeasure.sensors.wrap import Span, arms, drum_of, spans
+from lmeasure.text import Finding, finding
+
+EXPANSION_PER_K = 11.5e-6  # of steel
+WARMER_K = 5.0
+ALIKE_K = 0.5  # temperatures that are not told apart
+BAND = 2.5  # recorded counts
+TEMPERATURE = finding("exact.temperature")
+CALIBRATION, RIG, CAMPAIGN = "calibration", "rig", "campaign"
+"""Whose temperature a run is held against."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What is taken as exact because nobody stated it: what it is, a usual size of it, and the standard uncertainty of the tool's place
+    [mm] that this size would add, the largest over the poses that were asked for. stated: it is no usual size but what was stated."""
+
+    what: Finding
+    size: Finding
+    mm: float
+    stated: bool = False
+
+    @property
+    def text(self) -> str:
+        """What it is, in English, as files have it."""
+        return str(self.what)
+
+    @property
+    def usual(self) -> str:
+        """The size in English."""
+        return str(self.size)
+
+    @property
+    def said(self) -> Finding:
+        """A sentence for a person."""
+        if self.stated:
+            return finding(f"expansion.{self.size.code.rpartition('.')[2]}", **self.size.values, mm=self.mm)
+        return finding("exact", what=self.what, size=self.size, mm=self.mm)
+
+    def row(self) -> dict[str, object]:
+        """As a calibration record has it."""
+        return {"text": self.text, "usual": self.usual, "mm": self.mm, "stated": self.stated}
+
+
+def worst(taken: Iterable[Taken]) -> tuple[Taken, ...]:
+    """The same things taken as exact by several pieces of a run, each where it is worst."""
+    out: dict[tuple[Finding, bool], Taken] = {}
+    for t in taken:
+        if (t.what, t.stated) not in out or t.mm > out[t.what, t.stated].mm:
+            out[t.what, t.stated] = t
+    return tuple(out.values())
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """What is known of the temperature of a run: that at which the rig's dimensions hold and those of the run [deg C], None where nobody
+    stated them; expands: whether the rig says how it grows; of: whose the first is, a code of the catalogues' texts."""
+
+    reference_c: float | None
+    lowest_c: float | None
+    highest_c: float | None
+    expands: bool
+    of: str = CALIBRATION
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One independent error: its kind, the observation point or attachment point it belongs to, and its standard uncertainty in the unit
+    of the kind's key."""
+
+    kind: CableEffect
+    owner: str
+    u: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its components, those of a calibration's parameters where it could be one."""
+        if self.kind is ATTACHMENT:
+            return attachment_names(self.owner)
+        key = self.kind.key.removeprefix("u_")
+        if self.kind not in (RUN_OUT, ECCENTRICITY):
+            return (f"{self.owner}.{key}",)
+        return tuple(f"{self.owner}.{key.removesuffix('_mm')}_{component}_mm" for component in ("cos", "sin"))
+
+
+def stated(
+    rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = STATED
+) -> list[Variable]:
+    """What the rig states to be uncertain; solved: names of a calibration's parameters, which are not counted again."""
+    known = set(solved)
+    given = [(kind, owner, _stated(rig, kind, owner)) for kind, owner in _places(rig, cables, kinds)]
+    return [Variable(kind, owner, u) for kind, owner, u in given if u and not _solved(kind, owner, known)]
+
+
+def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
+    """What of drums and pulleys a rig states to be uncertain and its calibration has not solved, and what is left of what it has."""
+    if record is None:
+        return stated(rig, kinds=OTHERS)
+    u = {p.name: p.u for p in record.parameters}
+    every = [Variable(kind, owner, 1.0) for kind, owner in _places(rig, None, OTHERS)]
+    solved = [v for v in every if v.names[0] in u and v.kind is not FRICTION]
+    left = [Variable(v.kind, v.owner, math.sqrt(sum(u[n] ** 2 for n in v.names) / len(v.names))) for v in solved]
+    return [*stated(rig, None, record.names, OTHERS), *left]
+
+
+def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = ()) -> list[Variable]:
+    """What is taken as exact because the rig does not state it and no calibration has solved it, with usual sizes."""
+    known = set(solved)
+    out = []
+    for kind, owner in _places(rig, cables, EFFECTS):
+        if _stated(rig, kind, owner) is None and not _solved(kind, owner, known):
+            size = kind.typical if kind.of is None else kind.typical * float(getattr(rig.point(owner).drum, kind.of))
+            if kind is not ECCENTRICITY or rig.point(owner).pulley_radius_mm > 0.0:
+                out.append(Variable(kind, owner, size))
+    return out
+
+
+def _places(rig: Rig, cables: tuple[Cable, ...] | None, kinds: tuple[CableEffect, ...]) -> Iterator[tuple[CableEffect, str]]:
+    chosen = rig.cable if cables is None else cables
+    for kind in kinds:
+        yield from ((kind, name) for name in dict.fromkeys(c.to_point if kind is ATTACHMENT else c.from_point for c in chosen))
+
+
+def _stated(rig: Rig, kind: CableEffect, owner: str) -> float | None:
+    if kind is ATTACHMENT:
+        return rig.u_attachment_mm
+    point = rig.point(owner)
+    value: float | None = getattr(point if kind in (ECCENTRICITY, OFFSET) else point.drum, kind.key)
+    return value
+
+
+def _solved(kind: CableEffect, owner: str, known: set[str]) -> bool:
+    if kind is ATTACHMENT:
+        return attachment_names(owner)[0] in known
+    # friction along a cable obeys the law of play
+    key = "backlash_counts" if kind is FRICTION else kind.key.removeprefix("u_")
+    return any(f"{owner}.{name}" in known for name in (kind.parameter, key, f"{key.removesuffix('_mm')}_cos_mm"))
+
+
+class Unsolved:
+    """Errors of the lengths of m cables by what is not solved: variables that all samples share, and play."""
+
+    def __init__(self, rig: Rig, variables: Iterable[Variable], cables: tuple[Cable, ...] | None = None) -> None:
+        self._cables = rig.cable if cables is None else cables
+        chosen = list(variables)
+        self.variables = [v for v in chosen if v.kind not in (BACKLASH, FRICTION)]
+        self.names = tuple(name for v in self.variables for name in v.names)
+        self.sources = tuple(v.kind.text for v in self.variables for _ in v.names)
+        # as they obey one law they are one variable
+        squares: dict[str, float] = {}
+        for v in chosen:
+            if v.kind in (BACKLASH, FRICTION):
+                squares[v.owner] = squares.get(v.owner, 0.0) + v.u**2
+        drums = [rig.point(c.from_point).drum for c in self._cables]
+        self.play_mm = np.array(
+            [np.sqrt(squares.get(c.from_point, 0.0)) * d.count_length_mm / d.scale for c, d in zip(self._cables, drums, strict=True)]
+        )
+        """(m,) half the width of the band, one standard uncertainty of it [mm]."""
+        self._played = [point for point in dict.fromkeys(c.from_point for c in self._cables) if point in squares]
+
+    def __bool__(self) -> bool:
+        return bool(self.variables) or bool(self.play_mm.any())
+
+    def shifts(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray) -> FloatArray:
+        """(n, m, q) changes of modelled less measured changes [mm] by one standard uncertainty of each variable but play, at (n, 7) poses
+        and true counts (n, m); NaN where pose or count is NaN or a cable cannot run."""
+        out = self._at(cable_rows, poses, counts)
+        if not self.variables:
+            return out
+        m = len(cable_rows)
+        begun = self._at(cable_rows, zero.poses, np.broadcast_to(zero.counts, (m, m)))
+        return np.asarray(out - begun[np.arange(m), np.arange(m)])
+
+    def play(self, travel: FloatArray) -> FloatArray:
+        """(n, m, p) the same by play, in a run whose last travel at its samples is travel (n, m): 1 paying out, -1 winding in, 0 not yet.
+
+        A variable for each drum, and one for each cable's count where it was zeroed.
+        """
+        own = [np.array([c.from_point == point for c in self._cables]) for point in self._played]
+        along = [np.where(mask, -travel * self.play_mm, 0.0) for mask in own]
+        begun = [np.where(np.arange(len(u)) == j, (travel != 0.0) * u, 0.0) for u in [self.play_mm] for j in np.flatnonzero(u)]
+        return np.moveaxis(np.array([*along, *begun]).reshape(-1, *travel.shape), 0, 2)
+
+    @property
+    def play_sources(self) -> tuple[str, ...]:
+        """(p,) what the columns of `play` stand for."""
+        return ("play of drums",) * (len(self._played) + int(np.count_nonzero(self.play_mm)))
+
+    def _at(self, rows: FloatArray, poses: FloatArray, counts: FloatArray) -> FloatArray:
+        """(n, m, q) what each variable adds to F(P) - D(k)."""
+        out = np.zeros((*counts.shape, len(self.names)))
+        if not self.variables:
+            return out
+        known = np.isfinite(poses).all(axis=1)
+        arm, turns = arms(rows, poses[known]), se3.matrices(poses[known])
+        every = spans(rows, poses[known], arm)
+        column = 0
+        for v in self.variables:
+            assert v.kind.adds is not None
+            width = len(v.names)
+            for j, c in enumerate(self._cables):
+                if v.owner == (c.to_point if v.kind is ATTACHMENT else c.from_point):
+                    at = Acted(rows[j], turns, counts[known, j], Span(*(values[:, j] for values in every)))
+                    out[known, j, column : column + width] = v.u * v.kind.adds(at)
+            column += width
+        # what a length does not depend on is no error of it, but a sample without a pose or a count has none
+        out[~known] = np.nan
+        out[~np.isfinite(counts)] = np.nan
+        return out
+
+
+def taken_as_exact(
+    rig: Rig,
+    variables: Iterable[Variable],
+    rows: FloatArray,
+    zero: Zero,
+    *,
+    poses: FloatArray,
+    counts: FloatArray,
+    twists: FloatArray,
+    warmth: Warmth | None = None,
+    cables: tuple[Cable, ...] | None = None,
+) -> tuple[Taken, ...]:
+    """What usual sizes of the variables, those of `exact`, would do to the tool's place at (n, 7) poses and true counts (n, m), with twists
+    (n, 6, m) per length; and what the temperature would. Poses and cables without a count have no part in it."""
+    chosen = list(variables)
+    out = []
+    for kind in EFFECTS:
+        own = [v for v in chosen if v.kind is kind]
+        if own:
+            effect = Unsolved(rig, own, cables)
+            columns = np.concatenate([effect.shifts(rows, zero, poses, counts), effect.play(np.ones(counts.shape))], axis=2)
+            out.append(Taken(kind.said, kind.size, _added(twists, columns)))
+    if warmth is not None:
+        paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
+        # a whole rig of another temperature: a matter of scale; a cable that warms after it was zeroed: of all that is free of it
+        free = paid + np.hypot(rows[:, TANGENT], rows[:, AXIAL]) + free_lengths(rows, zero.poses)
+        scale, drift = (_added(twists, EXPANSION_PER_K * length[:, :, None]) for length in (paid, free))
+        out += _of_temperature(warmth, scale, drift)
+    return tuple(out)
+
+
+def _added(twists: FloatArray, columns: FloatArray) -> float:
+    """The largest standard uncertainty of the tool's place [mm] by independent errors (n, m, q) of lengths."""
+    moved = twists[:, 3:] @ np.where(np.isfinite(columns), columns, 0.0)
+    return float(np.sqrt(np.nanmax((moved**2).sum(axis=(1, 2)), initial=0.0)))
+
+
+def _of_temperature(warmth: Warmth, scale: float, drift: float) -> list[Taken]:
+    """What the temperature would add, from what a kelvin does: of the whole rig, drums and cables against the frame, and since zeroing."""
+    if warmth.expands and warmth.lowest_c is not None:
+        return []
+    if warmth.reference_c is None or warmth.lowest_c is None or warmth.highest_c is None:
+        size = finding("size.kelvin", kelvin=WARMER_K)
+        if warmth.of == CALIBRATION and warmth.reference_c is not None:
+            size = finding("size.kelvin_calibrated", kelvin=WARMER_K, at_deg_c=warmth.reference_c)
+        return [Taken(TEMPERATURE, size, WARMER_K * drift)]
+    off = max(abs(warmth.lowest_c - warmth.reference_c), abs(warmth.highest_c - warmth.reference_c))
+    if off < ALIKE_K:
+        return []
+    mm = off * scale + (warmth.highest_c - warmth.lowest_c) * drift
+    size = finding(f"size.off.{warmth.of}", kelvin=off, at_deg_c=warmth.reference_c)
+    return [Taken(TEMPERATURE, size, mm, stated=True)]
+
+
+def free_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:
+    """(m,) lengths from B to the attachment point [mm] of each cable at its own pose (m, 7), along straight lines, without compiling."""
+    points = se3.apply(poses, rows[:, ATTACHMENT_XYZ])
+    return np.asarray(np.linalg.norm(points - rows[:, BASE_XYZ], axis=1))
+
+
+def last_travel(counts: FloatArray, quantum: FloatArray, state: FloatArray | None = None) -> FloatArray:
+    """(n, m) which way each cable travelled last: 1 paid out, -1 wound in, 0 not yet, from true counts (n, m) since counters were zeroed.
+
+    A way back of less than `BAND` recorded counts, quantum (m,) true counts each, is not seen: a counter flickers. state (m, 2), zeros
+    where counting began, is moved on in place.
+    """
+    state = np.zeros((counts.shape[1], 2)) if state is None else state
+    return np.asarray(kernels_last_travel(np.ascontiguousarray(counts), BAND * quantum, state))

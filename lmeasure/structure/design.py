@@ -1,0 +1,162 @@
+"""Limits of lengths within which a mechanism is never singular, and how they are found (thesis 4.2, 4.3).
+
+Where tetrahedra lead from the base to the platform, it is singular where one of them is flat. If they stand on links and sides alone, as
+those of L-321-321, that is proved for all assemblies at once (`linkages.flat_tetrahedra`). Of the other structures that tetrahedra solve
+it is
+proved for one assembly, the additional coordinates l7 and l8 followed through its tetrahedra (`linkages.chain`): that of a stated pose,
+or the one that stands highest at one of many lengths drawn within the limits. Of all others it is proved around a stated pose
+(`linkages.length_limits`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import FloatArray, StructureError
+from lmeasure.linkages import LINKS, Around, Chain, Incidence, Tetrahedron, adjusted, clear, closed_form, grown, heights, incidence, proved
+from lmeasure.structure.assemblies import apart_mm, lengths_at
+from lmeasure.structure.links import Linkage
+
+DRAWN = 4096  # lengths among which the place is looked for at which tetrahedra stand highest
+BOXES = 2000  # of one proof, so that some sixty of them take seconds
+SAME_MM = 1e-3  # a pose this near to an assembly in closed form is that one
+
+Limits = dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Design:
+    """Links by name with their limits [mm]: given, and those within which nothing is singular; and what was said of each tetrahedron, in
+    order, those after one that may be flat not being looked at."""
+
+    given: Limits
+    free: Limits
+    tetrahedra: tuple[str, ...]
+    clear_as_given: tuple[bool, ...]
+    assembly: tuple[float, ...] | None = None
+    """Pose (7,) of the assembly for which it is proved, at lengths within the limits; None: for every one."""
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the limits were free of singular poses as they were given."""
+        return self.given == self.free
+
+
+def tetrahedra_of(linkage: Linkage, found: Incidence) -> tuple[list[Tetrahedron], Limits]:
+    """The tetrahedra of six links by names of their edges, and the fixed lengths of those that are sides of a body. Edges that are neither,
+    the additional coordinates, are named by their ends and have no limits."""
+    structure = found.structure
+    place, names, links = {}, {}, {}
+    for number, (p, b) in zip(found.order, structure.links, strict=True):
+        place["P", p], place["B", b] = linkage.platform[number], linkage.base[number]
+        links[p, b], names["B", b], names["P", p] = linkage.names[number]
+    sides: Limits = {}
+
+    def edge(u: tuple[str, int], v: tuple[str, int]) -> str:
+        if u[0] == v[0]:
+            name = "-".join(sorted((names[u], names[v]))) + (" of the base" if u[0] == "B" else " of the platform")
+            length = float(np.linalg.norm(place[u] - place[v]))
+            sides[name] = (length, length)
+            return name
+        p, b = (u, v) if u[0] == "P" else (v, u)
+        return links.get((p[1], b[1]), f"{names[p]} from {names[b]}")
+
+    out = []
+    for side, i, (one, two, three) in structure.placements or ():
+        apex = (side, i)
+        out.append(Tetrahedron(edge(one, two), edge(apex, one), edge(apex, two), edge(three, one), edge(three, two), edge(apex, three)))
+    return out, sides
+
+
+def designed(linkage: Linkage, pose: FloatArray | None = None, margin_mm: float = 0.0) -> Design:
+    """Limits of the links within those given at which nothing is singular, and everything can be assembled.
+
+    pose (7,): of the assembly that is meant. StructureError where the links have no limits, none are found, or a pose is needed.
+    """
+    if linkage.limits is None:
+        raise StructureError("design: the links have no limits_mm")
+    if len(linkage.base) != LINKS:
+        raise StructureError(f"design: has {len(linkage.base)} links; limits are proved for six")
+    found = incidence(linkage.base, linkage.platform)
+    if found.structure.degenerate is not None:
+        raise StructureError(f"design: {found.structure.notation} is singular at every pose: {found.structure.degenerate}")
+    corners, sides = tetrahedra_of(linkage, found)
+    given = {name[0]: (float(low), float(high)) for name, (low, high) in zip(linkage.names, linkage.limits, strict=True)}
+    texts = tuple(", ".join(vars(t).values()) for t in corners)
+    if corners and all(edge in given or edge in sides for t in corners for edge in vars(t).values()):
+        limits = given | sides
+        as_given = tuple(_clear(t, limits) for t in corners)
+        free = adjusted(corners, limits, list(given), margin_mm)
+        return Design(given, {name: free[name] for name in given}, texts, as_given)
+    if corners:
+        return _of_one_assembly(linkage, found, pose, given, texts)
+    if pose is None:
+        raise StructureError(
+            f"design: {found.structure.notation} is not solved by tetrahedra; its limits are proved around a pose: state --position-mm"
+        )
+    lengths = _lengths_within(linkage, pose)
+    free_box = _cut(Around(linkage.base, linkage.platform, pose).sound, lengths, linkage.limits)
+    return Design(given, _named(given, free_box), (), (), tuple(pose.tolist()))
+
+
+def _of_one_assembly(linkage: Linkage, found: Incidence, pose: FloatArray | None, given: Limits, texts: tuple[str, ...]) -> Design:
+    """By tetrahedra with additional coordinates, and around the pose where that proves more."""
+    assert linkage.limits is not None
+    if pose is None:
+        centre, pose, which = _highest(linkage)
+    else:
+        centre = _lengths_within(linkage, pose)
+        poses, closes = closed_form(linkage.base, linkage.platform, centre)
+        away = np.where(closes, apart_mm(poses, pose, float(np.ptp(linkage.platform, axis=0).max())), np.inf)
+        which = int(np.argmin(away))
+        if not away[which] < SAME_MM:
+            raise StructureError("design: the stated pose is at a fold of two assemblies: singular")
+    sides = (1.0 if which % 2 == 0 else -1.0, 1.0 if which // 2 % 2 == 0 else -1.0)
+    tetra, near = Chain(found, linkage.base, linkage.platform, sides), Around(linkage.base, linkage.platform, pose)
+    free = _cut(lambda box: near.sound(box) or proved(tetra.judge, box, BOXES), centre, linkage.limits)
+    unchanged = bool((free == linkage.limits).all())
+    as_given = tuple(unchanged or proved(lambda b, k=k: tetra.judge(b, k), linkage.limits, BOXES) for k in range(3))  # type: ignore[misc]
+    return Design(given, _named(given, free), texts, as_given, tuple(pose.tolist()))
+
+
+def _highest(linkage: Linkage) -> tuple[FloatArray, FloatArray, int]:
+    """Of lengths within the limits, their middle and many drawn at random, those (6,) at which an assembly has the highest of lowest
+    tetrahedra; its pose (7,) and number. StructureError where nothing can be assembled."""
+    assert linkage.limits is not None
+    low, high = linkage.limits.T
+    drawn = np.vstack([(low + high) / 2.0, np.random.default_rng(0).uniform(low, high, (DRAWN, LINKS))])
+    poses, closes = closed_form(linkage.base, linkage.platform, drawn)
+    height = np.where(closes, heights(linkage.base, linkage.platform, drawn), -np.inf)
+    i, k = np.unravel_index(int(np.argmax(height)), height.shape)
+    if not height[i, k] > 0.0:
+        raise StructureError(f"design: none of {DRAWN} lengths within the limits can be assembled")
+    return drawn[i], poses[i, k], int(k)
+
+
+def _lengths_within(linkage: Linkage, pose: FloatArray) -> FloatArray:
+    """(6,) lengths at a pose (7,); StructureError names the first that is not within its limits."""
+    assert linkage.limits is not None
+    lengths = np.asarray(lengths_at(linkage, pose[None])[0])
+    for name, length, (low, high) in zip(linkage.names, lengths, linkage.limits, strict=True):
+        if not low <= length <= high:
+            raise StructureError(f"design: {name[0]} is {length:.6g} mm long at the stated pose, which is not within {low:g} to {high:g}")
+    return lengths
+
+
+def _cut(sound: Callable[[FloatArray], bool], centre: FloatArray, given: FloatArray) -> FloatArray:
+    free = given if sound(given) else grown(sound, centre, given)
+    if free is None:
+        raise StructureError("design: nothing is proved around the pose even within a thousandth of the limits: it is singular, or nearly")
+    return free
+
+
+def _named(given: Limits, box: FloatArray) -> Limits:
+    return {name: (float(low), float(high)) for name, (low, high) in zip(given, box, strict=True)}
+
+
+def _clear(tetrahedron: Tetrahedron, limits: Limits) -> bool:
+    try:
+        return clear(tetrahedron, limits)
+    except StructureError:
+        return False

@@ -1,0 +1,181 @@
+"""How well links hold a platform at a pose, and along a straight way: the determinant, and beside it what a user can judge by.
+
+A determinant has the unit mm^3 and no size that would be small or large. Beside it stand the condition, how far the platform's rim moves
+by lengths that are off by 1 mm together, and the radius that holds 95 % of the errors of its origin when each length is off by itself.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import FileFormatError, FloatArray, se3
+from lmeasure.kernels import COUNT_LENGTH, RADIUS, radius_95, wrap_geometry
+from lmeasure.linkages import LINKS, LOST, Lines, Split, gradients, link_pressure_angles, link_rows, rim_mm
+from lmeasure.structure.assemblies import apart_mm, found_of, lengths_at, rows_at
+from lmeasure.structure.links import Linkage
+
+ALONG = 201  # poses of a way
+NEAR_MM = 1.0  # a pose no farther from an assembly is that assembly
+
+
+def lines_of(linkage: Linkage) -> Lines:
+    """The lines of the links at poses: of cables over pulleys their free spans, from where they leave the pulley."""
+    rows = linkage.wrapped
+    if rows is None:
+        return lambda poses: link_rows(linkage.base, linkage.platform, poses)
+    rows = np.ascontiguousarray(rows)
+
+    def free(poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        flat = np.ascontiguousarray(poses.reshape(-1, 7))
+        _, tangent, attachment, angle = wrap_geometry(rows, flat)
+        along = attachment - tangent
+        straight = np.linalg.norm(along, axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            e = along / straight[..., None]
+        shape, m = poses.shape[:-1], len(rows)
+        lengths = straight + angle * rows[:, RADIUS]
+        M = np.concatenate([e, np.cross(tangent, e)], axis=-1)
+        return M.reshape(*shape, m, 6), lengths.reshape(*shape, m), attachment.reshape(*shape, m, 3)
+
+    return free
+
+
+@dataclass(frozen=True)
+class Held:
+    """At poses (n,): determinant [mm^3], NaN where there are more than six links; rank; condition and mm_per_mm, infinite where the links
+    do not hold the platform; u95_mm: of its origin, for the uncertainties of lengths that were given; worst_angle_deg: pressure angle."""
+
+    determinant: FloatArray
+    rank: FloatArray
+    condition: FloatArray
+    mm_per_mm: FloatArray
+    u95_mm: FloatArray
+    worst_angle_deg: FloatArray
+
+
+def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) -> Held:
+    """How the links hold the platform at poses (n, 7); u_mm: standard uncertainty of each length."""
+    M, _, points = lines_of(linkage)(poses)
+    known = np.asarray(np.isfinite(M).all(axis=(1, 2)))
+    M = np.where(known[:, None, None], M, 0.0)
+    e, rim, m = M[..., :3], rim_mm(linkage.platform), len(linkage.base)
+    about_middle = np.concatenate([np.cross(points - points.mean(axis=1, keepdims=True), e) / rim, e], axis=-1)
+    s = np.linalg.svd(np.nan_to_num(about_middle), compute_uv=False)
+    rank = np.asarray((s > LOST * np.maximum(s[:, :1], 1e-300)).sum(axis=1))
+    sound = np.asarray(known & (rank == 6))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition, gain = np.where(sound, s[:, 0] / s[:, 5], np.inf), np.where(sound, 1.0 / s[:, 5], np.inf)
+    u95, worst = np.full(len(poses), np.inf), np.full(len(poses), 90.0)
+    about_origin = np.concatenate([np.cross(points - poses[:, None, :3], e) / rim, e], axis=-1)
+    u = np.broadcast_to(np.asarray(u_mm, dtype=np.float64), m)
+    for i in np.flatnonzero(sound):
+        moved = (np.linalg.pinv(about_origin[i] / u[:, None]) if m > LINKS else np.linalg.inv(about_origin[i]) * u)[3:]
+        C = moved @ moved.T
+        u95[i] = radius_95(C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2])
+        worst[i] = np.degrees(_angles(M[i], points[i], rim).max())
+    det = np.where(known, np.linalg.det(M), np.nan) if m == LINKS else np.full(len(poses), np.nan)
+    return Held(det, np.where(known, rank, 0), condition, gain, u95, worst)
+
+
+def _angles(M: FloatArray, points: FloatArray, rim: float) -> FloatArray:
+    """(m,) pressure-angle analogues [rad] of links that hold the body: of the motion of least squares when one length alone changes."""
+    e, arms = M[:, :3], points - points.mean(axis=0)
+    unit = np.linalg.pinv(np.concatenate([np.cross(arms, e) / rim, e], axis=1)).T
+    v = unit[:, 3:] + np.cross(unit[:, :3] / rim, arms)
+    along = np.clip((v * e).sum(axis=1) / np.maximum(np.linalg.norm(v, axis=1), 1e-300), -1.0, 1.0)
+    return np.asarray(np.arccos(np.abs(along)))
+
+
+def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
+    """What `lmeasure structure` writes of a pose (7,); links straight from point to point, and beside it the cables as they run."""
+    straight = replace(linkage, cables=None)
+    if not (link_rows(linkage.base, linkage.platform, pose)[1] > 0.0).all():
+        raise FileFormatError("--position-mm: a link has no length at this pose")
+    one = held(straight, pose[None])
+    record: dict[str, Any] = _figures(one) | {"least_seen_screw": _least_seen(straight, pose)}
+    if len(linkage.base) == LINKS:
+        record["gradient"] = gradients(linkage.base, linkage.platform, pose).tolist()
+        record["pressure_angles_deg"] = np.degrees(link_pressure_angles(linkage.base, linkage.platform, pose)).tolist()
+    else:
+        M, _, points = link_rows(linkage.base, linkage.platform, pose)
+        angles = np.degrees(_angles(M, points, rim_mm(linkage.platform))) if one.rank[0] == 6 else np.full(len(M), 90.0)
+        record |= {"gradient": None, "pressure_angles_deg": angles.tolist()}
+    if linkage.wrapped is not None:
+        lengths = lengths_at(linkage, pose[None])[0]
+        if not np.isfinite(lengths).all():
+            name = linkage.names[int(np.argmin(np.isfinite(lengths)))][0]
+            raise FileFormatError(f"--position-mm: cable {name} cannot run over its pulley to this pose")
+        as_they_run = held(linkage, pose[None])
+        # a change of length is from a count to that of the zero pose: each off by up to half of one
+        counts = held(linkage, pose[None], linkage.wrapped[:, COUNT_LENGTH] / np.sqrt(6.0))
+        record["wrapped"] = _figures(as_they_run) | {
+            "lengths_mm": lengths.tolist(),
+            "worst_pressure_angle_deg": float(as_they_run.worst_angle_deg[0]),
+            "u95_position_mm": _number(counts.u95_mm[0]),
+        }
+    return record
+
+
+def _least_seen(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
+    """The screw of the platform that lengths see least: axis, pitch per turn (None of a shift), change of length per mm of the rim."""
+    rows, m = rows_at(linkage, pose[None])[1][0], len(linkage.base)
+    screw = Split(rows, pose[:3], np.arange(6), np.ones(m), size_mm=rim_mm(linkage.platform)).lost
+    pitch = float(screw.pitch_mm) if np.isfinite(screw.pitch_mm) else None
+    return {"direction": screw.direction.tolist(), "point_mm": screw.point.tolist(), "pitch_mm": pitch, "mm_per_mm": screw.mm_per_mm}
+
+
+def _figures(one: Held) -> dict[str, Any]:
+    return {
+        "determinant": _number(one.determinant[0]),
+        "rank": int(one.rank[0]),
+        "condition": _number(one.condition[0]),
+        "mm_per_mm": _number(one.mm_per_mm[0]),
+        "u95_mm_per_mm": _number(one.u95_mm[0]),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def others_near(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
+    """The other assemblies of the lengths at a pose (7,): where they are and how far away, the nearest first [mm, a turn at the rim]."""
+    lengths = lengths_at(linkage, pose[None])[0]
+    found = found_of(linkage, lengths)
+    away = apart_mm(found.poses, pose, rim_mm(linkage.platform))
+    order = [i for i in np.argsort(away) if away[i] > NEAR_MM]
+    each = [
+        {"position_mm": found.poses[i, :3].tolist(), "quaternion_xyzw": found.poses[i, 3:].tolist(), "apart_mm": float(away[i])}
+        for i in order
+    ]
+    return {"other_assemblies": each, "other_assemblies_status": found.status}
+
+
+def along(linkage: Linkage, pose: FloatArray, to: FloatArray) -> dict[str, Any]:
+    """How the links hold the platform on the straight way from a pose (7,) to another, turned about one axis: columns of ALONG places."""
+    step = se3.displacement(to[None], pose)[0]
+    share = np.linspace(0.0, 1.0, ALONG)
+    poses = se3.displaced(np.broadcast_to(pose, (ALONG, 7)), share[:, None] * step)
+    found = held(linkage, poses)
+    sign = np.sign(found.determinant)
+    crossings = np.flatnonzero(sign[1:] * sign[:-1] < 0.0)
+    columns = {
+        "determinant": found.determinant,
+        "condition": found.condition,
+        "mm_per_mm": found.mm_per_mm,
+        "u95_mm_per_mm": found.u95_mm,
+        "worst_pressure_angle_deg": found.worst_angle_deg,
+    }
+    return {
+        "share": share.tolist(),
+        "position_mm": poses[:, :3].tolist(),
+        **{name: [_number(v) for v in values] for name, values in columns.items()},
+        "singular_at_share": [
+            float(share[i] + (share[1] - share[0]) * _zero(found.determinant[i], found.determinant[i + 1])) for i in crossings
+        ],
+    }
+
+
+def _zero(before: float, after: float) -> float:
+    return float(before / (before - after))

@@ -1,0 +1,134 @@
+"""All that is known of links, put together: what `lmeasure structure` prints and writes."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import FloatArray
+from lmeasure.linkages import (
+    LINKS,
+    NOT_PROVED,
+    Structure,
+    architecturally_singular,
+    class_of,
+    complex_assemblies,
+    incidence,
+    rim_mm,
+    somov_malyshev,
+    structures,
+)
+from lmeasure.structure import measures
+from lmeasure.structure.assemblies import WITHIN_MM, found_of, six_of
+from lmeasure.structure.design import designed
+from lmeasure.structure.links import Linkage
+from lmeasure.structure.slices import bounds_of, slices, window_mm
+
+NEAR = 0.2
+"""Of the distance from the base to the platform: another assembly no farther away can be taken for the right one."""
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What of the workspace is asked for: boundary slices of a plane (`xy`, `xz`, `yz`) at levels [mm], in a window of reach_mm to either
+    side of the pose, where pressure angles and lengths keep their limits."""
+
+    plane: str
+    levels: tuple[float, ...] = ()
+    reach_mm: float | None = None
+    limit_deg: float | None = None
+    length_mm: tuple[float, float] | None = None
+
+
+def described(
+    linkage: Linkage,
+    pose: FloatArray | None = None,
+    *,
+    to: FloatArray | None = None,
+    workspace: Workspace | None = None,
+    design: bool = False,
+    within_mm: float = WITHIN_MM,
+) -> dict[str, Any]:
+    """All that is known of links, as `lmeasure structure` writes it.
+
+    pose (7,) base_from_platform, to (7,) another to which the platform goes straight; workspace: around the pose; design: limits of the
+    links' lengths within which nothing is singular, of the pose's assembly where one is stated.
+    """
+    base, platform, m = linkage.base, linkage.platform, len(linkage.base)
+    structure = incidence(base, platform).structure if m == LINKS else None
+    reason = None if structure is None else structure.degenerate
+    singular = reason or architecturally_singular(base, platform)
+    record: dict[str, Any] = ({"notation": None, "class": class_of(base, platform)} if structure is None else _listed(structure)) | {
+        "links": m,
+        "freedoms": somov_malyshev(links=m)[0],
+        "redundant": m - LINKS,
+        "degenerate": reason is not None,
+        "degenerate_reason": reason,
+        "architecturally_singular": singular is not None,
+        "architecturally_singular_reason": singular,
+    }
+    if structure is None:
+        solved = [linkage.names[i][0] for i in six_of(linkage)]
+        record |= {"closed_form": False, "complex_assemblies": None, "assemblies_of_links": solved}
+    if linkage.lengths is not None and singular is not None:
+        # at special lengths all poses of a motion, at others none
+        record |= {"assemblies": [], "complex_assemblies_found": 0, "complex_assemblies_expected": 0, "status": NOT_PROVED}
+    elif linkage.lengths is not None:
+        record |= _assemblies(linkage, linkage.lengths, within_mm)
+    if pose is not None:
+        record |= measures.at_pose(linkage, pose)
+        if singular is None:
+            record |= measures.others_near(linkage, pose) | {"near_mm": NEAR * _away(linkage, pose)}
+        if to is not None:
+            record["way"] = measures.along(linkage, pose, to)
+        if workspace is not None:
+            record["boundary"] = _boundary(linkage, pose, workspace)
+    if design:
+        record["design"] = asdict(designed(linkage, pose))
+    return record
+
+
+def _assemblies(linkage: Linkage, lengths: FloatArray, within_mm: float) -> dict[str, Any]:
+    found = found_of(linkage, lengths, within_mm)
+    each = zip(found.poses.tolist(), found.certified.tolist(), found.misses_mm.tolist(), strict=True)
+    return {
+        "assemblies": [{"position_mm": p[:3], "quaternion_xyzw": p[3:], "certified": sure, "misses_mm": miss} for p, sure, miss in each],
+        "complex_assemblies_found": found.complex_found,
+        "complex_assemblies_expected": found.complex_expected,
+        "status": found.status,
+        "within_mm": within_mm if len(lengths) > LINKS else None,
+        "next_misses_mm": found.next_misses_mm if np.isfinite(found.next_misses_mm) else None,
+    }
+
+
+def _boundary(linkage: Linkage, pose: FloatArray, asked: Workspace) -> dict[str, Any]:
+    bounds = bounds_of(linkage, pose, asked.limit_deg, asked.length_mm)
+    axis = "xyz".index(next(x for x in "xyz" if x not in asked.plane))
+    reach = window_mm(linkage, pose) if asked.reach_mm is None else asked.reach_mm
+    pieces, said = slices(bounds, pose, asked.plane, asked.levels or (float(pose[axis]),), reach_mm=reach)
+    return {
+        "plane": asked.plane,
+        "reach_mm": reach,
+        "slices": [piece.as_dict() for piece in pieces],
+        "lines": [*(piece.line("xyz"[axis]) for piece in pieces), *said],
+    }
+
+
+def _away(linkage: Linkage, pose: FloatArray) -> float:
+    """From the middle of the base points to the platform [mm]."""
+    return max(float(np.linalg.norm(pose[:3] - linkage.base.mean(axis=0))), rim_mm(linkage.platform))
+
+
+def _listed(structure: Structure) -> dict[str, Any]:
+    return {
+        "notation": structure.notation,
+        "class": structure.class_name,
+        "closed_form": structure.closed_form,
+        "complex_assemblies": complex_assemblies(structure),
+        "degenerate": structure.degenerate is not None,
+    }
+
+
+def all_structures() -> list[dict[str, Any]]:
+    """Every structure, platform and base told apart, as `lmeasure structure --list` writes it."""
+    return [_listed(s) | {"degenerate_reason": s.degenerate, "koliskor": s.koliskor} for s in structures()]

@@ -1,0 +1,69 @@
+"""Why samples have no pose, or have one without a channel: (n,) arrays of findings, "" where there is nothing to say.
+
+Files hold their English words. What comes out of a file is known again by the catalogue, or stays the text that it is.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import TextArray
+from lmeasure.text.messages import JOINED, Finding, finding, recognised
+
+Cause = Finding | str
+
+
+def and_also(causes: TextArray, more: Finding) -> TextArray:
+    """(n,) causes with more said behind each."""
+    return _each(causes, lambda cause: finding(JOINED, first=cause, then=more), more)
+
+
+def without(causes: TextArray) -> TextArray:
+    """(n,) what is said of samples that are good without the channels of which causes (n,) tell."""
+    return _each(causes, lambda cause: finding("cause.without", cause=cause), finding("cause.without", cause=""))
+
+
+def in_english(causes: TextArray) -> TextArray:
+    """(n,) texts, as files have them."""
+    return _each(causes, str, "")
+
+
+def from_file(texts: TextArray) -> TextArray:
+    """(n,) causes of the texts of a file."""
+    known = {text: recognised(text) or text for text in set(texts.tolist()) - {""}}
+    return _each(texts, known.__getitem__, "")
+
+
+def said_first(cause: Cause) -> Cause:
+    """Of several causes the first."""
+    while isinstance(cause, Finding) and cause.code == JOINED:
+        cause = cause.values["first"]
+    return cause
+
+
+def is_of(cause: Cause, code: str) -> bool:
+    """Whether a cause, or the first of several, has this code."""
+    first = said_first(cause)
+    return isinstance(first, Finding) and first.code == code
+
+
+def within(cause: Cause, code: str) -> Finding | None:
+    """The finding of a code that a cause is, or holds."""
+    if not isinstance(cause, Finding):
+        return None
+    if cause.code == code:
+        return cause
+    return next((found for value in cause.values.values() if (found := within(value, code)) is not None), None)
+
+
+def _each(causes: TextArray, made: Callable[[Any], Cause], of_nothing: Cause) -> TextArray:
+    """What is made of each cause, once of those that are the same object, as those of many samples are."""
+    out = np.full(len(causes), of_nothing, dtype=np.object_)
+    at = np.flatnonzero(causes != "")
+    kept: dict[int, Cause] = {}
+    for i, cause in zip(at.tolist(), causes[at].tolist(), strict=True):
+        if id(cause) not in kept:
+            kept[id(cause)] = made(cause)
+        out[i] = kept[id(cause)]
+    return out

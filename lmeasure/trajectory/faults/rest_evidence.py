@@ -1,0 +1,305 @@
+"""What the rests of a run tell of its counters: counts that were lost on the way, and whether the counts close.
+
+A robot that comes back to a place brings back all counts, but for its repeatability and a drift that is gradual. A counter that lost counts
+shifts one channel, at once, at all places after that moment. With six cables such a shift is also a pose shift, along exactly the twist
+that this one cable sees and no other does: a robot that steps so is far less likely than a counter that slips, but not impossible:
+"suspected".
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import stdtr
+
+from lmeasure.core import BoolArray, FloatArray, IntArray
+from lmeasure.recording import Recorded
+from lmeasure.rig import Rig
+from lmeasure.sensors import Lengths
+from lmeasure.text import Finding, finding
+from lmeasure.trajectory.faults.continuity import ContinuityFinder
+from lmeasure.trajectory.faults.suspicion import NONE, Doubts, judged, unseen
+from lmeasure.trajectory.faults.visits import LEAST_CABLES, RestFinder, Rests
+
+SIGNIFICANCE = 1e-3
+"""Of a run: shared by all channels and all moments at which counts may have been lost (Bonferroni)."""
+LEAST_COUNTS = 5.0
+"""A step that is smaller is not told from the robot's."""
+SCATTERS = 3.0
+"""Or smaller than this many scatters of single visits."""
+ALONE = 8.0
+"""Times as much as the other channels together (root mean square): a robot that steps moves several cables."""
+AT_ONCE = 0.5
+"""Of a step must lie between the two visits of each place next to it, beyond what lies between others near: a drift is spread over all."""
+TRENDED = 6
+"""Degrees of freedom from which a linear drift is taken off."""
+TOLD = 3
+"""Changes from visit to visit from which their scatter is told."""
+CLOSED_COUNTS = 3.0
+CLOSED_MM = 0.1
+CLOSED_SCATTERS = 5.0
+"""Of the difference of two visits: up to these the counts close; the second is what robots drift by."""
+MOST_STEPS = 12
+TERMS = 8
+"""Of the series of a closure that was lost at an unknown moment."""
+
+SUSPECTED = "counts.suspected"
+"""Of the cause of a sample whose pose is there but hangs on counts that may be wrong."""
+CLOSURE = "closure of the counts"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step in one channel's counts: of which cable (index), between which times [s], by how many recorded counts and mm of length."""
+
+    cable: int
+    name: str
+    channel: str
+    after_s: float
+    before_s: float
+    counts: float
+    length_mm: float
+
+    @property
+    def said(self) -> Finding:
+        """What is said of it."""
+        by = {"counts": self.counts, "mm": self.length_mm}
+        return finding("counts.stepped", channel=self.channel, cable=self.name, **by, after_s=self.after_s, before_s=self.before_s)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was found. closure_mm (m,): by how much each cable's length fails to close where that cannot be the robot's, else zero; from
+    first_s, the end of the first visit, to last_s, the beginning of the last. notes: for the reader."""
+
+    steps: tuple[Step, ...]
+    closure_mm: FloatArray
+    first_s: float = 0.0
+    last_s: float = 0.0
+    notes: tuple[Finding, ...] = ()
+    doubts: Doubts = NONE
+    """Channels that stepped while the robot moved, or stood: not used at all."""
+    unseen: Finding | None = None
+    """What steps the run would not have shown."""
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is to be said against the counts."""
+        return not self.steps and not self.closure_mm.any()
+
+    def closure_lengths(self, time_s: FloatArray) -> FloatArray:
+        """(n, m, K) errors of the lengths [mm] at times (n,) per variable of unit variance that the run shares.
+
+        All that does not close was lost at once, at a moment that is uniform over the run: then the product of the errors at two times, not
+        taken off, has the mean closure^2 min(f, g), f and g the parts of the run that are over. That is Brownian motion, whose series
+        (Karhunen-Loeve) is cut off and brought back to the variance at each time.
+        """
+        lost = np.flatnonzero(self.closure_mm)
+        over = np.clip((time_s - self.first_s) / max(self.last_s - self.first_s, 1e-9), 0.0, 1.0)
+        frequency = np.pi * (np.arange(TERMS) + 0.5)
+        series = np.sqrt(2.0) * np.sin(over[:, None] * frequency) / frequency
+        variance = np.maximum((series**2).sum(axis=1, keepdims=True), 1e-300)
+        series *= np.sqrt(over[:, None] / variance)
+        out = np.zeros((len(time_s), len(self.closure_mm), len(lost) * TERMS))
+        for k, j in enumerate(lost):
+            out[:, j, k * TERMS : (k + 1) * TERMS] = self.closure_mm[j] * series
+        return out
+
+    def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, Finding]]:
+        """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
+        return [((time_s > step.after_s) & ~unused[:, step.cable], finding(SUSPECTED, step=step.said)) for step in self.steps]
+
+
+class EvidenceFinder:
+    """Collects the evidence of a run whose lengths are given in pieces."""
+
+    def __init__(self, rig: Rig, recorded: tuple[Recorded, ...] = ()) -> None:
+        self._rig, self._recorded = rig, recorded
+        self._mm = np.array([rig.point(c.from_point).drum.count_length_mm for c in rig.cable])
+        self._finder, self._continuity = RestFinder(), ContinuityFinder(rig)
+
+    def add(self, lengths: Lengths) -> None:
+        """Take the next piece into account."""
+        lengths = lengths.of_cables()
+        assert lengths.gone_on is not None
+        self._finder.add(lengths.time_s, lengths.gone_on * self._mm)
+        self._continuity.add(lengths)
+
+    def found(self) -> Evidence:
+        """All that the run told."""
+        rests, continuity = self._finder.rests(), self._continuity.found()
+        doubts = judged(self._rig, continuity, rests)
+        evidence = evidence_of(self._rig, rests, self._recorded, doubts)
+        return replace(evidence, doubts=doubts, unseen=unseen(self._rig, continuity))
+
+
+def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), doubts: Doubts = NONE) -> Evidence:
+    """What the rests of a run tell of the rig's counters, beside the closures that were recorded. What a channel shows while it is in doubt
+    is nobody's length: of its steps and closures then nothing is said."""
+    drums = [rig.point(c.from_point).drum for c in rig.cable]
+    per_mm = np.array([d.count_sign * d.scale / d.count_length_mm for d in drums])
+    count_mm = 1.0 / np.abs(per_mm)
+    steps = tuple(
+        Step(j, (c := rig.cable[j]).name, c.channel, float(rests.end_s[i]), float(rests.begin_s[k]), by * float(per_mm[j]), by)
+        for j, i, k, by in _steps(rests, count_mm)
+        if not doubts.about(j, float(rests.begin_s[k]))
+    )
+    notes = [finding("counts.suspected.note", step=step.said) for step in steps]
+    limit = np.maximum(np.maximum(CLOSED_COUNTS * count_mm, CLOSED_MM), CLOSED_SCATTERS * np.sqrt(2.0) * _scatter(rests, steps))
+    whole = (float(rests.begin_s[0]), float(rests.end_s[-1])) if len(rests) else (0.0, 0.0)
+    back = [(_without(steps, difference, between), between) for difference, between in _returns(rests)]
+    back += [(_without(steps, _recorded(rig, entry, per_mm), whole), whole) for entry in recorded if entry.closure_counts]
+    closure, span = np.zeros(len(drums)), whole
+    for difference, between in back:
+        believed = np.array([not doubts.about(j, between[1]) for j in range(len(drums))])
+        lost = (np.abs(difference) > np.maximum(limit, np.abs(closure))) & _alone(difference) & believed
+        if lost.any():
+            closure, span = np.where(lost, difference, closure), between
+    for j in np.flatnonzero(closure):
+        by = {"counts": float(closure[j] * per_mm[j]), "mm": float(closure[j])}
+        notes.append(finding("counts.not_closed", channel=rig.cable[j].channel, **by))
+    several = np.flatnonzero((np.abs(back[0][0]) > limit) & (closure == 0.0)) if _returns(rests) and not doubts.every else ()
+    if len(several) > 1:
+        told = ", ".join(f"{rig.cable[j].channel} {back[0][0][j] * per_mm[j]:+.1f}" for j in several)
+        notes.append(finding("counts.not_closed.several", channels=told))
+    return Evidence(steps, closure, *span, tuple(notes))
+
+
+def _recorded(rig: Rig, entry: Recorded, per_mm: FloatArray) -> FloatArray:
+    """(m,) what the recorder saw of a pass [mm], zero for cables of other passes."""
+    counts = [entry.closure_counts.get(c.channel, 0.0) if entry.passage == c.passage else 0.0 for c in rig.cable]
+    return np.asarray(np.array(counts) / per_mm)
+
+
+def _without(steps: tuple[Step, ...], difference: FloatArray, between: tuple[float, float]) -> FloatArray:
+    """A difference of lengths (m,) less the steps between its times."""
+    out = difference.copy()
+    for step in steps:
+        if between[0] <= step.after_s and step.before_s <= between[1]:
+            out[step.cable] -= step.length_mm
+    return out
+
+
+def _returns(rests: Rests) -> list[tuple[FloatArray, tuple[float, float]]]:
+    """For each place that is visited again, that of the first rest first: the lengths (m,) at the last visit less those at the first, and
+    the times between which the robot was away."""
+    places = rests.places() if len(rests) else np.empty(0, np.int64)
+    out = []
+    for place in np.unique(places):
+        visits = np.flatnonzero(places == place)
+        first, last = visits[0], visits[-1]
+        if last > first:
+            out.append((rests.length_mm[last] - rests.length_mm[first], (float(rests.end_s[first]), float(rests.begin_s[last]))))
+    return out
+
+
+def _alone(sizes: FloatArray) -> BoolArray:
+    """(m,) which of m channels is ALONE times as large as the others together (root mean square); none can be told of few."""
+    m = len(sizes)
+    others = np.sqrt(np.maximum((sizes**2).sum() - sizes**2, 0.0) / max(m - 1, 1))
+    return (np.abs(sizes) > ALONE * others) & (m >= LEAST_CABLES)
+
+
+def _scatter(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
+    """(m,) standard deviations [mm] of single visits, the suspected steps taken off, by the changes from visit to visit of a place, which a
+    slow drift hardly enters; zero where there are too few to tell."""
+    values = rests.length_mm.copy()
+    for step in steps:
+        values[rests.begin_s >= step.before_s, step.cable] -= step.length_mm
+    places = rests.places() if len(rests) else np.empty(0, np.int64)
+    changes = np.concatenate([np.diff(values[places == place], axis=0) for place in np.unique(places)] or [values])
+    if len(changes) < TOLD:
+        return np.zeros(values.shape[1])
+    each = np.sqrt(np.mean(changes**2, axis=0) / 2.0)
+    return np.asarray(np.maximum(each, np.sqrt(np.mean(each**2))))
+
+
+def _within(values: FloatArray, places: IntArray) -> tuple[FloatArray, int]:
+    """(N, m) values less the means of their places, and the degrees of freedom they have."""
+    if not len(values):
+        return values, 0
+    number = np.bincount(places)
+    means = np.array([np.bincount(places, column) for column in values.T]).T / np.maximum(number, 1)[:, None]
+    return values - means[places], int((number - 1).clip(0).sum())
+
+
+def _steps(rests: Rests, count_mm: FloatArray) -> list[tuple[int, int, int, float]]:
+    """Cable, last rest before and first rest behind, and size [mm] of every step that is significant, in order of time."""
+    places = rests.places()
+    number = np.bincount(places) if len(places) else np.empty(0, np.int64)
+    again = np.flatnonzero(number[places] > 1) if len(places) else np.empty(0, np.int64)
+    values, labels = rests.length_mm[again].copy(), places[again]
+    m = values.shape[1]
+    found: list[tuple[int, int, int, float]] = []
+    if m < LEAST_CABLES:
+        return found
+    while len(found) < MOST_STEPS:
+        step = _step(values, labels, rests.begin_s[again], count_mm)
+        if step is None:
+            break
+        j, k, by = step
+        values[k:, j] -= by
+        found.append((j, int(again[k - 1]), int(again[k]), by))
+    return sorted(found, key=lambda step: step[1])
+
+
+def _step(values: FloatArray, labels: IntArray, time_s: FloatArray, count_mm: FloatArray) -> tuple[int, int, float] | None:
+    """The most significant step of values (N, m) at places (N,): its column, the first row behind it and its size; None without one."""
+    r, freedom = _within(values, labels)
+    n, m = r.shape
+    if freedom < 2:
+        return None
+    drift = _within(time_s[:, None], labels)[0][:, 0]
+    drift = drift / max(float(np.linalg.norm(drift)), 1e-300) if freedom >= TRENDED and np.ptp(drift) > 0.0 else np.zeros(n)
+    freedom -= int(drift.any())
+    r = r - drift[:, None] * (drift @ r)
+    # a step before row k, k = 1 .. n - 1: what is left of it beside places and drift, and its fit in every channel
+    behind, length = np.cumsum(r[::-1], axis=0)[::-1][1:], _squares(labels) - np.cumsum(drift[::-1])[::-1][1:] ** 2
+    usable = length > 1e-9
+    if not usable.any():
+        return None
+    length = np.where(usable, length, np.inf)
+    size, squares = behind / length[:, None], (r**2).sum(axis=0)
+    left = squares - behind**2 / length[:, None]
+    # the other channels have no step: all they scatter by counts; a channel that scatters more than they do counts for itself
+    pooled = (squares.sum() - squares + left) / (m * freedom - 1)
+    variance = np.maximum(pooled, left / (freedom - 1)) if freedom > 4 else pooled
+    scatter = np.sqrt(np.maximum(variance, count_mm**2 / 12.0))
+    t = np.where(usable[:, None], np.abs(size) * np.sqrt(np.where(usable, length, 0.0))[:, None] / scatter, 0.0)
+    k, j = (int(i) for i in np.unravel_index(int(np.argmax(t)), t.shape))
+    # six lengths of a robot's three or six ways to be off: counted as if half of them were independent
+    p = 2.0 * float(stdtr(max(0.5 * m * freedom - 1.0, 1.0), -t[k, j])) * m * int(usable.sum())
+    by = float(size[k, j])
+    enough = abs(by) >= max(LEAST_COUNTS * count_mm[j], SCATTERS * scatter[k, j]) and _alone(size[k])[j]
+    if p >= SIGNIFICANCE or not enough or not _at_once(values[:, j], labels, k + 1) / by >= AT_ONCE:
+        return None
+    return j, k + 1, by
+
+
+def _squares(labels: IntArray) -> FloatArray:
+    """(N - 1,) squared length of a step before row 1, 2 .. of rows at places (N,), their places' means taken off."""
+    behind = np.bincount(labels)
+    number = np.maximum(behind, 1)
+    out = np.empty(len(labels) - 1)
+    total = float((behind - behind**2 / number).sum())
+    for k, place in enumerate(labels[:-1]):
+        before = behind[place] - behind[place] ** 2 / number[place]
+        behind[place] -= 1
+        total += behind[place] - behind[place] ** 2 / number[place] - before
+        out[k] = total
+    return out
+
+
+def _at_once(values: FloatArray, labels: IntArray, k: int) -> float:
+    """By how much values (N,) change at row k: the mean, over the places (N,) visited on both sides, of the first value behind it less the
+    last before it, beyond the mean change from visit to visit next to that."""
+    changes = []
+    for place in np.unique(labels[k:]):
+        visits = np.flatnonzero(labels == place)
+        behind = int(np.searchsorted(visits, k))
+        if not 0 < behind < len(visits):
+            continue
+        near = np.diff(values[visits[max(behind - 2, 0) : behind + 2]])
+        here = min(behind, 2) - 1
+        others = np.delete(near, here)
+        changes.append(near[here] - (others.mean() if len(others) else 0.0))
+    return float(np.mean(changes))

@@ -1,0 +1,240 @@
+"""When a channel is not to be believed, and what proves it right again.
+
+A counter that stepped (`trajectory.faults.continuity`) counts on, from another origin. Its lengths are not used from there on, until
+something
+shows that the origin is where it was: a rest at a place where the run rested before, or began, at which all the other channels are back and
+this one too. (Redundant cables prove it likewise: `trajectory.faults.consistency`.)
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, Status
+from lmeasure.rig import Rig
+from lmeasure.sensors import Lengths, Reason, with_reasons
+from lmeasure.text import Finding, finding
+from lmeasure.trajectory.faults.continuity import Away, Continuity
+from lmeasure.trajectory.faults.steps import Break
+from lmeasure.trajectory.faults.stuck_channels import Stood
+from lmeasure.trajectory.faults.visits import LEAST_CABLES, NEAR_MM, Rests
+
+EVERY = -1
+"""Instead of a cable: all of them."""
+BACK_COUNTS = 3.0
+BACK_MM = 0.1
+BACK_SCATTERS = 3.0
+"""Of the other channels at the two visits (root mean square), between these bounds: up to this a channel is back where it was."""
+TOLD = 12
+"""Notes of a run's counters that a reader is asked to read."""
+STILL_MM_S2 = 1e-6
+"""An acceleration below it is rounding of numbers: samples 1 s apart would show 1e-6 mm of it."""
+COARSE_MM = 1.0
+"""A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on."""
+
+
+@dataclass(frozen=True)
+class During:
+    """Of a cable, or another channel (index), or `EVERY`, from the sample behind after_s to the one at until_s [s]."""
+
+    cable: int
+    after_s: float
+    until_s: float
+
+    def mask(self, time_s: FloatArray) -> BoolArray:
+        """(n,) which samples at times (n,) it is about."""
+        return (time_s > self.after_s) & (time_s <= self.until_s)
+
+
+@dataclass(frozen=True)
+class Doubt(During):
+    """Counts that are not used, with the status and cause of samples that need them."""
+
+    status: Status
+    said: Finding
+
+
+@dataclass(frozen=True)
+class Shift(During):
+    """By how many true counts a channel that goes on from another origin reads too much, about. What is left of it is a length: a drum's is
+    not linear in its counts, so that only near where it was can a length make up for them."""
+
+    counts: float
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """All of a run, in order of time, notes for the reader, and what is taken off counts that are used."""
+
+    every: tuple[Doubt, ...] = ()
+    notes: tuple[Finding, ...] = ()
+    shifts: tuple[Shift, ...] = ()
+
+    def about(self, cable: int, time_s: float) -> bool:
+        """Whether a cable is in doubt at a time."""
+        return any(d.cable == cable and d.after_s < time_s <= d.until_s for d in self.every)
+
+    def applied(self, rig: Rig, lengths: Lengths) -> Lengths:
+        """Lengths of a piece of the run without the counts that are in doubt; what only a jump had made doubtful is used again where
+        nothing is said against it."""
+        lost = any(reason.status == Status.ORIGIN_LOST for reasons in lengths.reasons for reason in reasons)
+        first, last = float(lengths.time_s[0]), float(lengths.time_s[-1])
+        here = [d for d in self.every if d.after_s < last and d.until_s >= first]
+        moved = [s for s in self.shifts if s.after_s < last and s.until_s >= first]
+        if not lost and not here and not moved:
+            return lengths
+        assert lengths.gone_on is not None
+        lengths = replace(lengths, gone_on=shifted(moved, lengths.time_s, lengths.gone_on))
+        reasons = []
+        for j, before in enumerate(lengths.reasons):
+            mine = [Reason(d.mask(lengths.time_s), d.status, d.said) for d in here if d.cable == j]
+            # whether an encoder of angles lost its origin nothing else tells
+            kept = [r for r in before if r.status != Status.ORIGIN_LOST or j >= lengths.lengths]
+            reasons.append((*kept, *(r for r in mine if r.mask.any())))
+        lengths = with_reasons(rig, lengths, tuple(reasons))
+        for doubt in here:
+            if doubt.cable == EVERY:
+                mask = doubt.mask(lengths.time_s)
+                lengths.change_mm[mask] = lengths.counts[mask] = np.nan
+                lengths.flags[mask], lengths.cause[mask], lengths.cable[mask] = doubt.status, doubt.said, ""
+        return lengths
+
+
+NONE = Doubts()
+
+
+def shifted(shifts: Iterable[Shift], time_s: FloatArray, counts: FloatArray) -> FloatArray:
+    """(n, m) true counts at times (n,), less these shifts."""
+    counts = counts.copy()
+    for s in shifts:
+        counts[s.mask(time_s), s.cable] -= s.counts
+    return counts
+
+
+def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
+    """What is in doubt of a run, by its breaks and its rests, whose lengths are those of all counts, doubtful ones included."""
+    every = [_for_a_moment(rig, away) for away in continuity.away] + [_stood(rig, stood) for stood in continuity.stood]
+    notes = _of_moments(rig, continuity.away)
+    count_mm = np.array([(d := rig.point(c.from_point).drum).count_length_mm / d.scale for c in rig.cable])
+    open_until: dict[int, float] = {}
+    for new in sorted(continuity.breaks, key=lambda b: -b.before_s):
+        stood = any(s.cable == new.cable and s.until_s == new.before_s for s in continuity.stood)
+        every.append(_lost(rig, new, open_until.get(new.cable, np.inf), float(count_mm[new.cable]), stood=stood))
+        open_until[new.cable] = new.before_s
+    every.sort(key=lambda d: (d.after_s, d.cable))
+    places = _Places(rests, every)
+    for doubt in [d for d in every if d.status == Status.ORIGIN_LOST]:
+        if any(stood.cable == doubt.cable and stood.after_s == doubt.after_s for stood in continuity.stood):
+            notes.append(doubt.said)
+            continue
+        # where a channel stands it is back everywhere
+        proof = places.proof(doubt, count_mm, [s for s in continuity.stood if s.cable == doubt.cable])
+        if proof is None:
+            again = not np.isinf(doubt.until_s)
+            notes.append(finding("origin.again", what=doubt.said, again_s=doubt.until_s) if again else doubt.said)
+        else:
+            every.remove(doubt)
+            places.forget(doubt)
+            notes.append(finding("origin.back", what=doubt.said, at_s=proof))
+    if continuity.clock_s:
+        told = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
+        more = len(continuity.clock_s) - 3
+        notes.append(finding("clock.stepped.often", after_s=told, more=more) if more > 0 else finding("clock.stepped", after_s=told))
+    if len(notes) > TOLD:
+        notes = [*notes[:TOLD], finding("counts.more", more=len(notes) - TOLD)]
+    return Doubts(tuple(every), tuple(notes))
+
+
+def unseen(rig: Rig, continuity: Continuity) -> Finding:
+    """What steps of a counter this run would not show."""
+    blind = np.flatnonzero(np.isinf(continuity.least_mm))
+    if len(blind) == len(rig.cable):
+        return finding("steps.none")
+    seen = _seen(rig, continuity)
+    if not len(blind):
+        return seen
+    return finding("steps.seen.but", seen=seen, channels=", ".join(dict.fromkeys(rig.cable[j].channel for j in blind)))
+
+
+def _seen(rig: Rig, continuity: Continuity) -> Finding:
+    j = int(np.argmax(np.where(np.isfinite(continuity.least_mm), continuity.least_mm, 0.0)))
+    drum = rig.point(rig.cable[j].from_point).drum
+    mm = float(continuity.least_mm[j])
+    step = {"counts": mm / drum.count_length_mm * drum.scale, "mm": mm}
+    if continuity.jitter_mm is not None and continuity.jitter_mm[j] > mm / 2.0:
+        return finding("steps.seen.clock", **step)
+    if continuity.acceleration_mm_s2 < STILL_MM_S2:
+        return finding("steps.seen.rounding", **step)
+    seen = finding("steps.seen", **step, mm_s2=float(continuity.acceleration_mm_s2))
+    return finding("steps.seen.slow", seen=seen) if mm > COARSE_MM else seen
+
+
+def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[Finding]:
+    """A note for each channel that was elsewhere for moments."""
+    notes = []
+    for j in sorted({a.cable for a in away}):
+        mine = [a.after_s for a in away if a.cable == j]
+        told = {"channel": rig.cable[j].channel, "after_s": mine[0]}
+        notes.append(finding("channel.elsewhere.often", **told, times=len(mine)) if len(mine) > 1 else finding("channel.elsewhere", **told))
+    return notes
+
+
+def _for_a_moment(rig: Rig, away: Away) -> Doubt:
+    channel = rig.cable[away.cable].channel
+    # the sample at until_s is the first that is right again
+    until = float(np.nextafter(away.until_s, -np.inf))
+    return Doubt(away.cable, away.after_s, until, Status.JUMP, finding("channel.elsewhere.then", channel=channel))
+
+
+def _stood(rig: Rig, stood: Stood) -> Doubt:
+    channel = rig.cable[stood.cable].channel
+    said = finding("channel.stands", channel=channel, from_s=stood.after_s)
+    return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, said)
+
+
+def _lost(rig: Rig, at: Break, until_s: float, count_mm: float, *, stood: bool) -> Doubt:
+    """stood: the channel stood before."""
+    channel = rig.cable[at.cable].channel
+    between = {"after_s": at.before_s, "before_s": at.after_s}
+    if np.isnan(at.by_mm) and stood:
+        said = finding("origin.stood", channel=channel, until_s=at.before_s)
+    elif np.isnan(at.by_mm):
+        said = finding("origin.left", channel=channel, **between)
+    else:
+        by = rig.point(rig.cable[at.cable].from_point).drum.count_sign * at.by_mm / count_mm
+        said = finding("origin.stepped", channel=channel, counts=float(by), within=float(np.ceil(at.u_mm / count_mm)), **between)
+    return Doubt(at.cable, at.before_s, until_s, Status.ORIGIN_LOST, said)
+
+
+class _Places:
+    """Where a run rested, and which channels are believed there, as long as doubts go."""
+
+    def __init__(self, rests: Rests, every: list[Doubt]) -> None:
+        self._begin_s, self._length_mm = rests.begin_s, rests.length_mm
+        self._doubts = np.zeros(rests.length_mm.shape, np.int64)
+        for doubt in every:
+            self._doubts[doubt.mask(self._begin_s), doubt.cable] += 1
+
+    def forget(self, doubt: Doubt) -> None:
+        """One that was proved wrong."""
+        self._doubts[doubt.mask(self._begin_s), doubt.cable] -= 1
+
+    def proof(self, doubt: Doubt, count_mm: FloatArray, standing: list[Stood]) -> float | None:
+        """The beginning [s] of the first rest at which a cable in doubt is back where it was at a place known from before, or None."""
+        tried, j = doubt.mask(self._begin_s), doubt.cable
+        for stood in standing:
+            tried &= (self._begin_s < stood.after_s) | (self._begin_s > stood.until_s)
+        trusted = self._doubts == 0
+        for i in np.flatnonzero(tried):
+            # places at which the cable itself is known, where counting began among them
+            before = np.flatnonzero(trusted[:i, j])
+            known = np.vstack([np.ones_like(trusted[:1]), trusted[before]])
+            apart = self._length_mm[i] - np.vstack([np.zeros_like(self._length_mm[:1]), self._length_mm[before]])
+            others = trusted[i] & known
+            number, of_others = others.sum(axis=1), np.where(others, np.abs(apart), 0.0)
+            scatter = np.sqrt((of_others**2).sum(axis=1) / np.maximum(number, 1))
+            back = np.maximum(BACK_COUNTS * count_mm[j], np.minimum(BACK_MM, BACK_SCATTERS * scatter))
+            if ((number >= LEAST_CABLES - 1) & (of_others.max(axis=1) <= NEAR_MM) & (np.abs(apart[:, j]) <= back)).any():
+                return float(self._begin_s[i])
+        return None

@@ -1,0 +1,1 @@
+"""Files of trajectories: ours, foreign tables, ROS 2 messages."""

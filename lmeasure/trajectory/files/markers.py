@@ -1,0 +1,275 @@
+"""Trajectories of a rigid body from labelled markers, as motion capture exports them: tables of tabs, three columns for each marker.
+
+The body's shape is found from all frames together, its poses by rotating it onto what each frame shows (Kabsch, Acta Cryst. A 34, 1978),
+and what is left over is the uncertainty of a marker, from which that of the poses follows. Labels that were swapped are put right where
+that explains a frame, a single marker that lies off is left out, and both are told. Its origin is the middle of the markers, its axes are
+those of the instrument in the first frame that shows all of them.
+"""
+
+import re
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import BoolArray, FileFormatError, FloatArray, IntArray, se3
+from lmeasure.io import text_of
+from lmeasure.text import Finding, finding
+
+LEAST = 3
+"""Markers of a frame from which a pose follows."""
+ROUNDS = 8
+WORSE = 6.0
+"""Times the usual misfit of a frame from which something is wrong with it."""
+FLAT = 1e-3
+"""Of the largest extent of the visible markers: across less than it they stand in a line."""
+EXACT_MM = 1e-6
+"""Least uncertainty of a marker: numbers that fit exactly are rounded."""
+_SIZES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
+
+
+@dataclass(frozen=True)
+class Marked:
+    """Frames (n) of labelled markers (m): time_s (n,), places (n, m, 3) [mm], NaN where one was not seen, and lines (n,) of the file."""
+
+    names: tuple[str, ...]
+    time_s: FloatArray
+    places: FloatArray
+    lines: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Body:
+    """poses (n, 7) of the body, NaN where it was not seen, covariance (n, 6, 6) of (rotation [rad]; position [mm]), standard uncertainty
+    of a marker's coordinate [mm], and what is to be said."""
+
+    poses: FloatArray
+    covariance: FloatArray
+    u_marker_mm: float
+    notes: tuple[Finding, ...]
+
+
+def is_of_markers(text: str) -> bool:
+    """Whether the beginning of a file is one of labelled markers."""
+    return bool(re.match(r"\ufeff?\s*(NO_OF_FRAMES|PathFileType)\t", text))
+
+
+def read_markers(path: Path) -> Marked:
+    """Read labelled markers: a header of KEY<tab>values up to MARKER_NAMES, or a .trc of PathFileType 4. FileFormatError names the line."""
+    lines = text_of(path).splitlines()
+    first = lines[0].split("\t")
+    return _of_trc(path, lines) if first[0].strip() == "PathFileType" else _of_keys(path, lines)
+
+
+def body_of(marked: Marked, path: Path) -> Body:
+    """The rigid body of the markers; FileFormatError where they are too few, or stand in a line."""
+    places, names = marked.places.copy(), marked.names
+    seen = _seen(places)
+    enough = seen.sum(axis=1) >= LEAST
+    if not enough.any():
+        raise FileFormatError(f"{path}: no frame shows {LEAST} of its markers ({', '.join(names)}): they give no pose")
+    whole = np.flatnonzero(seen.sum(axis=1) == seen.sum(axis=1).max())
+    shape = _first_shape(path, places[whole[0]] if len(whole) == 1 else places[_usual(places, whole)])
+    notes: list[Finding] = []
+    for _ in range(ROUNDS):
+        turns, middles, left = _fitted(places, shape)
+        back = np.einsum("nij,nmi->nmj", turns, places - middles[:, None])
+        good = enough & (left <= WORSE * max(float(np.nanmedian(left[enough])), EXACT_MM))
+        shape = _centred(np.nanmedian(np.where(good[:, None, None], back, np.nan), axis=0), shape)
+    usual = max(float(np.nanmedian(left[enough])), EXACT_MM)
+    odd = np.flatnonzero(enough & (left > WORSE * usual))
+    swaps, strays = _mended(places, shape, odd, WORSE * usual)
+    seen = _seen(places)
+    turns, middles, left = _fitted(places, shape)
+    for (a, b), frames in swaps.items():
+        at_s = float(marked.time_s[frames[0]])
+        notes.append(finding("markers.swapped", one=names[a], other=names[b], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
+    for k, frames in strays.items():
+        at_s = float(marked.time_s[frames[0]])
+        notes.append(finding("markers.stray", marker=names[k], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
+    fits = (seen.sum(axis=1) >= LEAST) & (left <= WORSE * usual)
+    wrong = (seen.sum(axis=1) >= LEAST) & ~fits
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        notes.append(finding("markers.no_body", frames=int(wrong.sum()), at_s=float(marked.time_s[i]), line=marked.lines[i]))
+    missing = [(name, int((~s).sum())) for name, s in zip(names, _seen(marked.places).T, strict=True) if not s.all()]
+    notes += [finding("markers.missing", marker=name, frames=count, of=len(places)) for name, count in missing]
+    first = int(whole[0])
+    shape = shape @ turns[first].T if not np.isnan(turns[first]).any() else shape
+    turns, middles, left = _fitted(np.where(fits[:, None, None], places, np.nan), shape)
+    u = _scatter(left, seen, fits)
+    poses = np.full((len(places), 7), np.nan)
+    poses[fits] = se3.pose(middles[fits], Rotation.from_matrix(turns[fits]))
+    if np.isnan(u):
+        raise FileFormatError(f"{path}: {int(fits.sum())} frames of {len(names)} markers are too few to tell how exact the markers are")
+    notes.append(finding("markers.body", markers=len(names), u_mm=u, frames=int(fits.sum()), of=len(places)))
+    return Body(poses, _covariances(shape, turns, seen, fits) * u**2, u, tuple(notes))
+
+
+def _seen(places: FloatArray) -> BoolArray:
+    """(n, m) which markers a frame shows."""
+    return np.asarray(~np.isnan(places).any(axis=2))
+
+
+def _fitted(places: FloatArray, shape: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n, 3, 3) rotations and (n, 3) places of the shape's origin that bring the shape (m, 3) onto the seen markers, and (n,) root mean
+    square of what is left over, freedom counted; NaN where a frame shows too few."""
+    seen = _seen(places) & ~np.isnan(shape).any(axis=1)
+    count = seen.sum(axis=1)
+    good = count >= LEAST
+    weight = seen / np.maximum(count, 1)[:, None]
+    there, body = np.where(seen[:, :, None], places, 0.0), np.where(np.isnan(shape), 0.0, shape)
+    centre, own = np.einsum("nm,nmi->ni", weight, there), weight @ body
+    moment = np.einsum("nm,nmi,nmj->nij", weight, there - centre[:, None], body[None] - own[:, None])
+    u, _, vt = np.linalg.svd(moment)
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    turns = u @ vt
+    middles = centre - np.einsum("nij,nj->ni", turns, own)
+    off = np.where(seen[:, :, None], there - middles[:, None] - np.einsum("nij,mj->nmi", turns, body), 0.0)
+    left = np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(3 * count - 6, 1))
+    for out in (turns, middles, left):
+        out[~good] = np.nan
+    return turns, middles, left
+
+
+def _usual(places: FloatArray, frames: IntArray) -> int:
+    """The frame whose distances between markers are nearest to the median ones: its labels are right if those of most are."""
+    some = frames[np.unique(np.linspace(0, len(frames) - 1, min(len(frames), 500)).astype(int))]
+    apart = np.linalg.norm(places[some, :, None] - places[some, None], axis=3)
+    with np.errstate(invalid="ignore"):
+        off = np.nansum(np.abs(apart - np.median(apart, axis=0)), axis=(1, 2))
+    return int(some[int(np.argmin(off))])
+
+
+def _first_shape(path: Path, places: FloatArray) -> FloatArray:
+    """(m, 3) about the middle of the markers that are seen; FileFormatError where these stand in a line."""
+    shape = places - np.nanmean(places, axis=0)
+    size = np.linalg.svd(shape[~np.isnan(shape).any(axis=1)], compute_uv=False)
+    if size[1] < FLAT * size[0]:
+        raise FileFormatError(f"{path}: its markers stand in a line: how the body is turned about it they do not tell")
+    return shape
+
+
+def _centred(shape: FloatArray, before: FloatArray) -> FloatArray:
+    """About its middle; markers that no frame tells stay as they were."""
+    known = np.where(np.isnan(shape), before, shape)
+    return np.asarray(known - np.nanmean(known, axis=0))
+
+
+def _mended(
+    places: FloatArray, shape: FloatArray, odd: IntArray, limit: float
+) -> tuple[dict[tuple[int, int], list[int]], dict[int, list[int]]]:
+    """Undo in places (n, m, 3), by frames `odd`, what explains them: two labels swapped, or a marker that lies off and is taken out. The
+    frames of each."""
+    swaps: dict[tuple[int, int], list[int]] = {}
+    strays: dict[int, list[int]] = {}
+    for i in odd.tolist():
+        there = np.flatnonzero(~np.isnan(places[i]).any(axis=1))
+        pairs = list(combinations(there.tolist(), 2))
+        tried = np.repeat(places[i][None], len(pairs), axis=0)
+        for row, (a, b) in enumerate(pairs):
+            tried[row, [a, b]] = tried[row, [b, a]]
+        left = _fitted(tried, shape)[2]
+        best = int(np.argmin(left))
+        if left[best] <= limit:
+            places[i] = tried[best]
+            swaps.setdefault(pairs[best], []).append(i)
+            continue
+        if len(there) <= LEAST:
+            continue
+        tried = np.repeat(places[i][None], len(there), axis=0)
+        tried[np.arange(len(there)), there] = np.nan
+        left = _fitted(tried, shape)[2]
+        best = int(np.argmin(left))
+        if left[best] <= limit:
+            places[i] = tried[best]
+            strays.setdefault(int(there[best]), []).append(i)
+    return swaps, strays
+
+
+def _scatter(left: FloatArray, seen: BoolArray, fits: BoolArray) -> float:
+    """Standard uncertainty of a marker's coordinate [mm] from what is left over, the shape's freedom taken off; NaN where none is left."""
+    freedom = (3 * seen.sum(axis=1) - 6)[fits]
+    spare = float(freedom.sum() - (3 * int(seen[fits].any(axis=0).sum()) - 6))
+    return max(float(np.sqrt((left[fits] ** 2 * freedom).sum() / spare)), EXACT_MM) if spare > 0 else float("nan")
+
+
+def _covariances(shape: FloatArray, turns: FloatArray, seen: BoolArray, fits: BoolArray) -> FloatArray:
+    """(n, 6, 6) of (rotation; position) by markers of unit uncertainty: the inverse of the sum of what each tells."""
+    out = np.zeros((len(turns), 6, 6))
+    arms = np.einsum("nij,mj->nmi", turns[fits], shape)
+    moves = se3.at_points(arms.reshape(-1, 3))[:, 3:].reshape(*arms.shape[:2], 3, 6)
+    moves = np.where(seen[fits][:, :, None, None], moves, 0.0)
+    out[fits] = np.linalg.inv(np.einsum("nmik,nmil->nkl", moves, moves))
+    return out
+
+
+def _of_keys(path: Path, lines: list[str]) -> Marked:
+    keys: dict[str, list[str]] = {}
+    number = 0
+    for line in lines:
+        cells = [cell.strip() for cell in line.split("\t")]
+        number += 1
+        if not re.fullmatch(r"[A-Z][A-Z0-9_]*", cells[0]):
+            break
+        keys[cells[0]] = [cell for cell in cells[1:] if cell]
+    names = tuple(keys.get("MARKER_NAMES", ()))
+    if not names:
+        raise FileFormatError(f"{path}: has no MARKER_NAMES: only labelled markers say which is which")
+    if "3D" not in keys.get("DATA_INCLUDED", ["3D"]):
+        raise FileFormatError(f"{path}: DATA_INCLUDED is {' '.join(keys['DATA_INCLUDED'])!r}; export the markers' places (3D)")
+    timed = lines[number - 1].split("\t")[0].strip().lower() == "frame" if number <= len(lines) else False
+    rate = _number(path, keys.get("FREQUENCY", ["0"])[0], "FREQUENCY")
+    if not timed and rate <= 0.0:
+        raise FileFormatError(f"{path}: has neither columns Frame and Time nor a FREQUENCY: when its frames were taken is not told")
+    return _rows(path, lines, number + timed, names, 2 if timed else 0, rate, 1.0)
+
+
+def _of_trc(path: Path, lines: list[str]) -> Marked:
+    if len(lines) < 6:
+        raise FileFormatError(f"{path}: is cut off within its header")
+    head = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    unit = head.get("Units", "").strip()
+    if unit not in _SIZES:
+        raise FileFormatError(f"{path}: line 3: Units {unit!r} is none of {', '.join(_SIZES)}")
+    names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
+    return _rows(path, lines, 6, names, 2, 0.0, _SIZES[unit])
+
+
+def _rows(path: Path, lines: list[str], first: int, names: tuple[str, ...], before: int, rate: float, size: float) -> Marked:
+    """Rows from line `first` on, `before` columns of frame and time before those of the markers."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise FileFormatError(f"{path}: marker {twice[0]!r} stands twice")
+    wide, time_s, places, numbers = before + 3 * len(names), [], [], []
+    for number, line in enumerate(lines[first - 1 :], first):
+        if not line.strip():
+            continue
+        cells = [cell.strip() for cell in line.rstrip("\r\n").split("\t")]
+        cells += [""] * (wide - len(cells))
+        if any(cells[wide:]):
+            raise FileFormatError(f"{path}: line {number}: has {len(cells)} cells, {len(names)} markers ask for {wide}")
+        values = [_number(path, cell, f"line {number}") for cell in cells[:wide]]
+        time_s.append(values[1] if before else (number - first) / rate)
+        places.append(values[before:])
+        numbers.append(number)
+    if not places:
+        raise FileFormatError(f"{path}: has no rows")
+    there = np.array(places).reshape(len(places), len(names), 3)
+    there[(there == 0.0).all(axis=2)] = np.nan
+    there[np.isnan(there).any(axis=2)] = np.nan
+    return Marked(names, np.array(time_s), size * there, tuple(numbers))
+
+
+def _number(path: Path, cell: str, where: str) -> float:
+    if cell.lower() in ("", "nan", "null", "-"):
+        return float("nan")
+    try:
+        value = float(cell.replace(",", "."))
+    except ValueError:
+        value = float("inf")
+    if not np.isfinite(value):
+        raise FileFormatError(f"{path}: {where}: {cell!r} is no number")
+    return value

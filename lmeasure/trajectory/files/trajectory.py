@@ -1,0 +1,256 @@
+"""The trajectory: poses over time with their status and uncertainty."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lmeasure.core import (
+    MAX_LENGTH_MM,
+    QUATERNION_COLUMNS,
+    WORDS,
+    BoolArray,
+    FileFormatError,
+    FloatArray,
+    IntArray,
+    Status,
+    TextArray,
+    angles_from_rotation,
+    convention,
+    se3,
+    words,
+)
+from lmeasure.io import files
+from lmeasure.recording import POSITION_COLUMNS
+from lmeasure.sensors import Taken, worst
+from lmeasure.text import Finding, from_file, in_english
+from lmeasure.trajectory.time.stamps import stamps_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+from lmeasure.core import DataFrame, Shown, framed
+
+UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
+COLUMNS_OF_OURS = (
+    "time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS, "residual_mm", "iterations", "status", "cause", "cable", "worst_pressure_angle_deg",
+    *UNCERTAINTY_COLUMNS,
+)  # fmt: skip
+"""What every table of a trajectory has that this program wrote."""
+SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
+"""The part of those that the whole run has in common."""
+NAMES = ", "
+"""Between the names of cables where a sample is good without several."""
+_PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
+
+
+@dataclass(frozen=True, repr=False)
+class Trajectory(Shown):
+    """Poses of the tool over time; what is not `ok` is NaN.
+
+    time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual,
+    NaN where no more cables are used than there are unknowns; iterations (n,); status (n,) of `Status`; cause (n,) as
+    `lmeasure.text.sample_messages` has
+    them; cable (n,) texts, of `ok` samples the cables they are without; worst_pressure_angle_deg (n,);
+    random, systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R: what is independent
+    from sample to sample, as the resolution of the counts, and what the whole run has in common, as the linked calibration, the start pose
+    and the passes' clocks (`budget.covariances` tells how samples correlate).
+    covers: what the standard uncertainties hold, in words. chi_squared (n,): of the lengths' contradictions, all that the run
+    shares in their covariance (`redundancy.Parities`), of as many degrees of freedom as cables are used beyond the unknowns, NaN where none
+    is; None when there are none or covariances were not asked for.
+    """
+
+    time_s: FloatArray
+    poses: FloatArray
+    residual_mm: FloatArray
+    iterations: IntArray
+    status: IntArray
+    cause: TextArray
+    cable: TextArray
+    worst_pressure_angle_deg: FloatArray
+    random: FloatArray
+    systematic: FloatArray
+    covers: str
+    notes: tuple[Finding, ...] = ()
+    chi_squared: FloatArray | None = None
+    taken_as_exact: tuple[Taken, ...] = ()
+    """What nobody stated and nothing has solved, and what usual sizes of it would add."""
+    absent: tuple[str, ...] = ()
+    """Which of "position" and "rotation" have no uncertainty stated, as in a file of another instrument: not known, and no zero."""
+
+    def about(self) -> dict[str, str]:
+        """Samples, worst angle, uncertainty and what it covers."""
+        summary = self.told()
+        return {
+            "samples": f"{summary.samples}, " + ", ".join(f"{count} {word}" for word, count in summary.statuses.most_common()),
+            "worst pressure angle": f"{summary.worst_angle:.1f} deg",
+            "largest u": f"{summary.u_position:.4f} mm, {math.degrees(summary.u_rotation):.5f} deg",
+            "u covers": self.covers,
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a trajectory file."""
+        return framed(self.columns())
+
+    def to_xarray(self) -> "xr.Dataset":
+        """The columns of a trajectory file over time_s, and the covariances (rotation [rad]; tool origin [mm])."""
+        import xarray as xr
+
+        columns = self.columns()
+        time_s = columns.pop("time_s")
+        whole = {name: (("time_s", "row", "column"), getattr(self, name)) for name in ("random", "systematic")}
+        attributes = {"u_covers": self.covers, "notes": "\n".join(map(str, self.notes))}
+        return xr.Dataset({name: ("time_s", values) for name, values in columns.items()} | whole, {"time_s": time_s}, attributes)
+
+    @property
+    def u(self) -> FloatArray:
+        """(n, 6) standard uncertainties in the order of `UNCERTAINTY_COLUMNS`: tool origin [mm], small rotation [rad]."""
+        return np.sqrt(_variances(self.random) + _variances(self.systematic))
+
+    def columns(self, angles: str | None = None) -> dict[str, Any]:
+        """Columns of a trajectory file; with the angles of a controller's convention, behind the others, when one is named."""
+        out: dict[str, Any] = {"time_s": self.time_s}
+        out |= dict(zip(POSITION_COLUMNS, self.poses[:, :3].T, strict=True))
+        out |= dict(zip(QUATERNION_COLUMNS, self.poses[:, 3:].T, strict=True))
+        out |= {
+            "residual_mm": self.residual_mm,
+            "iterations": self.iterations,
+            "status": words(self.status),
+            "cause": in_english(self.cause),
+            "cable": self.cable,
+            "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
+        }
+        out |= dict(zip(UNCERTAINTY_COLUMNS, self.u.T, strict=True))
+        out |= dict(zip(SYSTEMATIC_COLUMNS, np.sqrt(_variances(self.systematic)).T, strict=True))
+        if self.chi_squared is not None:
+            out["chi_squared"] = self.chi_squared
+        if angles is not None:
+            values = np.full((len(self.poses), 3), np.nan)
+            known = ~np.isnan(self.poses[:, 3:]).any(axis=1)
+            values[known] = angles_from_rotation(angles, se3.rotation(self.poses[known]))
+            out |= dict(zip(convention(angles).columns, values.T, strict=True))
+        return out
+
+    def summary(self) -> str:
+        """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
+        return self.told().text()
+
+    def told(self) -> "Summary":
+        """What is to be said of it."""
+        summary = Summary()
+        summary.add(self)
+        return summary
+
+
+class Summary:
+    """What is to be said of a trajectory that is given in pieces."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self.statuses: Counter[str] = Counter()
+        self.first_bad = ""
+        self.worst_angle = self.u_position = self.u_rotation = 0.0
+        self.covers = ""
+        self.notes: list[Finding] = []
+        self.apart_s: tuple[float, float] | None = None
+        """Least and largest interval of stamps where those jitter."""
+        self.taken_as_exact: tuple[Taken, ...] = ()
+
+    def add(self, piece: Trajectory) -> None:
+        """Take the next piece into account."""
+        codes, times = np.unique(piece.status, return_counts=True)
+        self.statuses.update({WORDS[code]: int(n) for code, n in zip(codes, times, strict=True)})
+        if not self.first_bad and (piece.status != Status.OK).any():
+            i = int(np.argmax(piece.status != Status.OK))
+            cable = f", cable {piece.cable[i]}" if piece.cable[i] else ""
+            self.first_bad = f"sample {self.samples + i} at {piece.time_s[i]:.6g} s{cable}: {piece.cause[i]}"
+        self.samples += len(piece.time_s)
+        # fmax passes over what is not measured
+        self.worst_angle = float(np.fmax.reduce(piece.worst_pressure_angle_deg, initial=self.worst_angle))
+        self.u_position = float(np.fmax.reduce(np.linalg.norm(piece.u[:, :3], axis=1), initial=self.u_position))
+        self.u_rotation = float(np.fmax.reduce(np.linalg.norm(piece.u[:, 3:], axis=1), initial=self.u_rotation))
+        self.covers = piece.covers
+        self.notes += [note for note in piece.notes if note not in self.notes]
+        if stamps_of(piece).kind != "sound":
+            intervals = np.diff(piece.time_s)
+            least, largest = self.apart_s or (np.inf, 0.0)
+            self.apart_s = min(least, float(intervals.min())), max(largest, float(intervals.max()))
+        self.taken_as_exact = worst((*self.taken_as_exact, *piece.taken_as_exact))
+
+    def figures(self) -> dict[str, float]:
+        """Numbers by name."""
+        found = {"samples": float(self.samples), "with_a_pose": float(self.statuses["ok"])}
+        if self.statuses["ok"]:
+            found |= {"worst_pressure_angle_deg": self.worst_angle, "largest_u_position_mm": self.u_position}
+            found |= {"largest_u_rotation_deg": math.degrees(self.u_rotation)} if self.u_rotation else {}
+        return found
+
+    def text(self) -> str:
+        """The lines."""
+        lines = [f"{self.samples} samples: " + ", ".join(f"{n} {name}" for name, n in self.statuses.most_common())]
+        if self.first_bad:
+            lines.append(f"first that is not ok: {self.first_bad}")
+        if self.statuses["ok"]:
+            rotation = f"{np.degrees(self.u_rotation):.5f} deg" if self.u_rotation else "orientation not measured"
+            lines.append(
+                f"worst pressure angle {self.worst_angle:.1f} deg; largest standard uncertainty {self.u_position:.4f} mm, {rotation}"
+            )
+        lines.append(f"uncertainties: {self.covers}")
+        usual = [f"{t.text} ({t.usual}) {t.mm:.2g}" for t in self.taken_as_exact if not t.stated]
+        if usual:
+            lines.append(f"taken as exact, not stated; usual sizes would add up to, in mm: {', '.join(usual)}")
+        notes = [*self.notes, *(t.said for t in self.taken_as_exact if t.stated)]
+        lines += [f"note: {note}" for note in notes]
+        if self.apart_s is not None:
+            least, largest = (1e3 * interval for interval in self.apart_s)
+            lines.append(
+                f"note: time stamps jitter, {least:.3g} to {largest:.3g} ms apart, where the motion is even: poses are those of "
+                "the samples, whenever taken; `motion` and `certify` judge when that was"
+            )
+        return "\n".join(lines)
+
+
+def read_own(path: Path) -> Trajectory:
+    """Read what `written.write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
+    table = files.read_table(path)
+    u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
+    # a trajectory of another program may not tell the parts apart
+    common = table.matrix(SYSTEMATIC_COLUMNS, gaps=True) if SYSTEMATIC_COLUMNS[0] in table.columns else np.zeros_like(u)
+    poses = table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True)
+    _refuse(path, POSITION_COLUMNS, poses[:, :3], np.abs(poses[:, :3]) > MAX_LENGTH_MM, f"is beyond {MAX_LENGTH_MM:g} mm")
+    for columns, values in ((UNCERTAINTY_COLUMNS, u), (SYSTEMATIC_COLUMNS, common)):
+        _refuse(path, columns, values, values < 0.0, "is no standard uncertainty")
+    return Trajectory(
+        table.numbers("time_s"),
+        poses,
+        table.numbers("residual_mm", gaps=True),
+        table.numbers("iterations").astype(np.int64),
+        table.choices("status", WORDS),
+        from_file(table.labels("cause")),
+        table.labels("cable"),
+        table.numbers("worst_pressure_angle_deg", gaps=True),
+        diagonal(np.maximum(u**2 - common**2, 0.0)),
+        diagonal(common**2),
+        "as the file says",
+        chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
+    )
+
+
+def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: BoolArray, why: str) -> None:
+    """FileFormatError names the first value that is bad."""
+    if bad.any():
+        row, column = (int(i) for i in np.argwhere(bad)[0])
+        raise FileFormatError(f"{path}: row {row}: {columns[column]} = {values[row, column]:g} {why}")
+
+
+def _variances(covariance: FloatArray) -> FloatArray:
+    """(n, 6) variances in the order of `UNCERTAINTY_COLUMNS`."""
+    return np.asarray(np.einsum("nii->ni", covariance)[:, _PLACES])
+
+
+def diagonal(variances: FloatArray) -> FloatArray:
+    """(n, 6, 6) covariances with (n, 6) variances in the order of `UNCERTAINTY_COLUMNS`."""
+    return np.asarray(variances[:, _PLACES, None] * np.eye(6))

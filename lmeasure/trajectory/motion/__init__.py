@@ -1,0 +1,1 @@
+"""Motion of the gripper: velocity, rests, vibration, attained poses."""

@@ -1,0 +1,164 @@
+"""From a trajectory to attained poses: the mean over each dwell, and what says that a dwell is none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import WORDS, CertificationError, FloatArray, IntArray, Status, conventions, se3
+from lmeasure.recording import Windows
+from lmeasure.trajectory.files.trajectory import Trajectory
+from lmeasure.trajectory.motion.vibration import Vibration, vibration
+from lmeasure.trajectory.uncertainty.pose_errors import PoseErrors, at_tool_point
+
+UNIT_TOLERANCE = 1e-6
+SAME = 1e-9  # mm: rounded alike
+TIME_TOLERANCE_S = 1e-9  # times such as 0.1 + 0.2 that are meant to be a window's end
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What of the tool is looked at, and in which frame: tool_mm (3,) in the tool frame; base_from_program (7,), None when they are the
+    same."""
+
+    tool_mm: FloatArray
+    base_from_program: FloatArray | None = None
+
+    def of(self, poses: FloatArray) -> FloatArray:
+        """(n, 7) poses of that point in that frame, from poses of the tool origin in the base frame."""
+        out = poses
+        if self.tool_mm.any():
+            out = np.concatenate([se3.apply(out, self.tool_mm), out[:, 3:]], axis=1)
+        if self.base_from_program is not None:
+            out = se3.between(self.base_from_program, out)
+        return out
+
+    def of_errors(self, poses: FloatArray, errors: PoseErrors) -> PoseErrors:
+        """Errors in that frame at (n, 7) poses of the tool origin in the base frame."""
+        matrices = at_tool_point(poses, self.tool_mm) if self.tool_mm.any() else np.tile(np.eye(6), (len(poses), 1, 1))
+        if self.base_from_program is not None:
+            turned = se3.pose(np.zeros(3), se3.rotation(self.base_from_program).inv())
+            matrices = se3.adjoint(turned) @ matrices
+        return errors.moved(matrices)
+
+
+@dataclass(frozen=True)
+class AttainedPose:
+    """The cycles of a commanded pose (7,): attained poses (n, 7), mm and unit quaternions, middles of their windows time_s (n,) and samples
+    (n,). vibration: how the samples in the windows swing; readings (n,): how many different ones each holds; angle_deg: worst pressure
+    angle in the windows.
+    """
+
+    name: str
+    commanded: FloatArray
+    poses: FloatArray
+    time_s: FloatArray
+    samples: IntArray
+    vibration: Vibration
+    readings: IntArray
+    angle_deg: float
+
+    def scatter_within(self, groups: IntArray) -> FloatArray:
+        """(6, 6) covariance of the attained poses about the mean of their group, groups (n,) by number; zero where all stand alone."""
+        total, freedom = np.zeros((6, 6)), 0
+        for group in np.unique(groups):
+            poses = self.poses[groups == group]
+            total += (len(poses) - 1) * scatter(poses)
+            freedom += len(poses) - 1
+        return total / max(freedom, 1)
+
+
+def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> slice:
+    """The samples of a window, both ends included; CertificationError names the window when it has none or one that is not ok."""
+    first = int(np.searchsorted(trajectory.time_s, start_s - TIME_TOLERANCE_S, side="left"))
+    last = int(np.searchsorted(trajectory.time_s, end_s + TIME_TOLERANCE_S, side="right"))
+    if last <= first:
+        raise CertificationError(f"{what}: the trajectory has no sample within [{start_s:g}, {end_s:g}] s")
+    bad = np.flatnonzero((trajectory.status[first:last] != Status.OK) | np.isnan(trajectory.poses[first:last, 0]))
+    if len(bad):
+        i = first + int(bad[0])
+        if trajectory.status[i] == Status.OK:
+            raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s has no position, though its status is ok")
+        why = trajectory.cause[i] or WORDS[trajectory.status[i]]
+        raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s is not ok: {why}")
+    far = np.abs(trajectory.poses[first:last]) > np.repeat([conventions.MAX_LENGTH_MM, 2.0], [3, 4])
+    bad = np.flatnonzero(far.any(axis=1))
+    if len(bad):
+        i = first + int(bad[0])
+        raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s holds a number that is no position or quaternion")
+    length = np.linalg.norm(trajectory.poses[first:last, 3:], axis=1)
+    bad = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)  # never of what is not measured
+    if len(bad):
+        i = first + int(bad[0])
+        raise CertificationError(
+            f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s: the quaternion's length is {length[bad[0]]:.9g}, not 1"
+        )
+    return slice(first, last)
+
+
+def mean_pose(poses: FloatArray) -> FloatArray:
+    """(7,) mean of poses (n, 7) that lie close together: of positions, and of quaternions brought to one side."""
+    quaternions = poses[:, 3:] * np.where(poses[:, 3:] @ poses[0, 3:] < 0, -1.0, 1.0)[:, None]
+    mean = quaternions.mean(axis=0)
+    return np.concatenate([poses[:, :3].mean(axis=0), mean / np.linalg.norm(mean)])
+
+
+def scatter(poses: FloatArray) -> FloatArray:
+    """(6, 6) covariance of (rotation [rad]; position [mm]) of poses (n, 7) that lie close together; zero where it is not measured."""
+    return np.zeros((6, 6)) if len(poses) < 2 else np.asarray(np.cov(displacements(poses).T))
+
+
+def displacements(poses: FloatArray) -> FloatArray:
+    """(n, 6) (rotation [rad]; position [mm]) of poses (n, 7) that lie close together, from their mean; zero where it is not measured."""
+    return moved(poses, mean_pose(poses))
+
+
+def moved(poses: FloatArray, reference: FloatArray) -> FloatArray:
+    """(n, 6) (rotation [rad]; position [mm]) of poses (n, 7) from a reference (7,) or (n, 7); no rotation where it is not measured."""
+    if np.isnan(poses[0, 3]):
+        return np.concatenate([np.zeros((len(poses), 3)), poses[:, :3] - reference[..., :3]], axis=1)
+    return se3.displacement(poses, reference)
+
+
+def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, *, still_mm: float, what: str) -> tuple[slice, FloatArray]:
+    """The samples of a window in which the robot rests, and their poses (k, 7); CertificationError names the sample that moves."""
+    part = window(trajectory, start_s, end_s, what)
+    poses = frame.of(trajectory.poses[part])
+    away = np.linalg.norm(poses[:, :3] - np.median(poses[:, :3], axis=0), axis=1)
+    if away.max() > still_mm:
+        i = part.start + int(np.argmax(away))
+        raise CertificationError(
+            f"{what}: the robot moves in the window [{start_s:g}, {end_s:g}] s: sample {i} at {trajectory.time_s[i]:.6g} s is "
+            f"{away.max():.4g} mm from the middle of the others; at most {still_mm:g} mm"
+        )
+    return part, poses
+
+
+def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Trajectory, *, frame: Frame, still_mm: float) -> AttainedPose:
+    """The attained poses of one commanded pose (7,), one per window."""
+    rows, middles, sampled, readings, worst = [], [], [], [], np.nan
+    for cycle, (start, end) in enumerate(windows, 1):
+        part, poses = dwell(trajectory, frame, start, end, still_mm=still_mm, what=f"pose {name}, cycle {cycle}")
+        rows.append(mean_pose(poses))
+        middles.append((part.start + part.stop - 1) // 2)
+        changed = (np.abs(np.diff(trajectory.poses[part], axis=0)) > SAME).any(axis=1)
+        readings.append(1 + int(changed.sum()))
+        sampled.append((trajectory.time_s[part], displacements(poses) if changed.any() else np.zeros((len(poses), 6))))
+        worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
+    times = np.array([0.5 * (start + end) for start, end in windows])
+    middle = np.array(middles, dtype=np.int64)
+    return AttainedPose(
+        name=name,
+        commanded=commanded,
+        poses=np.array(rows),
+        time_s=times,
+        samples=middle,
+        vibration=vibration(sampled),
+        readings=np.array(readings),
+        angle_deg=worst,
+    )
+
+
+def worst_angle(trajectory: Trajectory, windows: Windows, what: str) -> float:
+    """Worst pressure angle [deg] met in windows, NaN where it is not known."""
+    parts = [trajectory.worst_pressure_angle_deg[window(trajectory, start, end, what)] for start, end in windows]
+    return float(np.fmax.reduce(np.concatenate(parts), initial=np.nan))

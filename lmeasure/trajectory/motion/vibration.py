@@ -1,0 +1,233 @@
+"""A robot that vibrates while it rests: the samples of a dwell are one signal, not so many independent draws.
+
+In a dwell a robot is seen at
+
+    p(t) = rest + sum over j of (a_j cos w_j t + b_j sin w_j t) + what is new at every sample,
+
+and two things follow from the swing, of a phase that is as likely as any other.
+
+The mean over the window misses the rest: by a variance of 1/2 (a a' + b b') |D(w)|^2 for each frequency, with D(w) the mean of exp(i w t)
+over the samples - at most 1 / (pi f T) of f T periods, all of it in a window much shorter than one. It is what the autocorrelation of the
+signal, a sum of cosines, says of the mean of so many samples. The autocorrelation of a dwell about its own mean sums to zero whatever the
+signal is, and cannot tell: hence the fit, with frequencies that all dwells of a pose share and amplitudes of each dwell's own.
+
+Counts are rounded along the swing m(t) (counts of a cable) and not anew at every sample: a rounding error is a sawtooth of the length, and
+the mean of many of them keeps of the variance of one
+
+    K = 6 / pi^2 sum over k of |G_k|^2 / k^2,    G_k = mean of exp(2 pi i k m) over the samples.
+
+Where nothing swings |G| is 1, and K as well; of a sinusoid of amplitude A counts G_k goes to the Bessel function J_0(2 pi k A), which falls
+with the root of A only: three hundredths at two counts. What is left about the swing is averaged over as many readings as there are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from lmeasure.core import ComplexArray, FloatArray, IntArray, symmetric_root
+from lmeasure.trajectory.uncertainty.pose_errors import PoseErrors
+from lmeasure.trajectory.uncertainty.rounding import kept, per_count, scatter_counts
+
+LEVER = np.repeat([100.0, 1.0], 3)
+"""mm per radian and per mm: how far what turns moves a body's points, so that one frequency is looked for in all."""
+FEWEST_PERIODS, MOST_PERIODS, STEP = 0.5, 32.0, 0.25
+"""Frequencies that are looked for, times the longest window: slower is a drift, faster hardly moves a mean."""
+FREQUENCIES = 3
+LEAST = 0.05
+"""Of the squares that the strongest frequency explains: what explains less may be rounding along the swing."""
+CHANCE = 1e-3
+"""Probability with which what is new at every sample passes for a swing."""
+MOST_SAMPLES = 128
+"""Of a dwell, by which its frequencies are found: means of neighbours where there are more."""
+UNCERTAIN = 0.25
+"""Times the window: to either side of a frequency it may wander, so that whole periods are not counted on."""
+HARMONICS = np.arange(1, 33)
+SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)])
+"""Of swings [counts, rms], of which K is worked out."""
+MOST_SHAPES = 8
+"""Dwells by which it is."""
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A dwell of k samples: motion (k, 6) (rotation [rad]; position [mm]) that its frequencies make about its mean, left (6, 6) the
+    covariance of what is left about them, missed (6,) how far its mean lies from where it rests by the fit."""
+
+    motion: FloatArray
+    left: FloatArray
+    missed: FloatArray
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """The dwells of a pose: swings, one each; of_mean (6, 6): covariance of what the mean of a dwell misses the rest by; frequencies_hz."""
+
+    swings: tuple[Swing, ...]
+    of_mean: FloatArray
+    frequencies_hz: tuple[float, ...] = ()
+
+    def alike(self, groups: IntArray) -> float:
+        """Part of what means miss the rest by that dwells of one group (n,) have in common: all where they swing in the same phase."""
+        missed = np.array([s.missed for s in self.swings]) * LEVER
+        together = whole = 0.0
+        for group in np.unique(groups):
+            own = missed[groups == group]
+            square = float((own**2).sum())
+            together += float((own.sum(axis=0) ** 2).sum()) - square
+            whole += (len(own) - 1) * square
+        return float(np.clip(together / whole, 0.0, 1.0)) if whole > 0.0 else 0.0
+
+
+def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> Vibration:
+    """What swings in dwells of one pose: times (k,) [s] and displacements (k, 6) (rotation [rad]; position [mm]) from their mean."""
+    found = _frequencies([(t - t.mean(), x * LEVER) for t, x in dwells])
+    swings, squares, missed = [], np.zeros((6, 6)), np.zeros((6, 6))
+    for time_s, away in dwells:
+        t = time_s - time_s.mean()
+        most = max((len(t) - 2) // 2, 0)
+        hz = found[:most]
+        design = np.column_stack([np.ones(len(t)), *(wave for f in hz for wave in (np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t)))])
+        fit = np.linalg.lstsq(design, away, rcond=1e-6)[0]
+        # exactly nothing where no frequency is
+        motion = design[:, 1:] @ fit[1:]
+        left = away - fit[0] - motion
+        freedom = max(len(t) - design.shape[1], 1)
+        swings.append(Swing(motion - motion.mean(axis=0), left.T @ left / freedom, -fit[0]))
+        for f, pair in zip(hz, fit[1:].reshape(-1, 2, 6), strict=True):
+            squares += 0.5 * _of_mean(f, t) * pair.T @ pair
+        missed += np.outer(fit[0], fit[0])
+    # swings of one phase miss by more, or less, than those of any do on average: at least as much as was seen
+    size, seen = (float(np.trace(m * LEVER * LEVER[:, None])) for m in (squares, missed))
+    more = max(1.0, seen / size) if size > 0.0 else 1.0
+    return Vibration(tuple(swings), more * squares / max(len(dwells), 1), tuple(found))
+
+
+def _of_mean(hz: float, t: FloatArray) -> float:
+    """Square of the mean of exp(i w t) over times (k,) about zero; or, if larger, its average over frequencies that may be meant."""
+    about = hz + np.linspace(-UNCERTAIN, UNCERTAIN, 9) / max(float(np.ptp(t)) * len(t) / max(len(t) - 1, 1), 1e-9)
+    square = np.abs(np.exp(2j * np.pi * np.outer(about, t)).mean(axis=1)) ** 2
+    return float(max(square[4], square.mean()))
+
+
+def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]:
+    """Frequencies [Hz] that explain more of all dwells together, times (k,) about zero and displacements (k, 6) [mm], than chance does; the
+    strongest first."""
+    moving = [_fewer(t, x - x.mean(axis=0)) for t, x in dwells if len(t) >= 4 and x.any()]
+    if not moving:
+        return []
+    longest = max(float(np.ptp(t)) for t, _ in moving)
+    step_s = min(float(np.median(np.diff(t))) for t, _ in moving)
+    grid = np.arange(FEWEST_PERIODS, min(MOST_PERIODS, 0.4 * longest / step_s), STEP) / longest
+    if len(grid) == 0:
+        return []
+    waves = [np.exp(-2j * np.pi * np.outer(grid, t)) for t, _ in moving]
+    left = [x for _, x in moving]
+    free = np.ones(len(grid), dtype=np.bool_)
+    out: list[float] = []
+    strongest = 0.0
+    for _ in range(FREQUENCIES):
+        explained = np.sum([_explained(w, x) for w, x in zip(waves, left, strict=True)], axis=0)
+        best = int(np.argmax(np.where(free, explained, -1.0)))
+        square = sum(float((x**2).sum()) for x in left)
+        number = sum(len(x) for x in left) - len(left) * (1 + 2 * (len(out) + 1))
+        if number < 2 or square == 0.0:
+            break
+        # axes that err alike count as so many
+        axes = np.linalg.eigvalsh(sum(x.T @ x for x in left))
+        several = axes.sum() ** 2 / (axes**2).sum()
+        freedom = 2.0 * several * len(left)
+        noise = max(square - explained[best], 1e-30) / (number * several)
+        if explained[best] / noise < scipy.stats.chi2.isf(CHANCE / (2.0 * MOST_PERIODS), freedom) or explained[best] < LEAST * strongest:
+            break
+        strongest = max(strongest, float(explained[best]))
+        fine = grid[best] + np.linspace(-STEP, STEP, 33) / longest
+        fine = fine[fine > 0.0]
+        sharper = np.sum([_explained(np.exp(-2j * np.pi * np.outer(fine, t)), x) for (t, _), x in zip(moving, left, strict=True)], axis=0)
+        hz = float(fine[int(np.argmax(sharper))])
+        out.append(hz)
+        # what is rounded along a swing errs by multiples of its frequency
+        free &= np.abs(grid - np.maximum(np.rint(grid / hz), 1.0) * hz) > 1.0 / longest
+        left = [_without(out, t, x) for t, x in moving]
+    return out
+
+
+def _fewer(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means of as many neighbours as leave `MOST_SAMPLES` at most."""
+    size = -(-len(t) // MOST_SAMPLES)
+    n = len(t) // size * size
+    return t[:n].reshape(-1, size).mean(axis=1), x[:n].reshape(-1, size, 6).mean(axis=1)
+
+
+def _explained(waves: ComplexArray, x: FloatArray) -> FloatArray:
+    """(F,) sum of squares that a constant, a cosine and a sine of each frequency, waves (F, k), explain of displacements (k, 6), beyond
+    what the constant does."""
+    k = len(x)
+    one, two, product = waves.sum(axis=1), (waves**2).sum(axis=1), waves @ (x - x.mean(axis=0))
+    cc, ss = 0.5 * (k + two.real) - one.real**2 / k, 0.5 * (k - two.real) - one.imag**2 / k
+    cs = 0.5 * two.imag - one.real * one.imag / k
+    det = np.maximum(cc * ss - cs**2, 1e-9 * k * k)
+    c, s = product.real, product.imag
+    return np.asarray((ss[:, None] * c**2 - 2.0 * cs[:, None] * c * s + cc[:, None] * s**2).sum(axis=1) / det)
+
+
+def _without(hz: Sequence[float], t: FloatArray, x: FloatArray) -> FloatArray:
+    design = np.column_stack([np.ones(len(t)), *(w for f in hz for w in (np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t)))])
+    return np.asarray(x - design @ np.linalg.lstsq(design, x, rcond=1e-6)[0])
+
+
+def averaged(errors: PoseErrors, found: Vibration, readings: IntArray) -> FloatArray:
+    """(n, q) which part of the variance of one rounding the mean of each dwell has, of each of the q lengths; readings (n,) as many
+    different ones as there are. errors: of single samples.
+
+    A length that swings by less than a count shows all of one or nothing, by where within a count it rests. Where dwells swing, how far
+    each length does is therefore taken from what its counts vary by in all of them: 12 s^2 + 1 - K(s) for a swing of s counts, rms.
+    """
+    lengths = [per_count(own) for own in errors.own]
+    covariance = np.array([s.left + s.motion.T @ s.motion / len(s.motion) for s in found.swings])
+    varies = 12.0 * np.array([np.einsum("qi,ij,qj->q", c, v, c) for c, v in zip(lengths, covariance, strict=True)])
+    ranks = [max(int(np.linalg.matrix_rank(c)), 1) for c in lengths]
+    left = np.array([12.0 * np.trace(c @ s.left @ c.T) / r for c, s, r in zip(lengths, found.swings, ranks, strict=True)])
+    swings = any(s.motion.any() for s in found.swings)
+    keeps = _kept_swinging(found, varies.mean(axis=0))[None, :] if swings else kept(scatter_counts(left))[:, None]
+    return np.asarray(keeps + (left / readings)[:, None])
+
+
+def _kept_swinging(found: Vibration, varies: FloatArray) -> FloatArray:
+    """(q,) K of lengths whose counts vary by so much (q,), in units of 1/12, as the dwells swing."""
+    moving = [s for s in found.swings[:MOST_SHAPES] if s.motion.any()] or [s for s in found.swings if s.motion.any()][:MOST_SHAPES]
+    curves = [_harmonics(_shape(s)) for s in moving]
+    curve = np.mean(curves, axis=0)
+    shown = np.maximum.accumulate(12.0 * SIZES**2 + 1.0 - curve)
+    size = np.where(varies < shown[-1], np.interp(varies, shown, SIZES), SIZES[-1])
+    return np.interp(size, SIZES, curve)
+
+
+def _shape(swing: Swing) -> FloatArray:
+    """(k,) what a swing is over time, of unit mean square: along the direction in which it is largest."""
+    x = swing.motion[:: -(-len(swing.motion) // MOST_SAMPLES)] * LEVER
+    along = x @ np.linalg.svd(x, full_matrices=False)[2][0]
+    return np.asarray(along / np.sqrt((along**2).mean()))
+
+
+def _harmonics(shape: FloatArray) -> FloatArray:
+    """(m,) K of swings of SIZES (m,) counts of a shape (k,)."""
+    turned = np.exp(2j * np.pi * np.outer(SIZES, shape))
+    out, wave = np.zeros(len(SIZES)), np.ones_like(turned)
+    for k in HARMONICS:
+        wave = wave * turned
+        out += np.abs(wave.mean(axis=1)) ** 2 / k**2
+    return out / np.sum(1.0 / HARMONICS**2)
+
+
+def with_rest(errors: PoseErrors, found: Vibration, groups: IntArray) -> PoseErrors:
+    """Errors of means of n dwells as places of rest, groups (n,): with what the window's mean misses it by. What dwells of a group have in
+    common of it is so besides: how much of it is new nobody knows."""
+    if not found.of_mean.any():
+        return errors
+    root = np.tile(symmetric_root(found.of_mean[None]), (len(errors), 1, 1))
+    several = (np.bincount(groups)[groups] > 1)[:, None, None]
+    common = np.where(several, np.sqrt(found.alike(groups)) * root, 0.0)
+    local, own = np.concatenate([errors.local, common], axis=2), np.concatenate([errors.own, root], axis=2)
+    return replace(errors, own=own, local=local, place=groups)

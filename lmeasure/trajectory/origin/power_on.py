@@ -1,0 +1,282 @@
+"""Where a run begins whose start nobody stated: the poses that its absolute channels allow.
+
+Six or more angles of absolute encoders at one sample tell the pose but for a few assemblies; all are looked for from many places and
+orientations. Fewer tell it with the changes of the other channels over a motion (`over_motion`), as they do where six stand nearly
+singular. Which of them it was the motion tells: with each the origins of the other channels are found (`origins`), and one with which
+the run contradicts itself was not it. What is left over are assemblies that the data cannot tell apart.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import FloatArray, GeometryError, TrajectoryError, se3
+from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL, damped_search, span_lengths
+from lmeasure.recording import known
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.sensors import Lengths
+from lmeasure.trajectory.faults.redundancy import Epochs
+from lmeasure.trajectory.origin.origins import learn
+from lmeasure.trajectory.origin.start_from_motion import SAMPLES, SOUND, Begun, Motion, fitting, nearest, starts
+from lmeasure.trajectory.reconstruction.scheme import FREEDOMS
+from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
+from lmeasure.trajectory.uncertainty.sources import LOOSE_RAD, Told, rough_columns, zeros_of
+
+STARTS = 4000
+MET = 3
+"""Times that each assembly must have been met for others to be taken for impossible."""
+BATCHES = 6
+ALIKE_MM, ALIKE_RAD = 1.0, 1e-3
+"""Two solutions of one pose, at most, within the rounding of the angles."""
+WORSE = 40.0
+"""By how much more chi-squared a run is contradicted that began otherwise, times that of a degree of freedom where the model is off."""
+LISTED = 8
+TOLD_MM = 10.0
+"""Standard uncertainty, in its worst direction, of a start that `over_motion.SAMPLES` samples tell; all of a run tell it better."""
+NOTHING_MM = 1000.0
+STATE = "state [start] in run.toml, or give it to `reconstruct` by --start"
+BEGINNINGS = (1.0, 0.5, 0.25, 0.12)
+"""Shares of a run by which its start is judged, the first in which it does not contradict itself."""
+LEAST = 0.5
+"""Share of a run that must not contradict a start that fewer than six absolute channels tell."""
+TRIAL = 400
+"""Samples by which beginnings are judged."""
+
+Make = Callable[[FloatArray, FloatArray, FloatArray | None], tuple[Reconstruction, Epochs | None]]
+"""A reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and the epochs
+of the run by it, None without redundancy."""
+
+
+def absolute_channels(rig: Rig) -> FloatArray:
+    """(m,) standard uncertainties [rad] of the zeros of absolute encoders that are known well enough to find a pose by; NaN for others."""
+    u = zeros_of(rig, None)
+    usable = [rig.counter(o).codes is not None and u[j] <= LOOSE_RAD for j, o in enumerate(rig.observed)]
+    return np.where(usable, u, np.nan)
+
+
+def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
+    """The first sample at which enough absolute channels are read, of fewer the first with most channels; TrajectoryError where there is
+    none or nothing to spare."""
+    usable = np.isfinite(absolute_channels(rig))
+    if not usable.any():
+        return int(known(None, source, rig)[0])
+    read = np.isfinite(lengths.change_mm)
+    seen, every = read[:, usable].sum(axis=1), read.sum(axis=1)
+    enough = np.flatnonzero(seen >= len(FREEDOMS))
+    if len(enough):
+        return int(enough[0])
+    most, of_all = int(seen.max(initial=0)), int(every[seen > 0].max(initial=0))
+    if not most or of_all <= len(FREEDOMS):
+        raise TrajectoryError(
+            f"{source}: the start pose of this run is not known, and of its absolute channels {most} can be read at once, with {of_all} "
+            f"channels in all: {len(FREEDOMS)} absolute ones are needed, or one and {len(FREEDOMS) + 1} in all over a motion; {STATE}"
+        )
+    return int(np.flatnonzero((seen > 0) & (every == of_all))[0])
+
+
+def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int = 0) -> tuple[FloatArray, bool]:
+    """(k, 7) poses that fit readings (m,) of channels, rows (m, columns), of standard uncertainties u (m,), best first, and whether each
+    was met MET times."""
+    free, rng = np.arange(len(FREEDOMS)), np.random.default_rng(seed)
+    found: list[FloatArray] = []
+    met: list[int] = []
+    worst: list[float] = []
+    points = rows[rows[:, KIND] == SWIVEL]
+    middle, size = points[:, BASE_XYZ].mean(axis=0), np.linalg.norm(np.ptp(points[:, BASE_XYZ], axis=0))
+    arm = float(np.linalg.norm(points[:, ATTACHMENT_XYZ], axis=1).max())
+    spare = max(len(rows) - len(free), 1)
+    for batch in range(BATCHES):
+        places = middle + (size + arm) * rng.uniform(-1.0, 1.0, (STARTS, 3))
+        starts = se3.pose(places, Rotation.random(STARTS, rng=rng))
+        poses, chi = damped_search(rows, readings, u, free, np.ascontiguousarray(starts))
+        good = np.flatnonzero(chi <= WORSE * spare)
+        for pose, off in zip(poses[good], chi[good], strict=True):
+            k = next((i for i, other in enumerate(found) if _alike(pose, other)), len(found))
+            if k == len(found):
+                found.append(pose)
+                met.append(0)
+                worst.append(float(off))
+            met[k] += 1
+            if off < worst[k]:
+                found[k], worst[k] = pose, float(off)
+        if batch and met and min(met) >= MET:
+            break
+    order = np.argsort(worst)
+    every = np.array(found).reshape(-1, 7)[order]
+    # of the two quaternions of an orientation the one by which it is usually written
+    every[:, 3:] *= np.where(every[:, 6:] < 0.0, -1.0, 1.0)
+    return every, bool(met) and min(met) >= MET
+
+
+def _alike(a: FloatArray, b: FloatArray) -> bool:
+    turn = 2.0 * min(float(np.linalg.norm(a[3:] - b[3:])), float(np.linalg.norm(a[3:] + b[3:])))
+    return bool(np.abs(a[:3] - b[:3]).max() <= ALIKE_MM and turn <= ALIKE_RAD)
+
+
+def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstruction:
+    """The reconstruction of a run that begins nobody knows where, lengths being those of its beginning at least, its origins found.
+
+    TrajectoryError where too few channels are absolute, no pose fits them, or several do that the run does not tell apart: all listed.
+    """
+    i = first_sample(rig, lengths, source)
+    rows, zero_u = rig.cable_rows(rig.observed), absolute_channels(rig)
+    used = np.isfinite(zero_u) & np.isfinite(lengths.change_mm[i])
+    resolution = np.array([rig.counter(o).per_count for o in rig.observed]) / np.sqrt(12.0)
+    u = np.hypot(resolution, np.nan_to_num(zero_u))
+    poses = np.empty((0, 7))
+    zeros: list[FloatArray | None] = []
+    if used.sum() >= len(FREEDOMS):
+        poses, _ = assemblies(rows[used], lengths.change_mm[i, used], u[used])
+        zeros = [None] * len(poses)
+    if not len(poses):
+        found = _over_motion(motion_of(rig, lengths, i), float(lengths.time_s[i]), source)
+        poses, zeros = np.array([begun.pose for begun in found]).reshape(-1, 7), [begun.zeros for begun in found]
+    if rig.side is not None and len(poses):
+        from lmeasure.linkages import by_side
+
+        kept = by_side(poses, rig.cable_rows(), np.array(rig.side))
+        zeros = [z for pose, z in zip(poses, zeros, strict=True) if (pose == kept).all(axis=1).any()]
+        poses = kept
+    if not len(poses):
+        raise TrajectoryError(f"{source}: no pose was found at which the absolute channels read what they do at {lengths.time_s[i]:.6g} s")
+    begun = np.where(np.isfinite(lengths.change_mm[i]), lengths.change_mm[i], 0.0)
+    made: list[tuple[Reconstruction, Epochs | None]] = []
+    failed: Exception | None = None
+    for pose, z in zip(poses, zeros, strict=True):
+        try:
+            made.append(make(pose, begun, z))
+        except (GeometryError, TrajectoryError) as error:
+            failed = error
+    tried: list[tuple[Reconstruction, Told | None]] = []
+    for share in BEGINNINGS:
+        tried = []
+        for reconstruction, epochs in made:
+            reconstruction.use(None)
+            try:
+                few = None if epochs is None else epochs.at(slice(0, max(1, int(share * len(epochs)))))
+                tried.append((reconstruction, None if few is None else learn(reconstruction, few, TRIAL)))
+            except (GeometryError, TrajectoryError) as error:
+                failed = error
+        # a fault contradicts every beginning alike: before it they are told apart
+        chi, freedom = _contradicted(tried)
+        if chi.min(initial=np.inf) <= SOUND * freedom:
+            break
+    if not tried:
+        assert failed is not None
+        raise failed
+    left = _standing(tried)
+    if len(left) > 1:
+        listed = "; ".join(_text(r.start) for r in left[:LISTED])
+        raise TrajectoryError(
+            f"{source}: the start pose of this run is not known, and its readings fit {len(left)} assemblies and do not tell them apart: "
+            f"{listed}; state [start] in run.toml, or side in the rig file"
+        )
+    return left[0]
+
+
+def motion_of(rig: Rig, lengths: Lengths, first: int = 0, record: CalibrationRecord | None = None) -> Motion:
+    """A run from a sample on, with the zeros of its absolute encoders that are uncertain by more than first order allows as unknowns."""
+    zero_u = absolute_channels(rig)
+    columns = rough_columns(rig, record)
+    resolution = np.array([rig.counter(o).per_count for o in rig.observed]) / np.sqrt(12.0)
+    u = np.hypot(resolution, np.where(columns.any(axis=1), 0.0, np.nan_to_num(zero_u)))
+    usable = np.isfinite(zero_u)
+    return Motion(rig.cable_rows(rig.observed), lengths.change_mm[first:], np.where(usable, u, np.sqrt(2.0) * u), usable, columns)
+
+
+def evenly(n: int, share: float) -> NDArray[np.intp]:
+    """`SAMPLES` of n samples at most, spread over a share of them from the first on."""
+    last = max(int(share * (n - 1)), 1)
+    return np.unique(np.linspace(0, last, min(SAMPLES, last + 1)).round().astype(np.intp))
+
+
+def zeros_by_motion(motion: Motion, start: FloatArray, u_start: FloatArray) -> FloatArray | None:
+    """(k,) the rough zeros of a run that began at a stated pose (7,) known to u_start (6,) [rad; mm], in standard uncertainties; None where
+    the motion contradicts all that it can be followed from."""
+    off = motion.changes[0] - span_lengths(motion.rows, start[None])[0]
+    off = np.where(motion.absolute & np.isfinite(off), np.angle(np.exp(1j * off)), 0.0)
+    z = np.asarray(np.linalg.pinv(motion.zeros) @ off, dtype=np.float64)
+    for share in BEGINNINGS:
+        begun = nearest(motion.at(evenly(len(motion.changes), share)), start, z, u_start)
+        if begun is not None and begun.sound:
+            return begun.zeros
+    return None
+
+
+def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
+    """Where the run may be at the first sample of a motion, which is at a time, by all of its readings."""
+    changes, usable = motion.changes, motion.absolute
+    used = usable & np.isfinite(changes[0])
+    anywhere, zeros = fitting(motion.rows[used], changes[0, used], motion.zeros[used])
+
+    def of(share: float, near: FloatArray, z: FloatArray) -> list[Begun]:
+        return starts(motion.at(evenly(len(changes), share)), near, z)
+
+    every: list[Begun] = []
+    longest = 0.0
+    for k, share in enumerate(BEGINNINGS):
+        found = of(share, anywhere, zeros)
+        every = every or found
+        # over a short way a start is found from farther off; whether it is one the longer ones say
+        for longer in (share, *reversed(BEGINNINGS[:k])):
+            if longer != share:
+                sound = [begun for begun in found if begun.sound]
+                found = of(longer, np.array([begun.pose for begun in sound]), np.array([begun.zeros for begun in sound]))
+            if not found or not found[0].sound:
+                break
+            if longer > longest:
+                every, longest = found, longer
+        if longest >= LEAST:
+            break
+    if not every:
+        return []
+    best = every[0]
+    least, told = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0), ""
+    if longest < LEAST:
+        told = "fits no start that was found" + (f" beyond its first {100 * longest:.0f} %" if longest else "")
+        told += ": a pose of it is nearly singular, or a channel is wrong"
+    elif least > TOLD_MM:
+        told = f"tells it to {least:.3g} mm only" if least < NOTHING_MM else "does not tell it"
+        told += ": move the tool farther, or turn it"
+    if told:
+        raise TrajectoryError(
+            f"{source}: the start pose of this run is not known, and its motion from {time_s:.6g} s on, with "
+            f"{int(usable.sum())} of its channels absolute, {told}; {STATE}"
+        )
+    limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
+    return [begun for begun in every if begun.chi_squared <= limit]
+
+
+def _contradicted(tried: list[tuple[Reconstruction, Told | None]]) -> tuple[FloatArray, int]:
+    """(k,) chi-squared by which a run contradicts beginnings, as of equally many readings, and its degrees of freedom: all zero where
+    nothing is redundant. What cannot be followed from a beginning as it can from another contradicts it by every sample that is lost."""
+    followed = np.array([0 if told is None else int(np.isfinite(told.poses[:, 0]).sum()) for _, told in tried])
+    most = max((told.freedom for _, told in tried if told is not None), default=0)
+    chi = np.array([0.0 if told is None else told.chi_squared * most / max(told.freedom, 1) for _, told in tried])
+    return chi + WORSE * (followed.max(initial=0) - followed), most
+
+
+def _standing(tried: list[tuple[Reconstruction, Told | None]]) -> list[Reconstruction]:
+    """Those that the run does not contradict more than the best of them, each once: as it begins nearest to where it is found to."""
+    chi, most = _contradicted(tried)
+    limit = chi.min() + WORSE * max(chi.min() / max(most, 1), 1.0)
+    moved = [0.0 if told is None else float(np.linalg.norm(told.mean)) for _, told in tried]
+    out: list[tuple[Reconstruction, Told | None]] = []
+    for k in np.argsort(moved, kind="stable"):
+        r, told = tried[k]
+        if chi[k] <= limit and not any(told is not None and other is not None and _same(told, other) for _, other in out):
+            out.append((r, told))
+    return [r for r, _ in out]
+
+
+def _same(a: Told, b: Told) -> bool:
+    """Whether the poses of two ways through a run are the same, where both have one."""
+    both = np.flatnonzero(np.isfinite(a.poses[:, 0]) & np.isfinite(b.poses[:, 0]))
+    return bool(len(both)) and _alike(a.poses[both[0]], b.poses[both[0]])
+
+
+def _text(pose: FloatArray) -> str:
+    place, turn = ", ".join(f"{x:.1f}" for x in pose[:3]), ", ".join(f"{x:.3f}" for x in pose[3:])
+    return f"({place}) mm with quaternion ({turn})"

@@ -1,0 +1,1 @@
+"""Reconstruct poses from counts by the screw method: whole runs, streams, live."""

@@ -1,0 +1,257 @@
+"""The pose while the run is being recorded: one sample in, one pose out, in microseconds.
+
+What redundant channels tell of their origins, and absolute ones of a start that nobody stated, is told by the run so far: it is learned
+whenever the run has become twice as long, by what `reconstruct` does with the samples that there are, and followed from there on.
+"""
+
+import math
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.acquisition import Samples
+from lmeasure.core import WORDS, FloatArray, LMeasureError, Status, TrajectoryError, angles_from_rotation, convention, se3
+from lmeasure.kernels import counts_from_changes
+from lmeasure.recording import Counts, Run, known
+from lmeasure.rig import CalibrationRecord, Rig, Swivel
+from lmeasure.sensors import counts_from_poses, recorded_from_counts, span_rows
+from lmeasure.trajectory.faults.suspicion import NONE
+from lmeasure.trajectory.origin.power_on import absolute_channels
+from lmeasure.trajectory.reconstruction.live_prediction import AnyChannels, SixCables, Way
+from lmeasure.trajectory.reconstruction.preparation import prepared
+from lmeasure.trajectory.reconstruction.scheme import FREEDOMS
+from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
+from lmeasure.trajectory.time.passes import align
+
+START_UNKNOWN = "start_unknown"
+"""Status of a sample while nothing has told yet where the run began."""
+FIRST = 50
+"""Samples by which a run is learned first; then by twice as many each time, and once more where a sample contradicts itself."""
+COVARIANCE_EVERY_S = 0.2
+MOST = 2**17
+"""Samples of a run that are kept to learn from."""
+
+
+@dataclass(frozen=True)
+class LiveSample:
+    """A pose (7,) base_from_tool, NaN unless status is `ok`, with its worst pressure angle."""
+
+    status: str
+    pose: FloatArray
+    worst_pressure_angle_deg: float
+
+
+class LivePose:
+    """A run in one pass that is followed sample by sample.
+
+    Of six cables, or of six channels with a start, the poses are those of `reconstruct`. With more, or without a start (7,), those of a
+    sample at which the run is learned are what `reconstruct` gives of the run up to it; later ones use what was told then. aside: learn in
+    a thread, and follow meanwhile by what is known. Where a drum states no counter_bits its counter is taken as one that does not wrap.
+    Raises what `Reconstruction` raises, and TrajectoryError when the rig has more than one pass, effects that are left out here, or no
+    start and too few absolute channels. Everything is compiled before the constructor returns.
+
+    why: what keeps the start unknown, as long as it is. learns: whether it goes on learning.
+    """
+
+    def __init__(self, rig: Rig, start: FloatArray | None, calibration: CalibrationRecord | None = None, *, aside: bool = False) -> None:
+        if rig.passes > 1:
+            raise TrajectoryError(f"rig {rig.name!r}: a live pose needs channels counted in one pass")
+        if any(isinstance(e, Swivel) and e.backlash_deg for e in rig.encoders):
+            raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out the play of swivels, which this rig states")
+        if start is None and not enough_absolute(rig):
+            known(None, f"rig {rig.name!r}", rig)
+        self.channels, self.angles = tuple(o.channel for o in rig.observed), rig.angles
+        self.why = "" if start is not None else "no attempt to find the start yet"
+        self._rig, self._start, self._calibration, self._aside = rig, start, calibration, aside
+        self.learns = True
+        self._way = self._first_way()
+        if start is not None and self._way is not None:
+            self._way.step(0.0, np.full(len(self.channels), np.nan))
+            self._way = self._first_way()
+        m = len(self.channels)
+        self._time_s, self._recorded, self._n, self._next, self._learned = np.empty(FIRST), np.empty((FIRST, m)), 0, FIRST, 0
+        self._found: tuple[AnyChannels | None, str, int] | None = None
+        self._thread: threading.Thread | None = None
+        if self.learns:
+            self._rehearse()
+        if start is not None:
+            self.covariance(start)
+
+    def _rehearse(self) -> None:
+        """Learn from a run that is made up, so that everything is compiled; one that cannot be made up leaves that for later."""
+        middle = np.mean([p.position_mm for p in self._rig.observation_point], axis=0)
+        home = np.array([*middle, 0.0, 0.0, 0.0, 1.0]) if self._start is None else self._start
+        time_s: FloatArray = 0.01 * np.arange(FIRST, dtype=np.float64)
+        path = se3.displaced(home, np.sin(np.pi * time_s)[:, None] * [0.02, -0.01, 0.03, 10.0, 8.0, -6.0])
+        try:
+            counts = counts_from_poses(self._rig, path, path[0], self._rig.observed)
+        except LMeasureError:
+            return
+        way = self._told_by(time_s, recorded_from_counts(self._rig, counts, self._rig.observed))[0]
+        if way is not None:
+            way.step(1.0, np.full(len(self.channels), np.nan))
+
+    def _first_way(self) -> Way | None:
+        """By the start that was stated."""
+        if self._start is None:
+            return None
+        reconstruction = Reconstruction(self._rig, self._start, self._calibration)
+        if reconstruction.correction is not None or any(p.drum.backlash_counts for p in self._rig.observation_point):
+            what = "temperature, stretch, sag and parts that are not as drawn"
+            raise TrajectoryError(f"rig {self._rig.name!r}: a live pose leaves out {what}, which this rig states")
+        if reconstruction.scheme.point is not None:
+            raise TrajectoryError(f"rig {self._rig.name!r}: a live pose needs channels that tell how the tool is turned")
+        self.learns = reconstruction.redundancy is not None
+        return SixCables(reconstruction) if reconstruction.scheme.six else AnyChannels(reconstruction, NONE)
+
+    def update(self, time_s: float, recorded: FloatArray) -> LiveSample:
+        """The pose of the next sample: recorded counts (m,) in the order of `channels`, NaN where there is none."""
+        if self.learns:
+            self._keep(time_s, recorded)
+            if self._found is not None:
+                self._adopt(*self._found, upto=self._n - 1)
+            if self._n >= self._next and self._thread is None:
+                self._learn()
+                if self._found is not None and self._found[2] == self._n:
+                    way = self._found[0]
+                    self._adopt(*self._found, upto=self._n)
+                    if way is not None:
+                        return self._sample(*way.last)
+        if self._way is None:
+            return LiveSample(START_UNKNOWN, np.full(7, np.nan), np.nan)
+        status, pose, angle = self._way.step(time_s, recorded)
+        if status == Status.INCONSISTENT and self.learns:
+            self._next = min(self._next, max(self._learned * 5 // 4, self._n + FIRST))
+        return self._sample(status, pose, angle)
+
+    def covariance(self, pose: FloatArray) -> FloatArray | None:
+        """(6, 6) covariance (rotation [rad]; tool origin [mm], base axes) of a pose (7,) of the run, slow as it may be: as `reconstruct`
+        states it, but for what only the run's course tells (its speed, play of drums, temperature). None while no pose is known.
+        """
+        if self._way is None:
+            return None
+        of = self._way.reconstruction
+        rows, budget = of.scheme.rows, of.budget
+        counts = np.asarray(counts_from_changes(rows, span_rows(rows, pose[None])[0] - of.zero))
+        nothing = np.zeros_like(counts)
+        found = budget.of(np.zeros(1), pose[None], counts=counts, speed_mm_s=nothing, compiled=False, travel=nothing)
+        return np.asarray(found.random[0] + found.systematic[0])
+
+    def _sample(self, status: int, pose: FloatArray, angle: float) -> LiveSample:
+        return LiveSample(WORDS[status], pose, math.degrees(angle))
+
+    def _keep(self, time_s: float, recorded: FloatArray) -> None:
+        if self._n == MOST:
+            self._next = MOST + 1
+            return
+        if self._n == len(self._time_s):
+            self._time_s = np.concatenate([self._time_s, np.empty(self._n)])
+            self._recorded = np.concatenate([self._recorded, np.empty_like(self._recorded)])
+        self._time_s[self._n], self._recorded[self._n] = time_s, recorded
+        self._n += 1
+
+    def _learn(self) -> None:
+        """From the run so far, here or in a thread."""
+        self._next = 2 * self._n
+        time_s, recorded = self._time_s[: self._n].copy(), self._recorded[: self._n].copy()
+        if self._aside:
+            self._thread = threading.Thread(target=self._learn_from, args=(time_s, recorded), daemon=True)
+            self._thread.start()
+        else:
+            self._learn_from(time_s, recorded)
+
+    def _learn_from(self, time_s: FloatArray, recorded: FloatArray) -> None:
+        self._found = *self._told_by(time_s, recorded), len(time_s)
+
+    def _told_by(self, time_s: FloatArray, recorded: FloatArray) -> tuple[AnyChannels | None, str]:
+        """The way behind a beginning of the run that it tells, or why it tells none."""
+        counts = Counts(time_s, self.channels, recorded, source="the run so far")
+        try:
+            reconstruction, doubts = prepared(align(Run(self._rig, self._start, (counts,), self._calibration)))
+        except LMeasureError as error:
+            return None, str(error)
+        return AnyChannels(reconstruction, doubts, time_s, recorded), ""
+
+    def _adopt(self, way: AnyChannels | None, why: str, learned: int, *, upto: int) -> None:
+        """What was learned, and the samples that came meanwhile, so many in all."""
+        self._found, self._thread, self._learned = None, None, learned
+        if way is None:
+            self.why = why if self._way is None else ""
+            return
+        self._way, self.why = way, ""
+        for i in range(learned, upto):
+            way.last = way.step(self._time_s[i], self._recorded[i])
+
+    def caught_up(self) -> LiveSample | None:
+        """The last sample's pose anew, where something was learned since it came; else None."""
+        if self._found is None:
+            return None
+        self._adopt(*self._found, upto=self._n)
+        return self._sample(*self._way.last) if isinstance(self._way, AnyChannels) else None
+
+
+def enough_absolute(rig: Rig) -> bool:
+    """Whether a rig's absolute channels are as many as tell a start, at once or, where some channel is to spare, over a motion."""
+    absolute = int(np.isfinite(absolute_channels(rig)).sum())
+    return absolute >= len(FREEDOMS) or (absolute > 0 and len(rig.observed) > len(FREEDOMS))
+
+
+class PoseWatch:
+    """Poses of a recording's samples as they come, and how long after its frames each was there.
+
+    latest: the last sample's pose, or None; poses: how many were `ok`; longest_s: the longest that one took to work out.
+    """
+
+    def __init__(self, live: LivePose) -> None:
+        self._live = live
+        self._covariance: FloatArray | None = None
+        self._looked = -np.inf
+        self.latest: LiveSample | None = None
+        self.poses, self.longest_s = 0, 0.0
+        self._time_s = self._finished = np.nan
+
+    @property
+    def why(self) -> str:
+        """What keeps the start unknown, as long as it is."""
+        return self._live.why
+
+    def refresh(self) -> None:
+        """Have the latest pose by what was learned since it came."""
+        self.latest = self._live.caught_up() or self.latest
+
+    def __call__(self, samples: Samples) -> None:
+        """Take samples whose columns are the live pose's channels, times from the first one."""
+        for time_s, recorded in zip(samples.time_s.tolist(), samples.recorded, strict=True):
+            begin = time.perf_counter()
+            self.latest = self._live.update(time_s, recorded)
+            self.longest_s = max(self.longest_s, time.perf_counter() - begin)
+            self.poses += self.latest.status == "ok"
+            self._time_s = time_s
+        self._finished = time.time()
+
+    def angles(self) -> list[tuple[str, float]]:
+        """Angles of the latest pose in the rig's convention: name and value [deg]."""
+        if self.latest is None:
+            return []
+        known = convention(self._live.angles)
+        values = angles_from_rotation(self._live.angles, se3.rotation(self.latest.pose[None]))[0]
+        degrees = np.degrees(values) if known.columns[0].endswith("_rad") else values
+        return [(c.rsplit("_", 1)[0], float(v)) for c, v in zip(known.columns, degrees, strict=True)]
+
+    def covariance(self) -> FloatArray | None:
+        """(6, 6) covariance of the latest pose, of one `COVARIANCE_EVERY_S` ago at most; None where there is no pose."""
+        if self.latest is None or self.latest.status != "ok":
+            return None
+        now = time.monotonic()
+        if self._covariance is None or now - self._looked >= COVARIANCE_EVERY_S:
+            self._covariance, self._looked = self._live.covariance(self.latest.pose), now
+        return self._covariance
+
+    def latency_s(self, origin_s: float | None) -> float | None:
+        """From the last sample's own time to its pose, origin_s being when the first one was; None where no one clock tells both."""
+        if origin_s is None or self.latest is None:
+            return None
+        latency = float(self._finished - origin_s - self._time_s)
+        return latency if 0.0 <= latency < 60.0 else None

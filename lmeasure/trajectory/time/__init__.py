@@ -1,0 +1,1 @@
+"""Time of a run: stamps that jitter, an even clock, repeated passes."""

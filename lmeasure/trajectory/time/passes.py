@@ -1,0 +1,190 @@
+"""Repeated passes of one motion: brought to one clock, checked to be the same motion, and what their differences add to the uncertainty."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from lmeasure.core import FloatArray, TrajectoryError
+from lmeasure.recording import Counts, Run
+from lmeasure.sensors import Lengths, count_variance, lengths_from_counts
+from lmeasure.text import Finding, finding
+from lmeasure.trajectory.faults.rest_evidence import Evidence, EvidenceFinder
+from lmeasure.trajectory.faults.suspicion import Doubts
+from lmeasure.trajectory.time.stamps import Stamps, judged
+from lmeasure.trajectory.uncertainty.sources import PassClock
+
+CLOCKS = 1e-3  # difference of rate beyond which two clocks are not meant to be the same
+OVER_S = 0.04  # over which a speed is taken
+MOVING = 0.05  # of a pass's largest cable speed
+LAG_S = 0.25  # difference of the instants at which two passes begin or end to move
+VARYING = 0.5  # standard deviation of the speed over its mean from which its profile can be recognised
+BLOCKS = 16  # of stamps, whose means scatter by what is not common to all
+ALIKE = 0.3  # correlation of two speed profiles: of one motion seen by different cables it is mostly above 0.5 (simulated)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A run whose later passes are on the clock of pass 1, with what each pass's time is uncertain by against it.
+
+    Where stamps jitter the run has the times at which the motion shows its samples to have been taken; stamp_s (n,) are pass 1's as they
+    were recorded, which its trajectory keeps.
+    """
+
+    run: Run
+    clocks: tuple[PassClock, ...]
+    notes: tuple[Finding, ...]
+    stamp_s: FloatArray
+
+    @cached_property
+    def lengths(self) -> Lengths:
+        """Its lengths, without counts that are in doubt by themselves; worked out once for all who ask for them."""
+        return self.without(self.evidence.doubts)
+
+    def without(self, doubts: Doubts) -> Lengths:
+        """Its lengths, without the counts that are in these doubts."""
+        return doubts.applied(self.run.rig, self._all_lengths)
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What it tells of its counters."""
+        finder = EvidenceFinder(self.run.rig, self.run.recorded)
+        finder.add(self._all_lengths)
+        return finder.found()
+
+    @cached_property
+    def _all_lengths(self) -> Lengths:
+        return lengths_from_counts(self.run)
+
+
+def align(run: Run | Alignment) -> Alignment:
+    """Bring later passes to the clock of pass 1 by their rising sync edges: a shift by one edge, shift and rate by several. What is aligned
+    stays as it is, its lengths with it.
+
+    Stamps that jitter are judged in each pass by its own cables (`stamps`), or a later pass would be interpolated at wrong instants: what
+    is left of their errors is one of its lengths.
+
+    TrajectoryError when passes are not the same motion: other edges, clocks that differ by more than CLOCKS, another beginning or end,
+    another profile of speed.
+    """
+    if isinstance(run, Alignment):
+        return run
+    stamp_s = run.passes[0].time_s
+    if run.rig.passes == 1:
+        return Alignment(run, (PassClock(),), (), stamp_s)
+    stamps = [_stamps(run, number) for number in range(1, run.rig.passes + 1)]
+    notes = [_said(number, of) for number, of in enumerate(stamps, 1) if of.kind != "sound"]
+    first = replace(run.passes[0], time_s=stamps[0].time_s)
+    passes, clocks = [first], [PassClock()]
+    for number in range(2, run.rig.passes + 1):
+        both = stamps[0], stamps[number - 1]
+        later = replace(run.passes[number - 1], time_s=both[1].time_s)
+        edges = first.rising(), later.rising()
+        if len(edges[0]) != len(edges[1]):
+            raise TrajectoryError(
+                f"{later.source}: pass {number} has {len(edges[1])} rising sync edges, pass 1 has {len(edges[0])}: not the same motion"
+            )
+        u_stamp = float(np.hypot(both[0].u_time_s, both[1].u_time_s))
+        shift, rate, u = _clock(edges[0], edges[1], _period(first), _period(later), u_stamp)
+        if not abs(rate - 1.0) <= CLOCKS:
+            raise TrajectoryError(f"{later.source}: pass {number}: its clock runs {rate:.6f} times pass 1's: not the same motion")
+        if len(edges[0]) == 0:
+            notes.append(finding("passes.no_sync", number=number))
+        elif shift or rate != 1.0:
+            notes.append(finding("passes.clock", number=number, shift_s=float(shift), rate=float(rate), edges=len(edges[0])))
+        later = replace(later, time_s=shift + rate * later.time_s)
+        _same_motion(first, later, number)
+        if u_stamp > 0.0:
+            skew = 0.0 if later.u_time_s is None else later.u_time_s
+            later = replace(later, u_time_s=np.hypot(skew, np.full(len(later.time_s), u_stamp)))
+        passes.append(later)
+        clocks.append(_uncertain(edges[0], u, both))
+    return Alignment(replace(run, passes=tuple(passes)), tuple(clocks), tuple(notes), stamp_s)
+
+
+def _stamps(run: Run, number: int) -> Stamps:
+    """The stamps of a pass, judged by the lengths of its cables as places."""
+    cables = tuple(c.model_copy(update={"passage": 1}) for c in run.rig.cables_of(number))
+    alone = replace(run, rig=run.rig.model_copy(update={"cable": cables}), passes=(run.passes[number - 1],))
+    lengths = lengths_from_counts(alone).of_cables().change_mm
+    return judged(run.passes[number - 1].time_s, lengths, np.full(len(lengths), np.sqrt(count_variance(alone.rig).mean())))
+
+
+def _said(number: int, stamps: Stamps) -> Finding:
+    intervals = 1e3 * np.diff(stamps.stamp_s)
+    apart = {"number": number, "least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
+    if stamps.kind == "even":
+        return finding("stamps.pass.even", **apart)
+    return finding("stamps.pass.uneven", **apart, error_ms=1e3 * stamps.u_time_s)
+
+
+def _uncertain(edges: FloatArray, u_s: float, both: tuple[Stamps, Stamps]) -> PassClock:
+    """What the time of a pass is uncertain by, of both passes' stamps and pass 1's edges, by which they were brought together to u_s."""
+    if len(edges) > 1:
+        return PassClock(u_s)  # which tell the rate too
+    u_rate = float(np.hypot(both[0].u_rate, both[1].u_rate))
+    if len(edges) == 1:
+        return PassClock(u_s, u_rate, float(edges[0]))
+    return PassClock(float(np.hypot(_u_mean(both[0]), _u_mean(both[1]))), u_rate, float(both[0].time_s.mean()))
+
+
+def _u_mean(stamps: Stamps) -> float:
+    """Standard uncertainty [s] of even times as a whole, which are on the mean of stamps: by how means of BLOCKS parts of these scatter."""
+    if stamps.kind != "even":
+        return 0.0
+    means = [float(part.mean()) for part in np.array_split(stamps.stamp_s - stamps.time_s, BLOCKS)]
+    return float(np.std(means, ddof=1) / np.sqrt(BLOCKS))
+
+
+def _period(counts: Counts) -> float:
+    return float(np.median(np.diff(counts.time_s))) if len(counts.time_s) > 1 else 0.0
+
+
+def _clock(first: FloatArray, later: FloatArray, period: float, later_period: float, u_stamp_s: float) -> tuple[float, float, float]:
+    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later; u_stamp_s: of an edge's two stamps.
+
+    An edge is known to within a sampling period. Only what scatters of that is averaged by further edges: pulses that keep step with the
+    sampling are all late by the same.
+    """
+    quantum = np.hypot(period, later_period) / np.sqrt(12.0)
+    if len(first) == 0:
+        return 0.0, 1.0, 0.0
+    if len(first) == 1:
+        return float(first[0] - later[0]), 1.0, float(np.hypot(quantum, u_stamp_s))
+    rate, shift = np.polyfit(later, first, 1)
+    scatter = first - (shift + rate * later)
+    spread = (scatter**2).sum() / max(len(first) - 2, 1)
+    variance = max(quantum**2 - spread, 0.0) + spread / (len(first) / 2)
+    return float(shift), float(rate), float(np.sqrt(variance))
+
+
+def _speed(counts: Counts) -> tuple[FloatArray, int]:
+    """(n - k,) root mean square over the channels of the counts' speed [1/s] over k samples, about OVER_S: stamps in error would be
+    speeds between neighbours. Wraps and jumps are no motion."""
+    k = int(np.clip(np.rint(OVER_S / _period(counts)), 1, len(counts.time_s) - 2))
+    step = counts.recorded[k:] - counts.recorded[:-k]
+    step[np.abs(step) > 2**14] = np.nan
+    return np.sqrt(np.nan_to_num((step / (counts.time_s[k:] - counts.time_s[:-k])[:, None]) ** 2).mean(axis=1)), k
+
+
+def _same_motion(first: Counts, later: Counts, number: int) -> None:
+    if min(len(first.time_s), len(later.time_s)) < 3:
+        return
+    speeds = _speed(first), _speed(later)
+    spans = []
+    for counts, (speed, k) in zip((first, later), speeds, strict=True):
+        moving = np.flatnonzero(speed > MOVING * speed.max()) if speed.max() > 0 else np.array([0])
+        spans.append((counts.time_s[moving[0]], counts.time_s[moving[-1] + k]))
+    for what, i in (("begins", 0), ("ends", 1)):
+        lag = spans[1][i] - spans[0][i]
+        if abs(lag) > LAG_S:
+            side = "after" if lag > 0 else "before"
+            raise TrajectoryError(f"{later.source}: pass {number} {what} to move {abs(lag):.3f} s {side} pass 1: not the same motion")
+    (own, k), (other, later_k) = speeds
+    on_first = np.interp(first.time_s[:-k], later.time_s[:-later_k], other)
+    if all(s.std() > VARYING * s.mean() for s in (own, on_first)):
+        alike = float(np.corrcoef(own, on_first)[0, 1])
+        if alike < ALIKE:
+            raise TrajectoryError(
+                f"{later.source}: pass {number}: its profile of speed is not that of pass 1 (correlation {alike:.2f}): not the same motion"
+            )

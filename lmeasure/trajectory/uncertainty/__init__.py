@@ -1,0 +1,1 @@
+"""Uncertainty of a run's poses: sources, budget, covariances."""

@@ -1,0 +1,412 @@
+"""Where the uncertainty of a pose comes from, sample by sample: what is drawn anew at every sample, and what a whole run shares.
+
+A pose errs by delta = G dl, G the inverse of its rows. Random are the lengths' own errors, independent from sample to sample. Systematic
+are a few errors that every sample of the run has in common - of the calibration, of where within a count the counters were zeroed, of the
+start pose, of a pass's clock and place - so each is a variable z_k of unit variance, normal or uniform, and the pose errs by
+sum_k factor_k z_k, with factors of its own at every sample and the same z: from the factors the errors of differences, means and lines
+follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). What the sources are: `trajectory.uncertainty.sources`.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, se3
+from lmeasure.kernels import CABLE, KIND, pose_twists, solve_pose, span_lengths, span_rows_of
+from lmeasure.kernels import twists as least_squares_twists
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.sensors import (
+    OTHERS,
+    PLAY,
+    Lengths,
+    Taken,
+    Unsolved,
+    count_variance,
+    every_part,
+    last_travel,
+    length_variance,
+    span_rows,
+    stated,
+    zero_at,
+)
+from lmeasure.trajectory.reconstruction import reference
+from lmeasure.trajectory.reconstruction.corrections import Correction
+from lmeasure.trajectory.reconstruction.scheme import Scheme
+from lmeasure.trajectory.uncertainty import second_order
+from lmeasure.trajectory.uncertainty.parameter_errors import ParameterErrors
+from lmeasure.trajectory.uncertainty.pose_covariances import PoseCovariances
+from lmeasure.trajectory.uncertainty.sources import (
+    ANYWHERE,
+    NEAR_RAD,
+    PHASE,
+    UNKNOWN_MM,
+    ZERO,
+    PassClock,
+    Situation,
+    Source,
+    is_rough,
+    own_lengths,
+    unknown_start,
+    unknown_zeros,
+    variance_until_told,
+    zero_columns,
+    zero_phase,
+    zeros_of,
+)
+from lmeasure.trajectory.uncertainty.unstated_sizes import Exact
+
+if TYPE_CHECKING:
+    from lmeasure.trajectory.uncertainty.sources import Told
+
+CALIBRATION = "calibration"
+RESTORED = "restored origin"
+RESTORED_ORIGIN = "cause.restored"
+"""Of the cause of a sample that uses a channel whose origin was restored."""
+ORIGINS = "origins of the channels"
+PHYSICAL = "temperature, stretch and sag"
+DIMENSIONS = "dimensions as stated"
+CHUNK = 2048  # poses whose factors are in memory at once
+
+
+class Budget:
+    """The sources of error of one run.
+
+    u_start: standard uncertainties of the start pose as `Run` holds them; clocks: those of each pass's time against pass 1's;
+    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in a pass; temperature_c: at the start,
+    None where nobody stated it.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        start: FloatArray,
+        scheme: Scheme,
+        calibration: CalibrationRecord | None = None,
+        *,
+        u_start: tuple[float, ...] = (0.0, 0.0),
+        clocks: tuple[PassClock, ...] = (),
+        repeatability_mm: float = 0.0,
+        correction: Correction | None = None,
+        temperature_c: float | None = None,
+        unknown: bool = False,
+    ) -> None:
+        self.correction = correction
+        self.told: Told | None = None
+        """What the run told of its origins."""
+        self.restored: tuple[tuple[int, float, float], ...] = ()
+        """Channels (index) that go on from another origin, behind a time and until one [s]."""
+        self.rig, self._calibration = rig, calibration
+        observed, self._cables = rig.observed, len(rig.cable)
+        self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
+        self._before = length_variance(rig, observed)
+        if scheme.redundancy:
+            self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free))
+        rough = zero_columns(rig, calibration)[0]
+        # where nothing tells more of them, poses err by far more than what is of first order in them
+        self._rough = rough[:, (rough > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
+        self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
+        """(m,) whether a channel's readings are counted from no pose."""
+        self.start = start
+        self._zero = scheme.start_of(start)
+        # what a constraint holds is exact, and a point's place has a part in all
+        moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
+        self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
+        at_start = span_rows(rig.cable_rows(observed), start[None])[1][0]
+        self._start_lengths = self._from_start(at_start * self._u_start)[:, self._u_start > 0.0]
+        # a start that came from lengths errs with the rig: then nothing cancels where counting began
+        self._u_length = u_start[2] if len(u_start) > 2 else None
+        if self._u_length:
+            self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(observed), len(rig.cable))])
+        self.by_parameter = ParameterErrors(rig, scheme, calibration, self._zero, cancels=self._u_length is None)
+        solved, dimensions = self.by_parameter.solved, self.by_parameter.dimensions
+        self._passage = np.array([c.passage for c in observed], dtype=np.int64)
+        self._clocks, self._repeatability_mm = clocks, repeatability_mm if rig.passes > 1 else 0.0
+        late = tuple(f"clock of pass {p}" for p, clock in enumerate(clocks, 1) for _ in range(clock.variables))
+        places = tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
+        physical = (PHYSICAL,) * (0 if correction is None else correction.sources)
+        self.unsolved = Unsolved(rig, stated(rig, None, () if calibration is None else calibration.names, OTHERS))
+        self._played_mm = np.abs(every_part(rig, rig.cable).values[:, PLAY]) * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
+        self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
+        of_drums = self.unsolved.sources + self.unsolved.play_sources + ("play of drums",) * int(np.count_nonzero(self._played_mm))
+        self._exact = Exact(rig, scheme, calibration, temperature_c=temperature_c, begun=self._begun)
+        self._phase = zero_phase(rig)
+        parameters = (CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
+        moved = (
+            Source(parameters, (DIMENSIONS,) * bool(dimensions), lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel)),
+            Source(("start pose",) * self._start_lengths.shape[1], ("the start pose",), lambda _: self._start_lengths),
+        )
+        start_columns = unknown_start(rig, self.absolute) if unknown else Source((), (), lambda _: np.empty((0, 0)))
+        by_length = (
+            self._phase,
+            start_columns,
+            Source((*late, *places), ("the passes",), self._pass_lengths),
+            Source(physical, (PHYSICAL,), self._physical_lengths),
+            Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
+            own_lengths(rig, calibration),
+            unknown_zeros(rig, calibration),
+        )
+        self.by_length = tuple(source for source in by_length if source.names)
+        """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""
+        every = (*(source for source in moved if source.names), *self.by_length)
+        self.origins = tuple(source for source in every if source in (moved[1], self._phase, start_columns, by_length[-1]))
+        """The sources of what the channels count from."""
+        self.every = (*(source for source in every if source not in self.origins), *self.origins)
+        """All sources of systematic error, the origins last."""
+        self.supposed = np.zeros(len(self.origin_names))
+        """(o,) what the variables of the origins are taken for until a run has told them."""
+        bends = second_order.variables(self._rough.shape[1])
+        self.sources = (*(name for source in self.every for name in source.names), *(ZERO,) * bends)
+        self.uniform = (*(source.uniform for source in self.every for _ in source.names), *(False,) * bends)
+        self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
+
+    def restore(self, cable: int, after_s: float, until_s: float = np.inf) -> None:
+        """Let a channel that slipped or lost its origin behind a time go on from another one, which the run is to tell."""
+        assert self.told is None
+        u = ANYWHERE if self.scheme.rows[cable, KIND] != CABLE else UNKNOWN_MM
+        own = np.where(np.arange(len(self.scheme.rows)) == cable, u, 0.0)[:, None]
+
+        def lengths(at: Situation) -> FloatArray:
+            return np.asarray(((at.time_s > after_s) & (at.time_s <= until_s))[:, None, None] * own)
+
+        source = Source((RESTORED,), ("restored origins",), lengths)
+        self.origins, self.every = (*self.origins, source), (*self.every, source)
+        self.supposed = np.append(self.supposed, 0.0)
+        self.restored = (*self.restored, (cable, after_s, until_s))
+        self.use(None)
+
+    def restored_origins(self) -> list[tuple[int, float, float, float, float]]:
+        """Of each restored channel its index, from when and until when [s], by how much its readings were too large, and the standard
+        uncertainty of that, as the run told."""
+        if self.told is None:
+            return []
+        out, n = [], len(self.restored)
+        for k, (cable, after_s, until_s) in enumerate(self.restored, len(self.told.mean) - n):
+            u = ANYWHERE if self.scheme.rows[cable, KIND] != CABLE else UNKNOWN_MM
+            i = len(self.told.covariance) - len(self.told.mean) + k
+            out.append((cable, after_s, until_s, float(self.told.mean[k]) * u, float(np.sqrt(self.told.covariance[i, i])) * u))
+        return out
+
+    @property
+    def length_variance(self) -> FloatArray:
+        """(m,) [mm^2, rad^2] of a single reading, zero phase and zero included where the run has not told them: what readings are weighed
+        and told apart by."""
+        return self._before if self.told is None else self.variance
+
+    @property
+    def weights(self) -> FloatArray:
+        """(m,) of readings against each other, about 1 of lengths."""
+        return np.asarray(np.sqrt(self.length_variance[: self._cables].min() / self.length_variance))
+
+    def use(self, told: "Told | None") -> None:
+        """Take what a run told of its origins from now on, or forget it."""
+        self.told = told
+        mixed = () if told is None else self.origins
+        self.sources = tuple(ORIGINS if source in mixed else name for source in self.every for name in source.names)
+        self.uniform = tuple(source.uniform and source not in mixed for source in self.every for _ in source.names)
+
+    @property
+    def origin_names(self) -> tuple[str, ...]:
+        """(o,) what the variables of the origins stand for."""
+        return tuple(name for source in self.origins for name in source.names)
+
+    def origin_lengths(self, time_s: FloatArray) -> FloatArray:
+        """(n, m, o) errors of the readings at times (n,) by the variables of the origins, as they were before a run told of them."""
+        n, m = len(time_s), len(self.scheme.rows)
+        nowhere = Situation(time_s, np.empty((n, 0)), np.empty((n, m)), np.empty((n, m)))
+        return self._lengths_of(nowhere, self.origins)
+
+    def offsets(self, time_s: FloatArray) -> FloatArray:
+        """(n, m) by which readings at times (n,) are too large by what the run told of its origins."""
+        mean = self.supposed if self.told is None else self.told.mean
+        return np.asarray(self.origin_lengths(time_s) @ mean) if mean.any() else np.zeros((1, len(self.scheme.rows)))
+
+    def told_offsets(self, time_s: FloatArray) -> FloatArray:
+        """(n, m) by which readings at times (n,), less what was supposed, are too large by what the run told of its origins."""
+        if self.told is None:
+            return np.zeros((1, len(self.scheme.rows)))
+        return np.asarray(self.origin_lengths(time_s) @ (self.told.mean - self.supposed))
+
+    def suppose(self, zeros: FloatArray) -> None:
+        """Take rough zeros (k,), of `rough_columns`, in standard uncertainties, for these from the beginning."""
+        columns = zero_columns(self.rig, self._calibration)[0]
+        of_zeros = np.flatnonzero([name == ZERO for name in self.origin_names])
+        self.supposed[of_zeros[is_rough(columns)]] = zeros
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether a calibration is linked."""
+        return self._calibration is not None
+
+    @property
+    def one_motion(self) -> bool:
+        """Whether several passes are taken for one motion, exactly repeated."""
+        return self.rig.passes > 1 and self._repeatability_mm == 0.0
+
+    def of(
+        self,
+        time_s: FloatArray,
+        poses: FloatArray,
+        *,
+        counts: FloatArray,
+        speed_mm_s: FloatArray,
+        u_mm: FloatArray | None = None,
+        unused: BoolArray | None = None,
+        temperature_c: FloatArray | None = None,
+        compiled: bool = True,
+        travel: FloatArray | None = None,
+    ) -> PoseCovariances:
+        """Covariances and factors of (n, 7) poses at times (n,), true counts (n, m) and cable speeds (n, m); u_mm (n, m) as
+        `Lengths.u_mm` has it; unused (n, m): cables that were left out; temperature_c (n, m), the start's where it is
+        None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
+        G, own = self._own(poses, counts, u_mm, unused, compiled)
+        factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self.every)
+        return PoseCovariances(own, factors, self.sources, self.uniform)
+
+    def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
+        """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources; of all, as a run told."""
+        lengths = self._lengths_of(situation, sources)
+        return lengths if self.told is None or sources is not self.every else np.asarray(lengths @ self.told.mix)
+
+    def _lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
+        n, m = situation.counts.shape
+        every = [np.empty((n, m, 0))]
+        for source in sources:
+            lengths = source.lengths(situation)
+            every.append(np.broadcast_to(lengths, (n, *lengths.shape[-2:])))
+        return np.concatenate(every, axis=2)
+
+    def speed_mm_s(self, lengths: Lengths) -> FloatArray:
+        """(n, m) speeds of the cables, for `of`; zero where nothing of this run is uncertain in time, and no speed matters."""
+        timed = lengths.u_time_s is not None or any(clock.variables for clock in self._clocks)
+        return lengths.speed_mm_s if timed else np.broadcast_to(0.0, lengths.counts.shape)
+
+    def travel(self, lengths: Lengths, state: FloatArray | None = None) -> FloatArray | None:
+        """(n, m) which way the cables of a run travelled last, as `last_travel` has it and its state; None where nothing depends on it."""
+        return last_travel(lengths.counts, self._quantum, state) if self.unsolved.play_mm.any() or self._played_mm.any() else None
+
+    def covariances(
+        self,
+        poses: FloatArray,
+        lengths: Lengths,
+        unused: BoolArray | None = None,
+        compiled: bool = True,
+        *,
+        travel: FloatArray | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
+        random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
+        speed_mm_s, u_mm = self.speed_mm_s(lengths), lengths.u_mm
+        # each counter zeroed by itself, and all anywhere: the phases scatter as the counts do, and cost nothing
+        alike = self.told is None and u_mm is None and len(self._phase.names) == len(self.variance)
+        sources = tuple(source for source in self.every if source is not self._phase) if alike else self.every
+        for begin in range(0, len(poses), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            own_mm = None if u_mm is None else u_mm[part]
+            left = None if unused is None else unused[part]
+            warm = None if lengths.temperature_c is None else lengths.temperature_c[part]
+            gone = None if travel is None else travel[part]
+            G, own = self._own(poses[part], lengths.counts[part], own_mm, left, compiled)
+            random[part] = own @ np.swapaxes(own, 1, 2)
+            systematic[part] = random[part] if alike else np.where(np.isnan(random[part]), np.nan, 0.0)
+            if sources:
+                at = Situation(lengths.time_s[part], poses[part], lengths.counts[part], speed_mm_s[part], warm, gone)
+                factors = self._factors(G, at, sources)
+                systematic[part] += factors @ np.swapaxes(factors, 1, 2)
+        return random, systematic
+
+    def drawn_start(self, generator: np.random.Generator, moved: FloatArray) -> FloatArray:
+        """(7,) the start as the scheme takes it, displaced by a draw of its errors; by the rig's moved rows where it came from lengths."""
+        if self._u_length is not None:
+            lengths = span_lengths(self.scheme.rows, self._zero[None])[0] + self._u_length * generator.standard_normal(len(moved))
+            return np.asarray(solve_pose(moved, lengths, self._zero)[3])
+        delta = self._u_start * generator.standard_normal(6)
+        return self.scheme.start_of(se3.displaced(self.start, delta))
+
+    def _own(
+        self,
+        poses: FloatArray,
+        counts: FloatArray,
+        u_mm: FloatArray | None,
+        unused: BoolArray | None,
+        compiled: bool,
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, 6, m) each: twists per unit of each length, and the random errors as `PoseCovariances.own` has them."""
+        G = self.twists(np.ascontiguousarray(poses), counts, unused, compiled)
+        whole = np.sqrt(self.variance + (0.0 if u_mm is None else u_mm**2))
+        return G, G * np.broadcast_to(whole, counts.shape)[:, None, :]
+
+    def _factors(self, G: FloatArray, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
+        """(n, 6, K) errors of poses whose twists per unit of each length are G (n, 6, m), by the variables of these sources."""
+        if not sources:
+            return G[:, :, :0]
+        lengths = self.lengths_of(situation, sources)
+        # a cable without a count, or left out, has no part in the pose
+        factors = np.asarray(G @ np.where(np.isfinite(lengths), lengths, 0.0))
+        if not self._rough.shape[1]:
+            return factors
+        rows = self.scheme.rows
+        beyond = second_order.beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] != CABLE)
+        return np.concatenate([factors, beyond], axis=2)
+
+    def _pass_lengths(self, at: Situation) -> FloatArray:
+        """(n, m, k) errors of the lengths by the passes' clocks and places: the cables of a pass are late and displaced together."""
+        columns = [
+            np.where(self._passage == p, at.speed_mm_s, 0.0)[:, :, None] * clock.late_s(at.time_s)[:, None, :]
+            for p, clock in enumerate(self._clocks, 1)
+        ]
+        if self._repeatability_mm:
+            shifts = span_rows_of(self.scheme.rows, np.ascontiguousarray(at.poses))[:, :, 3:] * self._repeatability_mm
+            columns += [np.where((self._passage == p)[:, None], shifts, 0.0) for p in range(1, self._passage.max() + 1)]
+        return np.concatenate(columns, axis=2)
+
+    def _physical_lengths(self, at: Situation) -> FloatArray:
+        """(n, m, q) errors of the lengths per variable of temperature, stretch and sag."""
+        assert self.correction is not None
+        # a modelled cable that is longer has a shorter measured length to agree with
+        return self._padded(-self.correction.shifts(*self._of_cables(at)))
+
+    def _drum_lengths(self, at: Situation) -> FloatArray:
+        """(n, m, k) errors of the lengths per variable of drums and pulleys that run out, and of play."""
+        poses, counts, _ = self._of_cables(at)
+        played = self.unsolved.play(np.ones(counts.shape) if at.travel is None else at.travel[:, : self._cables])
+        # a modelled cable that is longer has a shorter measured length to agree with
+        shifts = self.unsolved.shifts(self.scheme.rows[: self._cables], self._begun, poses, counts)
+        # of play that the rig states, nobody knows where in its band a counter was zeroed
+        begun = np.eye(self._cables)[:, self._played_mm > 0.0] * self._played_mm[:, None]
+        return self._padded(-np.concatenate([shifts, played, np.broadcast_to(begun, (len(poses), *begun.shape))], axis=2))
+
+    def _from_start(self, values: FloatArray) -> FloatArray:
+        """Values (m, ...) of the channels that count from the start pose, zero of the others."""
+        return np.where(self.absolute.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
+
+    def _of_cables(self, at: Situation) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        warm = None if at.temperature_c is None else at.temperature_c[:, : self._cables]
+        return at.poses, at.counts[:, : self._cables], warm
+
+    def _padded(self, lengths: FloatArray) -> FloatArray:
+        """(n, m, k) errors of all channels from those (n, cables, k) of the cables."""
+        if self._cables == len(self.scheme.rows):
+            return lengths
+        return np.pad(lengths, ((0, 0), (0, len(self.scheme.rows) - self._cables), (0, 0)))
+
+    def taken_as_exact(self, poses: FloatArray, lengths: Lengths) -> tuple[Taken, ...]:
+        """What nobody stated and nothing has solved, and what it would add at some of the (n, 7) poses of a run."""
+        return self._exact.at(poses, lengths, lambda at, counts: self.twists(at, counts, None, compiled=False))
+
+    def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
+        """(n, 6, m) what the poses move by per mm of each length."""
+        if self.scheme.six:
+            return np.asarray((pose_twists if compiled else reference.twists)(self.scheme.rows, poses))
+        weights = np.where(np.isnan(counts), 0.0, self.weights)
+        if unused is not None:
+            weights[unused] = 0.0
+        return np.asarray(least_squares_twists(self.scheme.rows, poses, weights, self.scheme.free_index))
+
+
+def _covers(calibrated: bool, more: list[str]) -> str:
+    """What the standard uncertainties hold, in words."""
+    if not calibrated and set(more) <= {f"the {PHASE}"}:
+        return f"the counts' resolution{''.join(f' and {text}' for text in more)} only: the rig links no calibration"
+    parts = ["counts of half a unit", *more, *(["the linked calibration"] if calibrated else [])]
+    told = f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return told if calibrated else f"{told}: the rig links no calibration"

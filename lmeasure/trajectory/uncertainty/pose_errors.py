@@ -1,0 +1,167 @@
+"""What the instrument may err by at poses of a run: its random part from the counts, its systematic part from the calibration."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from lmeasure.core import FloatArray, IntArray, se3, symmetric_root
+from lmeasure.recording import Run
+from lmeasure.text import Finding, finding, recognised
+from lmeasure.trajectory.faults.rest_evidence import CLOSURE
+from lmeasure.trajectory.files.trajectory import Trajectory
+from lmeasure.trajectory.time.passes import Alignment
+from lmeasure.trajectory.uncertainty.budget import ORIGINS, RESTORED
+from lmeasure.trajectory.uncertainty.run_covariances import covariances
+from lmeasure.trajectory.uncertainty.sources import PHASE
+
+OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)
+"""Sources that err anew in every run."""
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, of n poses of one part of the program.
+
+    The error is own u + local z + shared s: own (n, 6, q) with u (q,) new at every pose, local (n, 6, l) with z (l,) drawn once for each
+    place of this part, shared (n, 6, K) with s (K,) drawn once for the run. place (n,): numbers of the places, from 0. All variables are
+    independent and of unit variance; rounded: u and z are what rounding leaves, uniform, else they are normal. s is normal but where
+    uniform (K,) says otherwise. counted (K,): which of s are errors of the counters, drawn anew in every run, as u and z are, while the
+    others are those of the instrument. Both are False throughout by default.
+    """
+
+    own: FloatArray
+    local: FloatArray
+    place: IntArray
+    shared: FloatArray
+    rounded: bool = False
+    uniform: tuple[bool, ...] = ()
+    counted: tuple[bool, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        own: FloatArray,
+        shared: FloatArray,
+        *,
+        rounded: bool = False,
+        uniform: tuple[bool, ...] = (),
+        counted: tuple[bool, ...] = (),
+    ) -> "PoseErrors":
+        """Errors that poses at one place have no more in common than others."""
+        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded, uniform, counted)
+
+    def __len__(self) -> int:
+        return len(self.own)
+
+    @property
+    def random(self) -> FloatArray:
+        """(n, 6, 6) covariance of what is independent of other poses."""
+        return np.asarray(self.own @ np.swapaxes(self.own, 1, 2))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n, 6, 6) of the whole error of each pose."""
+        common = np.concatenate([self.local, self.shared], axis=2)
+        return np.asarray(self.random + common @ np.swapaxes(common, 1, 2))
+
+    def covariance_of(self, weights: FloatArray) -> FloatArray:
+        """(k, 6, 6) covariances of k weighted sums of the n errors, weights (k, n): of the mean over a window, of a difference, of what a
+        fit takes of them. The one place that says how the errors of several poses are correlated."""
+        common = np.einsum("kn,nil->kil", weights, self.factors)
+        return np.asarray(np.einsum("kn,nij->kij", weights**2, self.random) + common @ np.swapaxes(common, 1, 2))
+
+    def moved(self, matrices: FloatArray) -> "PoseErrors":
+        """The errors of T delta, T (n, 6, 6)."""
+        return replace(self, own=matrices @ self.own, local=matrices @ self.local, shared=matrices @ self.shared)
+
+    def __getitem__(self, index: IntArray) -> "PoseErrors":
+        return replace(self, own=self.own[index], local=self.local[index], place=self.place[index], shared=self.shared[index])
+
+    def drawn(self, rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+        """Draws of u or z, of any shape."""
+        return np.sqrt(12.0) * (rng.random(shape) - 0.5) if self.rounded else rng.standard_normal(shape)
+
+    def drawn_common(self, rng: np.random.Generator, trials: int) -> FloatArray:
+        """(trials, K) draws of s."""
+        common = rng.standard_normal((trials, self.shared.shape[2]))
+        uniform = np.flatnonzero(self.uniform)
+        common[:, uniform] = np.sqrt(12.0) * (rng.random((trials, len(uniform))) - 0.5)
+        return common
+
+    @property
+    def factors(self) -> FloatArray:
+        """(n, 6, L) factors of all that poses have in common, with a variable of unit variance (L,) for each column."""
+        if not self.local.any():
+            return self.shared
+        n, places = len(self), int(self.place.max()) + 1
+        of_places = np.zeros((n, 6, places, self.local.shape[2]))
+        of_places[np.arange(n), :, self.place] = self.local
+        return np.concatenate([of_places.reshape(n, 6, -1), self.shared], axis=2)
+
+    def drawn_factors(self, rng: np.random.Generator, trials: int) -> FloatArray:
+        """(trials, L) draws of the variables of `factors`."""
+        of_places = self.factors.shape[2] - self.shared.shape[2]
+        return np.hstack([self.drawn(rng, (trials, of_places)), self.drawn_common(rng, trials)])
+
+
+class ErrorModel(Protocol):
+    """Where errors of poses come from.
+
+    A model states correlation between samples by what they have in common: columns of `PoseErrors.shared`, drawn once for the run, or of
+    `local`, drawn once for a place. Any covariance (6 n, 6 n), such as that of errors that fade in time or of a smoother, can be stated:
+    the columns of its root are `shared`. `PoseErrors.covariance_of` gives what follows for a mean or another weighted sum.
+    """
+
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
+        """Errors of the tool origin at samples (n,) of the trajectory, and what they hold, in words."""
+        ...
+
+
+class ErrorsOfRun:
+    """Errors by the counts, the linked calibration and whatever else the run states: what `lmeasure.trajectory.covariances` gives.
+
+    constraint, repeatability_mm: as the trajectory was reconstructed with.
+    """
+
+    def __init__(self, run: Run | Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
+        self._run, self._constraint, self._repeatability_mm = run, constraint, repeatability_mm
+
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
+        """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
+        found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
+        errors = PoseErrors.of(
+            np.nan_to_num(found.own),
+            np.nan_to_num(found.factors),
+            rounded=True,
+            uniform=found.uniform,
+            counted=tuple(s in OF_COUNTERS for s in found.sources),
+        )
+        sources = finding("source.counts"), *(recognised(s) or s for s in dict.fromkeys(found.sources))
+        return errors, finding("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
+
+
+class ErrorsOfFile:
+    """Errors by the standard uncertainties of a trajectory file alone, which do not say how poses' errors are correlated.
+
+    together: the poses of a part, a pose's cycles or a path's crossings, have the whole error in common, else only what the file calls
+    systematic. Neither is always the worse, so that a figure takes the larger of both.
+    """
+
+    def __init__(self, together: bool) -> None:
+        self.together = together
+
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
+        """See `ErrorModel`."""
+        n = len(samples)
+        random, systematic = (np.nan_to_num(c[samples]) for c in (trajectory.random, trajectory.systematic))
+        shared = np.zeros((n, 6, 0))
+        own, local = (
+            (shared, symmetric_root(random + systematic)) if self.together else (symmetric_root(random), symmetric_root(systematic))
+        )
+        return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), finding("covers.file")
+
+
+def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:
+    """(n, 6, 6) matrices that take the error of the tool origin to that of a point offset_mm (3,) in the tool frame, at (n, 7) poses."""
+    return se3.at_points(se3.rotation(poses).apply(offset_mm))

@@ -1,0 +1,211 @@
+"""Sources of systematic error: what every sample of a run has in common, as errors of the lengths.
+
+A source is a few variables, each drawn once for the whole run, and what one standard deviation of each does to the lengths of the cables
+at a sample. Whatever can be said so is a source: `budget.Budget` takes a tuple of them, and the covariances, Monte Carlo and the
+certificate's draws follow.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, IntArray, TrajectoryError
+from lmeasure.kernels import TURN_COUNTS
+from lmeasure.rig import AngleEncoder, Cable, CalibrationRecord, Rig
+from lmeasure.sensors import phase_columns
+
+PHASE = "zero phase"
+ZERO = "zero"
+ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)
+"""Standard uncertainty [rad] of an angle that may be anywhere on the circle."""
+LOOSE_RAD = 0.1
+"""Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses."""
+NEAR_RAD = 3e-4
+"""To which a zero leaves poses near enough for first order: 0.5 mm at 1.5 m bend by 0.5^2 / (2 * 1500) mm, a hundredth of a count."""
+LIGHT_RAD = 2e-3
+"""As which a zero weighs that poses need, or its row is lost in the rounding of those of counts."""
+UNKNOWN_MM = 1000.0
+"""Standard uncertainty of a length against a guess that came from angles."""
+LENGTHS = "lengths of their own"
+
+
+@dataclass(frozen=True)
+class PassClock:
+    """Standard uncertainties of a pass's time against pass 1's: u_s [s], the same at all samples, and u_rate of the time [s] since about_s;
+    the two are independent."""
+
+    u_s: float = 0.0
+    u_rate: float = 0.0
+    about_s: float = 0.0
+
+    @property
+    def variables(self) -> int:
+        """How many variables its error is."""
+        return bool(self.u_s) + bool(self.u_rate)
+
+    def late_s(self, time_s: FloatArray) -> FloatArray:
+        """(n, variables) errors of the pass's time at times (n,) by one standard deviation of each variable."""
+        every = np.column_stack([np.full(len(time_s), self.u_s), self.u_rate * (time_s - self.about_s)])
+        return every[:, np.array([self.u_s, self.u_rate]) > 0.0]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What errors of lengths may depend on: times (n,), poses (n, 7), true counts (n, m), speeds of the cables (n, m) [mm/s], their
+    temperatures (n, m) [deg C], those of the start where None, and which way they travelled last (n, m), paying out where None."""
+
+    time_s: FloatArray
+    poses: FloatArray
+    counts: FloatArray
+    speed_mm_s: FloatArray
+    temperature_c: FloatArray | None = None
+    travel: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """One kind of error.
+
+    names (k,): of its variables, as `PoseCovariances.sources` has them; said: what they are in the words of `Budget.covers`. lengths:
+    errors of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the same at all samples. uniform:
+    whether the variables are uniform, of unit variance, or normal.
+    """
+
+    names: tuple[str, ...]
+    said: tuple[str, ...]
+    lengths: Callable[[Situation], FloatArray]
+    uniform: bool = False
+
+
+def zero_phase(rig: Rig) -> Source:
+    """Where within a count the counters were zeroed: recorded = round(k + phase), so that every decoded count of a zeroing is off by the
+    same phase, uniform within half a recorded count, and on top of it by its own rounding.
+
+    The lengths are those of the zero pose and what was counted since. So the phase stays in all of them, whether the zero pose was stated
+    or came from lengths (`[start] lengths_mm`): nothing takes it out.
+    """
+    shifts = phase_columns(rig, rig.observed)
+    return Source((PHASE,) * shifts.shape[1], (f"the {PHASE}",), lambda _: shifts, uniform=True)
+
+
+def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
+    """What was out, or how a swivel stood, where the counters were zeroed nobody knows where; absolute (m,) channels do not count from
+    there."""
+    u = [UNKNOWN_MM if isinstance(o, Cable) else ANYWHERE for o in rig.observed]
+    of = rig.zeroings(rig.observed)
+    relative = np.unique(of[~absolute])
+    columns = np.where((of[:, None] == relative) & ~absolute[:, None], np.array(u)[:, None], 0.0)
+    return Source(("unknown start",) * len(relative), ("an unknown start",) * bool(len(relative)), lambda _: columns)
+
+
+def unknown_zeros(rig: Rig, record: CalibrationRecord | None) -> Source:
+    """What an absolute encoder reads too little at every sample, by where its zero is: of the uncertainty that the rig states, or anywhere
+    where it states none, but for those that a calibration has solved."""
+    columns, names = zero_columns(rig, record)
+    return Source((ZERO,) * len(names), (f"the {ZERO}s of encoders",) * bool(names), lambda _: columns)
+
+
+def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray, list[str]]:
+    """(m, k) what one standard deviation of the zero of each encoder whose zero is uncertain makes of the readings, and their channels."""
+    solved = () if record is None else record.names
+    u = np.zeros(len(rig.observed))
+    for j, o in enumerate(rig.observed):
+        encoder = rig.counter(o)
+        if isinstance(encoder, AngleEncoder) and encoder.absolute and f"{o.channel}.zero_deg" not in solved:
+            u[j] = ANYWHERE if encoder.zero_deg is None else math.radians(encoder.u_zero_deg or 0.0)
+    # an encoder that is read in several passes has one zero
+    names = [o.channel for o in rig.observed]
+    shared = [name for name in dict.fromkeys(names) if any(u[j] for j in range(len(u)) if names[j] == name)]
+    return np.array([[u[j] * (names[j] == name) for name in shared] for j in range(len(u))]).reshape(len(u), len(shared)), shared
+
+
+def zeros_of(rig: Rig, record: CalibrationRecord | None) -> FloatArray:
+    """(m,) standard uncertainties [rad] of the zeros of the channels of a rig, 0 where there is none or a calibration solved it."""
+    return np.asarray(zero_columns(rig, record)[0].sum(axis=1))
+
+
+def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
+    """(m,) [rad^2] by which readings scatter more than their rounding until a run has told the zeros, of standard uncertainties (m,) [rad].
+
+    A reading that weighs by its rounding, but is off by its zero, leads the pose away from where the others have it, where what channels
+    say of each other is no longer of first order. So it weighs as it is known; where fewer than the free components (their number) of the
+    pose are told by others, all are taken for better known by one factor, for normal equations square what readings weigh.
+    """
+    u = np.where(zeros < NEAR_RAD, 0.0, zeros)
+    needed = needed_zero(u, free)
+    return np.asarray((u * min(1.0, LIGHT_RAD / max(needed, LIGHT_RAD))) ** 2)
+
+
+def needed_zero(zeros: FloatArray, free: int) -> float:
+    """Standard uncertainty [rad] of the zero that is known worst of as many channels as there are free components, those known best."""
+    return float(np.sort(zeros)[free - 1])
+
+
+def rough_columns(rig: Rig, record: CalibrationRecord | None) -> FloatArray:
+    """(m, k) of `zero_columns`, those of zeros that first order does not reach but poses may be found by, in their order."""
+    columns = zero_columns(rig, record)[0]
+    return columns[:, is_rough(columns)]
+
+
+def is_rough(columns: FloatArray) -> BoolArray:
+    """(K,) whether a zero of `zero_columns` is one of `rough_columns`."""
+    u = columns.max(axis=0, initial=0.0)
+    return np.asarray((u > NEAR_RAD) & (u <= LOOSE_RAD))
+
+
+def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArray:
+    """Channels (index) whose zeros are so uncertain that poses must be found without them; TrajectoryError where the others are fewer than
+    the free components (their number) of the pose."""
+    loose = np.flatnonzero(zeros_of(rig, record) > LOOSE_RAD)
+    if len(loose) and len(rig.observed) - len(loose) < free:
+        told = ", ".join(rig.observed[j].channel for j in loose)
+        raise TrajectoryError(f"the zero of {told} is not known, and the other channels do not tell the pose without it: state zero_deg")
+    return loose
+
+
+def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
+    """By which the lengths of a cable err on their own, as the residuals of the calibration showed it (`CalibrationRecord.u_length_mm`).
+
+    What stands behind it is not known: run-out, an eccentric pulley, friction. It is taken as a wave of a drum's turn, of unknown phase, so
+    that lengths a fraction of a turn apart err together and farther ones do not, less the error where the counter was zeroed.
+    """
+    known = {} if record is None else record.u_length_mm
+    u = np.array([known.get(c.name, 0.0) for c in rig.cable])
+    own, turn = np.flatnonzero(u), rig.cable_rows()[:, TURN_COUNTS]
+
+    def lengths(at: Situation) -> FloatArray:
+        out = np.zeros((*at.counts.shape, 3 * len(own)))
+        for column, j in enumerate(own):
+            angle = 2.0 * np.pi * at.counts[:, j] / turn[j]
+            out[:, j, 3 * column : 3 * column + 3] = u[j] * np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
+        return out
+
+    return Source((LENGTHS,) * (3 * len(own)), (LENGTHS,) * bool(len(own)), lengths)
+
+
+def drawn(sources: tuple[Source, ...], generator: np.random.Generator) -> FloatArray:
+    """(K,) a draw of the variables of these sources, one source after the other."""
+    every = [standard(generator, (len(s.names),), s.uniform) for s in sources]
+    return np.concatenate(every) if every else np.empty(0)
+
+
+def standard(generator: np.random.Generator, shape: tuple[int, ...], uniform: bool) -> FloatArray:
+    """Draws of unit variance, uniform or normal."""
+    return np.sqrt(12.0) * (generator.random(shape) - 0.5) if uniform else generator.standard_normal(shape)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a run told of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins last,
+    by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that had a
+    part in it; covariance (K, K) of all shared variables, C; aside (K - o,): means of the other variables, which are not applied."""
+
+    mean: FloatArray
+    mix: FloatArray
+    chi_squared: float
+    freedom: int
+    poses: FloatArray
+    covariance: FloatArray
+    aside: FloatArray

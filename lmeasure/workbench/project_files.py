@@ -1,0 +1,267 @@
+"""Pages of the things of a project: its files, a rig, a run's start, a certificate that is brought in."""
+
+import contextlib
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from lmeasure.core import LMeasureError
+from lmeasure.io import open_regular, read_toml, rewrite_toml
+from lmeasure.kernels import compilation
+from lmeasure.recording import read_run_head, start_from_text
+from lmeasure.workbench import guard, rig_form
+from lmeasure.workbench.answers import (
+    HERE,
+    Form,
+    as_file,
+    bench_of,
+    file_of,
+    language_of,
+    lost,
+    page,
+    posted,
+    unread,
+    uploads_of,
+    within,
+)
+from lmeasure.workbench.cards import card
+from lmeasure.workbench.project import OutsideError, inside
+from lmeasure.workbench.text import said
+from lmeasure.workbench.uploads import take_in
+
+LARGEST_TEXT = 200_000
+BELOW: tuple[tuple[str, str, Callable[[str], dict[str, str]]], ...] = (
+    ("drum", "drum", lambda file: {"measurements": file}),
+    ("placement", "place", lambda file: {"task": file}),
+)
+"""The command that takes a file of a kind, and how it is told of it."""
+
+
+def raw(request: Request) -> Response:
+    """A file of the project as it is."""
+    path = file_of(request)
+    return lost(request, "There is no such file in the project.") if path is None else as_file(path)
+
+
+def shown(request: Request) -> Response:
+    """A file of the project in a frame of a page, at the address that the page was given for it, outside its session's path."""
+    path = file_of(request) if not request.scope["at"] else None
+    return PlainTextResponse("lmeasure: there is no such file\n", 404) if path is None else as_file(path, shown=True)
+
+
+def look(request: Request) -> Response:
+    """A file, or folder, of the project in a page."""
+    bench = bench_of(request)
+    try:
+        path = inside(bench.folder, request.path_params["path"])
+    except OutsideError as error:
+        return lost(request, str(error))
+    here = path.relative_to(bench.folder.resolve()).as_posix()
+    if not path.exists():
+        return lost(request, "There is no such file in the project.")
+    values: dict[str, Any] = {
+        "path": here,
+        "raw": path.is_file(),
+        "frame": "",
+        "text": "",
+        "rows": [],
+        "recording": path.suffix == ".rrd",
+        "inside": [],
+        "uses": _uses(here, path),
+    }
+    if path.is_dir():
+        found = sorted(p for p in path.iterdir() if not p.name.startswith(".") and not p.is_symlink())
+        values["inside"] = [p.relative_to(bench.folder.resolve()).as_posix() for p in found]
+        pages = [p for p in found if p.suffix == ".html"]
+        values["frame"] = pages[0].relative_to(bench.folder.resolve()).as_posix() if pages else ""
+    elif path.suffix == ".html":
+        values["frame"] = here
+    elif path.suffix in (".toml", ".csv", ".json", ".log", ".txt", ".asc", ".trc", ".urdf", ".tum", ".md", ".pub", ".sha256"):
+        try:
+            with open_regular(path) as file:
+                values["text"] = file.read(LARGEST_TEXT).decode("utf-8", "replace")
+        except (LMeasureError, OSError) as error:
+            return unread(request, error)
+    return page(request, "look.html", **values)
+
+
+def _uses(here: str, path: Path) -> list[tuple[str, str]]:
+    """What may be done with a file."""
+    if (path / "run.toml").is_file():
+        return [(f"/run/reconstruct?{urlencode({'run': here})}", "Reconstruct the trajectory"), (f"/start/{here}", "Start pose")]
+    if (path / "certificate.json").is_file():
+        return [(f"/run/verify?{urlencode({'bundle': here})}", "Verify a certificate")]
+    if path.name == "rig.toml" or path.suffix == ".toml":
+        return [(f"/rig?{urlencode({'file': here})}", "Change its values")] if rig_form.kind_of(path) else []
+    if path.suffix in (".parquet", ".tum", ".mcap") or (path.suffix == ".csv" and _head(path).startswith("time_s,x_mm")):
+        return [(f"/trajectory/{here}", "Look at it over time")]
+    if path.suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
+        return [(f"/run/import?{urlencode({'logs': here})}", "Import logs")]
+    return []
+
+
+def _head(path: Path) -> str:
+    with contextlib.suppress(LMeasureError, OSError), open_regular(path) as file:
+        return file.readline(500).decode("utf-8", "replace")
+    return ""
+
+
+def everything(request: Request) -> Response:
+    """All files of the project."""
+    return _everything(request, "", "imported")
+
+
+def _everything(request: Request, error: str, into: str) -> Response:
+    return page(request, "files.html", 422 if error else 200, project=bench_of(request).project, error=error, into=into)
+
+
+async def upload(request: Request) -> Response:
+    """Files come in: all of them, or none."""
+    bench = bench_of(request)
+    async with uploads_of(request, most=200) as (form, uploads):
+        into = form.get("folder", [""])[-1] or "."
+        try:
+            target = await run_in_threadpool(inside, bench.folder, into)
+            taken = await run_in_threadpool(take_in, target, uploads)
+        except (LMeasureError, OSError) as error:
+            return await run_in_threadpool(_everything, request, within(bench.folder, error), into)
+    if form.get("then", [""])[-1] == "import":
+        logs = [path.relative_to(bench.folder).as_posix() for path in taken]
+        return RedirectResponse(f"/run/import?{urlencode({'logs': logs}, doseq=True)}", 303)
+    return RedirectResponse("/files", 303)
+
+
+def rig(request: Request, form: Form) -> Response:
+    """The rig as a form; posted, it is saved, or all complaints are shown with what was typed."""
+    bench = bench_of(request)
+    project = bench.project
+    complaints: list[str] = []
+    typed: dict[str, str] = {}
+    rigs = project.of("rig")
+    others = (*project.of("drums"), *project.of("placement"))
+    file = request.query_params.get("file", rigs[0] if rigs else "")
+    if request.method == "POST":
+        typed = {key: values[-1] for key, values in form.items()}
+        file = typed.get("_file", "")
+    begin = card("init", project, page="rig")
+    values: dict[str, Any] = {
+        "title": "Rig",
+        "lead": "Every dimension of the instrument, in plain files.",
+        "rigs": (*rigs, *others),
+        "file": "",
+    }
+    values |= {"cards": [begin], "made": [], "saved": request.query_params.get("saved") == "1", "complaints": complaints}
+    if file:
+        try:
+            path = inside(bench.folder, file)
+            kind = rig_form.kind_of(path)
+            if not kind:
+                raise OutsideError(f"{file}: is no rig of the project")
+            if request.method == "POST":
+                complaints += rig_form.save(path, typed)
+                if not complaints:
+                    return RedirectResponse(f"/rig?{urlencode({'file': file, 'saved': 1})}", 303)
+            document, digest = rig_form.read(path)
+        except (LMeasureError, OSError, RecursionError) as error:
+            return unread(request, error)
+        shown = [
+            (name, [leaf._replace(value=typed.get(leaf.key, leaf.value)) for leaf in leaves]) for name, leaves in rig_form.parts(document)
+        ]
+        values["faults"] = [] if request.method == "POST" else rig_form.faults(path, document)
+        values |= {"file": file, "parts": shown, "digest": digest, "links": "calibration" in document}
+        below = [card(command, project, page="rig", told=told(file)) for of, command, told in BELOW if of == kind]
+        values |= {"drawing": _drawing(language_of(request)), "kind": kind, "cards": below}
+    return page(request, "rig.html", 422 if complaints else 200, **values)
+
+
+def _drawing(language: str) -> str:
+    """The picture of one cable in a language; its style is in the page's own, which alone may set one."""
+    picture = re.sub(r"<style>.*?</style>", "", (HERE / "static" / "cable.svg").read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.sub(r">([^<>]+)</text>", lambda found: f">{said(language, found[1])}</text>", picture)
+
+
+def rig_scene(request: Request) -> Response:
+    """Points and cables of a rig, for the picture in space; that its file is no whole rig is an answer too: {error}."""
+    try:
+        path = inside(bench_of(request).folder, request.query_params.get("file", ""))
+    except (LMeasureError, OSError) as error:
+        return JSONResponse({"error": str(error)}, 422)
+    try:
+        return JSONResponse(rig_form.scene(path))
+    except (LMeasureError, OSError, RecursionError) as error:
+        return JSONResponse({"error": str(error)})
+
+
+async def coarse(request: Request) -> Response:
+    """How good the rig would be with its points where they are dragged to: posted {file, points: {name: [x, y, z]}, limit_deg}. That a rig
+    has no zone, as two cables have none, is an answer too: {error}."""
+    bench = bench_of(request)
+    try:
+        content = await request.json()
+        path = inside(bench.folder, str(content["file"]))
+        points = {str(name): tuple(float(v) for v in at) for name, at in content["points"].items()}
+        limit = float(content.get("limit_deg", 60.0))
+    except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        return JSONResponse({"error": str(error) if isinstance(error, LMeasureError) else "wanted: {file, points, limit_deg}"}, 422)
+    try:
+        return JSONResponse(await run_in_threadpool(rig_form.coarse, path, points, limit))
+    except (LMeasureError, OSError) as error:
+        return JSONResponse({"error": str(error)})
+    except (ValueError, TypeError, RecursionError):
+        return JSONResponse({"error": "wanted: {file, points, limit_deg}"}, 422)
+
+
+async def compiled(request: Request) -> Response:
+    """Which kernel this server compiles just now, and for how long [s]: why the first coarse zone on a machine takes so long."""
+    now = compilation.now()
+    return JSONResponse({} if now is None else {"name": now[0], "seconds": now[1]})
+
+
+def start(request: Request, form: Form) -> Response:
+    """Where the counters of a run were zeroed: shown, and stated."""
+    bench, error = bench_of(request), ""
+    try:
+        folder = inside(bench.folder, request.path_params["path"])
+        table = folder / "run.toml"
+        if not table.is_file():
+            raise OutsideError(f"{request.path_params['path']}: is no run folder of the project")
+        head = read_run_head(folder)
+    except (LMeasureError, OSError) as failed:
+        return unread(request, failed)
+    here = folder.relative_to(bench.folder.resolve()).as_posix()
+    if request.method == "POST":
+        text = form.get("start", [""])[-1]
+        try:
+            if not re.fullmatch(r"[\s\d.,;eE+\-]+", text):
+                raise OutsideError("wanted: six or seven numbers with commas between them")
+            stated = start_from_text(text.replace(";", ","), head.rig)
+            document = read_toml(table)
+            pose = {"position_mm": stated[:3].tolist(), "quaternion_xyzw": stated[3:].tolist()}
+            rewrite_toml(table, document.holding({**document, "start": {**document.get("start", {}), **pose}}))
+            return RedirectResponse(f"/look/{here}", 303)
+        except (LMeasureError, OSError) as failed:
+            error = str(failed)
+    return page(request, "start.html", 422 if error else 200, run=here, head=head, error=error)
+
+
+def routes() -> Sequence[Route]:
+    """Of these pages."""
+    return [
+        Route("/rig", posted(rig), methods=["GET", "POST"]),
+        Route("/scene", rig_scene),
+        Route("/coarse", coarse, methods=["POST"]),
+        Route("/compiling", compiled),
+        Route("/start/{path:path}", posted(start), methods=["GET", "POST"]),
+        Route("/files", everything),
+        Route("/upload", upload, methods=["POST"]),
+        Route("/raw/{path:path}", raw),
+        Route(guard.SHOWN + "{key}/{path:path}", shown),
+        Route("/look/{path:path}", look),
+    ]

@@ -1,0 +1,242 @@
+"""The commands of certificates as a user meets them: what they print, exit codes, nothing half-written."""
+
+import re
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from campaigns import write_campaign
+from typer.testing import CliRunner
+
+from lmeasure.cli.app import app, main
+from lmeasure.core import LMeasureError
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("commands")
+    write_campaign(folder)
+    return folder
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    """Exit code and what was printed; an LMeasureError is what `main` turns into its one line and 1."""
+    done = CliRunner().invoke(app, [str(a) for a in arguments])
+    if isinstance(done.exception, LMeasureError):
+        return 1, str(done.exception)
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    return done.exit_code, done.output
+
+
+def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
+    given = (campaign / "trajectory.parquet", "--run", campaign / "run", "--program", campaign / "program.toml")
+    key, out = tmp_path / "k.pem", tmp_path / "c"
+    assert run("key", "--out", key)[0] == 0
+    code, text = run("certify", *given, "--out", out, "--key", key, "--zip", "--dcc", "--language", "ru", "--rule", "guarded")
+    assert code == 0, text
+    assert text.startswith("Протокол испытаний LM-")
+    assert "\nхарактеристик 52: пригодно " in text
+    assert len(text.splitlines()) < 20
+    for target in (out, tmp_path / "c.zip"):
+        code, text = run("verify", target, "--public-key", f"{key}.pub")
+        assert code == 0, text
+        assert "the same to the digit" in text
+    assert run("certify", *given, "--out", tmp_path / "d", "--tool-offset-mm", "0,0,1", "--capability", "0.1")[0] == 0
+    code, text = run("compare", out, tmp_path / "d" / "certificate.json", "--out", tmp_path / "compared.json")
+    assert code == 0, text
+    assert "certified with other settings" in text
+    assert (tmp_path / "compared.json").exists()
+    with (out / "report.html").open("ab") as page:
+        page.write(b"x")
+    with (tmp_path / "c.zip").open("ab") as packed:
+        packed.write(b"x")
+    code, text = run("verify", out)
+    assert code == 1
+    assert text.splitlines()[1].startswith("report.html: was changed")
+    code, text = run("verify", tmp_path / "c.zip")
+    assert code == 1
+    assert "c.zip: was changed" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "told"),
+    [
+        (("--language", "de"), 2, "not one of en, ru"),
+        (("--rule", "strict"), 2, "'strict' is not one of simple, guarded"),
+        (("--xsd", "x.xsd"), 2, "goes with --dcc"),
+        (("--constraint", "planar"), 2, "goes with --run"),
+        (("--repeatability-mm", "0.1"), 2, "goes with --run"),
+        (("--angles", "euler"), 2, "not one of puma-oat"),
+        (("--tool-offset-mm", "1,2"), 2, "three numbers"),
+        (("--tool-offset-mm", "nan,0,0"), 2, "three numbers"),
+        (("--tool-offset-mm", "1e300,0,0"), 1, "at most 1e+06 mm"),
+        (("--seed", "-1"), 2, "--seed"),
+        (("--limit-deg", "-5"), 2, "--limit-deg"),
+        (("--limit-deg", "nan"), 2, "--limit-deg"),
+        (("--limit-deg", "0"), 1, "limit_angle_deg = 0: must be more than 0"),
+        (("--limit-u95-mm", "-1"), 2, "--limit-u95-mm"),
+        (("--still-mm", "nan"), 2, "--still-mm"),
+        (("--details", "none.toml"), 1, "none.toml"),
+        (("--key", "none.pem"), 1, "none.pem"),
+        (("--dcc", "--xsd", "none.xsd"), 1, "none.xsd"),
+        (("--run", "none"), 1, "none"),
+    ],
+)
+def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, options: tuple[str, ...], code: int, told: str) -> None:
+    got, text = run("certify", campaign / "trajectory.parquet", "--program", campaign / "program.toml", "--out", tmp_path / "c", *options)
+    assert got == code, text
+    assert told in " ".join(text.replace("│", " ").split())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "told"),
+    [
+        ('[[tolerance]]\ncharacteristic = "AP_q"\nupper = 1.0\n', "tolerance of AP_q: no characteristic is held against it"),
+        ('[[tolerance]]\ncharacteristic = "AP_p"\npath = "line"\nupper = 1.0\n', "tolerance of AP_p at line: no characteristic"),
+        (
+            '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 1.0\n[[tolerance]]\ncharacteristic = "AP_p"\npose = "P2"\nupper = 2.0\n',
+            "tolerance of AP_p at P2: no characteristic is held against it: none has that name there, or a tolerance before it takes all",
+        ),
+    ],
+)
+def test_a_tolerance_that_decides_nothing_is_refused(campaign: Path, tmp_path: Path, tolerances: str, told: str) -> None:
+    program = tmp_path / "program.toml"
+    program.write_text((campaign / "program.toml").read_text() + tolerances)
+    code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--out", tmp_path / "c")
+    assert code == 1
+    assert told in text
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_path_of_which_a_part_was_not_seen_is_not_certified(campaign: Path, tmp_path: Path) -> None:
+    from lmeasure.iso9283 import evaluate
+    from lmeasure.recording import read_program
+    from lmeasure.trajectory import read_trajectory
+
+    table = pq.read_table(campaign / "trajectory.parquet")
+    program = read_program(campaign / "program.toml")
+    begin, end = program.path[0].windows_s[2]
+    time = table["time_s"].to_numpy()
+    seen = (time < begin + 0.4 * (end - begin)) | (time > begin + 0.6 * (end - begin))
+    holed = tmp_path / "holed.parquet"
+    pq.write_table(table.filter(pa.array(seen)), holed)
+    code, text = run("certify", holed, "--program", campaign / "program.toml", "--trials", "100", "--out", tmp_path / "c")
+    assert code == 1
+    assert re.fullmatch(
+        r"path line, cycle 3: there are no samples from [\d.]+ to [\d.]+ s, on [\d.]+ mm of the way: "
+        "what the robot did there was not measured; measure again, or state windows_s of the poses and of this path's other cycles",
+        text,
+    )
+    assert list(tmp_path.iterdir()) == [holed]
+    # what was sealed before is computed again as it was
+    assert evaluate(read_trajectory(holed), program).characteristics
+
+
+def test_what_is_no_calibration_beside_one_is_named(tmp_path: Path) -> None:
+    (tmp_path / "calibrated").mkdir()
+    (tmp_path / "calibrated" / "calibration.json").write_text("{}")
+    code, text = run("compare", tmp_path / "calibrated", "nowhere")
+    assert code == 2
+    assert "nowhere: holds no calibration.json; of calibrations two are compared" in " ".join(text.replace("│", " ").split())
+
+
+def test_the_load_that_a_compliance_test_needs_is_asked_for_by_its_option(tmp_path: Path) -> None:
+    box = ("--x", "0:100", "--y", "0:100", "--z", "0:100")
+    code, text = run("program", *box, "--tests", "compliance", "--out", tmp_path / "p")
+    assert code == 1
+    assert text.startswith("the compliance test needs a load (--loads, loads_kg)")
+    assert not (tmp_path / "p").exists()
+
+
+def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> None:
+    program = tmp_path / "program.toml"
+    program.write_text((campaign / "program.toml").read_text() + '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 0.01\n')
+    code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--full", "--out", tmp_path / "c")
+    assert code == 0, text
+    # each pose, and the worst again in the headline
+    assert sum("capable; does not conform (< 0.1 %); ≤ 0.01" in line for line in text.splitlines()) == 4
+
+
+def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(_: Path, **__: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lmeasure.certificate.signature.new_key", interrupted)
+    monkeypatch.setattr("sys.argv", ["lmeasure", "key", "--out", str(tmp_path / "k.pem")])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 130
+    assert capsys.readouterr().err == "lmeasure: interrupted; nothing was left half-written\n"
+
+
+def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    box = ("--x", "0:100", "--y", "0:100", "--z", "0:100", "--tests", "pose", "--out", tmp_path)
+    assert run("program", *box, "--cycles", "pose=2")[0] == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert set(before) == {"program.toml", "commands.csv", "robodk.csv"}
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("lmeasure.iso9283.program.command_files.write_robodk", full)
+    code, text = run("program", *box, "--cycles", "pose=3", "--force")
+    assert code == 1
+    assert "robodk.csv: cannot be written: No space left on device" in text
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--quaternion", "0,0,0,2"), "quaternion 0, 0, 0, 2: is not of length 1"),
+        (("--quaternion", "0,0,nan,1"), "is not of length 1"),
+        (("--angles", "euler"), "angles: 'euler' is not one of puma-oat"),
+        (("--x", "0:1e9", "--y", "0:1e9", "--z", "0:1e9"), "a cube of 1e+09 mm"),
+        (("--x", "nan:1"), "no volume"),
+        (("--loads", "5,5"), "a load is given twice: 5.0, 5.0"),
+        (("--speeds", "50,50"), "a speed is given twice"),
+        (("--tests", "pose,pose"), "a test is given twice"),
+        (("--cycles", "pose=100000000"), "10000 at most"),
+        (("--tests", "drift", "--drift-hours", "1e9"), "too long: 100 h at most"),
+    ],
+)
+def test_a_program_that_cannot_be_is_one_line(options: tuple[str, ...], told: str, tmp_path: Path) -> None:
+    code, text = run("program", "--x", "0:100", "--y", "0:100", "--z", "0:100", "--out", tmp_path / "p", *options)
+    assert code == 1
+    assert told in text
+    assert not (tmp_path / "p").exists()
+
+
+def test_a_name_cannot_turn_a_message_around() -> None:
+    assert str(LMeasureError("pose a\u202eb\u2066:\nx")) == "pose a\\u{202E}b\\u{2066}: x"
+
+
+def test_what_is_no_certificate_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file.zip").write_text("x")
+    (tmp_path / "empty").mkdir()
+    for arguments in (
+        ("verify", tmp_path / "none"),
+        ("verify", tmp_path / "file.zip"),
+        ("compare", tmp_path / "empty", tmp_path / "empty"),
+    ):
+        code, text = run(*arguments)
+        assert code == 1
+        assert "\n" not in text.strip()
+    assert run("verify", tmp_path / "empty")[0] == 1
+
+
+def test_a_trajectory_by_another_rig_than_the_runs_is_told_which_option_names_it(campaign: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    stated = (campaign / "run" / "rig.toml").read_text(encoding="utf-8")
+    rig.write_text(re.sub(r"pulley_radius_mm = \d+", "pulley_radius_mm = 31", stated), encoding="utf-8")
+    assert run("reconstruct", campaign / "run", "--rig", rig, "--out", tmp_path / "t.parquet")[0] == 0
+    given = ("certify", tmp_path / "t.parquet", "--run", campaign / "run", "--program", campaign / "program.toml", "--trials", "200")
+    code, text = run(*given, "--out", tmp_path / "c")
+    assert code == 1
+    assert "is not what the run's counts give" in text
+    assert text.endswith("if it was reconstructed with another rig than the run's own, --rig names it")
+    assert not (tmp_path / "c").exists()
+    code, text = run(*given, "--rig", rig, "--out", tmp_path / "c")
+    assert code == 0, text

@@ -1,0 +1,21 @@
+"""Frames of a log file, as rows."""
+
+from pathlib import Path
+
+from log_corpus import Row, rows
+
+from lmeasure.acquisition import read_frames
+from lmeasure.acquisition.bus.frames import messages_from_frames
+from lmeasure.acquisition.logs.report import LogReport
+
+ERROR_COLUMN = 4
+BUS_ERROR = 0x80
+
+
+def read_rows(path: Path) -> tuple[list[Row], LogReport]:
+    frames, report = read_frames(path)
+    found = rows(messages_from_frames(frames))
+    # python-can drops channel, class and data of candump's bus errors; the scan keeps them
+    error = (0, True, False, True, False, False, False, True, 0, b"", "0")
+    candump = path.suffix == ".log"
+    return [(r[0], *error) if candump and r[ERROR_COLUMN] and r[1] & BUS_ERROR else r for r in found], report

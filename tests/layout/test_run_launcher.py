@@ -1,0 +1,236 @@
+"""run.py, the launcher: what it decides, that an interrupted set-up heals, and (slow) a real installation in a copy of the project."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NONE: frozenset[str] = frozenset()
+TEST = frozenset({"test"})
+EVERYWHERE = ["-n", str(min((os.cpu_count() or 1) + 1, 8)), "--dist", "worksteal"]
+
+
+@pytest.fixture
+def launcher(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """run.py as a module of a project in a folder of its own, without uv."""
+    spec = importlib.util.spec_from_file_location("run_launcher", ROOT / "run.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    (tmp_path / "pyproject.toml").write_text("[project]\nname = 'lmeasure'\n")
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
+    monkeypatch.setattr(module.shutil, "which", lambda name: None)
+    return module
+
+
+class Machine:
+    """Stands in for the operating system: keeps the commands, and an environment that works once it was installed into."""
+
+    def __init__(self, module: ModuleType, fail_at: str = "") -> None:
+        self.module, self.fail_at = module, fail_at
+        self.commands: list[list[str]] = []
+
+    def call(self, command: list[str], **options: Any) -> int:
+        self.commands.append(command)
+        if self.fail_at and self.fail_at in command:
+            return 1
+        if "venv" in command:
+            Path(command[-1]).mkdir()
+        if "install" in command:
+            (self.module.VENV / "installed").touch()
+        return 0
+
+    def works(self) -> bool:
+        return (self.module.VENV / "installed").exists()
+
+    @property
+    def steps(self) -> list[str]:
+        return ["venv" if "venv" in c else "install" for c in self.commands]
+
+
+@pytest.fixture
+def machine(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Machine:
+    it = Machine(launcher)
+    monkeypatch.setattr(launcher.subprocess, "call", it.call)
+    monkeypatch.setattr(launcher, "works", it.works)
+    return it
+
+
+@pytest.mark.parametrize(
+    ("arguments", "extras", "command"),
+    [
+        ([], NONE, ["lmeasure", "demo"]),
+        (["test"], TEST, ["pytest", *EVERYWHERE]),
+        (["test", "-k", "wrap"], TEST, ["pytest", *EVERYWHERE, "-k", "wrap"]),
+        (["test", "pyproject.toml"], TEST, ["pytest", "pyproject.toml"]),
+        (["test", "-x", "pyproject.toml::test_a", "--pdb"], TEST, ["pytest", "-x", "pyproject.toml::test_a", "--pdb"]),
+        (["calibrate", "folder", "--out", "test"], NONE, ["lmeasure", "calibrate", "folder", "--out", "test"]),
+        (["--help"], NONE, ["lmeasure", "--help"]),
+        (["workbench", "cell"], frozenset({"workbench"}), ["lmeasure", "workbench", "cell"]),
+    ],
+)
+def test_arguments(launcher: ModuleType, arguments: list[str], extras: frozenset[str], command: list[str]) -> None:
+    assert launcher.plan(arguments) == (extras, command)
+
+
+@pytest.mark.parametrize(("windows", "path"), [(False, "bin/python"), (True, "Scripts/python.exe")])
+def test_programs_of_the_environment(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch, windows: bool, path: str) -> None:
+    monkeypatch.setattr(launcher, "WINDOWS", windows)
+    assert launcher.script("python") == launcher.VENV / path
+
+
+def test_stamp_comes_back_and_anything_else_is_no_stamp(launcher: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "stamp.json"
+    assert launcher.read_stamp(path) == {}
+    launcher.write_stamp(path, launcher.identity(), TEST)
+    assert launcher.read_stamp(path) == {**launcher.identity(), "extras": ["test"]}
+    for text in ("", "{", "[]", "{}", '{"extras": 1}'):
+        path.write_text(text)
+        assert launcher.read_stamp(path) == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "extras", "left"),
+    [
+        ({}, NONE, "nothing"),
+        ({}, TEST, "install"),
+        ({"pyproject": "other"}, NONE, "install"),
+        ({"python": "3.99.0"}, NONE, "rebuild"),
+        ({"folder": "/elsewhere"}, NONE, "rebuild"),
+    ],
+)
+def test_what_is_left_to_do(launcher: ModuleType, change: dict[str, str], extras: frozenset[str], left: str) -> None:
+    made_from = launcher.identity()
+    assert launcher.todo({**made_from, "extras": []}, {**made_from, **change}, extras) == left
+    assert launcher.todo({}, made_from, extras) == "rebuild"
+
+
+def test_second_call_does_nothing(launcher: ModuleType, machine: Machine) -> None:
+    launcher.set_up(NONE)
+    assert machine.steps == ["venv", "install"]
+    launcher.set_up(NONE)
+    assert machine.steps == ["venv", "install"]
+
+
+def test_extras_are_added_and_kept(launcher: ModuleType, machine: Machine) -> None:
+    launcher.set_up(NONE)
+    launcher.set_up(TEST)
+    assert machine.steps == ["venv", "install", "install"]
+    assert machine.commands[-1][-1] == f"{launcher.ROOT}[test]"
+    launcher.set_up(NONE)
+    launcher.set_up(TEST)
+    assert len(machine.commands) == 3
+    (launcher.ROOT / "pyproject.toml").write_text("[project]\nname = 'lmeasure'\nversion = '2'\n")
+    launcher.set_up(NONE)
+    assert machine.commands[-1][-1] == f"{launcher.ROOT}[test]"
+
+
+@pytest.mark.parametrize("fail_at", ["venv", "install"])
+def test_interrupted_set_up_is_begun_again(launcher: ModuleType, machine: Machine, fail_at: str) -> None:
+    machine.fail_at = fail_at
+    with pytest.raises(launcher.SetUpError, match="exit 1"):
+        launcher.set_up(NONE)
+    assert not (launcher.VENV / "lmeasure-set-up.json").exists()
+    machine.fail_at = ""
+    machine.commands.clear()
+    launcher.set_up(NONE)
+    assert machine.steps == ["venv", "install"]
+
+
+def test_update_that_fails_leaves_no_stamp(launcher: ModuleType, machine: Machine) -> None:
+    launcher.set_up(NONE)
+    machine.fail_at = "install"
+    with pytest.raises(launcher.SetUpError):
+        launcher.set_up(TEST)
+    assert not (launcher.VENV / "lmeasure-set-up.json").exists()
+
+
+def replace_by_a_file(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.touch()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda venv: (venv / "installed").unlink(),
+        shutil.rmtree,
+        replace_by_a_file,
+        lambda venv: (venv / "lmeasure-set-up.json").write_text("{"),
+    ],
+)
+def test_broken_environment_is_rebuilt(launcher: ModuleType, machine: Machine, damage: Callable[[Path], object]) -> None:
+    launcher.set_up(NONE)
+    damage(launcher.VENV)
+    launcher.set_up(NONE)
+    assert machine.steps == ["venv", "install"] * 2
+    assert machine.works()
+
+
+def test_uv_is_used_when_there(launcher: ModuleType, machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launcher.shutil, "which", {"uv": "/opt/uv"}.get)
+    launcher.set_up(TEST)
+    environment, installation = machine.commands
+    assert "--without-pip" in environment
+    assert installation[:4] == ["/opt/uv", "pip", "install", "--python"]
+    assert installation[-2:] == ["--editable", f"{launcher.ROOT}[test]"]
+
+
+def test_environment_without_a_python_does_not_work(launcher: ModuleType) -> None:
+    assert not launcher.works()
+    launcher.script("python").parent.mkdir(parents=True)
+    launcher.script("python").touch()
+    assert not launcher.works()
+
+
+def test_failure_is_one_line(launcher: ModuleType, machine: Machine) -> None:
+    machine.fail_at = "install"
+    with pytest.raises(SystemExit, match=r"^run\.py: the installation failed \(exit 1\)[^\n]*$"):
+        launcher.main([])
+    (launcher.ROOT / "pyproject.toml").unlink()
+    with pytest.raises(SystemExit, match=r"^run\.py: [^\n]*pyproject\.toml: No such file or directory$"):
+        launcher.main([])
+
+
+def test_an_older_python_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "version_info", (3, 10, 13, "final", 0))
+    with pytest.raises(SystemExit, match=r"^run\.py: lmeasure needs Python 3\.11 or newer; this is Python 3\.10 [^\n]*$"):
+        exec((ROOT / "run.py").read_text(encoding="utf-8"), {"__name__": "old"})
+
+
+@pytest.mark.slow
+def test_fresh_copy_installs_runs_and_repeats(tmp_path: Path) -> None:
+    """A real installation, with the registry that pip is set to; then a repeat that installs nothing."""
+    project = tmp_path / "project"
+    ignored = shutil.ignore_patterns(".*", "*.egg-info", "tests", "__pycache__")
+    shutil.copytree(ROOT, project, ignore=ignored)
+    environment = {k: v for k, v in os.environ.items() if k != "VIRTUAL_ENV"}
+
+    def run_py() -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "run.py", "--version"]
+        return subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=True)
+
+    first, second = run_py(), run_py()
+    assert first.stdout == second.stdout
+    assert first.stdout.startswith("lmeasure ")
+    assert "installing lmeasure" in first.stderr
+    assert second.stderr == ""
+
+
+def test_a_step_that_takes_long_says_that_it_goes_on(
+    launcher: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (launcher.VENV / "lib" / "python3.11" / "site-packages" / "numpy-2.0.dist-info").mkdir(parents=True)
+    monkeypatch.setattr(launcher, "SAY_S", 0.05)
+    launcher.call([sys.executable, "-c", "import time; time.sleep(0.5)"], "the installation")
+    assert "run.py: the installation goes on: 0 s, 1 packages are there" in capfd.readouterr().err

@@ -1,0 +1,251 @@
+"""What is said of a singular pose and around it, each held against a second statement of it: differences, minors, work of force screws."""
+
+import numpy as np
+import pytest
+
+from lmeasure.core import FloatArray, se3
+from lmeasure.linkages import singularity
+from lmeasure.linkages.singularity import Neighbourhood
+
+UNIT = np.repeat([150.0, 1.0], 3)  # a turn counted at a rim of 150 mm, a shift
+
+
+def mechanism(seed: int, *, pairs_on_a_line: int = 0, shift: float = 0.0) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points of base and body (6, 3) and a pose (7,) at random; of so many pairs of links both lie on a line, but for a shift [mm]."""
+    rng = np.random.default_rng(seed)
+    base, body = rng.normal(size=(6, 3)) * 500.0, rng.normal(size=(6, 3)) * 150.0
+    pose = se3.displaced(np.array([70.0, -40.0, 400.0, 0.0, 0.0, 0.0, 1.0]), rng.normal(size=6) * np.repeat([0.5, 100.0], 3))
+    for i in range(0, 2 * pairs_on_a_line, 2):
+        body[i + 1] = body[i]
+        base[i + 1] = base[i] + 0.4 * (se3.apply(pose, body[i]) - base[i]) + shift * rng.normal(size=3)
+    return base, body, pose
+
+
+def second_differences(base: FloatArray, body: FloatArray, pose: FloatArray, ways: FloatArray) -> FloatArray:
+    """(k, k) second derivatives of the determinant along displacements (k, 6)."""
+
+    def det(d: FloatArray) -> float:
+        return float(singularity.determinants(base, body, se3.displaced(pose, d)))
+
+    out = np.empty((len(ways), len(ways)))
+    for i, a in enumerate(ways):
+        for j, b in enumerate(ways):
+            out[i, j] = (det(a + b) - det(a - b) - det(b - a) + det(-a - b)) / 4.0
+    return out
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_cofactors_of_many_matrices_are_signed_minors(singular: bool) -> None:
+    M = np.random.default_rng(4).normal(size=(3, 5, 5))
+    if singular:
+        M[:, 4] = M[:, 0] - 2.0 * M[:, 2]
+        M[1] *= -1.0  # the other sign of the determinants of both its factors
+    found = singularity.cofactors(M)
+    for one, C in zip(M, found, strict=True):
+        minors = [[(-1.0) ** (i + j) * np.linalg.det(np.delete(np.delete(one, i, 0), j, 1)) for j in range(5)] for i in range(5)]
+        np.testing.assert_allclose(C, minors, atol=1e-12)
+
+
+def test_the_rim_is_the_farthest_point_from_the_middle_and_never_nothing() -> None:
+    assert singularity.rim_mm(np.array([(7.0, 2.0, 3.0), (1.0, 2.0, 3.0), (4.0, 2.0, 3.0), (4.0, 6.0, 3.0)])) == pytest.approx(
+        np.hypot(3.0, 1.0)
+    )
+    assert singularity.rim_mm(np.full((6, 3), 5.0)) == 1e-3
+
+
+def test_links_hold_as_well_as_the_singular_values_of_their_rows_say() -> None:
+    base, body, pose = mechanism(5)
+    held = singularity.hold(base, body, pose)
+    M, _, points = singularity.link_rows(base, body, pose)
+    arms = points - points.mean(axis=0)
+    rows = np.hstack([M[:, :3], np.cross(arms, M[:, :3]) / np.linalg.norm(arms, axis=1).max()])
+    assert held.rank == 6
+    assert held.condition == pytest.approx(np.linalg.norm(rows, 2) * np.linalg.norm(np.linalg.inv(rows), 2))
+    assert held.mm_per_mm == pytest.approx(np.linalg.norm(np.linalg.inv(rows), 2))
+    lost = singularity.hold(*mechanism(5, pairs_on_a_line=1))
+    assert (lost.rank, lost.condition, lost.mm_per_mm) == (5, np.inf, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("bend", "size_mm", "expected"),
+    [
+        ((0.0, 0.9e-8, 0.0, -0.5e-8, 0.0), 100.0, "plane"),
+        ((0.0, 0.2e-8, 0.0, -1.1e-8, 0.0), 100.0, "surface"),
+        ((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 100.0, "higher order"),
+        ((0.2, 0.3, 1.1e-6, 0.4, 0.5, 1.0), 100.0, "point"),
+        ((-0.2, -0.3, -1.1e-6, -0.4, -0.5, -1.0), 100.0, "point"),
+        ((0.2, 0.3, 0.9e-6, 0.4, 0.5, 1.0), 100.0, "cone"),
+        ((0.2, 0.3, -1.1e-6, 0.4, 0.5, 1.0), 100.0, "cone"),
+    ],
+)
+def test_what_singular_poses_are_is_told_by_their_curvatures(bend: tuple[float, ...], size_mm: float, expected: str) -> None:
+    """A curvature under a millionth of one over the size is none, one under a millionth of the largest has no sign."""
+    assert Neighbourhood(np.zeros(6), np.zeros((len(bend), 6)), np.array(bend), size_mm).topology == expected
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_second_rates_are_second_differences_of_the_determinant(seed: int) -> None:
+    base, body, pose = mechanism(seed)
+    steps = 0.45 / UNIT * np.eye(6)
+    found = singularity.second_rates(base, body, pose) * np.outer(steps.sum(axis=0), steps.sum(axis=0))
+    np.testing.assert_allclose(found, second_differences(base, body, pose, steps), atol=1e-3 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("size_mm", [None, 260.0])
+def test_around_a_singular_pose_its_surface_bends_as_is_told(size_mm: float | None) -> None:
+    base, body, pose = mechanism(3, pairs_on_a_line=1)
+    found = singularity.neighbourhood(base, body, pose, size_mm)
+    size = singularity.rim_mm(body) if size_mm is None else size_mm
+    assert found.size_mm == size
+    assert found.twists.shape == (5, 6)
+    np.testing.assert_allclose(found.gradient, singularity.gradients(base, body, pose))
+    # about the body's origin, turns counted at the size: what a mm along the gradient does, and across it
+    across = found.twists @ se3.at_points(pose[:3]).T
+    np.testing.assert_allclose((across * np.repeat([size, 1.0], 3)) @ (across * np.repeat([size, 1.0], 3)).T, np.eye(5), atol=1e-9)
+    unit = np.repeat([1.0 / size, 1.0], 3) * np.eye(6)
+    steep = np.linalg.norm([found.gradient @ se3.at_points(-pose[:3]) @ way for way in unit])
+    step = 2e-3 * size
+    bent = second_differences(base, body, pose, step * across) / step**2
+    np.testing.assert_allclose(bent, -steep * np.diag(found.bend), atol=1e-3 * steep * np.abs(found.bend).max())
+    assert found.topology == "surface"
+
+
+@pytest.mark.parametrize("size_mm", [None, 260.0])
+def test_where_the_gradient_vanishes_the_determinant_bends_as_is_told(size_mm: float | None) -> None:
+    base, body, pose = mechanism(8, pairs_on_a_line=2)
+    found = singularity.neighbourhood(base, body, pose, size_mm)
+    size = singularity.rim_mm(body) if size_mm is None else size_mm
+    along = found.twists @ se3.at_points(pose[:3]).T
+    np.testing.assert_allclose((along * np.repeat([size, 1.0], 3)) @ (along * np.repeat([size, 1.0], 3)).T, np.eye(6), atol=1e-9)
+    step, unit = 2e-3 * size, np.diag(np.repeat([1.0 / size, 1.0], 3))
+    scale = np.abs(second_differences(base, body, pose, step * unit)).max()
+    bent = second_differences(base, body, pose, step * along)
+    np.testing.assert_allclose(bent / scale, np.diag(found.bend), atol=2e-3)
+    assert found.topology == "cone"
+
+
+def test_curvature_that_may_be_rounding_is_none() -> None:
+    """A third pair beside a line makes the curvature as small as it is near: to a millionth of the rim's cube it is told."""
+    rim = singularity.rim_mm(mechanism(8, pairs_on_a_line=3)[1])
+
+    def curved(shift: float) -> float:
+        base, body, pose = mechanism(8, pairs_on_a_line=3)
+        base[5] += shift * np.array([0.3, -0.5, 0.8])
+        unit = np.repeat([1.0 / size, 1.0], 3)
+        return float(np.abs(singularity.second_rates(base, body, pose) * np.outer(unit, unit)).max()) * size**2
+
+    size = 1.7 * rim
+    for part, told in ((0.75, False), (1.35, True)):
+        base, body, pose = mechanism(8, pairs_on_a_line=3)
+        base[5] += part * 1e-6 * rim**3 / curved(1.0) * np.array([0.3, -0.5, 0.8])
+        found = singularity.neighbourhood(base, body, pose, size)
+        assert found.twists.shape == (6, 6)
+        assert found.bend.any() == told
+        assert found.bend.shape == (6,)
+
+
+def lost_twist(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatArray:
+    """(omega; v) of size one turn, that no link sees."""
+    M = singularity.link_rows(base, body, pose)[0]
+    null = np.linalg.svd(M)[2][5]
+    return np.asarray(np.r_[null[3:], null[:3]] / np.linalg.norm(null[3:]))
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_an_extra_drive_works_on_its_own_pair_alone(stated: bool) -> None:
+    base, body, pose = mechanism(3, pairs_on_a_line=1)
+    M, _, points = singularity.link_rows(base, body, pose)
+    rng = np.random.default_rng(6)
+    axes = np.linalg.qr(rng.normal(size=(6, 3, 3)))[0][:, :2] if stated else None
+    drives = singularity.extra_drives(base, body, pose, axes)
+    lost = lost_twist(base, body, pose)
+    side = np.sign(drives[0].wrench @ np.r_[lost[3:], lost[:3]] / drives[0].rate / work(drives[0], base, points))
+    spare = np.linalg.svd(M)[0][:, 5]
+    assert {d.link for d in drives} == set(range(6))
+    for d in drives:
+        normal = [d2.axis for d2 in drives if d2.link == d.link and d2.pair == "base"]
+        if not stated:
+            np.testing.assert_allclose([a @ M[d.link, :3] for a in normal], 0.0, atol=1e-12)
+        assert np.linalg.norm(d.axis) == pytest.approx(1.0)
+        # the work of the force screw on the lost twist is that on the pair
+        assert d.wrench @ np.r_[lost[3:], lost[:3]] == pytest.approx(side * d.rate * work(d, base, points), rel=1e-6, abs=1e-9)
+        assert np.linalg.norm(d.wrench[:3]) == pytest.approx(1.0)
+        # and none is done on the slide, nor on the pairs that turn about the same place
+        assert d.wrench[:3] @ M[d.link, :3] == pytest.approx(0.0, abs=1e-9)
+        others = np.eye(3) if d.pair == "base" else (axes[d.link] if axes is not None else np.array(normal))
+        at = points[d.link] if d.pair == "base" else base[d.link]
+        for axis in others:
+            assert d.wrench @ np.r_[np.cross(at, axis), axis] == pytest.approx(0.0, abs=1e-6)
+        assert abs(spare[d.spared]) == pytest.approx(np.abs(spare).max())
+        M2 = M.copy()
+        M2[d.spared] = d.wrench
+        assert d.determinant == pytest.approx(np.linalg.det(M2), rel=1e-9)
+    sizes = [abs(d.determinant) for d in drives]
+    assert sizes == sorted(sizes, reverse=True)
+
+
+def test_a_joint_that_turns_a_link_about_itself_carries_no_drive() -> None:
+    """Nor do the others of its chain, for its turn is one of those at the body."""
+    base, body, pose = mechanism(3, pairs_on_a_line=1)
+    e = singularity.link_rows(base, body, pose)[0][:, :3]
+    axes = np.linalg.qr(np.random.default_rng(6).normal(size=(6, 3, 3)))[0][:, :2]
+    axes[4, 1] = e[4]
+    assert {d.link for d in singularity.extra_drives(base, body, pose, axes)} == {0, 1, 2, 3, 5}
+
+
+def work(d: singularity.Drive, base: FloatArray, points: FloatArray) -> float:
+    """Of a drive's force screw on a unit turn of its pair."""
+    at = base[d.link] if d.pair == "base" else points[d.link]
+    return float(d.wrench @ np.r_[np.cross(at, d.axis), d.axis])
+
+
+def test_a_lost_shift_is_counted_in_millimetres() -> None:
+    """All links across x: the body slides along it, and a joint at the end of a link turns by the shift over the link's length."""
+    rng = np.random.default_rng(2)
+    body = rng.normal(size=(6, 3)) * 150.0
+    base = body + rng.normal(size=(6, 3)) * 400.0 * [0.0, 1.0, 1.0]
+    here = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    M, lengths, _ = singularity.link_rows(base, body, here)
+    across = np.cross(M[:, :3], [1.0, 0.0, 0.0])
+    axes = np.stack([across, np.tile([1.0, 0.0, 0.0], (6, 1))], axis=1)
+    drives = singularity.extra_drives(base, body, here, axes)
+    assert {(d.link, d.pair) for d in drives if d.pair == "base"} == {(i, "base") for i in range(6)}
+    for d in drives:
+        if d.pair == "base":
+            np.testing.assert_allclose(np.abs(d.axis), np.abs(across[d.link]), atol=1e-12)
+            assert abs(d.rate) == pytest.approx(1.0 / lengths[d.link], rel=1e-9)
+
+
+@pytest.mark.parametrize(("off", "told"), [(0.9e-9, True), (1.1e-9, False)])
+def test_a_twist_is_lost_below_a_thousand_millionth_of_the_rows(off: float, told: bool) -> None:
+    """However large the rig is, and only where there is one twist alone."""
+
+    def values(shift: float, pairs: int) -> FloatArray:
+        return np.asarray(np.linalg.svd(singularity.link_rows(*mechanism(3, pairs_on_a_line=pairs, shift=shift))[0], compute_uv=False))
+
+    for pairs, at, drives in ((1, 5, told), (2, 4, not told)):
+        part = values(1e-3, pairs)
+        base, body, pose = mechanism(3, pairs_on_a_line=pairs, shift=1e-3 * off * part[0] / part[at])
+        if pairs == 2:
+            # the other pair is on its line altogether
+            base[3] = base[2] + 0.4 * (se3.apply(pose, body[2]) - base[2])
+            s = np.linalg.svd(singularity.link_rows(base, body, pose)[0], compute_uv=False)
+            base[1] += (off * s[0] / s[4] - 1.0) * (base[1] - base[0] - 0.4 * (se3.apply(pose, body[0]) - base[0]))
+        s = np.linalg.svd(singularity.link_rows(base, body, pose)[0], compute_uv=False)
+        assert s[at] / s[0] == pytest.approx(off, rel=0.05)
+        assert bool(singularity.extra_drives(base, body, pose)) == drives
+
+
+def test_pressure_angles_of_links_beside_a_dependence_are_of_the_least_motion() -> None:
+    base, body, pose = mechanism(3, pairs_on_a_line=1)
+    M, _, points = singularity.link_rows(base, body, pose)
+    lost = singularity.dependent(base, body, pose)
+    np.testing.assert_array_equal(lost, [0, 1])
+    found = singularity.link_pressure_angles(base, body, pose)
+    np.testing.assert_array_equal(found[lost], np.pi / 2.0)
+    middle, rim = points.mean(axis=0), singularity.rim_mm(body)
+    for i in range(2, 6):
+        rows = np.hstack([np.cross(points - middle, M[:, :3]) / rim, M[:, :3]])
+        least = np.linalg.lstsq(rows, np.eye(6)[i], rcond=1e-9)[0]
+        v = least[3:] + np.cross(least[:3] / rim, points[i] - middle)
+        assert np.cos(found[i]) == pytest.approx(1.0 / max(1.0, float(np.linalg.norm(v))), rel=1e-6)
