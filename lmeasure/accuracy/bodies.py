@@ -12,8 +12,6 @@ from lmeasure.core import FloatArray
 from lmeasure.io import Strict, checked, files
 from lmeasure.kernels import BODY_COLUMNS, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, BODY_START, BODY_WAY
 
-SCHEMA = "lmeasure.bodies/1"
-
 
 def _length(value: float) -> float:
     if not abs(value) <= 1e6:

@@ -43,29 +43,6 @@ def radii_95(covariances: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(e1) * np.polynomial.polynomial.polyval2d(3.0 * (x * y + y * z + z * x), 27.0 * x * y * z, coefficients))
 
 
-def fit_radius_95() -> FloatArray:
-    """(6, 6) coefficients of a^i b^j of `kernels.gaussian.RADIUS_95`: minimax by iteratively reweighted least squares on a grid of
-    eigenvalue ratios denser towards the needle and the disc."""
-    grid = np.linspace(0.0, 1.0, 25) ** 1.5
-    ratios = np.array([(1.0, a, b) for a in grid for b in grid if b <= a])
-    trace = ratios.sum(axis=1)
-    target = np.array([exact_radius_95(row) for row in ratios]) / np.sqrt(trace)
-    a = 3 * (ratios[:, 0] * ratios[:, 1] + ratios[:, 1] * ratios[:, 2] + ratios[:, 0] * ratios[:, 2]) / trace**2
-    b = 27 * ratios.prod(axis=1) / trace**3
-    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    design = np.column_stack([a**i * b**j for i, j in powers]) / target[:, None]
-    weight = np.ones(len(target))
-    solution = np.zeros(len(powers))
-    for _ in range(400):
-        solution = np.linalg.lstsq(design * weight[:, None], weight, rcond=None)[0]
-        error = np.abs(design @ solution - 1.0)
-        weight *= (0.3 + error / error.max()) ** 0.3
-    out = np.zeros((DEGREE + 1, DEGREE + 1))
-    for (i, j), value in zip(powers, solution, strict=True):
-        out[i, j] = value
-    return out
-
-
 def stated_radii_95(covariances: FloatArray) -> FloatArray:
     """(n,) `radii_95`; NaN where nothing is stated: no covariance, or a zero one, which no measurement has."""
     out = np.full(len(covariances), np.nan)

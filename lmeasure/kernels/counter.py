@@ -27,24 +27,18 @@ def shortest(step: float, full: float) -> float:
 
 
 @kernel
-def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float) -> tuple[FloatArray, IntArray]:
-    """Continuous counts (n,) and what each sample is (n,), from recorded counts (n,) with NaN for empty cells.
+def resume_counting(
+    recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
+) -> tuple[FloatArray, IntArray]:
+    """Return continuous counts (n,) and what each sample is (n,), from recorded counts (n,) with NaN for empty cells.
 
     max_rate [1/s] bounds the motion, full is the number of values of the counter, 0 when it does not wrap. The first count is taken as a
     signed one. A step that the motion cannot have made is a jump (JUMPED), and the counter's origin is lost with it: it WENT_ON, until it
     jumps, within RETURN_S, back to where the last good sample could have come. Its counts go on too, for who can prove them right. After
     a pause in which it could have gone round a counter is UNSURE for good. A value that no counter of that size shows is FOREIGN
     and nothing else. Continuous counts are the recorded ones plus whole turns, exactly.
-    """
-    return resume_counting(recorded, time_s, max_rate, full, np.zeros(STATE), 0.0)
 
-
-@kernel
-def resume_counting(
-    recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
-) -> tuple[FloatArray, IntArray]:
-    """`follow` for the next piece of a recording; state (STATE,), zeros at its beginning, is moved on in place.
-
+    state (STATE,), zeros at the beginning of a recording, is changed in place, for the next piece of it.
     least_s: taken for the time between samples whose stamps are closer: a host that was busy stamps at once what came one by one. Where the
     state has a rate that the motion makes believe (`BELIEVED_AT`), only pauses, longer than PAUSE times least_s, make a counter unsure, and
     by that rate.

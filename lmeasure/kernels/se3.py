@@ -8,7 +8,7 @@ none cancels for tiny angles: (1 - cos t)/t^2 = 2 sin^2(t/2)/t^2, and the last o
 
 import math
 
-from lmeasure.kernels.decorators import inline, kernel
+from lmeasure.kernels.decorators import inline
 from lmeasure.kernels.vector import Quat, Vec3, add, cross, dot, norm, scale
 
 
@@ -74,16 +74,3 @@ def log_translation(omega: Vec3, p: Vec3) -> Vec3:
         )
     first = cross(omega, p)
     return add(p, add(scale(-0.5, first), scale(k, cross(omega, first))))
-
-
-@kernel
-def exp_screw(omega: Vec3, v: Vec3) -> tuple[Vec3, Quat]:
-    """(translation, quaternion) of the finite displacement of the twist (omega; v) about the reference point."""
-    return exp_translation(omega, v), exp_rotation(omega)
-
-
-@kernel
-def log_screw(translation: Vec3, quaternion: Quat) -> tuple[Vec3, Vec3]:
-    """The twist (omega; v) with |omega| <= pi whose exponential is the given displacement."""
-    omega = log_rotation(quaternion)
-    return omega, log_translation(omega, translation)

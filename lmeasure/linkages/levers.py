@@ -80,10 +80,3 @@ class Rods:
             out[i, i] = m / q * (1.0 - rod / a)
             out[i, own] = -rod / (2.0 * q) * (1.0 - (m**2 - across**2) / a**2)
         return out
-
-    def far_ends(self, platform: FloatArray) -> FloatArray:
-        """(k, 3) places of the rods' other ends C when the platform's points are at (k, 3), all in the base frame (4.13)."""
-        through = self.base[[self.rods[p][1] for p in range(len(platform))]]
-        away = through - platform
-        rods = np.array([self.rods[p][0] for p in range(len(platform))])
-        return platform + away / np.linalg.norm(away, axis=1, keepdims=True) * rods[:, None]

@@ -171,7 +171,7 @@ def unwrap(
     absolute encoder has instead, 0 .. codes - 1, whose counts are whole turns off at most, wherever it was meanwhile.
 
     recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second; stated: by somebody who knows, else what the
-    counter may have gone unseen is taken from the motion itself (`RateEvidence`). See `kernels.counter.follow`; a state is that of
+    counter may have gone unseen is taken from the motion itself (`RateEvidence`). See `kernels.counter.resume_counting`; a state is that of
     `kernels.counter.resume`, and then nothing is inferred: a piece does not show the whole counter.
     """
     inferred = None

@@ -17,7 +17,6 @@ from lmeasure.report.text import with_indices, word
 TEMPLATE = Path(__file__).with_name("certificate.typ")
 _NO_GLYPH = re.compile(r'the text `"(.*?)"` could not be displayed')
 _ESCAPE = re.compile(r"\\u\{([0-9a-fA-F]+)\}|\\(.)")
-Indexed = list[tuple[str, str]]
 
 
 def certificate_pdf(certificate: dict[str, Any], measured: Measured) -> bytes:

@@ -1,6 +1,5 @@
 """What every workflow has in common: progress and its end, what it gives, and the rule for what it may write."""
 
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -8,7 +7,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Concatenate, Generic, ParamSpec, TypeVar, cast
 
-from lmeasure.core import CancelledError, LMeasureError
+from lmeasure.core import LMeasureError
 from lmeasure.io import abandoned
 from lmeasure.text import plain
 from lmeasure.workflows.outputs import writing
@@ -34,22 +33,6 @@ def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
         progress(done / of if of else 0.0, text)
 
     return step
-
-
-class Cancellable:
-    """Progress that ends the work at its next step once another thread, a page or a handler of a signal, has called `cancel`."""
-
-    def __init__(self, progress: Progress = silent) -> None:
-        self.progress, self._asked = progress, threading.Event()
-
-    def cancel(self) -> None:
-        """End the work at its next step."""
-        self._asked.set()
-
-    def __call__(self, fraction: float, text: str) -> None:
-        if self._asked.is_set():
-            raise CancelledError
-        self.progress(fraction, text)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from scipy.stats import chi2, norm
 from zone_oracle import sphere_radius
 
 from lmeasure.accuracy import exact_radius_95
-from lmeasure.accuracy.radius import fit_radius_95
-from lmeasure.kernels import RADIUS_95, radius_95
+from lmeasure.kernels import radius_95
 
 RELATIVE = 5e-5
 
@@ -41,9 +40,3 @@ def test_exact_radius_agrees_with_draws() -> None:
     random = np.random.default_rng(4)
     for variances in ((1.0, 0.3, 0.02), (1.0, 0.9, 0.5)):
         assert exact_radius_95(np.array(variances)) == pytest.approx(sphere_radius(np.diag(variances), random), rel=5e-3)
-
-
-def test_coefficients_are_those_the_fit_gives() -> None:
-    fitted = fit_radius_95()
-    for i, row in enumerate(RADIUS_95):
-        np.testing.assert_allclose(fitted[i, : len(row)], row, rtol=0, atol=1e-4)

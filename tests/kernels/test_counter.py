@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lmeasure.core import FloatArray, IntArray
 from lmeasure.kernels import (
     BELIEVED_AT,
     EMPTY,
@@ -20,7 +21,13 @@ from lmeasure.kernels import (
     resume_counting,
     runs_on,
 )
-from lmeasure.kernels.counter import RETURN_S, follow, shortest
+from lmeasure.kernels.counter import RETURN_S, shortest
+
+
+def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float) -> tuple[FloatArray, IntArray]:
+    """Return what a whole recording is, in one piece."""
+    found: tuple[FloatArray, IntArray] = resume_counting(recorded, time_s, max_rate, full, np.zeros(STATE), 0.0)
+    return found
 
 
 def nearest(step: float, full: int) -> float:

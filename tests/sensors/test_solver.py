@@ -1,19 +1,15 @@
 """The reference solver: poses from any channels, what they err by, and when there is none."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-import scipy.optimize
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigs import COUNT_MM, HOME, FloatArray, cables, distance, inclination, path, poses, swivel
+from rigs import HOME, FloatArray, cables, distance, inclination, path, poses, swivel
 
 from lmeasure.core import Status, se3
 from lmeasure.sensors import Observation, follow, pressure_angles, shared_errors, twists, variances
 from lmeasure.sensors.channel import predictions, rows, values
 from lmeasure.sensors.continuation import _near, _side, _until_lost
-from lmeasure.sensors.joint import solve_jointly, with_values
 from lmeasure.sensors.solver import ALL, lengths, solve_poses
 
 EXACT_MM = 1e-9
@@ -212,31 +208,6 @@ def test_behind_a_singular_pose_nothing_is_guessed() -> None:
     assert error_of(again.poses[there], truth[there]).max() < 1e-6
 
 
-def test_a_gap_says_nothing_of_what_all_samples_share() -> None:
-    """Phases of eight drums, begun from one pose for all: as without the samples of which too little is read."""
-    channels = cables(3, 8)
-    readings = predictions(channels, path(40)) + 0.004 * np.random.default_rng(0).uniform(-1.0, 1.0, 8)
-    names = [f"c{i}.zero_mm" for i in range(8)]
-    kept = np.delete(readings, [10, 25], axis=0)
-    readings[10], readings[25, :3] = np.nan, np.nan
-    found, without = (solve_jointly(channels, some, HOME, names) for some in (readings, kept))
-    np.testing.assert_allclose(found.covariance, without.covariance, rtol=1e-9)
-    np.testing.assert_allclose(np.delete(found.poses.poses, [10, 25], axis=0), without.poses.poses, atol=1e-9)
-    assert np.flatnonzero(found.poses.status).tolist() == [10, 25]
-    assert (np.sqrt(np.diag(found.covariance)) < COUNT_MM / np.sqrt(12.0)).all()
-
-
-def test_what_readings_tell_nothing_of_stays_as_it_was_known() -> None:
-    """Six cables have six numbers for six degrees of freedom: each zero keeps its value and its uncertainty, whatever they are."""
-    names = [f"c{i}.zero_mm" for i in range(6)]
-    known = {name: 3.0 * i - 7.0 for i, name in enumerate(names)}
-    channels = [with_values(c, known) for c in cables(5)]
-    found = solve_jointly(channels, predictions(channels, poses(1, 4, reach_mm=60.0, turn_rad=0.05)), HOME, names)
-    values_found = {q.name: q.value for c in found.channels for q in c.parameters if q.name in known}
-    assert values_found == pytest.approx(known, abs=1e-6)
-    np.testing.assert_allclose(found.covariance, COUNT_MM**2 / 12.0 * np.eye(6), atol=1e-9)
-
-
 def test_a_sample_that_is_far_is_gone_to_alone() -> None:
     """By parts, from the pose before; those behind it are begun where it ends."""
     channels = cables(7)
@@ -247,38 +218,6 @@ def test_a_sample_that_is_far_is_gone_to_alone() -> None:
     assert found.status[0] == Status.OK
     assert error_of(found.poses, there[None]).max() < EXACT_MM
     assert len(_near(channels, readings, there[None], ALL).status) == 3
-
-
-def test_poses_and_what_all_readings_share_are_one_least_squares() -> None:
-    """Of eight cables zeroed nobody knows quite where, with readings missing: by SciPy over poses and zeros together."""
-    channels, truth, g = cables(6, 8), poses(3, 5, reach_mm=100.0, turn_rad=0.08), np.random.default_rng(4)
-    names = [f"c{i}.zero_mm" for i in range(8)]
-    wide = [
-        replace(c, parameters=(*c.parameters[:-1], replace(c.parameters[-1], value=0.5, prior_u=0.4 + 0.1 * i)))
-        for i, c in enumerate(channels)
-    ]
-    off = g.normal(size=8)
-    loud = [with_values(c, {name: float(v)}) for c, name, v in zip(wide, names, off, strict=True)]
-    readings = predictions(loud, truth) + 0.003 * g.normal(size=(5, 8))
-    readings[2, 5], readings[4, 0] = np.nan, np.nan
-    u, spread = np.array([c.parameters[-1].prior_u for c in wide]), np.sqrt(variances(channels))
-    scale = np.tile(np.repeat([1e-3, 1.0], 3), 5)
-
-    def off_by(x: FloatArray) -> FloatArray:
-        now = [with_values(c, {name: float(v)}) for c, name, v in zip(wide, names, x[:8], strict=True)]
-        there = se3.displaced(truth, (x[8:] * scale).reshape(5, 6))
-        away = (readings - predictions(now, there)) / spread
-        return np.concatenate([away[np.isfinite(away)], (x[:8] - 0.5) / u])
-
-    best = scipy.optimize.least_squares(
-        off_by, np.r_[np.full(8, 0.5), np.zeros(30)], jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15
-    )
-    found = solve_jointly(wide, readings, truth, names)
-    np.testing.assert_allclose([c.parameters[-1].value for c in found.channels], best.x[:8], atol=1e-4)
-    covariance = np.linalg.inv(best.jac.T @ best.jac)[:8, :8]
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-3, atol=1e-7)
-    there = se3.displaced(truth, (best.x[8:] * scale).reshape(5, 6))
-    np.testing.assert_allclose(se3.displacement(found.poses.poses, there) / scale[:6], 0.0, atol=1e-3)
 
 
 class Plain:

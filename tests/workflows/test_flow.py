@@ -15,7 +15,6 @@ from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig, write_campaign
 from lmeasure.simulation.instrument import simulate_campaign
 from lmeasure.workflows import load
-from lmeasure.workflows.flow import Cancellable
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
@@ -87,16 +86,6 @@ def test_what_is_not_its_own_is_not_written_over_by_scripts_either(cell: Path, t
     with pytest.raises(OverwriteError):
         load("plan-poses").run(asked("plan-poses", cell, tmp_path))
     assert [p.name for p in tmp_path.iterdir()] == ["poses.csv"]
-
-
-def test_another_thread_may_end_the_work() -> None:
-    told: list[str] = []
-    progress = Cancellable(lambda fraction, text: told.append(text))
-    progress(0.0, "begun")
-    progress.cancel()
-    with pytest.raises(CancelledError):
-        progress(0.5, "goes on")
-    assert told == ["begun"]
 
 
 def test_a_command_that_is_ended_is_as_by_ctrl_c(

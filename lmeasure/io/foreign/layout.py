@@ -79,11 +79,6 @@ def _first_cell(line: str) -> str:
     return re.split(r"[,;\t]", line)[0].strip().strip('"')
 
 
-def is_of_nexus_markers(text: str) -> bool:
-    """Whether the beginning of a file is an export of markers alone by Nexus."""
-    return _first_cell(text) == "Trajectories"
-
-
 def _of_table(path: Path, lines: list[str]) -> Layout:
     head = _header(path, lines)
     separator = _separator(lines[head])

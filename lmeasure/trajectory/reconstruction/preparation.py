@@ -36,8 +36,6 @@ UNTOLD = "origin.untold"
 """Of a channel whose new origin the run does not tell."""
 HARDLY = 0.5
 """Of what was supposed of an origin before the run: what is known no better was not told by it."""
-OF_CONTRADICTIONS = frozenset({*IN_TIME.values(), *RESTORED, UNTOLD, "channel.left_out", "channels.contradict"})
-"""Codes of what is said of a run whose channels contradict each other."""
 OF_NOBODY = frozenset({*(IN_TIME[code] for code in IN_TIME if code.startswith("contradiction")), "rig.uncalibrated", "passes.not_repeated"})
 LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
 SLIPS = 8

@@ -110,21 +110,18 @@ def test_rates_are_differences(seed: int) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS)
-def test_accelerations_of_carriages_are_second_differences(seed: int) -> None:
+def test_speeds_of_carriages_are_differences(seed: int) -> None:
     mechanism, pose, s = placed(seed)
     rng = np.random.default_rng([seed, 2])
-    rates, second = rng.normal(size=(2, 3)) * [50.0, 50.0, 0.3]
+    rates = rng.normal(size=3) * [50.0, 50.0, 0.3]
     gain = np.abs(np.diag(mechanism.jacobians(pose, s).drives)) / mechanism.rods
     if gain.min() < 0.5:  # near a dead point no difference is good
         return
     h = 3e-4
-    times = np.array([-h, 0.0, h])
-    poses = pose + rates * times[:, None] + 0.5 * second * times[:, None] ** 2
+    poses = pose + rates * np.array([[-h], [0.0], [h]])
     roots = carriages(mechanism.ends(poses) - mechanism.a, mechanism.along, mechanism.rods)
     near = np.take_along_axis(roots, np.argmin(np.abs(roots - s[:, None]), axis=-1)[..., None], axis=-1)[..., 0]
-    first, last = (near[2] - near[0]) / (2.0 * h), (near[2] - 2.0 * near[1] + near[0]) / h**2
-    np.testing.assert_allclose(mechanism.jacobians(pose, s).drive_rates(rates), first, rtol=1e-4, atol=1e-2)
-    np.testing.assert_allclose(mechanism.carriage_accelerations(pose, s, rates, second), last, rtol=1e-3, atol=1.0)
+    np.testing.assert_allclose(mechanism.jacobians(pose, s).drive_rates(rates), (near[2] - near[0]) / (2.0 * h), rtol=1e-4, atol=1e-2)
 
 
 def test_singular_poses_are_of_the_types_that_geometry_says() -> None:

@@ -84,21 +84,6 @@ class CarriagePlatform:
         drives = -np.einsum("...i,...i->...", w, np.broadcast_to(self.along, w.shape))
         return Jacobians(output, drives[..., None] * np.eye(len(self.rods)))
 
-    def carriage_accelerations(self, poses: FloatArray, s: FloatArray, rates: FloatArray, second: FloatArray) -> FloatArray:
-        """(..., n) second derivatives of the carriages at poses (..., 3) with first and second derivatives rates, second (..., 3).
-
-        Of w . w = l^2 twice: w . w'' + |w'|^2 = 0 with w = D - A - s u. Infinite or NaN at a dead point.
-        """
-        w, arm = self._rods_at(poses, s), _turned(poses[..., 2], self.hinges)
-        turn, turn2 = rates[..., None, 2:], second[..., None, 2:]
-        d1 = rates[..., None, :2] + turn * _quarter(arm)
-        d2 = second[..., None, :2] + turn2 * _quarter(arm) - turn**2 * arm
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gain = 1.0 / np.einsum("...i,...i->...", w, np.broadcast_to(self.along, w.shape))
-            s1 = np.einsum("...i,...i->...", w, d1) * gain
-            w1 = d1 - s1[..., None] * self.along
-            return np.asarray((np.einsum("...i,...i->...", w, d2) + np.einsum("...i,...i->...", w1, w1)) * gain)
-
     def assemblies(self, s: FloatArray) -> FloatArray:
         """(k, 3) all poses of a platform on three chains whose carriages stand at s (3,): at most six, sorted by phi; k may be 0.
 

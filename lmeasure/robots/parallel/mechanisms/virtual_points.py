@@ -30,11 +30,6 @@ def side_and_part(radius: float, pair: float) -> tuple[float, float]:
     return 2.0 * radius * rest + 4.0 * radius * half, half / (2.0 * half + rest)
 
 
-def hinges(corners: FloatArray, part: float) -> FloatArray:
-    """(..., 6, 3) upper hinges of triangles (..., 3, 3)."""
-    return np.stack([corners[..., i, :] + part * (corners[..., j, :] - corners[..., i, :]) for i, j in _HINGES], axis=-2)
-
-
 def pose(corners: FloatArray) -> FloatArray:
     """(..., 7) base_from_platform of triangles (..., 3, 3): the origin in their centre, x towards W1, z across the plane."""
     centre = corners.mean(axis=-2)
