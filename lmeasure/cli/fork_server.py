@@ -28,7 +28,7 @@ from lmeasure.workbench import ONE, READY
 
 LEFT_OUT = ("lmeasure.view", "lmeasure.workbench", "lmeasure.__main__")
 """rerun begins threads; a command serves no pages."""
-BESIDE = ("babel.messages.pofile", "can.interfaces.udp_multicast", "dask.array", "h5netcdf", "rich.progress", "tomlkit")
+BESIDE = ("can.interfaces.udp_multicast", "dask.array", "h5netcdf", "rich.progress", "tomlkit")
 """What commands load where they need it, beside lmeasure's own modules; some of it may not be installed."""
 
 

@@ -1,5 +1,6 @@
 """Texts by key in the languages that people read: gettext catalogues of this package, `locale/LANGUAGE/DOMAIN.po`."""
 
+import json
 import os
 import re
 import string
@@ -31,12 +32,34 @@ def of_terminal(environment: Mapping[str, str] | None = None) -> str:
 
 @cache
 def texts(domain: str, language: str) -> Mapping[str, str]:
-    """All texts of a domain by their keys, in the order of the catalogue."""
-    # takes a tenth of a second to import
-    from babel.messages.pofile import read_po
+    """Return all texts of a domain by their keys, in the order of the catalogue."""
+    return read_catalogue(LOCALE / language / f"{domain}.po")
 
-    with (LOCALE / language / f"{domain}.po").open("rb") as file:
-        return {str(message.id): str(message.string) for message in read_po(file, abort_invalid=True) if message.id}
+
+_LINE = re.compile(r'(?:(msgid|msgstr) )?(".*")|#.*|\s*')
+
+
+def read_catalogue(path: Path) -> dict[str, str]:
+    """Return the texts of a .po file by their keys: the part of the format that these catalogues use, without contexts and plurals.
+
+    The standard library reads only compiled catalogues, which would have to be built for every checkout. Raises ValueError with file and
+    line for anything else.
+    """
+    entries: list[list[str]] = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").split("\n"), 1):
+        found, parts = _LINE.fullmatch(line), len(entries[-1]) if entries else 0
+        if found is None or (found[2] and not {"msgid": parts != 1, "msgstr": parts == 1, None: parts > 0}[found[1]]):
+            raise ValueError(f"{path}:{number}: no key, text or comment of a catalogue: {line!r}")
+        if not found[2]:
+            continue
+        text = json.loads(found[2])
+        if found[1] == "msgid":
+            entries.append([text])
+        elif found[1]:
+            entries[-1].append(text)
+        else:
+            entries[-1][-1] += text
+    return {key: text for key, text in entries if key}
 
 
 def plain(text: str) -> str:
