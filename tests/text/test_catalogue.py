@@ -11,10 +11,8 @@ HEAD = 'msgid ""\nmsgstr ""\n"Language: ru\\n"\n\n'
 
 def test_texts_in_pieces_with_comments_and_escapes(tmp_path: Path) -> None:
     path = tmp_path / "some.po"
-    path.write_text(
-        "# by hand\n" + HEAD + '#, python-format\nmsgid "a \\"b\\""\nmsgstr ""\n"один\\n"\n"два \\\\ три"\n\nmsgid "c"\nmsgstr "г"\n',
-        encoding="utf-8",
-    )
+    first = '#, python-format\nmsgid "a \\"b\\""\nmsgstr ""\n"один\\n"\n"два \\\\ три"\n'
+    path.write_text("# by hand\n" + HEAD + first + '\nmsgid "c"\nmsgstr "г"\n', encoding="utf-8")
     assert list(read_catalogue(path).items()) == [('a "b"', "один\nдва \\ три"), ("c", "г")]
 
 
