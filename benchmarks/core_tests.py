@@ -29,7 +29,7 @@ _STRAIGHT = ["tests/linkages/test_straight.py", "-k", "not forty and not monodro
 _LIMITS = ["tests/linkages/test_limits_in_closed_form.py", "tests/linkages/test_workspace.py"]
 _KINDS = "cable channel continuation distance inclination rig_channels solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
-_EVALUATED = "angles attainment capability evaluation exclusions figure fitted_frame instants"
+_EVALUATED = "angles attainment capability evaluation figure fitted_frame instants"
 _CAMPAIGNS = [
     "tests/calibration/test_laws_of_residuals.py",
     "tests/calibration/test_laws_of_covariance.py",
@@ -108,8 +108,7 @@ CORE = {
     "trajectory/faults/stuck_channels.py": ["tests/trajectory/test_standing.py", *_COUNTERS],
     "trajectory/faults/suspicion.py": ["tests/trajectory/test_doubts.py", *_COUNTERS],
     "trajectory/faults/redundancy.py": ["tests/trajectory/test_redundancy.py", *_COUNTERS],
-    "trajectory/faults/suspect_intervals.py": ["tests/trajectory/test_spans.py"],
-    "trajectory/faults/consistency.py": ["tests/trajectory/test_consistency.py"],
+    "trajectory/faults/consistency.py": ["tests/trajectory/test_spans.py", "tests/trajectory/test_consistency.py"],
     "core/interpolation.py": ["tests/core/test_interpolation.py", "tests/trajectory/test_passes.py", "-k", "interpolation or between"],
     "iso9283/formulas/pose.py": ["tests/iso9283/test_iso9283.py"],
     "iso9283/formulas/path.py": ["tests/iso9283/test_iso9283.py"],
@@ -133,8 +132,12 @@ CORE = {
         f"test_pose_laws or stays_so or {_SEALED[-1]}",
     ],
     "iso9283/clauses/path.py": ["tests/iso9283/test_path_laws.py", *_SEALED[:-1], f"test_path_laws or {_SEALED[-1]}"],
-    "iso9283/evaluation.py": ["tests/iso9283/test_u95.py", *_SEALED[:-1], f"what_is_done or have_none or {_SEALED[-1]}"],
-    "iso9283/exclusions.py": ["tests/iso9283/test_exclusions.py"],
+    "iso9283/evaluation.py": [
+        "tests/iso9283/test_u95.py",
+        "tests/iso9283/test_exclusions.py",
+        *_SEALED[:-1],
+        f"test_exclusions or what_is_done or have_none or {_SEALED[-1]}",
+    ],
     "iso9283/fitted_frame.py": ["tests/iso9283/test_fitted_frame.py"],
     "iso9283/capability.py": ["tests/iso9283/test_capability_limits.py"],
     "iso9283/angles.py": ["tests/iso9283/test_angles.py", *_SEALED[:-1], f"test_angles or {_SEALED[-1]}"],

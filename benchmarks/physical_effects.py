@@ -24,8 +24,8 @@ from scipy.stats import binom, chi2, f, ncf, ncx2
 from lmeasure.api import reconstruct
 from lmeasure.calibration import CHANCE, CalibrationSettings, Campaign, Effect, Model, calibrate, effects, unknowns_of
 from lmeasure.calibration.solve.effect_candidates import named_effects
-from lmeasure.calibration.solve.effects import solved_effects
 from lmeasure.calibration.solve.frame import model_of
+from lmeasure.calibration.solve.solve import solved_effects
 from lmeasure.core import se3
 from lmeasure.estimation import Deletion, fit
 from lmeasure.kernels import span_rows

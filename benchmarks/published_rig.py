@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from lmeasure.calibration.solve.coarse import coarse_solutions
+from lmeasure.calibration.solve.points import coarse_solutions
 from lmeasure.core import rotation_from_angles
 from lmeasure.kernels import CABLE_COLUMNS
 from lmeasure.sensors import span_rows

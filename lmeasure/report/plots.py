@@ -1,7 +1,13 @@
-"""A figure of any noun of the pipeline, for a notebook or a page; `lmeasure.plot` is the way to it."""
+"""A figure of any noun of the pipeline, for a notebook or a page; `lmeasure.plot` is the way to it.
+
+A figure brings along all that it needs to show itself: plotly's own ways of showing one fetch MathJax from a server elsewhere.
+"""
 
 import math
+import tempfile
+import webbrowser
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +26,6 @@ from lmeasure.recording import Counts, Poses, Program, Run
 from lmeasure.report import correction, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
-from lmeasure.report.shown_figure import ShownFigure
 from lmeasure.report.zone_figures import slices_figure, space_figure
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.robot_programs import Corrected
@@ -29,6 +34,48 @@ from lmeasure.sensors import Lengths
 from lmeasure.simulation import Simulated
 from lmeasure.structure import Boundary, Described
 from lmeasure.trajectory import Trajectory
+
+JSON = "application/vnd.plotly.v1+json"
+"""What front ends that draw plotly's figures by themselves read."""
+CONFIG = {"responsive": True, "displaylogo": False}
+
+
+class ShownFigure(go.Figure):  # type: ignore[misc]
+    """A plotly figure; what differs is how it is shown, in a notebook and by `show`: nothing is fetched."""
+
+    def _repr_mimebundle_(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        return {JSON: {**self.to_plotly_json(), "config": CONFIG}, "text/html": self._repr_html_()}
+
+    def _repr_html_(self) -> str:
+        # every figure brings what draws it: a cell may be shown without the others
+        return str(self.to_html(full_html=False, include_plotlyjs=True, include_mathjax=False, config=CONFIG))
+
+    def _ipython_display_(self) -> None:
+        from IPython import display
+
+        show: Any = display.display
+        show(self._repr_mimebundle_(), raw=True)
+
+    def show(self, *args: Any, **kwargs: Any) -> None:
+        """In a notebook below its cell, elsewhere in a browser; with arguments as plotly's figures do."""
+        if args or kwargs:
+            super().show(*args, **kwargs)
+        elif _in_a_notebook():
+            self._ipython_display_()
+        else:
+            page = Path(tempfile.mkdtemp(prefix="lmeasure-")) / "figure.html"
+            self.write_html(page, include_plotlyjs=True, include_mathjax=False, config=CONFIG)
+            webbrowser.open(page.as_uri())
+
+
+def _in_a_notebook() -> bool:
+    try:
+        from IPython.core.getipython import get_ipython
+    except ImportError:
+        return False
+    shell: Any = get_ipython()  # type: ignore[no-untyped-call]
+    return shell is not None and getattr(shell, "kernel", None) is not None
+
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 STEP_MM = 5.0

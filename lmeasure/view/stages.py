@@ -1,4 +1,7 @@
-"""Stages put together: one recording, its notes and its blueprint."""
+"""Stages put together: one recording, its notes and its blueprint.
+
+Known poses and a calibration's record have plots and notes of their own.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,10 +18,48 @@ from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import LengthResiduals, Lengths, length_residuals
 from lmeasure.text import signs
 from lmeasure.trajectory import Each, Trajectory, align
-from lmeasure.view.plots import log_record, log_truth
-from lmeasure.view.recording import CableSeries, recording
-from lmeasure.view.space import GREY, PLAIN, TRUTH_COLOUR, log_path, log_reference, log_rig, log_zone, metres
+from lmeasure.view.recording import CableSeries, cable_colour, entity_path, indexes_at, recording, send_scalars, time_indexes
+from lmeasure.view.space import (
+    GREY,
+    MAX_FRAMES,
+    PLAIN,
+    TRUTH_COLOUR,
+    draw_frames,
+    log_path,
+    log_reference,
+    log_rig,
+    log_zone,
+    metres,
+    send_tool,
+    thinned_note,
+)
+from lmeasure.view.subsample import Thinned
 from lmeasure.view.trajectory import TrajectoryLog, log_trajectory
+
+
+def log_truth(rec: rr.RecordingStream, rig: Rig, run: Run, poses: FloatArray) -> list[str]:
+    """Tool and cables along (n, 7) known poses of the run's samples."""
+    frames, time_s = Thinned(MAX_FRAMES, 8), run.passes[0].time_s
+    frames.add(np.column_stack([time_s, poses]), np.zeros(1, np.int64))
+    send_tool(rec, time_indexes(time_s), poses, place_only=False)
+    draw_frames(rec, rig, indexes_at(frames.rows[:, 0], frames.numbers), frames.rows[:, 1:], place_only=False)
+    return ["tool and cables move as they truly did", *thinned_note(frames)]
+
+
+def log_record(rec: rr.RecordingStream, record: CalibrationRecord, reference: Poses | None) -> list[str]:
+    """Residuals of a calibration by channel; returns its table of parameters and its warnings as lines of markdown."""
+    names = reference.names if reference is not None else tuple(dict.fromkeys(r.pose for r in record.residuals))
+    for j, channel in enumerate(dict.fromkeys(r.channel for r in record.residuals)):
+        mine = {r.pose: r.mm for r in record.residuals if r.channel == channel}
+        rows = np.array([i for i, name in enumerate(names, 1) if name in mine])
+        entity = entity_path("calibration_residual_mm", channel)
+        rec.log(entity, rr.SeriesLines(colors=cable_colour(j), names=channel), static=True)
+        values = np.array([mine[names[i - 1]] for i in rows])
+        send_scalars(rec, entity, [rr.TimeColumn("pose", sequence=rows)], values)
+    lines = [f"**{w.code}**: {w.text}" for w in record.warnings]
+    lines += [f"undetermined at {u.point}: {u.text}" for u in record.unobservable]
+    lines.append(f"calibration: {record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
+    return lines
 
 
 def write_recording(

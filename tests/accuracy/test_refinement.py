@@ -5,7 +5,7 @@ import pytest
 from zone_rigs import cell
 
 from lmeasure.accuracy import axis, scan_zone, tilts
-from lmeasure.accuracy.refinement import refined_volume
+from lmeasure.accuracy.zone import refined_volume
 
 
 def ball(points: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure.calibration.solve.coarse import coarse_solutions
+from lmeasure.calibration.solve.points import coarse_solutions
 from lmeasure.core import rotation_from_angles
 
 # Thesis Rashoyan 2021, 5.5: centre of the flange [mm], A, Theta, T [deg], counts K1..K3, attachment points.

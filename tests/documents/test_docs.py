@@ -25,7 +25,7 @@ from lmeasure.cli.app import main
 from lmeasure.cli.commands import command as command_of
 from lmeasure.kernels import lanes, screw
 from lmeasure.trajectory.faults import consistency, continuity, rest_evidence, steps, stuck_channels, suspicion, visits
-from lmeasure.trajectory.reconstruction import lost_motions, screw_method
+from lmeasure.trajectory.reconstruction import screw_method
 from lmeasure.workflows import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -144,7 +144,7 @@ CONSTANTS = {
         f"Logs of {screw_method.COMPILING_PAYS:,} samples and more go through lanes: every {lanes.COARSE}th sample one from the other, "
         f"then every {lanes.MIDDLE}th, then all, each started by interpolation between its neighbours, {lanes.WIDTH} at once",
         f"stays below a pressure angle of {math.degrees(lanes.CLEAR_OF_SINGULAR):.0f} degrees",
-        f"From a worst pressure angle of {lost_motions.NEARLY:g} degrees",
+        f"From a worst pressure angle of {screw_method.NEARLY:g} degrees",
         f"no length moves by more than {visits.STILL_MM:g} mm in {visits.VISIT_LAG_S:g} s, for {visits.LEAST_S:g} s",
         f"when all cables but one agree within {visits.NEAR_MM:g} mm",
         f"({rest_evidence.SIGNIFICANCE:.0e} per run, shared by all channels and moments)",

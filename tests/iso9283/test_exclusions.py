@@ -10,7 +10,7 @@ from made_trajectories import trajectory_of
 
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.clause import IsoTest, SampleErrors
-from lmeasure.iso9283.exclusions import Exclusions, exclusions, largest_radius_95
+from lmeasure.iso9283.evaluation import Exclusions, exclusions, largest_radius_95
 from lmeasure.iso9283.figure import Subject
 from lmeasure.text import finding
 from lmeasure.trajectory import PoseErrors

@@ -9,7 +9,7 @@ from browser import opened
 from IPython.core import displaypub, interactiveshell
 
 import lmeasure as lm
-from lmeasure.report import shown_figure
+from lmeasure.report import plots
 from lmeasure.simulation import cell_rig
 
 FETCHED = re.compile(r"""<(?:script|link|img)[^>]*(?:src|href)\s*=\s*["']?https?:""")
@@ -23,8 +23,8 @@ def figure() -> Any:
 def test_a_cell_draws_it_and_asks_for_nothing(figure: Any, tmp_path: Path) -> None:
     """As a front end does that has no drawing of its own: the HTML of the output in its page."""
     bundle = figure._repr_mimebundle_()
-    assert set(bundle) == {shown_figure.JSON, "text/html"}
-    assert len(bundle[shown_figure.JSON]["data"]) == len(figure.data)
+    assert set(bundle) == {plots.JSON, "text/html"}
+    assert len(bundle[plots.JSON]["data"]) == len(figure.data)
     (tmp_path / "cell.html").write_text(f"<!doctype html><meta charset=utf-8><body>{bundle['text/html']}</body>", encoding="utf-8")
     with opened(tmp_path / "cell.html") as page:
         page.wait("Boolean(document.querySelector('.js-plotly-plot')?._fullLayout)")
@@ -40,7 +40,7 @@ def test_show_below_a_cell(figure: Any, monkeypatch: pytest.MonkeyPatch) -> None
     shell.display_pub = publisher()
     figure.show()
     (shown,) = shell.display_pub.outputs
-    assert set(shown["data"]) == {shown_figure.JSON, "text/html"}
+    assert set(shown["data"]) == {plots.JSON, "text/html"}
     assert not FETCHED.search(shown["data"]["text/html"])
 
 

@@ -12,7 +12,7 @@ from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, se3
 from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, fits, in_keep_out, read_identified, ways
 from lmeasure.robots.correction.correction import correct
-from lmeasure.robots.identification.stated_frames import Placed
+from lmeasure.robots.identification.read_record import Placed
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 

@@ -19,7 +19,7 @@ from lmeasure.rig import Drum, ObservationPoint, Rig, read_calibration_record, r
 from lmeasure.sensors import cable_lengths, counts_from_poses, pressure_angles, twists
 from lmeasure.sensors.solver import solve_poses
 from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of
-from lmeasure.templates.costs import box_poses, costs, position_errors
+from lmeasure.templates.files import box_poses, costs, position_errors
 
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import Status
 from lmeasure.kernels import CABLE_COLUMNS, span_lengths
 from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.reconstruction.lost_motions import explain, split_at
+from lmeasure.trajectory.reconstruction.screw_method import explain, split_at
 
 ALL = np.arange(6)
 U = np.full(6, 0.0035)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray
-from lmeasure.trajectory.faults.suspect_intervals import spans
+from lmeasure.trajectory.faults.consistency import spans
 
 
 def by_definition(time_s: FloatArray, alarms: list[int], error: FloatArray, u: FloatArray) -> list[tuple[int, int]]:

@@ -2,6 +2,10 @@
 
 `open_source` takes what a person writes after `--bus`: INTERFACE:CHANNEL for any interface of python-can, `replay:FILE` for a log, in its
 own time, and `simulated:SCENARIO` for the simulated cell.
+
+python-can's udp_multicast is kept to its own group: python-can 4.6 binds its sockets to every address: a socket then gets whatever any
+socket of this machine has joined on that port, and what is sent to the machine itself. Two recordings on two groups would hear each
+other.
 """
 
 import contextlib
@@ -20,7 +24,6 @@ import numpy as np
 
 from lmeasure.acquisition.bus.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.bus.frames import Frames, TimestampSource, frames_from_messages, no_frames
-from lmeasure.acquisition.bus.udp_group import bind_to_group, is_garbled
 from lmeasure.acquisition.counters.clock import MODULI_S
 from lmeasure.acquisition.logs.read import log_batches
 from lmeasure.acquisition.logs.report import LogReport
@@ -28,6 +31,49 @@ from lmeasure.core import AcquisitionError, LMeasureError
 
 if TYPE_CHECKING:
     import can
+
+import struct
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import can
+
+
+def bind_to_group(bus: "can.BusABC") -> None:
+    """Exchange the bus's socket for one that is bound to its group; where the system cannot (Windows), it stays as it is."""
+    link: Any = getattr(bus, "_multicast", None)
+    old = getattr(link, "_socket", None)
+    if not isinstance(old, socket.socket):
+        return
+    own = socket.socket(old.family, socket.SOCK_DGRAM)
+    try:
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "SO_REUSEPORT"):
+            own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        if link.timestamp_nanosecond:
+            from can.interfaces.udp_multicast.bus import SO_TIMESTAMPNS
+
+            own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        own.bind((link.group, link.port))
+        group = socket.inet_pton(old.family, link.group)
+        if old.family == socket.AF_INET:
+            own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, struct.pack("@I", link.hop_limit))
+            own.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group + struct.pack("@I", socket.INADDR_ANY))
+        else:
+            own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, struct.pack("@I", link.hop_limit))
+            own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, group + struct.pack("@I", 0))
+    except OSError:
+        own.close()
+        return
+    link._socket = own
+    with contextlib.suppress(OSError):
+        old.close()
+
+
+def is_garbled(error: Exception) -> bool:
+    """Whether the bus is whole and only the datagram was no frame: anybody may send anything to a group."""
+    return "could not unpack received message" in str(error)
+
 
 MOST_AT_ONCE = 4096
 MOST_WAITING = 200_000

@@ -1,17 +1,32 @@
-"""From a campaign to calibrated observation points: coarse solve, LP-search, descent, least squares, and an honest record."""
+"""From a campaign to calibrated observation points: coarse solve, LP-search, descent, least squares, and an honest record.
 
+For quantities that nobody measured the result is given over their range. Reference poses that the others contradict are taken back by a
+robust loss (`estimation.robust`).
+
+The unit is the pose with all its visits: its lengths are wrong together when the robot did not stand where it says. The zero pose
+shifts all lengths of its cables and is judged like any other.
+
+Every effect that was solved for has its size, the probability that chance looks like it, and what was learned of it. With d the departure
+of an effect's q values from what the rig stated, and C their covariance, d' C^-1 d / q is as an F of q and the noise's degrees of freedom
+while there is none (chi-squared over q where the noise is stated). An effect is found where its probability, times the number of those
+that were solved for (Bonferroni), is under `CHANCE`. What was learned is log2 of the prior's volume over that which is left, half of
+det(prior)/det(C): none where a law cannot be told from that of what else was solved.
+"""
+
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+import scipy.optimize
+import scipy.stats
+from scipy.stats import qmc
 
 from lmeasure.calibration.campaign.campaign import Campaign, all_visits, with_counts_of, without_poses
 from lmeasure.calibration.campaign.known_lengths import with_distances
-from lmeasure.calibration.solve.assumed_ranges import position_range
 from lmeasure.calibration.solve.dimensions import dimensions_of, with_dimensions
-from lmeasure.calibration.solve.effect_candidates import named_effects
-from lmeasure.calibration.solve.effects import solved_effects
+from lmeasure.calibration.solve.effect_candidates import CHANCE, named_effects
 from lmeasure.calibration.solve.frame import model_of
 from lmeasure.calibration.solve.joint_estimation import begun_jointly, fitted_pose, solve_jointly
 from lmeasure.calibration.solve.lp_search import Box
@@ -19,19 +34,139 @@ from lmeasure.calibration.solve.points import CalibrationSettings, Point, box_of
 from lmeasure.calibration.solve.prediction import Prediction, predict, taken_as_exact
 from lmeasure.calibration.solve.record import held_out_entry, make_record, nominal_entry, predicted_entry
 from lmeasure.calibration.solve.residuals import unknowns_of
-from lmeasure.calibration.solve.robust import down_weighted, robust_poses, weights_entry
 from lmeasure.calibration.solve.unknown_poses import counted_poses, free_components
 from lmeasure.calibration.solve.unknowns import Model, rig_with
 from lmeasure.calibration.validation import observability
 from lmeasure.calibration.validation.diagnosis import Diagnosis, diagnose
 from lmeasure.calibration.validation.findings import poses_findings, shape_findings, underdetermined, unknown_temperature
 from lmeasure.calibration.validation.guard import AgainstNominal, against_nominal
-from lmeasure.calibration.validation.hold_out import HeldOut, held_out
+from lmeasure.calibration.validation.hold_out import HeldOut, held_out, shifted_lengths
 from lmeasure.calibration.validation.misfit import explain_misfit
 from lmeasure.core import CalibrationError, DataFrame, FloatArray, Shown
-from lmeasure.estimation import BENT, Fit, fit, linear_objective, regions
-from lmeasure.rig import CalibrationRecord, Finding, Rig
+from lmeasure.estimation import BENT, BIWEIGHT, EXCLUDED, Fit, Group, Weights, fit, linear_objective, regions, robust_fit
+from lmeasure.rig import FURTHER, PLACE, TABLE, TILT, CalibrationRecord, Finding, Rig, SolvedEffect
 from lmeasure.sensors import phased
+
+LAWS = ("radius", "scale", "pitch", *dict.fromkeys(p.group for p in (*FURTHER, *TILT)))
+"""Groups of parameters that are effects and no matter of where things stand."""
+_GROUP = {p.key: p.group for p in (*TABLE, *FURTHER, *TILT)}
+
+
+def solved_effects(model: Model, found: Fit, *, estimated: bool) -> tuple[SolvedEffect, ...]:
+    """Each effect of each observation point that was solved for; estimated: whether the noise was, from the residuals."""
+    unknowns = model.parameters
+    own: dict[tuple[str, str], list[int]] = {}
+    for i, name in enumerate(unknowns.names):
+        owner, _, key = name.rpartition(".")
+        if not owner.startswith("tool.") and _GROUP.get(key) in LAWS:
+            own.setdefault((owner, _GROUP[key]), []).append(i)
+    out = []
+    for (owner, group), which in own.items():
+        d, C = found.theta[which] - unknowns.nominal[which], found.covariance[np.ix_(which, which)]
+        u = np.sqrt(np.diag(C))
+        square = float(d @ np.linalg.solve(C, d)) / len(d)
+        law = scipy.stats.f(len(d), found.freedom) if estimated else scipy.stats.chi2(len(d), scale=1.0 / len(d))
+        bits = float(np.sum(np.log2(unknowns.width[which]))) - 0.5 * float(np.linalg.slogdet(C)[1]) / math.log(2.0)
+        size = float(np.linalg.norm(d))
+        p = float(law.sf(square))
+        along = d / size if size > 0.0 else np.full(len(d), len(d) ** -0.5)
+        out.append(
+            SolvedEffect(
+                owner=owner,
+                effect=group,
+                value=size,
+                u=float(np.sqrt(along @ C @ along)) if size > 0.0 else float(u.max()),
+                unit=unknowns.names[which[0]].rpartition("_")[2] if group != "scale" else "",
+                probability=p,
+                bits=max(bits, 0.0),
+                found=p * len(own) < CHANCE,
+            )
+        )
+    return tuple(out)
+
+
+NAMED = 0.5  # weight under which a pose is named
+
+
+def robust_poses(model: Model, found: Fit) -> tuple[Model, Fit, Weights]:
+    """The fit with Tukey's biweight on the poses; the model with the variance that each pose was given, and the weights (n,), the same for
+    all visits of one."""
+    reference, which = np.unique(model.campaign.reference_of, return_inverse=True)
+    groups = [
+        Group(shifted_lengths(model, np.flatnonzero(which == i)), np.flatnonzero(model.pose_index == pose), int(np.sum(which == i)))
+        for i, pose in enumerate(reference)
+    ]
+    weighted, found, weights = robust_fit(found, groups, lambda v: model.with_noise(replace(model.noise, robust_variance_mm2=v[which])))
+    return weighted, found, replace(weights, weight=weights.weight[which])
+
+
+def down_weighted(campaign: Campaign, weights: Weights) -> list[Finding]:
+    """One finding for each pose that the robust loss took back."""
+    out = []
+    for i in np.flatnonzero(weights.weight < NAMED):
+        name, weight = campaign.poses.names[i], 0.0 if weights.weight[i] <= EXCLUDED else float(weights.weight[i])
+        text = f"pose {name}: the other poses contradict it; the robust loss gave it the weight {weight:.2g}"
+        out.append(Finding(code="down_weighted", pose=name, value=weight, text=text))
+    return out
+
+
+def weights_entry(campaign: Campaign, weights: Weights) -> dict[str, object]:
+    """The record's account of the robust loss."""
+    every = [{"pose": n, "weight": float(w)} for n, w in zip(campaign.poses.names, weights.weight, strict=True)]
+    return {"loss": "Tukey biweight", "constant": BIWEIGHT, "scale": weights.scale, "weights": every}
+
+
+SAMPLES_LOG2 = 6
+FITS_MM = 0.05  # residual up to which an assumed set of values is held possible
+
+
+@dataclass(frozen=True)
+class Range:
+    """Spread of a point's position over its assumed values: low, high (3,) [mm, base frame]; how many tried sets fit the counts."""
+
+    point: str
+    low: FloatArray
+    high: FloatArray
+    fitting: int
+    tried: int
+
+
+def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Range | None:
+    """Position of a point, solved anew with its other values held at each of 64 Sobol sets within sqrt(3) prior widths of the nominal.
+
+    theta (p,) is the result of the calibration: where to start, and the first of the sets. None when nothing but the position is
+    unknown, or no set fits.
+    """
+    unknowns = model.parameters
+    own = unknowns.of(point)
+    place = [i for i in own if unknowns.names[i].rsplit(".", 1)[1] in PLACE]
+    held = [i for i in own if i not in place]
+    if not held or len(place) != 3:
+        return None
+    unit = qmc.Sobol(len(held), scramble=True, rng=np.random.default_rng([seed, 7])).random_base2(SAMPLES_LOG2)
+    found = [theta[place]] if np.abs(model.residuals(theta)).max() < FITS_MM else []
+    for sample in unit:
+        fixed = theta.copy()
+        fixed[held] = unknowns.nominal[held] + np.sqrt(3.0) * (2 * sample - 1) * unknowns.width[held]
+
+        def full(position: FloatArray, fixed: FloatArray = fixed) -> FloatArray:
+            out = fixed.copy()
+            out[place] = position
+            return out
+
+        solution = scipy.optimize.least_squares(
+            lambda position, full=full: model.residuals(full(position)),
+            theta[place],
+            jac=lambda position, full=full: model.jacobian(full(position))[:, place],
+            method="lm" if model.equations >= 3 else "trf",
+            max_nfev=100,
+        )
+        if np.abs(solution.fun).max() < FITS_MM:
+            found.append(solution.x)
+    if not found:
+        return None
+    return Range(point, np.min(found, axis=0), np.max(found, axis=0), len(found), len(unit) + 1)
+
 
 Progress = Callable[[int, int], None]
 

@@ -1,20 +1,129 @@
-"""A session of a capture: samples and commands in, readings and words out. It knows no bus, no terminal and no clock but the samples'."""
+"""A session of a capture: samples and commands in, readings and words out. It knows no bus, no terminal and no clock but the samples'.
+
+After a fault, or in a new session, a pose that was read before shows whether the counters still count from the same origin. `Trust` knows
+them. Functions named `line` or `lines` write for the terminal.
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from lmeasure.acquisition import Event, Samples, folded
-from lmeasure.procedures.capture.closure import Return, judged_return
-from lmeasure.procedures.capture.folder import CaptureFolder, mean_variances, thinned
-from lmeasure.procedures.capture.forecast import Worth
-from lmeasure.procedures.capture.origin_check import BACK, Trust
+from lmeasure.acquisition import Event, Samples, folded, moduli
+from lmeasure.core import BoolArray, FloatArray, conventions
+from lmeasure.procedures.capture.closure import Return, judged_return, lengths_of_counts
+from lmeasure.procedures.capture.folder import CaptureFolder, Reading, mean_variances, thinned
+from lmeasure.procedures.capture.forecast import Expected, Worth
 from lmeasure.procedures.capture.progress import Progress
 from lmeasure.procedures.capture.rest import Rest, still_counts
-from lmeasure.procedures.capture.text import expected_line, pose_line, reading_lines, surprise, surprising, worth_line
+from lmeasure.recording import Poses
+from lmeasure.rig import Rig
+
+SURPRISED = 5.0
+SURPRISED_MM = 2.0
+"""Standard uncertainties, and mm at least, by which counts are off what is expected before a pose is doubted."""
+IN_A_LINE = 3
+
+
+def pose_line(poses: Poses, name: str, angles: str) -> str:
+    """A pose as it is typed into a controller."""
+    i = poses.names.index(name)
+    values = [f"{c[0]} {v:.1f}" for c, v in zip(("x", "y", "z"), poses.rows[i, :3] + 0.0, strict=True)]
+    if poses.oriented:
+        typed = conventions.rounded_angles(angles, conventions.angles_from_rotation(angles, poses.rotation[i]))
+        columns = conventions.convention(angles).columns
+        values += [f"{c.rsplit('_', 1)[0]} {v:g}" for c, v in zip(columns, typed, strict=True)]
+    return f"pose {name} ({i + 1} of {len(poses)}): {'  '.join(values)}"
+
+
+def reading_lines(reading: Reading, channels: tuple[str, ...], u: FloatArray) -> list[str]:
+    """What was counted: means with their standard uncertainties u (m,) [counts]."""
+    lasts = reading.time_s[-1] - reading.time_s[0]
+    lines = [f"  read: {len(reading.counts)} counts of each channel over {lasts:.2f} s, within {reading.spread.max():.0f} of each other"]
+    told = [f"{c} {mean:.2f} (u {err:.2f})" for c, mean, err in zip(channels, reading.mean, u, strict=True)]
+    return lines + [f"    {'  '.join(told[i : i + IN_A_LINE])}" for i in range(0, len(told), IN_A_LINE)]
+
+
+def worth_line(worth: Worth, readings: int) -> str:
+    """How well lengths and positions would be known if nothing more were read."""
+    if not worth.enough(readings):
+        return f"  {readings} of at least {worth.least} poses: too few yet to determine anything by counts alone"
+    held = "" if worth.rank == worth.unknowns else f"; {worth.unknowns - worth.rank} of {worth.unknowns} directions are the rig's own yet"
+    position = "" if worth.position_mm is None else f", position {worth.position_mm:.2g}"
+    return f"  U95 by now: lengths {worth.rms_mm:.2g} mm rms, {worth.worst_mm:.2g} at worst ({worth.worst_cable}){position}{held}"
+
+
+def surprising(expected: Expected) -> BoolArray:
+    """(m,) whether lengths are off what is expected."""
+    return np.abs(expected.off_mm) > np.maximum(SURPRISED * expected.u_mm, SURPRISED_MM)
+
+
+def surprise(expected: Expected) -> str:
+    """The lengths that are farthest off."""
+    order = [j for j in np.argsort(-np.abs(expected.off_mm) / expected.u_mm) if surprising(expected)[j]][:IN_A_LINE]
+    told = ", ".join(f"{expected.cables[j].name} by {expected.off_mm[j]:+.1f} mm (u {expected.u_mm[j]:.2g})" for j in order)
+    return f"off what is expected: {told}"
+
+
+def expected_line(expected: Expected) -> str:
+    """How the counts agree with what was expected of them."""
+    if surprising(expected).any():
+        return f"  ! {surprise(expected)}\n    another pose, a wrong sign or channel, or lost counts? `undo` takes the reading back"
+    j = int(np.argmax(np.abs(expected.off_mm)))
+    return f"  as expected within {abs(expected.off_mm[j]):.2g} mm (u {expected.u_mm[j]:.2g}, cable {expected.cables[j].name})"
+
+
+KEPT_COUNTS = 3.0
+KEPT_MM = 0.1
+"""By which counters differ at most at a pose read before, when they have kept their counts; the second is what robots drift by."""
+TOLD = 0.5
+"""Part of the channels that may be off a pose for the others to tell which it is."""
+BACK = "go back to a pose that has been read, to see that the counters kept their counts"
+
+
+@dataclass
+class Trust:
+    """In the counters of a session. resumed: whether readings were there when it began, and have not been seen again; doubts: channels
+    that something happened to since, and what."""
+
+    rig: Rig
+    channels: tuple[str, ...]
+    passage: int
+    resumed: bool
+    doubts: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing is to be said against the counters."""
+        return not self.resumed and not self.doubts
+
+    @property
+    def why(self) -> str:
+        """What is to be said against them."""
+        return "; ".join(f"{channel} {what}" for channel, what in self.doubts.items()) or ("this is a new session" if self.resumed else "")
+
+    def restore(self) -> None:
+        """From here on they are believed."""
+        self.resumed, self.doubts = False, {}
+
+    def held_against(self, mean: FloatArray, readings: list[Reading]) -> tuple[str, str]:
+        """Mean counts (m,) of a rest against what was read: the pose at which they are the same, and why not where it is none."""
+        mm = lengths_of_counts(self.rig, self.channels, self.passage)
+        limit = np.where(mm > 0.0, np.maximum(KEPT_COUNTS, KEPT_MM / np.where(mm > 0.0, mm, 1.0)), KEPT_COUNTS)
+        off = folded(np.array([mean - r.mean for r in readings]), moduli(self.rig, self.channels, self.passage))
+        # of each reading the half of the channels that agrees best says how near it is
+        agree = np.sort(np.abs(off) / limit, axis=1)[:, : max(len(mm) // 2, 1)].max(axis=1)
+        nearest = int(np.argmin(agree))
+        wrong, pose = ~(np.abs(off[nearest]) <= limit), readings[nearest].pose
+        if not wrong.any():
+            return pose, ""
+        if wrong.mean() < TOLD:
+            told = ", ".join(f"{self.channels[j]} by {off[nearest, j]:+.0f} counts" for j in np.flatnonzero(wrong))
+            return "", f"the others stand as at pose {pose}, but off are {told}: counts were lost; begin in a new folder, or `trust`"
+        return "", f"{self.why}: {BACK}; this is none of them"
+
 
 By = Literal["key", "rest", "both"]
 

@@ -2,13 +2,18 @@
 
 With more cables than unknowns every sample is a test: chi-squared of the contradictions, everything that the lengths share in its
 covariance (`trajectory.faults.redundancy`). An alarm is one that a sound run of so many samples has once in a thousand runs (Bonferroni;
-that its
-samples' roundings are alike where it is slow makes it rarer), by the law that rounding has (`contradictions`). Alarms of a run are one
+roundings that are alike where a run is slow make it rarer), by the law that rounding has (`contradictions`). Alarms of a run are one
 question: which cable, left out, explains them all? A set of cables explains alarms when the others agree at all of them
 together, at 1e-3; it is left out when no other set of its size does. Where several explain them, or none, nobody can tell which is wrong
 and the samples are inconsistent. With one cable too many that is always so, for any one of them explains anything.
 
-`trajectory.faults.suspect_intervals` says from when and until when. Where none explains the alarms the whole run is in doubt.
+`spans` finds from when and until when. Where none explains the alarms the whole run is in doubt.
+
+`Thinned` keeps some samples of a run, evenly spread over it.
+
+An alarm comes late where an error grows, and an error that stays hides
+wherever the geometry does not show it. So a doubt reaches back to the last epoch, and on to the first of some, at which every cable in
+question is seen to agree, by a standard uncertainty that would show the error it has at the alarms.
 """
 
 from collections.abc import Callable, Iterable
@@ -23,10 +28,80 @@ from lmeasure.rig import Cable, Rig
 from lmeasure.sensors import Lengths, last_travel
 from lmeasure.text import Finding, finding
 from lmeasure.trajectory.faults.redundancy import Epochs, Parities, Redundancy
-from lmeasure.trajectory.faults.subsample import Thinned, joined
-from lmeasure.trajectory.faults.suspect_intervals import spans
 from lmeasure.trajectory.faults.suspicion import EVERY, Doubt, Doubts
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
+
+AGREES = 2.0
+"""Standard uncertainties within which a cable agrees."""
+SHOWS = (3.0, 30.0)
+"""Times its standard uncertainty a cable's error must be, half of what it is at the alarms within these bounds, for an agreement to speak
+against it."""
+AGAIN_S = 0.1
+AGAIN = 5
+"""Samples, and for so long, a cable must agree again."""
+MOSTLY = 0.8
+"""Of those samples: one of twenty lies beyond two standard uncertainties."""
+
+
+def spans(time_s: FloatArray, alarms: IntArray, error: FloatArray, u: FloatArray) -> list[tuple[int, int]]:
+    """First and last epochs of the doubts, from the alarms on (k,), about cables with errors and uncertainties (n, q) at times (n,)."""
+    n = len(error)
+    told = np.where(np.isfinite(u[alarms]), np.abs(error[alarms]), 0.0)
+    size = np.quantile(told, 0.9, axis=0)
+    shows = np.clip(0.5 * (told / u[alarms]).max(axis=0), *SHOWS)
+    agrees: BoolArray = np.all((np.abs(error) <= AGREES * u) & (shows * u <= size), axis=1)
+    out: list[tuple[int, int]] = []
+    for alarm in alarms.tolist():
+        if out and alarm <= out[-1][1]:
+            continue
+        # several channels may err so that for a while no single one seems to
+        before = np.flatnonzero(agrees[:alarm])
+        first = int(before[-1]) + 1 if len(before) else 0
+        again = (int(begin) for begin in np.flatnonzero(agrees[alarm:]) + alarm if _agrees_from(int(begin), time_s, agrees))
+        out.append((first, max(next(again, n) - 1, alarm)))
+    return out
+
+
+def _agrees_from(begin: int, time_s: FloatArray, agrees: BoolArray) -> bool:
+    """Whether most epochs agree from there on for as long and as many as it takes, or up to the end."""
+    end = max(int(np.searchsorted(time_s, time_s[begin] + AGAIN_S)), begin + AGAIN - 1)
+    return bool(agrees[begin : end + 1].mean() >= MOSTLY)
+
+
+MOST = 2048
+
+
+class Thinned:
+    """Keeps every k-th sample of a run that is given in pieces, k doubling where they become more than twice `MOST`."""
+
+    def __init__(self) -> None:
+        self._kept: list[Epochs] = []
+        self._every, self._seen = 1, 0
+
+    def add(self, epochs: Epochs, travel: FloatArray) -> None:
+        """The next samples, and which way their channels travelled last (n, m)."""
+        rows = np.arange(-self._seen % self._every, len(epochs), self._every)
+        self._seen += len(epochs)
+        self._kept.append(replace(epochs.at(rows), travel=travel[rows]))
+        while sum(map(len, self._kept)) > 2 * MOST:
+            self._every *= 2
+            whole = joined(self._kept)
+            self._kept = [whole.at(np.arange(0, len(whole), 2))]
+
+    def epochs(self) -> Epochs:
+        """All that were kept."""
+        return joined(self._kept)
+
+
+def joined(pieces: list[Epochs]) -> Epochs:
+    """One behind the other."""
+
+    def of(name: str) -> FloatArray | None:
+        values = [getattr(piece, name) for piece in pieces]
+        return None if values[0] is None else np.concatenate(values)
+
+    return Epochs(**{name: of(name) for name in Epochs.__dataclass_fields__})  # type: ignore[arg-type]
+
 
 SIGNIFICANCE = 1e-3
 """Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted."""
