@@ -13,6 +13,15 @@ from .bus.feed import (
 from .bus.feed import (
     record_feed as record_feed,
 )
+from .bus.frames import (
+    EXTENDED as EXTENDED,
+)
+from .bus.frames import (
+    FD as FD,
+)
+from .bus.frames import (
+    Frames as Frames,
+)
 from .bus.sources import (
     bus_opener as bus_opener,
 )
@@ -79,6 +88,9 @@ from .counters.samples import (
 from .counters.wraps import (
     range_notes as range_notes,
 )
+from .logs.format import (
+    LogFormat as LogFormat,
+)
 from .logs.import_log import (
     Imported as Imported,
 )
@@ -94,8 +106,20 @@ from .logs.import_log import (
 from .logs.import_log import (
     write_import as write_import,
 )
+from .logs.lines import (
+    Line as Line,
+)
+from .logs.lines import (
+    by_lines as by_lines,
+)
 from .logs.read import (
     read_frames as read_frames,
+)
+from .logs.registry import (
+    log_suffixes as log_suffixes,
+)
+from .logs.report import (
+    LogReport as LogReport,
 )
 from .logs.scan_log import (
     Scan as Scan,

@@ -137,13 +137,17 @@ def _unforeseen(error: Exception) -> NoReturn:
     if os.environ.get("LMEASURE_DEBUG"):
         raise error
     at = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{Path(at.filename).name}:{at.lineno}"
+    fault = f"{type(error).__name__} in {Path(at.filename).name}:{at.lineno}: {shortened(str(error))}"
+    from lmeasure.core import plug_in_of
+
+    if package := plug_in_of(error):
+        _end(NO_ANSWER, said("a fault of {package}, not of this program: {fault}; nothing was left half-written", package=package, fault=fault))
     _end(
         NO_ANSWER,
         said(
             "a fault of this program, {fault}; nothing was left half-written. Please report this line, the command and its files; with "
             "LMEASURE_DEBUG=1 set the command says more",
-            fault=f"{type(error).__name__} in {place}: {shortened(str(error))}",
+            fault=fault,
         ),
     )
 

@@ -57,6 +57,24 @@ from .display import (
 from .display import (
     framed as framed,
 )
+from .entry_points import (
+    PlugInError as PlugInError,
+)
+from .entry_points import (
+    plug_in as plug_in,
+)
+from .entry_points import (
+    plug_in_names as plug_in_names,
+)
+from .entry_points import (
+    plug_in_of as plug_in_of,
+)
+from .entry_points import (
+    plug_in_version as plug_in_version,
+)
+from .entry_points import (
+    plug_ins as plug_ins,
+)
 from .errors import (
     AccuracyError as AccuracyError,
 )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from lmeasure.acquisition import log_suffixes
 from lmeasure.core import LMeasureError
 from lmeasure.io import LARGEST_NAME, loads, open_regular, read_regular
 
@@ -130,7 +131,7 @@ def _kinds(folder: Path, path: Path) -> Iterator[Found]:
         yield Found("key" if suffix == ".key" else "public key", here)
     elif suffix in (".html", ".pdf"):
         yield Found("page", here)
-    elif suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
+    elif suffix in log_suffixes():
         yield Found("log", here)
     elif suffix in (".csv", ".parquet", ".tum", ".mcap"):
         yield from _table(path, here)

@@ -12,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
+from lmeasure.acquisition import log_suffixes
 from lmeasure.core import LMeasureError
 from lmeasure.io import open_regular, read_toml, rewrite_toml
 from lmeasure.kernels import compilation
@@ -102,7 +103,7 @@ def _uses(here: str, path: Path) -> list[tuple[str, str]]:
         return [(f"/rig?{urlencode({'file': here})}", "Change its values")] if rig_form.kind_of(path) else []
     if path.suffix in (".parquet", ".tum", ".mcap") or (path.suffix == ".csv" and _head(path).startswith("time_s,x_mm")):
         return [(f"/trajectory/{here}", "Look at it over time")]
-    if path.suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
+    if path.suffix in log_suffixes():
         return [(f"/run/import?{urlencode({'logs': here})}", "Import logs")]
     return []
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lmeasure.accuracy import REASONS
-from lmeasure.acquisition.logs.registry import DIALECTS
+from lmeasure.acquisition.logs.registry import FORMATS
 from lmeasure.cli.app import main
 from lmeasure.cli.text import as_typed, marked, retold
 from lmeasure.io import FILE_KINDS
@@ -344,7 +344,7 @@ def test_every_fault_that_the_docs_list_is_told() -> None:
 
 
 @pytest.mark.usefixtures("russian")
-@pytest.mark.parametrize("dialect", DIALECTS.values())
+@pytest.mark.parametrize("dialect", [one.label for one in FORMATS])
 def test_kinds_of_logs_are_told(dialect: str) -> None:
     assert retold(dialect) != dialect
 

@@ -25,8 +25,8 @@ from lmeasure.acquisition.bus.frames import (
     SENT,
     Frames,
 )
-from lmeasure.acquisition.logs.asc_and_candump import blocks_of_lines
-from lmeasure.acquisition.logs.lines import Line, data_bytes, decimal_number, line_batches
+from lmeasure.acquisition.logs.format import LogFormat
+from lmeasure.acquisition.logs.lines import Line, blocks_of_lines, data_bytes, decimal_number, line_batches
 from lmeasure.acquisition.logs.report import (
     COMMENT,
     COMMENT_SIGNS,
@@ -137,3 +137,12 @@ def _data(rest: str, length: int) -> bytes:
     if len(cells) != length:
         raise ValueError(f"{length} bytes are announced and {len(cells)} are there")
     return data_bytes(cells)
+
+
+FORMAT = LogFormat(
+    name="screen",
+    label="what candump shows on a screen",
+    read=screen_batches,
+    possible_suffixes=(".log", ".txt"),
+    typical_line=SCREEN_LINE,
+)

@@ -8,9 +8,9 @@ LEN bytes are ignored. Times of python-can are seconds, data are base64.
 import base64
 import binascii
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
 from lmeasure.acquisition.bus.frames import (
     CLASSED,
@@ -21,15 +21,14 @@ from lmeasure.acquisition.bus.frames import (
     LARGEST_CLASS,
     REMOTE,
     SENT,
-    Frames,
 )
-from lmeasure.acquisition.logs.asc_and_candump import blocks_of_lines
-from lmeasure.acquisition.logs.lines import Line, data_bytes, decimal_number, hexadecimal, line_batches, whole_number
-from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, LogReport
+from lmeasure.acquisition.logs.format import LogFormat
+from lmeasure.acquisition.logs.lines import Line, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
+from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD
 from lmeasure.core import FileFormatError
 
-GVRET = ("time stamp", "id", "extended", "bus", "len", "d1")
-PYTHON_CAN = ("timestamp", "arbitration_id", "extended", "remote", "error", "dlc", "data")
+GVRET_COLUMNS = ("time stamp", "id", "extended", "bus", "len", "d1")
+PYTHON_CAN_COLUMNS = ("timestamp", "arbitration_id", "extended", "remote", "error", "dlc", "data")
 """Columns that the first line must name."""
 SEPARATORS = ",;\t"
 YES, NO = ("true", "1"), ("false", "0")
@@ -37,20 +36,10 @@ SECONDS = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 """As Python writes small numbers."""
 
 
-def gvret_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
-    """Frames of a GVRET CSV file. FileFormatError where its first line does not name the columns."""
-    yield from line_batches(path, blocks_of_lines(path, file, report), _Csv(path, GVRET, _gvret_line), report)
-
-
-def python_can_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
-    """Frames of python-can's CSV. FileFormatError where its first line does not name the columns."""
-    yield from line_batches(path, blocks_of_lines(path, file, report), _Csv(path, PYTHON_CAN, _python_can_line), report)
-
-
 class _Csv:
     """A table of frames whose first line names the columns."""
 
-    def __init__(self, path: Path, needed: tuple[str, ...], frame: Callable[[list[str], dict[str, int]], Line]) -> None:
+    def __init__(self, path: Path, *, needed: tuple[str, ...], frame: Callable[[list[str], dict[str, int]], Line]) -> None:
         self.path, self.needed, self.frame = path, needed, frame
         self.columns: dict[str, int] = {}
         self.separator = ","
@@ -109,3 +98,19 @@ def _flag(cell: str) -> bool:
     if cell.lower() not in YES + NO:
         raise ValueError(f"{cell[:20]!r} is neither true nor false")
     return cell.lower() in YES
+
+
+GVRET = LogFormat(
+    name="gvret",
+    label="CSV of GVRET or SavvyCAN",
+    read=by_lines(partial(_Csv, needed=GVRET_COLUMNS, frame=_gvret_line)),
+    possible_suffixes=(".csv",),
+    typical_line=re.compile(r"\W?time stamp\W+id\W+extended\W.*", re.IGNORECASE),
+)
+PYTHON_CAN = LogFormat(
+    name="python-can",
+    label="CSV of python-can",
+    read=by_lines(partial(_Csv, needed=PYTHON_CAN_COLUMNS, frame=_python_can_line)),
+    possible_suffixes=(".csv",),
+    typical_line=re.compile(r"\W?timestamp\W+arbitration_id\W.*", re.IGNORECASE),
+)

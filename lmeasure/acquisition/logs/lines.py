@@ -1,20 +1,43 @@
-"""Text logs that are read line by line: TRC, the screen output of candump, CSV files.
+"""Text logs: blocks of whole lines, which a format reads line by line, or by a compiled scan and only its odd lines one by one.
 
-Each dialect turns one line into one frame, or names the kind of a line that is none (comment, header, status), and raises ValueError for
+A format turns one line into one frame, or names the kind of a line that is none (comment, header, status), and raises ValueError for
 any other line. All are counted; the lines around an unread one are read.
 """
 
+import io
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, Protocol
 
 import numpy as np
 
-from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, ERROR, FD, FD_BYTES, REMOTE, Frames
-from lmeasure.acquisition.logs.report import BLANK, LARGEST_IDENTIFIER, LogReport, kind_of_failure
-from lmeasure.core import FileFormatError
-from lmeasure.kernels import LATEST_S, Bytes, line_ends
+from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, ERROR, FD, FD_BYTES, REMOTE, Frames, frames_from_messages, join
+from lmeasure.acquisition.logs.format import Batches
+from lmeasure.acquisition.logs.report import (
+    BLANK,
+    BLOCK_BYTES,
+    LARGEST_IDENTIFIER,
+    LARGEST_STANDARD,
+    NO_END,
+    SHOWN_BYTES,
+    UNKNOWN_LINE,
+    LogReport,
+    UnreadableError,
+    checked,
+    frames_of,
+    kind_of_failure,
+    new_columns,
+    read_into,
+)
+from lmeasure.core import FileFormatError, IntArray
+from lmeasure.kernels import LATEST_S, ODD, WIDE, Bytes, Columns, line_ends, line_stop
+
+if TYPE_CHECKING:
+    import can
+
+LONGEST_LINE = 1 << 16
+USUAL_LINE = 30
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a CAN FD frame by its length code, ISO 11898-1."""
@@ -35,14 +58,61 @@ class Line(NamedTuple):
     bus: str
 
 
-class Dialect(Protocol):
-    """A format each of whose lines can be read by itself, given the header."""
+class Lines(Protocol):
+    """The lines of one log, each of which can be read by itself, given the header."""
 
     def read(self, line: str) -> Line | str:
         """Return the line's frame, or the kind of a line that is none; ValueError where nobody can read it."""
 
 
-def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Dialect, report: LogReport) -> Iterator[Frames]:
+def by_lines(lines: Callable[[Path], Lines]) -> Batches:
+    """Return the reader of a format whose lines can be read one by one.
+
+    Parameters
+    ----------
+    lines
+        Makes of the path of a log what reads its lines.
+    """
+
+    def batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
+        yield from line_batches(path, blocks_of_lines(path, file, report), lines(path), report)
+
+    return batches
+
+
+def blocks_of_lines(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Bytes]:
+    """Blocks of whole lines, each overwritten by the next; the report counts them. A last line without its end is not read: a number cut
+    short would pass for another."""
+    held = bytearray(LONGEST_LINE + BLOCK_BYTES)
+    room, text = memoryview(held), np.frombuffer(held, np.uint8)
+    kept = 0
+    while got := read_into(room[kept : kept + BLOCK_BYTES], file, report):
+        end = kept + got
+        # a carriage return at the very end may have its line feed in the next block
+        feed = held.rfind(b"\n", 0, end)
+        cut = max(feed, held.rfind(b"\r", feed + 1, end - 1)) + 1
+        kept = end - cut
+        if kept > LONGEST_LINE:
+            raise FileFormatError(f"{path}: is no text log: a line is longer than {LONGEST_LINE} bytes")
+        if cut:
+            report.total += line_ends(text[:cut])
+            yield text[:cut]
+        room[:kept] = room[cut:end]
+    if kept and held[kept - 1] == ord("\r"):
+        report.total += line_ends(text[:kept])
+        yield text[:kept]
+    elif kept:
+        tail = bytes(room[:kept])
+        report.total += 1
+        if not tail.strip(b" \t\0\x1a"):
+            report.known_kinds[BLANK] += 1
+        else:
+            shown = tail[:SHOWN_BYTES].decode("ascii", "replace")
+            report.ended_early = report.ended_early or f"the last line has no end and was not read: {shown!r}"
+            report.cannot_read(tail, "it has no end", f"line {report.total}", NO_END)
+
+
+def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Lines, report: LogReport) -> Iterator[Frames]:
     """Frames of blocks of whole lines."""
     buses: dict[str, int] = {}
     for block in blocks:
@@ -97,6 +167,77 @@ def _frames(found: list[Line], buses: dict[str, int], path: Path) -> Frames:
         "log",
         str(path),
     )
+
+
+class ScannedLines(Protocol):
+    """The lines of one log: how whole ones are scanned, and how one that the scan does not know is read."""
+
+    kinds: tuple[str, ...]
+    """Kinds of the known lines that the scan counts."""
+
+    def scan(self, text: Bytes, columns: Columns, known: IntArray) -> tuple[int, int, int]:
+        """Fill columns, and count known lines: frames, bytes used, status."""
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels met so far."""
+
+    def odd(self, line: bytes) -> Frames | str:
+        """Frames of one line, or the kind of a line that is none; ValueError where nobody can read it."""
+
+
+def scanned_batches(path: Path, blocks: Iterable[Bytes], dialect: ScannedLines, report: LogReport) -> Iterator[Frames]:
+    """Yield frames of blocks of whole lines, by a compiled scan."""
+    width = CLASSIC_BYTES
+    for block in blocks:
+        parts: list[Frames] = []
+        known = np.zeros(len(dialect.kinds), np.int64)
+        pos = 0
+        while pos < len(block):
+            columns = new_columns((len(block) - pos) // USUAL_LINE + 1, width)  # where they are full, the next go on
+            count, used, status = dialect.scan(block[pos:], columns, known)
+            if count:
+                parts.append(frames_of(columns, count, dialect.names(), path))
+            pos += used
+            if status == WIDE:
+                width = FD_BYTES
+            elif status == ODD:
+                stop, following = line_stop(block, pos)
+                line = block[pos:stop].tobytes()
+                try:
+                    found = dialect.odd(line)
+                    if isinstance(found, str):
+                        report.known_kinds[found] += 1
+                    else:
+                        parts.append(found)
+                except ValueError as error:
+                    place = "" if report.unread else f"line {report.total - line_ends(block[pos:]) + 1}"
+                    report.cannot_read(line, str(error), place, kind_of_failure(error))
+                pos = following
+        for kind, count in zip(dialect.kinds, known.tolist(), strict=True):
+            if count:
+                report.known_kinds[kind] += count
+        yield parts[0] if len(parts) == 1 else join(parts)
+
+
+def decoded(line: bytes) -> str:
+    """Return a line as text: UTF-8, else Latin-1."""
+    try:
+        return line.decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return line.decode("latin-1").strip()
+
+
+def by_library(reader: Callable[[io.StringIO], Iterable["can.Message"]], text: str, path: Path) -> Frames:
+    """Frames that python-can reads from a text; ValueError where it reads none, or where they contradict themselves."""
+    try:
+        messages = [checked(m) for m in reader(io.StringIO(text))]
+    except (IndexError, OverflowError, TypeError) as error:
+        raise ValueError(str(error)) from error
+    if not messages:
+        raise UnreadableError("neither a frame nor a known event", UNKNOWN_LINE)
+    if any(m.arbitration_id > LARGEST_STANDARD and not m.is_extended_id for m in messages):
+        raise ValueError(f"{messages[0].arbitration_id:X} is no identifier of 11 bits")
+    return frames_from_messages(messages, "log", str(path), classes=False)
 
 
 def whole_number(text: str) -> int:

@@ -6,30 +6,23 @@ kind, or counted as unread; nothing is guessed.
 Times are those of python-can's readers with absolute times: what the log says plus the start it states (0 where it states none).
 """
 
-import gc
 import gzip
-import importlib.util
-import itertools
 import os
-import sys
-import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import BinaryIO, cast
 
 import numpy as np
 
-from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, Frames, frames_from_messages, join, no_frames
-from lmeasure.acquisition.logs.registry import DIALECTS, HEAD_BYTES, LIBRARY, OWN, kind_of
-from lmeasure.acquisition.logs.report import LogReport, checked, read_some
-from lmeasure.core import FileFormatError, how_to_install
+from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, Frames, join, no_frames
+from lmeasure.acquisition.logs.registry import HEAD_BYTES, format_of
+from lmeasure.acquisition.logs.report import LogReport, read_some
+from lmeasure.core import FileFormatError
 from lmeasure.io import open_regular
 
 __all__ = ["LogReport", "identifiers_in", "log_batches", "read_frames"]
 
 Progress = Callable[[int, int], None]
-
-MESSAGES_AT_ONCE = 20_000
 
 
 def log_batches(path: Path, report: LogReport, progress: Progress | None = None) -> Iterator[Frames]:
@@ -41,18 +34,17 @@ def log_batches(path: Path, report: LogReport, progress: Progress | None = None)
     suffixes = [s.lower() for s in path.suffixes[-2:]]
     packed = suffixes[-1:] == [".gz"]
     suffix = "".join(suffixes[:-1] if packed else suffixes[-1:])
-    if packed and suffix == ".mf4":
-        raise FileFormatError(f"{path}: is no log this program reads: .mf4 only unpacked")
     with open_regular(path) as raw:
         size = os.fstat(raw.fileno()).st_size
         if size == 0:
             raise FileFormatError(f"{path}: is empty")
         file = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw
-        kind = kind_of(path, suffix, read_some(file, HEAD_BYTES, LogReport()))
-        report.dialect = f"{DIALECTS[kind]}{', packed' if packed else ''}"
+        log_format = format_of(path, suffix, read_some(file, HEAD_BYTES, LogReport()))
+        if packed and not log_format.packed:
+            raise FileFormatError(f"{path}: is no log this program reads: {suffix} only unpacked")
+        report.dialect = f"{log_format.label}{', packed' if packed else ''}"
         file.seek(0)
-        batches = _mf4_batches(path, file, report) if kind == LIBRARY else OWN[kind](path, file, report)
-        for batch in batches:
+        for batch in log_format.read(path, file, report):
             report.frames += len(batch)
             if progress:
                 progress(size if raw.closed else raw.tell(), size)  # python-can's readers close it behind the last frame
@@ -98,44 +90,3 @@ def identifiers_in(path: Path) -> set[int]:
         plain = (batch.flags & (EXTENDED | ERROR)) == 0
         return set(np.unique(batch.identifier[plain]).tolist())
     return set()
-
-
-def _mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
-    """Frames by python-can's reader of MF4. Whatever goes wrong inside it ends the reading."""
-    from can.io import MF4Reader
-
-    report.unit = "records"
-    broken = ""
-    messages: Iterator[Any] = iter(())
-    while not broken:
-        batch: list[Any] = []
-        try:
-            # this reader, and asammdf beneath it, raise whatever their code runs into on a broken file
-            if not report.frames:
-                messages = iter(MF4Reader(cast(Any, file)))
-            for message in itertools.islice(messages, MESSAGES_AT_ONCE):
-                batch.append(checked(message))
-        except Exception as error:
-            broken = _why(error)
-        if not batch:
-            break
-        report.total += len(batch)
-        yield frames_from_messages(batch, "log", str(path), classes=False)
-    if broken and importlib.util.find_spec("asammdf") is None:
-        raise FileFormatError(f"{path}: MF4 needs the package asammdf: {how_to_install('mf4')}")
-    if broken and report.frames == 0:
-        raise FileFormatError(f"{path}: cannot be read: {broken}")
-    if broken:
-        report.ended_early = f"after frame {report.frames}: {broken}"
-
-
-def _why(error: Exception) -> str:
-    """What an exception says, in one line; its frames are let go, and with them a file that asammdf could not open, whose end is not
-    worth a word."""
-    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    try:
-        traceback.clear_frames(error.__traceback__)
-        gc.collect()
-    finally:
-        sys.unraisablehook = hook
-    return " ".join(str(error).split()) or type(error).__name__

@@ -1,118 +1,89 @@
-"""Which format a log is of: by its suffix, and for text by what stands in it, since one suffix names many dialects."""
+"""Which format a log is of: by its suffix, and for text by its first lines, since one suffix names many formats.
 
-import re
-from collections.abc import Callable, Iterator
+Each module states its own format; a new one is its file and a word in `FORMATS`. Other packages add theirs by the entry point
+`lmeasure.log_formats` (docs/extending.md), which is read when no format of this program fits.
+"""
+
+from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
 
-from lmeasure.acquisition.bus.frames import Frames
-from lmeasure.acquisition.logs.asc_and_candump import ASC_BASE, ASC_DATE, CANDUMP_LINE, asc_batches, candump_batches
-from lmeasure.acquisition.logs.blf import blf_batches
-from lmeasure.acquisition.logs.candump_screen import COLOUR, SCREEN_LINE, screen_batches
-from lmeasure.acquisition.logs.csv_tables import gvret_batches, python_can_batches
-from lmeasure.acquisition.logs.report import LogReport
-from lmeasure.acquisition.logs.trc import trc_batches
-from lmeasure.core import FileFormatError
+from lmeasure.acquisition.logs import asc, blf, candump, candump_screen, csv_tables, mf4, trc
+from lmeasure.acquisition.logs.candump_screen import COLOUR
+from lmeasure.acquisition.logs.converters import SAVVYCAN, advice_for
+from lmeasure.acquisition.logs.format import LogFormat
+from lmeasure.core import FileFormatError, plug_ins
 
-Batches = Callable[[Path, BinaryIO, LogReport], Iterator[Frames]]
+FORMATS: tuple[LogFormat, ...] = (
+    blf.FORMAT,
+    asc.FORMAT,
+    candump.FORMAT,
+    candump_screen.FORMAT,
+    trc.FORMAT,
+    csv_tables.GVRET,
+    csv_tables.PYTHON_CAN,
+    mf4.FORMAT,
+)
+GROUP = "lmeasure.log_formats"
 
 HEAD_BYTES = 1 << 16
-"""Of a text log, looked at to tell its dialect."""
+"""Beginning of a text log, by which its format is recognised."""
 HEAD_LINES = 200
 SHOWN = 60
 NEW_LINE = "\n"
 
-OWN: dict[str, Batches] = {
-    "blf": blf_batches,
-    "asc": asc_batches,
-    "candump": candump_batches,
-    "screen": screen_batches,
-    "trc": trc_batches,
-    "gvret": gvret_batches,
-    "python-can": python_can_batches,
-}
-LIBRARY = "library"
-"""Read by python-can: MF4."""
-DIALECTS = {
-    "blf": "Vector's BLF",
-    "asc": "Vector's ASC",
-    "candump": "lines of candump -L",
-    "screen": "what candump shows on a screen",
-    "trc": "PEAK's TRC",
-    "gvret": "CSV of GVRET or SavvyCAN",
-    "python-can": "CSV of python-can",
-    LIBRARY: "MF4",
-}
-"""For people."""
-BY_SUFFIX = {".blf": "blf", ".asc": "asc", ".log": "candump", ".txt": "", ".trc": "trc", ".csv": "", ".mf4": LIBRARY}
-FIXED = (".blf", ".asc", ".mf4")
-"""Suffixes that leave no doubt."""
 
-TELLING: tuple[tuple[str, re.Pattern[str]], ...] = (
-    ("candump", CANDUMP_LINE),
-    ("screen", SCREEN_LINE),
-    ("trc", re.compile(r";\$FILEVERSION.*|;-+\+-.*|\d+\)\s.*", re.IGNORECASE)),
-    ("gvret", re.compile(r"\W?time stamp\W+id\W+extended\W.*", re.IGNORECASE)),
-    ("python-can", re.compile(r"\W?timestamp\W+arbitration_id\W.*", re.IGNORECASE)),
-    ("IXXAT", re.compile(r".*\bixxat\b.*", re.IGNORECASE)),
-    ("CANopen Magic", re.compile(r".*canopen magic.*", re.IGNORECASE)),
-    ("Kvaser", re.compile(r".*kvaser.*|.*\bchn\b.*\bflg\b.*|.*\btime.*\bch\w*\W.*\bflags?\b.*\bdlc\b.*", re.IGNORECASE)),
-    ("asc", re.compile(rf"{ASC_DATE.pattern}|{ASC_BASE.pattern}.*", re.IGNORECASE)),
-    ("***BUSMASTER", re.compile(r"\*\*\*BUSMASTER.*", re.IGNORECASE)),
-    ("CRTD", re.compile(r"\d+\.\d+ (CXX|\d?[RT](11|29)) .*")),
-)
-SAVVYCAN = "open it in SavvyCAN and save it as GVRET log (.csv)"
-ROS = "where it has CAN frames, play it into ros2_socketcan or socketcan_bridge on vcan0 and record there by candump -L vcan0"
-TOOLS = {
-    "***BUSMASTER": f"a BUSMASTER log: {SAVVYCAN}",
-    "CRTD": f"a CRTD log: {SAVVYCAN}",
-    "IXXAT": f"a trace of IXXAT's canAnalyser or MiniMon: export it there as .asc, or {SAVVYCAN}",
-    "CANopen Magic": f"a trace of CANopen Magic: {SAVVYCAN}",
-    "Kvaser": "a table of Kvaser's: its converter (kmeconvert, or Save as in CanKing) writes .asc or .blf of the same recording",
-    ".crtd": f"a CRTD log: {SAVVYCAN}",
-    ".can": f"a Microchip log: {SAVVYCAN}",
-    ".pcap": f"a capture of Wireshark: {SAVVYCAN}",
-    ".pcapng": f"a capture of Wireshark: {SAVVYCAN}",
-    ".db": "a python-can database: can_logconvert FILE.db FILE.blf",
-    ".sqlite": "a python-can database: can_logconvert FILE FILE.blf, renamed to .db",
-    ".mdf": "an MDF 3 measurement: asammdf saves it as .mf4, or exports .asc",
-    ".dat": "an MDF 3 measurement, or somebody's own format: asammdf saves MDF 3 as .mf4, or exports .asc",
-    ".vsb": "a Vehicle Spy buffer: export it from Vehicle Spy as .asc",
-    ".kme50": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
-    ".kme40": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
-    ".kmf": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
-    ".db3": f"a ROS 2 bag, which holds messages of ROS and no CAN log: {ROS}",
-    ".bag": f"a ROS bag, which holds messages of ROS and no CAN log: {ROS}",
-    ".mcap": f"a ROS bag, which holds messages of ROS and no CAN log: {ROS}",
-    ".xlsx": "a table: save the log itself from the program that recorded it",
-}
-READ = ", ".join(BY_SUFFIX)
+def log_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that are logs whatever they contain, in small letters."""
+    return _suffixes((*FORMATS, *plug_ins(GROUP, LogFormat)[0].values()))
 
 
-def kind_of(path: Path, suffix: str, head: bytes) -> str:
-    """Key of `OWN`, or LIBRARY, for a log of that suffix (without .gz) that begins with `head`; FileFormatError names what reads it."""
-    if suffix not in BY_SUFFIX:
-        what = f"{TOOLS[suffix]}; " if suffix in TOOLS else ""
-        other = "" if what else f"; for others, {SAVVYCAN}"
-        raise FileFormatError(f"{path}: is no log this program reads: {what}{READ} are read, all but .mf4 also as .gz{other}")
-    usual = BY_SUFFIX[suffix]
-    told = None if suffix in FIXED else _first_typical(head)
-    if told in TOOLS:
-        raise FileFormatError(f"{path}: is no log this program reads: {TOOLS[told]}")
-    if told is None and not usual:
-        text = head.decode("utf-8-sig", "replace").strip()
+def _suffixes(formats: Iterable[LogFormat], *, possible: bool = False) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(s for one in formats for s in (*one.suffixes, *(one.possible_suffixes if possible else ()))))
+
+
+def format_of(path: Path, suffix: str, head: bytes) -> LogFormat:
+    """Return the format of a log of that suffix (without .gz) that begins with `head`; FileFormatError names what reads it."""
+    usual = next((one for one in FORMATS if suffix in one.suffixes), None)
+    if usual is not None and usual.suffix_decides:
+        return usual
+    ours = suffix in _suffixes(FORMATS, possible=True)
+    lines = [COLOUR.sub("", raw.decode("utf-8-sig", "replace")).strip() for raw in head.splitlines()[:HEAD_LINES]]
+    found, line = _first_typical(FORMATS, lines) if ours else (None, "")
+    if found is not None:
+        return found
+    advice = advice_for(line=line)
+    added, broken = plug_ins(GROUP, LogFormat)
+    others = [one for one in added.values() if suffix in (*one.suffixes, *one.possible_suffixes)]
+    found, _ = _first_typical(others, lines)
+    if found is None and not advice:
+        found = usual or next((one for one in others if suffix in one.suffixes), None)
+    if found is not None:
+        return found
+    if advice:
+        raise FileFormatError(f"{path}: is no log this program reads: {advice}{broken}")
+    if ours:
+        begin = head.decode("utf-8-sig", "replace").strip()[:SHOWN].partition(NEW_LINE)[0]
+        known = ", ".join(one.label for one in (*FORMATS, *added.values()) if one.typical_line is not None)
         raise FileFormatError(
-            f"{path}: is no log this program knows: neither candump, TRC, ASC nor CSV of SavvyCAN (Time Stamp,ID,Extended,...) or "
-            f"python-can (timestamp,arbitration_id,...); it begins with {text[:SHOWN].partition(NEW_LINE)[0]!r}; for others, {SAVVYCAN}"
+            f"{path}: is no log this program knows: its first lines are of none of {known}; it begins with {begin!r}; for others, "
+            f"{SAVVYCAN}{broken}"
         )
-    return told or usual
+    raise FileFormatError(f"{path}: is no log this program reads: {_advised(suffix, (*FORMATS, *added.values()))}{broken}")
 
 
-def _first_typical(head: bytes) -> str | None:
-    """What the first line that is typical of a format says."""
-    for raw in head.splitlines()[:HEAD_LINES]:
-        line = COLOUR.sub("", raw.decode("utf-8-sig", "replace")).strip()
-        for kind, typical in TELLING:
-            if typical.fullmatch(line):
-                return kind
-    return None
+def _first_typical(formats: Iterable[LogFormat], lines: Iterable[str]) -> tuple[LogFormat | None, str]:
+    """Return the format that the first typical line is of, and that line; None for a line of another program's log."""
+    for line in lines:
+        found = next((one for one in formats if one.typical_line is not None and one.typical_line.fullmatch(line)), None)
+        if found is not None or (formats is FORMATS and advice_for(line=line)):
+            return found, line
+    return None, ""
+
+
+def _advised(suffix: str, formats: Iterable[LogFormat]) -> str:
+    """Say what may be done with a file of an unknown suffix."""
+    every = tuple(formats)
+    advice = advice_for(suffix)
+    what, other = (f"{advice}; ", "") if advice else ("", f"; for others, {SAVVYCAN}")
+    bare = ", ".join(_suffixes(one for one in every if not one.packed))
+    return f"{what}{', '.join(_suffixes(every, possible=True))} are read, all but {bare} also as .gz{other}"

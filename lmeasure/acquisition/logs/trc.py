@@ -6,10 +6,8 @@ behind it decides. Errors and states of the adapter are error frames with the cl
 """
 
 import re
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import BinaryIO
 
 from lmeasure.acquisition.bus.frames import (
     BITRATE_SWITCH,
@@ -26,21 +24,11 @@ from lmeasure.acquisition.bus.frames import (
     REMOTE,
     SENT,
     WARNING,
-    Frames,
     controller_state,
 )
-from lmeasure.acquisition.logs.asc_and_candump import blocks_of_lines
-from lmeasure.acquisition.logs.lines import (
-    FD_LENGTHS,
-    Line,
-    announced,
-    data_bytes,
-    decimal_number,
-    hexadecimal,
-    line_batches,
-    whole_number,
-)
-from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, LogReport, UnreadableError
+from lmeasure.acquisition.logs.format import LogFormat
+from lmeasure.acquisition.logs.lines import FD_LENGTHS, Line, announced, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
+from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, UnreadableError
 from lmeasure.core import FileFormatError
 
 HEADER_LINE = re.compile(r";\$(FILEVERSION|STARTTIME|COLUMNS)\s*=\s*(.*)", re.IGNORECASE)
@@ -76,11 +64,6 @@ PROTOCOL, TRANSMITTED = 0x88, 0x80
 DIRECTION = re.compile(r"\s[RT]x\s")
 BYTE = re.compile(r"[0-9A-Fa-f]{2}")
 NEEDED = ("O", "T", "I", "d")
-
-
-def trc_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
-    """Frames of a TRC log."""
-    yield from line_batches(path, blocks_of_lines(path, file, report), _Trc(path), report)
 
 
 class _Trc:
@@ -192,3 +175,12 @@ class _Trc:
         if not extended and number > LARGEST_STANDARD:
             raise ValueError(f"{identifier} is no identifier of 11 bits")
         return Line(decimal_number(offset) / 1000 + self.start_s, number, flags | extended, length, data, str(whole_number(bus)))
+
+
+FORMAT = LogFormat(
+    name="trc",
+    label="PEAK's TRC",
+    read=by_lines(_Trc),
+    suffixes=(".trc",),
+    typical_line=re.compile(r";\$FILEVERSION.*|;-+\+-.*|\d+\)\s.*", re.IGNORECASE),
+)

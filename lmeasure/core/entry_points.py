@@ -1,0 +1,88 @@
+"""Kinds that other installed packages add, each an object behind an entry point of one of `GROUPS`.
+
+Entry points are read when a name or suffix is none of this program's own, or when all are listed: no command pays for them otherwise, and a
+package that cannot be loaded stops only what needs it.
+"""
+
+import importlib.metadata
+import traceback
+from functools import cache
+from typing import TypeVar
+
+from lmeasure.core.errors import LMeasureError
+
+GROUPS = ("lmeasure.log_formats", "lmeasure.robot_programs", "lmeasure.characteristics")
+Kind = TypeVar("Kind")
+
+
+class PlugInError(LMeasureError):
+    """Another package's kind cannot be used; the text names the package."""
+
+
+@cache
+def _entries(group: str) -> dict[str, importlib.metadata.EntryPoint]:
+    """Entry points by name; of several with one name the last, as Python finds them."""
+    return {entry.name: entry for entry in importlib.metadata.entry_points(group=group)}
+
+
+def _source(entry: importlib.metadata.EntryPoint) -> str:
+    """Name a package and its version as it was installed."""
+    return "package unknown" if entry.dist is None else f"package {entry.dist.name} {entry.dist.version}"
+
+
+@cache
+def _loaded(group: str, name: str) -> "object | PlugInError":
+    """Return what an entry point names, or why there is nothing."""
+    entry = _entries(group)[name]
+    try:
+        return entry.load()
+    except (Exception, SystemExit) as error:
+        return PlugInError(f"{_source(entry)}: {name} ({entry.value}) cannot be loaded: {type(error).__name__}: {error}")
+
+
+def _kind(group: str, name: str, kind: type[Kind]) -> Kind | PlugInError:
+    """Return what an entry point names, where it is of that kind."""
+    found, entry = _loaded(group, name), _entries(group)[name]
+    if isinstance(found, kind | PlugInError):
+        return found
+    return PlugInError(f"{_source(entry)}: {name} ({entry.value}) is a {type(found).__name__} and no {kind.__name__}")
+
+
+def plug_in(group: str, name: str, kind: type[Kind]) -> Kind | None:
+    """Return the kind that an entry point of a group names; None where no package has one.
+
+    Raises
+    ------
+    PlugInError
+        If it cannot be loaded, or is something else.
+    """
+    found = _kind(group, name, kind) if name in _entries(group) else None
+    if isinstance(found, PlugInError):
+        raise found
+    return found
+
+
+def plug_in_names(group: str) -> tuple[str, ...]:
+    """Return the names of a group's entry points, without loading them."""
+    return tuple(_entries(group))
+
+
+def plug_ins(group: str, kind: type[Kind]) -> tuple[dict[str, Kind], str]:
+    """Return all kinds of a group that can be loaded, by name, and a text on the others that may follow a message; empty without any."""
+    found = {name: _kind(group, name, kind) for name in _entries(group)}
+    broken = [f"; {one}" for one in found.values() if isinstance(one, PlugInError)]
+    return {name: one for name, one in found.items() if not isinstance(one, PlugInError)}, "".join(broken)
+
+
+def plug_in_version(group: str, name: str) -> tuple[str, str]:
+    """Return name and version of the package that an entry point comes from; KeyError without one."""
+    dist = _entries(group)[name].dist
+    return ("unknown", "unknown") if dist is None else (dist.name, dist.version)
+
+
+def plug_in_of(error: BaseException) -> str:
+    """Return the package in whose code an exception was raised, as far as it adds a kind; empty where it is this program's own."""
+    modules = [frame.f_globals.get("__name__", "").partition(".")[0] for frame, _ in traceback.walk_tb(error.__traceback__)]
+    entries = [entry for group in GROUPS for entry in _entries(group).values()]
+    tops = {entry.module.partition(".")[0]: entry for entry in entries}
+    return next((_source(tops[name]) for name in reversed(modules) if name in tops and name != "lmeasure"), "")
