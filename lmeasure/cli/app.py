@@ -141,7 +141,8 @@ def _unforeseen(error: Exception) -> NoReturn:
     from lmeasure.core import plug_in_of
 
     if package := plug_in_of(error):
-        _end(NO_ANSWER, said("a fault of {package}, not of this program: {fault}; nothing was left half-written", package=package, fault=fault))
+        text = "a fault of {package}, not of this program: {fault}; nothing was left half-written"
+        _end(NO_ANSWER, said(text, package=package, fault=fault))
     _end(
         NO_ANSWER,
         said(

@@ -9,9 +9,10 @@ import numpy as np
 
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, framed, se3
 from lmeasure.io import files
+from lmeasure.robot_programs.configuration import fits
 from lmeasure.robot_programs.frame_evidence import NEAR_RAD, contradicted
 from lmeasure.robot_programs.program import Dialect, Listing, Target, rewritten
-from lmeasure.robots import NO_POSE, Correction, IdentifiedRobot, Limits, corrections, fits, in_keep_out, ways, whole_turns
+from lmeasure.robots import NO_POSE, Correction, IdentifiedRobot, Limits, corrections, in_keep_out, ways, whole_turns
 
 AS_WRITTEN_DEG = 0.02
 """By which a joint at 0 or at a quarter may seem to be beyond it, because places and angles were written with few decimals."""
@@ -164,7 +165,7 @@ def _joints(
         # a configuration may tell whole turns: those nearest to the target before are not always meant
         every = [q for way in found for q in whole_turns(robot.nominal, way)]
         found = np.array(sorted(every, key=lambda q: 0.0 if last is None else float(np.abs(q - last).max())))
-    fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q, slack_deg=AS_WRITTEN_DEG)]
+    fitting = [q for q in found if fits(dialect, target.flags, robot.nominal, q, slack_deg=AS_WRITTEN_DEG)]
     if target.loose and last is not None:
         # nearest to where the robot comes from, unless what is stated says another
         if fitting and not np.array_equal(fitting[0], found[0]):
@@ -180,7 +181,7 @@ def _joints(
 
 
 def _other_flags(target: Target, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> str:
-    if target.joints or target.loose or fits(dialect.name, target.flags, robot.nominal, found.joints):
+    if target.joints or target.loose or fits(dialect, target.flags, robot.nominal, found.joints):
         return ""
     return "corrected it would have another configuration than the program states"
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lmeasure.core import FloatArray
 from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.program import (
     IDENTITY,
@@ -169,4 +170,17 @@ def _sections(text: str) -> tuple[Span, Span]:
     return (begin.end() if begin else 0, middle), (middle, last)
 
 
-DIALECT = Dialect("fanuc", read, _pose, _numbers, math.radians(1.0), (3, 3, 3), ("UF[0]", "UT[0]"))
+def _configured(flags: Mapping[str, int], degrees: FloatArray, arm: tuple[bool, bool] | None, _: float) -> bool:
+    """Compare whole turns of axes 4, 5, 6 or 1, 4, 6, as the controller is set ($TURN_AXIS), T in front of the first axis, and U with the
+    elbow up. It is not known which way axis 5 counts for N and F."""
+    if "turn1" not in flags:
+        return True
+    whole = np.sign(degrees) * ((np.abs(degrees) + 180.0) // 360.0)
+    stated = [flags[f"turn{k}"] for k in (1, 2, 3)]
+    turns = any(np.array_equal(whole[list(axes)], stated) for axes in ((3, 4, 5), (0, 3, 5)))
+    return turns and (arm is None or (not bool(flags["front"]), bool(flags["up"])) == arm)
+
+
+DIALECT = Dialect(
+    "fanuc", read, _pose, _numbers, math.radians(1.0), (3, 3, 3), ("UF[0]", "UT[0]"), suffixes=(".ls",), configured=_configured
+)

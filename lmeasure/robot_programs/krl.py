@@ -7,7 +7,7 @@ degrees: R = Rz(A) Ry(B) Rx(C). A .src and the .dat of its name are one module. 
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -275,4 +275,12 @@ def _whole(digits: str, base: int) -> float | None:
         return None
 
 
-DIALECT = Dialect("krl", read, _pose, _numbers, math.radians(1.0), (4, 5, 5), (NULL,))
+def _configured(flags: Mapping[str, int], degrees: FloatArray, arm: tuple[bool, bool] | None, slack_deg: float) -> bool:
+    """Compare S and T: bit i of T is set where axis i + 1 is negative; bit 0 of S behind the first axis, bit 1 with the elbow up."""
+    if not set(FLAGS) <= set(flags):
+        return True
+    turned = all(bool(flags["T"] >> i & 1) == bool(degrees[i] < 0.0) or abs(degrees[i]) < slack_deg for i in range(6))
+    return turned and (arm is None or (bool(flags["S"] & 1), bool(flags["S"] & 2)) == arm)
+
+
+DIALECT = Dialect("krl", read, _pose, _numbers, math.radians(1.0), (4, 5, 5), (NULL,), suffixes=(".src", ".dat"), configured=_configured)

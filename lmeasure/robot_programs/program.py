@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import MAX_LENGTH_MM, FloatArray, se3, shortened
+from lmeasure.io import Column
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -75,10 +76,34 @@ class Target:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a controller writes poses and joint values.
+    """A language of robot programs, stated by the module that reads it: how a controller writes poses and joint values.
 
-    pose: base_from_tool (7,) of a target's numbers; numbers: those of a pose, near old ones where several say the same; joint_size: rad per
-    unit of a joint value; decimals of places, orientations and joints that are written at least; known: frames of every program.
+    Parameters
+    ----------
+    name
+        Name, as `--dialect` takes it.
+    read
+        Makes a listing of the files of one program.
+    pose
+        base_from_tool (7,) of a target's numbers.
+    numbers
+        Numbers of a pose, near old ones where several say the same.
+    joint_size
+        rad per unit of a joint value.
+    decimals
+        Decimals of places, orientations and joints that are written at least.
+    known
+        Names of frames that every program has.
+    suffixes
+        Suffixes of its files, in small letters.
+    recognises
+        Says of the text of a file whether it is of this dialect, where another has the same suffix; None: it is.
+    of_table
+        Makes the dialect of one table, of which `--columns` may name the columns; None for programs.
+    configured
+        Says whether joint values (6,) [deg] have the configuration that flags state. The third argument is None, or of an elbow arm whether
+        it is behind the first axis and whether its elbow is up. Signs and quarters that change within the fourth argument [deg] are not
+        compared. None: flags say nothing.
     """
 
     name: str
@@ -88,6 +113,10 @@ class Dialect:
     joint_size: float
     decimals: tuple[int, int, int]
     known: tuple[str, ...] = ()
+    suffixes: tuple[str, ...] = ()
+    recognises: Callable[[str], bool] | None = None
+    of_table: Callable[[Sequence[Source], Mapping[str, Column] | None], "Dialect"] | None = None
+    configured: Callable[[Mapping[str, int], FloatArray, tuple[bool, bool] | None, float], bool] | None = None
 
 
 @dataclass(frozen=True)

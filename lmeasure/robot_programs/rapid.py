@@ -7,7 +7,7 @@ Poses with external axes elsewhere than at 0 are left.
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -291,4 +291,31 @@ def _numbers(row: FloatArray, old: Sequence[float]) -> FloatArray:
     return np.concatenate([row[:3], q if q @ np.asarray(old[3:7]) >= 0.0 else -q])
 
 
-DIALECT = Dialect("rapid", read, _pose, _numbers, math.radians(1.0), (4, 9, 5), ("wobj0", "tool0"))
+def _configured(flags: Mapping[str, int], degrees: FloatArray, arm: tuple[bool, bool] | None, slack_deg: float) -> bool:
+    """Compare cf1, cf4 and cf6, the quarters of axes 1, 4 and 6, floor(q / 90 degrees), and cfx: 4 and more behind the first axis, odd
+    where axis 5 is negative."""
+    if "cf1" not in flags:
+        return True
+    quarters = all(
+        int(np.floor(degrees[i] / 90.0)) == flags[key] or _at_quarter(degrees[i], slack_deg)
+        for key, i in (("cf1", 0), ("cf4", 3), ("cf6", 5))
+    )
+    wrist = bool(flags["cfx"] & 1) == bool(degrees[4] < 0.0) or abs(degrees[4]) < slack_deg
+    return quarters and (arm is None or ((flags["cfx"] >= 4) == arm[0] and wrist))
+
+
+def _at_quarter(degrees: float, slack_deg: float) -> bool:
+    return abs(degrees - 90.0 * round(degrees / 90.0)) < slack_deg
+
+
+DIALECT = Dialect(
+    "rapid",
+    read,
+    _pose,
+    _numbers,
+    math.radians(1.0),
+    (4, 9, 5),
+    ("wobj0", "tool0"),
+    suffixes=(".mod", ".modx", ".prg", ".sys"),
+    configured=_configured,
+)

@@ -1,26 +1,19 @@
-"""Which dialect a program is in: by the ends of its files' names, or as the user says."""
+"""Which dialect a program is in: by the suffixes of its files, or as the user says.
 
-from collections.abc import Mapping, Sequence
+Each module states its own dialect; a new one is its file and a word in `DIALECTS`. Other packages add theirs by the entry point
+`lmeasure.robot_programs` (docs/extending.md), which is read when no dialect of this program has the suffix or the name.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from lmeasure.core import RobotError
+from lmeasure.core import RobotError, plug_in, plug_in_names, plug_ins
 from lmeasure.io import Column, files
 from lmeasure.robot_programs import fanuc, krl, rapid, target_tables, ur_script
 from lmeasure.robot_programs.program import Dialect, Source
 
-ENDS = {
-    ".src": "krl",
-    ".dat": "krl",
-    ".mod": "rapid",
-    ".modx": "rapid",
-    ".prg": "rapid",
-    ".sys": "rapid",
-    ".ls": "fanuc",
-    ".script": "ur-script",
-    ".urscript": "ur-script",
-    ".csv": "csv",
-}
-NAMES = ("krl", "rapid", "fanuc", "ur-script", "csv", "robodk")
+DIALECTS = (krl.DIALECT, rapid.DIALECT, fanuc.DIALECT, ur_script.DIALECT, target_tables.CSV, target_tables.ROBODK)
+GROUP = "lmeasure.robot_programs"
 
 
 def opened(paths: Sequence[Path]) -> tuple[Source, ...]:
@@ -32,26 +25,61 @@ def opened(paths: Sequence[Path]) -> tuple[Source, ...]:
     return sources
 
 
+def dialect_names() -> tuple[str, ...]:
+    """Return the names of all dialects, of other packages too."""
+    return tuple(dict.fromkeys((*(one.name for one in DIALECTS), *plug_in_names(GROUP))))
+
+
+def is_dialect(name: str) -> bool:
+    """Return whether there is a dialect of that name."""
+    return any(one.name == name for one in DIALECTS) or name in plug_in_names(GROUP)
+
+
 def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "", columns: Mapping[str, Column] | None = None) -> Dialect:
-    """The dialect of that name, or that the files' names end with; columns: what `--columns` says of a table. RobotError where they do not
-    say one."""
-    if not name:
-        found = {ENDS.get(path.suffix.lower(), "") for path in paths}
-        if len(found) != 1 or "" in found:
-            raise RobotError(f"{', '.join(map(str, paths))}: the names do not say one dialect; state --dialect {' or '.join(NAMES)}")
-        name = found.pop()
-        first = target_tables.header_line(sources[0].text).lower()
-        if name == "csv" and not columns and not any(c in first for c in ("_mm", "_deg")):
-            name = "robodk"
-    if name not in NAMES:
-        raise RobotError(f"dialect {name!r} is none of {', '.join(NAMES)}")
-    if columns and name != "csv":
-        raise RobotError(f"--columns goes with tables (.csv) and --map; {paths[0]} is read as {name}")
-    fixed = {
-        "krl": krl.DIALECT,
-        "rapid": rapid.DIALECT,
-        "fanuc": fanuc.DIALECT,
-        "ur-script": ur_script.DIALECT,
-        "robodk": target_tables.ROBODK,
-    }
-    return fixed[name] if name in fixed else target_tables.plain(target_tables.header_line(sources[0].text), columns)
+    """Return the dialect of that name, or of the files' suffixes.
+
+    Parameters
+    ----------
+    paths, sources
+        The files of a program, and their texts.
+    name
+        Name of the dialect; empty where the suffixes say it.
+    columns
+        What `--columns` says of a table.
+
+    Raises
+    ------
+    RobotError
+        If name and suffixes say no dialect, or columns are stated for what is no table.
+    PlugInError
+        If the dialect is of another package, which cannot be used.
+    """
+    found = _named(name) if name else _by_suffix(paths, sources[0].text, table=bool(columns))
+    if columns and found.of_table is None:
+        raise RobotError(f"--columns goes with tables (.csv) and --map; {paths[0]} is read as {found.name}")
+    return found if found.of_table is None else found.of_table(sources, columns)
+
+
+def _named(name: str) -> Dialect:
+    found = next((one for one in DIALECTS if one.name == name), None) or plug_in(GROUP, name, Dialect)
+    if found is None:
+        raise RobotError(f"dialect {name!r} is none of {', '.join(dialect_names())}")
+    return found
+
+
+def _by_suffix(paths: Sequence[Path], text: str, *, table: bool) -> Dialect:
+    suffixes = {path.suffix.lower() for path in paths}
+    fitting, broken = _having(DIALECTS, suffixes), ""
+    if not fitting:
+        added, broken = plug_ins(GROUP, Dialect)
+        fitting = _having(added.values(), suffixes)
+    if not fitting:
+        names = " or ".join(dialect_names())
+        raise RobotError(f"{', '.join(map(str, paths))}: the names do not say one dialect; state --dialect {names}{broken}")
+    chosen = (one for one in fitting if (table and one.of_table) or one.recognises is None or one.recognises(text))
+    return next(chosen, fitting[0])
+
+
+def _having(dialects: Iterable[Dialect], suffixes: set[str]) -> list[Dialect]:
+    """Return the dialects that have all these suffixes."""
+    return [one for one in dialects if suffixes <= set(one.suffixes)]

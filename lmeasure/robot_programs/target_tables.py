@@ -167,23 +167,23 @@ def _to_quaternion(row: FloatArray, old: Sequence[float]) -> FloatArray:
     return np.concatenate([row[:3], row[3:] if same else -row[3:]])
 
 
-def plain(header: str, columns: Columns | None = None) -> Dialect:
-    """The dialect of a table whose header this is, with what `--columns` says of it: which columns of an orientation it has."""
+def _table(sources: Sequence[Source], columns: Columns | None = None) -> Dialect:
+    """Return the dialect of a table, with what `--columns` says of it: which columns of an orientation it has."""
+    header = header_line(sources[0].text)
     mapping = mapping_of(columns or {}, header)
     words = {w.strip(' "\r').lower() for w in re.split(r"[,;\t]", header)}
     words |= {name for name, _ in mapping.values()}
     read = partial(_read, mapping=mapping)
-    if set(QUATERNION_COLUMNS) <= words:
-        return Dialect(
-            "csv", partial(read, turn=QUATERNION_COLUMNS, place=PLACE), _of_quaternion, _to_quaternion, math.radians(1.0), (6, 12, 9)
-        )
-    for c in CONVENTIONS.values():
-        if set(c.columns) <= words:
-            of, numbers = of_angles(c.name) if c.axes != "rotvec" else (_of_vector, _to_vector)
-            return Dialect("csv", partial(read, turn=c.columns, place=PLACE), of, numbers, math.radians(1.0), (6, 9, 9))
-    return Dialect(
-        "csv", partial(read, turn=QUATERNION_COLUMNS, place=PLACE), _of_quaternion, _to_quaternion, math.radians(1.0), (6, 12, 9)
-    )
+    convention = next((c for c in CONVENTIONS.values() if set(c.columns) <= words), None)
+    if set(QUATERNION_COLUMNS) <= words or convention is None:
+        return replace(CSV, read=partial(read, turn=QUATERNION_COLUMNS, place=PLACE))
+    of, numbers = of_angles(convention.name) if convention.axes != "rotvec" else (_of_vector, _to_vector)
+    return replace(CSV, read=partial(read, turn=convention.columns, place=PLACE), pose=of, numbers=numbers, decimals=(6, 9, 9))
+
+
+def _has_units(text: str) -> bool:
+    """Return whether the header of a table names units, as the columns of this program do."""
+    return any(unit in header_line(text).lower() for unit in ("_mm", "_deg"))
 
 
 def _of_vector(values: Sequence[float]) -> FloatArray:
@@ -194,6 +194,17 @@ def _to_vector(row: FloatArray, old: Sequence[float]) -> FloatArray:
     return np.concatenate([row[:3], Rotation.from_quat(row[3:]).as_rotvec()])
 
 
+CSV = Dialect(
+    "csv",
+    partial(_read, turn=QUATERNION_COLUMNS, place=PLACE),
+    _of_quaternion,
+    _to_quaternion,
+    math.radians(1.0),
+    (6, 12, 9),
+    suffixes=(".csv",),
+    recognises=_has_units,
+    of_table=_table,
+)
 _robodk_pose, _robodk_numbers = of_angles("fanuc-wpr")
 ROBODK = Dialect(
     "robodk",
@@ -203,4 +214,5 @@ ROBODK = Dialect(
     math.radians(1.0),
     (6, 6, 6),
     ("base", "tool"),
+    suffixes=(".csv",),
 )

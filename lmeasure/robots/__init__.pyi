@@ -14,9 +14,6 @@ from .correction.correction import (
     corrections as corrections,
 )
 from .correction.correction import (
-    fits as fits,
-)
-from .correction.correction import (
     in_keep_out as in_keep_out,
 )
 from .correction.correction import (
@@ -234,6 +231,9 @@ from .robot import (
 )
 from .robot import (
     write_robot as write_robot,
+)
+from .serial_robot import (
+    SerialRobot as SerialRobot,
 )
 from .simulated.arm import (
     GRAVITY_M_S2 as GRAVITY_M_S2,

@@ -85,15 +85,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     import numpy as np
 
     from lmeasure.demo import write_correction
-    from lmeasure.robot_programs import NAMES
+    from lmeasure.robot_programs import dialect_names, is_dialect
 
     names = [path.name for path in settings.programs]
     if len(set(names)) != len(names):
         raise SettingsError("programs", "two files of one name would be written to one")
     if (settings.identified is None) == (settings.map is None):
         raise SettingsError("identified", "state a folder of `lmeasure identify`, or --map with measured errors, one of the two")
-    if settings.dialect and settings.dialect not in NAMES:
-        raise SettingsError("dialect", f"{settings.dialect!r} is none of {', '.join(NAMES)}")
+    if settings.dialect and not is_dialect(settings.dialect):
+        raise SettingsError("dialect", f"{settings.dialect!r} is none of {', '.join(dialect_names())}")
     listing, dialect = _listing(settings)
     correcting = _by_model(settings) if settings.identified is not None else _by_map(settings)
     progress(0.2, "correcting")

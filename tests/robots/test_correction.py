@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, se3
-from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, fits, in_keep_out, read_identified, ways
+from lmeasure.robot_programs import fanuc, fits, krl, rapid, ur_script
+from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, in_keep_out, read_identified, ways
 from lmeasure.robots.correction.correction import correct
 from lmeasure.robots.identification.read_record import Placed
 from lmeasure.robots.robot import shipped
@@ -168,15 +169,15 @@ def test_what_configurations_say() -> None:
         quarters = {f"cf{i}": int(np.floor(np.degrees(q[i - 1]) / 90.0)) for i in (1, 4, 6)}
         cfx = 4 * int(behind) + int(q[4] < 0.0)
         for wrong in (False, True):
-            assert fits("krl", {"S": int(behind) + 2 * int(up != wrong), "T": t}, robot, q) != wrong
-            assert fits("krl", {"S": int(behind) + 2 * int(up), "T": t ^ int(wrong)}, robot, q) != wrong
-            assert fits("rapid", quarters | {"cfx": cfx ^ (4 * int(wrong))}, robot, q) != wrong
-            assert fits("rapid", quarters | {"cf4": quarters["cf4"] + int(wrong), "cfx": cfx}, robot, q) != wrong
+            assert fits(krl.DIALECT, {"S": int(behind) + 2 * int(up != wrong), "T": t}, robot, q) != wrong
+            assert fits(krl.DIALECT, {"S": int(behind) + 2 * int(up), "T": t ^ int(wrong)}, robot, q) != wrong
+            assert fits(rapid.DIALECT, quarters | {"cfx": cfx ^ (4 * int(wrong))}, robot, q) != wrong
+            assert fits(rapid.DIALECT, quarters | {"cf4": quarters["cf4"] + int(wrong), "cfx": cfx}, robot, q) != wrong
             turns = {"turn1": 0, "turn2": 0, "turn3": 0}
-            assert fits("fanuc", turns | {"front": int(behind == wrong), "up": int(up)}, robot, q) != wrong
-            assert fits("fanuc", turns | {"front": int(not behind), "up": int(up != wrong)}, robot, q) != wrong
-    assert fits("ur-script", {}, robot, q)
-    assert fits("krl", {}, robot, q)
+            assert fits(fanuc.DIALECT, turns | {"front": int(behind == wrong), "up": int(up)}, robot, q) != wrong
+            assert fits(fanuc.DIALECT, turns | {"front": int(not behind), "up": int(up != wrong)}, robot, q) != wrong
+    assert fits(ur_script.DIALECT, {}, robot, q)
+    assert fits(krl.DIALECT, {}, robot, q)
 
 
 def program(folder: Path, robot: IdentifiedRobot, q: FloatArray) -> Path:

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from lmeasure.core import FloatArray, RobotError, se3
-from lmeasure.robot_programs import Corrected, Dialect, corrected_program, fanuc, krl, rapid, target_tables
+from lmeasure.robot_programs import Corrected, Dialect, corrected_program, fanuc, fits, krl, rapid, target_tables
 from lmeasure.robot_programs.program import Source
-from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, any_shipped, fits, whole_turns
+from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, any_shipped, whole_turns
 from lmeasure.robots.correction.correction import MOST_JOINT_RAD, correct
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.robot import shipped
@@ -148,7 +148,7 @@ def test_whole_turns_are_those_that_a_configuration_tells() -> None:
         assert found.correction is not None
         assert np.degrees(found.correction.before[5]) == pytest.approx(expected, abs=1e-6)
     assert len(whole_turns(ARM, q)) == 4  # of axes 4 and 6, two each
-    assert fits("fanuc", {"front": 1, "up": 1, "turn1": 0, "turn2": 0, "turn3": 1}, ARM, q)
+    assert fits(fanuc.DIALECT, {"front": 1, "up": 1, "turn1": 0, "turn2": 0, "turn3": 1}, ARM, q)
 
 
 def test_boxes_and_largest_sizes_hold_for_what_is_written() -> None:

@@ -7,14 +7,12 @@ controller go to them is nominal(q*). What is left is how well the robot is know
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, RobotError, se3
 from lmeasure.robots.model import RobotModel
-from lmeasure.robots.serial_robot import SerialRobot
 
 STEPS = 30
 SETTLED = 1e-10
@@ -155,55 +153,6 @@ def whole_turns(nominal: RobotModel, joints: FloatArray) -> FloatArray:
         first, last = math.ceil((least - value) / (2.0 * math.pi) - 1e-12), math.floor((most - value) / (2.0 * math.pi) + 1e-12)
         every.append([value] if slides else [value + 2.0 * math.pi * turn for turn in range(first, last + 1)])
     return np.array(list(itertools.product(*every))).reshape(-1, len(joints))
-
-
-def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray, *, slack_deg: float = 1e-6) -> bool:
-    """Whether joint values (n,) are those that a target's configuration says, as far as it can be told of this robot; signs and quarters
-    that change within slack_deg of a joint are not held against them.
-
-    krl: bit i of T is set where axis i + 1 is negative; bit 0 of S behind the first axis, bit 1 with the elbow up. rapid: cf1, cf4, cf6
-    are the quarters of axes 1, 4, 6, floor(q / 90 degrees); cfx 4 and more behind the first axis, odd where axis 5 is negative. fanuc:
-    whole turns of axes 4, 5, 6 or 1, 4, 6, as the controller is set ($TURN_AXIS), T in front of the first axis, U with the elbow up; of N
-    and F it is not known which way axis 5 counts. Where the arm stands is told of elbow arms with a spherical wrist alone.
-    """
-    if not isinstance(robot, SerialRobot) or robot.sliding.any() or len(joints) != 6:
-        return True
-    q = np.degrees(joints)
-    arm = _arm(robot, joints) if robot.arm.is_elbow else None
-    if dialect == "krl" and {"S", "T"} <= set(flags):
-        turned = all(bool(flags["T"] >> i & 1) == bool(q[i] < 0.0) or abs(q[i]) < slack_deg for i in range(6))
-        return turned and (arm is None or (bool(flags["S"] & 1), bool(flags["S"] & 2)) == arm)
-    if dialect == "rapid" and "cf1" in flags:
-        quarters = all(
-            int(np.floor(q[i] / 90.0)) == flags[key] or _at_quarter(q[i], slack_deg) for key, i in (("cf1", 0), ("cf4", 3), ("cf6", 5))
-        )
-        wrist = bool(flags["cfx"] & 1) == bool(q[4] < 0.0) or abs(q[4]) < slack_deg
-        return quarters and (arm is None or ((flags["cfx"] >= 4) == arm[0] and wrist))
-    if dialect == "fanuc" and "turn1" in flags:
-        whole = np.sign(q) * ((np.abs(q) + 180.0) // 360.0)
-        stated = [flags[f"turn{k}"] for k in (1, 2, 3)]
-        turns = any(np.array_equal(whole[list(axes)], stated) for axes in ((3, 4, 5), (0, 3, 5)))
-        return turns and (arm is None or (not bool(flags["front"]), bool(flags["up"])) == arm)
-    return True
-
-
-def _arm(robot: SerialRobot, joints: FloatArray) -> tuple[bool, bool]:
-    """(behind, up): whether the wrist's centre is behind the first axis, as its joint is turned, and whether the elbow is bent upwards."""
-    points, along = robot.arm.axes(joints[None])
-    shoulder, elbow, wrist = (points[0, i] for i in (1, 2, 4))
-    up, side = along[0, 0], along[0, 1]
-    # the second axis points to the left or to the right of an arm that faces forward at zero
-    _, zero_along = robot.arm.axes(np.zeros((1, 6)))
-    forward = np.cross(side, up)
-    ahead = np.cross(zero_along[0, 1], zero_along[0, 0]) @ se3.matrices(robot.arm.foot)[:, 0]
-    forward = forward if ahead > 0.0 else -forward
-    way = wrist - points[0, 0]
-    bent = np.cross(elbow - shoulder, wrist - shoulder) @ np.cross(forward, up)
-    return bool(way @ forward < 0.0), bool(bent < 0.0)
-
-
-def _at_quarter(degrees: float, slack_deg: float) -> bool:
-    return abs(degrees - 90.0 * round(degrees / 90.0)) < slack_deg
 
 
 def _solved(found: RobotModel, joints: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
