@@ -11,7 +11,6 @@ from lmeasure.certificate.canonical_json import canonical, digest
 from lmeasure.certificate.content import identification
 from lmeasure.certificate.method_version import METHOD
 from lmeasure.certificate.rounding import with_u95
-from lmeasure.certificate.versions import LIBRARIES
 from lmeasure.iso9283 import key_of
 
 RELATIVE = 1e-6
@@ -28,7 +27,6 @@ UNCERTAINTIES = ("u95", "u_random", "u_systematic")
 _NUMBER = re.compile(r"([-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)")
 _VERSION = re.compile(r"[\w.+()-]+(?: [\w.+()-]+)?", re.ASCII)
 SOURCES = "lmeasure sources"
-_ENVIRONMENT = ("lmeasure", SOURCES, "python", *LIBRARIES, "system", "processor")
 
 
 def label(figure: Mapping[str, Any]) -> str:
@@ -137,8 +135,8 @@ def of_environment(stated: Mapping[str, Any], here: Mapping[str, str]) -> list[D
         if not isinstance(value, str) or len(value) > 80 or not _VERSION.fullmatch(value)
     ]
     if stated.get(SOURCES) == here[SOURCES]:
-        out += [Difference(CERTIFICATE, f"environment: {_shown(key)} is no part of it") for key in stated if key not in _ENVIRONMENT]
-        out += [Difference(CERTIFICATE, f"environment: {key} is missing") for key in _ENVIRONMENT if key not in stated]
+        out += [Difference(CERTIFICATE, f"environment: {_shown(key)} is no part of it") for key in stated if key not in here]
+        out += [Difference(CERTIFICATE, f"environment: {key} is missing") for key in here if key not in stated]
     return out
 
 

@@ -24,7 +24,7 @@ from lmeasure.certificate.content import certificate
 from lmeasure.certificate.inputs import Measured, inputs_in, measure, settings_from
 from lmeasure.certificate.method_version import METHOD
 from lmeasure.certificate.recompute import RELATIVE, SOURCES, Compared, beside, compare, label, of_environment
-from lmeasure.certificate.versions import environment
+from lmeasure.certificate.versions import added_in, environment
 from lmeasure.core import CertificationError, LMeasureError
 from lmeasure.iso9283 import SCHEMA
 from lmeasure.text import LANGUAGES
@@ -96,7 +96,7 @@ def verify(
         stated = read_certificate(folder / CERTIFICATE)
     except LMeasureError as error:
         return _not_computed(folder, seal, error)
-    here = environment()
+    here = environment(added_in(stated["environment"]))
     own = {key: value for key, value in here.items() if stated["environment"].get(key) != value}
     own |= {key: "none" for key in stated["environment"] if key not in here}
     method = stated["method"]

@@ -2,14 +2,17 @@
 
 import hashlib
 import platform
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
 import llvmlite.binding
 
-from lmeasure.core import version_of
+from lmeasure.core import plug_in_version, version_of
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno")
+
+PLUG_IN = "plug-in "
 
 
 @cache
@@ -23,8 +26,11 @@ def sources_sha256() -> str:
     return digest.hexdigest()
 
 
-def environment() -> dict[str, str]:
-    """Versions of the program, Python and the libraries that compute or print, and the processor kernels are compiled for."""
+def environment(added: Iterable[str] = ()) -> dict[str, str]:
+    """Versions of the program, Python and the libraries that compute or print, and the processor kernels are compiled for.
+
+    added names the characteristics that other packages add: each has the version of its package under PLUG_IN and its name.
+    """
     return {
         "lmeasure": version_of("lmeasure"),
         "lmeasure sources": sources_sha256(),
@@ -32,4 +38,10 @@ def environment() -> dict[str, str]:
         **{name: version_of(name) for name in LIBRARIES},
         "system": f"{platform.system()} {platform.machine()}",
         "processor": llvmlite.binding.get_host_cpu_name(),
+        **{f"{PLUG_IN}{name}": plug_in_version("lmeasure.characteristics", name) for name in added},
     }
+
+
+def added_in(stated: Iterable[str]) -> list[str]:
+    """Return the characteristics of other packages that a certificate's environment names."""
+    return [key.removeprefix(PLUG_IN) for key in stated if key.startswith(PLUG_IN)]

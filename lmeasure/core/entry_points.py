@@ -74,10 +74,10 @@ def plug_ins(group: str, kind: type[Kind]) -> tuple[dict[str, Kind], str]:
     return {name: one for name, one in found.items() if not isinstance(one, PlugInError)}, "".join(broken)
 
 
-def plug_in_version(group: str, name: str) -> tuple[str, str]:
-    """Return name and version of the package that an entry point comes from; KeyError without one."""
-    dist = _entries(group)[name].dist
-    return ("unknown", "unknown") if dist is None else (dist.name, dist.version)
+def plug_in_version(group: str, name: str) -> str:
+    """Return name and version of the package that an entry point comes from; "none" without one."""
+    entry = _entries(group).get(name)
+    return "none" if entry is None else _source(entry).removeprefix("package ")
 
 
 def plug_in_of(error: BaseException) -> str:

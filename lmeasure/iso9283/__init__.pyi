@@ -1,8 +1,26 @@
+from .attainment import (
+    Attainment as Attainment,
+)
 from .capability import (
     undecided as undecided,
 )
 from .characteristic import (
     key_of as key_of,
+)
+from .clause import (
+    Clause as Clause,
+)
+from .clause import (
+    IsoTest as IsoTest,
+)
+from .clause import (
+    Quantity as Quantity,
+)
+from .clauses import (
+    quantity_of as quantity_of,
+)
+from .clauses import (
+    trend_names as trend_names,
 )
 from .evaluation import (
     SCHEMA as SCHEMA,
@@ -15,6 +33,15 @@ from .evaluation import (
 )
 from .evaluation import (
     evaluate as evaluate,
+)
+from .figure import (
+    Figure as Figure,
+)
+from .figure import (
+    Maker as Maker,
+)
+from .figure import (
+    Subject as Subject,
 )
 from .fitted_frame import (
     in_program_frame as in_program_frame,

@@ -1,18 +1,20 @@
 """What a test of ISO 9283 is to the evaluation: a subject of the program with everything that belongs to its test.
 
-A test module holds one class and a function from what was attained to its tests; `iso9283.TESTS` is the table of them. Most figures
-are functions of the states of parts, whose errors are drawn for all tests together (`uncertainty.propagate`); others are read from the
-motion itself (`readings`) and bring their own uncertainty. Nothing depends on the order in which tests are asked.
+A test module holds one class, a function from what was attained to its tests, and its `Clause`, which states what is known of its
+quantities before they are measured. Most figures are functions of the states of parts, whose errors are drawn for all tests together
+(`uncertainty.propagate`); others are read from the motion itself (`readings`) and bring their own uncertainty. Nothing depends on the order
+in which tests are asked.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from lmeasure.core import IntArray
+from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey
 from lmeasure.iso9283.figure import Figure, Subject
 from lmeasure.iso9283.motion_readings import Motion
@@ -67,3 +69,42 @@ class IsoTest:
     def read(self, motion: Motion, known: Mapping[CharacteristicKey, float]) -> Read:
         """Figures read from the motion; known: the values of those that are not."""
         return Read()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """What all characteristics of one symbol have in common.
+
+    Parameters
+    ----------
+    symbol
+        Name of a characteristic (t_s), or the part of it before the index, which several characteristics share (AP of AP_p, AP_x, ...).
+    label
+        Name in English.
+    labels
+        Names in other languages, by language; those of this program are in its catalogues.
+    summary
+        Characteristics that the first page of a certificate lists, with their places in that list: those with small numbers come first.
+    signed
+        Characteristics, besides components of vectors, that may be negative, and zero without being bad.
+    trend
+        Characteristic that is drawn over several certificates; its largest value is among the figures of `certify --json`.
+    between
+        What a name such as P2-P4 is of: "distance" or "move"; empty for characteristics of one pose or path.
+    """
+
+    symbol: str
+    label: str
+    labels: Mapping[str, str] = field(default_factory=dict)
+    summary: Mapping[str, int] = field(default_factory=dict)
+    signed: tuple[str, ...] = ()
+    trend: str = ""
+    between: Literal["", "distance", "move"] = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clause:
+    """A test as a whole: what finds it in what was attained, and its quantities."""
+
+    tests: Callable[[Attainment], Iterable[IsoTest]]
+    quantities: tuple[Quantity, ...]

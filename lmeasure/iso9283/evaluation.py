@@ -15,9 +15,9 @@ from lmeasure.iso9283.attainment import attained
 from lmeasure.iso9283.capability import with_verdicts
 from lmeasure.iso9283.characteristic import Characteristic
 from lmeasure.iso9283.clause import IsoTest, SampleErrors
-from lmeasure.iso9283.clauses import tests_of
+from lmeasure.iso9283.clauses import clauses_of, signed_names, tests_of
 from lmeasure.iso9283.dwells import with_windows
-from lmeasure.iso9283.figure import SIGNED, Figure, Subject
+from lmeasure.iso9283.figure import Figure, Subject
 from lmeasure.iso9283.fitted_frame import follows
 from lmeasure.iso9283.instants import on_times, with_instants
 from lmeasure.iso9283.motion_readings import Motion
@@ -190,7 +190,8 @@ def evaluate(
         trajectory, program, Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64)), settings.still_mm
     )
     given = attained(trajectory, program, settings, stamps, rig_angles=None if run is None else run.rig.angles)
-    tests = tests_of(given)
+    clauses = clauses_of(program.characteristics)
+    tests = tests_of(clauses, given)
     samples = np.unique(np.concatenate([test.samples() for test in tests]))
     laws = [_Law.of(model, replace(trajectory, time_s=stamps.stamp_s), samples, given.frame) for model in models]
     figures = [figure for test in tests for figure in test.figures()]
@@ -205,7 +206,7 @@ def evaluate(
     read = [(test, test.read(motion, known)) for test in tests]
     found += [replace(c, excluded=excluded.reason(test.needs)) for test, told in read for c in told.characteristics]
     vectors = {f.key: f.key._replace(name=f.vector) for f in figures if f.vector is not None}
-    judged = with_verdicts(found, vectors=vectors, signed=SIGNED, tolerances=program.tolerance, settings=settings)
+    judged = with_verdicts(found, vectors=vectors, signed=signed_names(clauses), tolerances=program.tolerance, settings=settings)
     unstated = () if covariances is not None or run is not None else _unstated(trajectory, settings)
     return Evaluation(
         characteristics=tuple(c.unstated() if "position" in unstated or c.unit in unstated else c for c in judged),

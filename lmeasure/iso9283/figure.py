@@ -10,8 +10,6 @@ from lmeasure.text import Finding, finding
 
 ANGLES = ("a", "b", "c")
 AXES = ("x", "y", "z")
-SIGNED = ("AD_p", "AV", "WS", "WF")
-"""Figures that may be negative, and zero without being bad, besides the components of vectors."""
 
 
 class Subject(NamedTuple):

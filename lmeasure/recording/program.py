@@ -299,6 +299,8 @@ class Program(Shown, Strict):
     """Convention of component-wise angles; see `lmeasure.core.conventions`."""
     load_kg: Annotated[float, Field(ge=0)] | None = None
     """Load at the flange."""
+    characteristics: tuple[Label, ...] = ()
+    """Characteristics that other packages add (docs/extending.md), by the names of their entry points."""
     pose: tuple[CommandedPose, ...] = ()
     """Commanded poses."""
     path: tuple[CommandedPath, ...] = ()

@@ -93,7 +93,8 @@ def write_certificate(
         _without_holes(measured.evaluation)
         copy_into(folder, copies)
         known = entries(folder, sorted(copies))
-        content = certificate(measured, inputs, known, created=now(), language=choices.language, environment=environment())
+        versions = environment(measured.program.characteristics)
+        content = certificate(measured, inputs, known, created=now(), language=choices.language, environment=versions)
         (folder / CERTIFICATE).write_bytes(canonical(content))
         for name in (PDF, PAGE):
             (folder / name).write_bytes(PRINTERS[name](content, measured))

@@ -62,7 +62,7 @@ def _summary(certificate: dict[str, Any]) -> list[str]:
         head = [html.indexed(word(language, f"column.{key}")) for key in ("characteristic", "value with u95", "bar", "verdict")]
         rows = [
             (
-                html.Ready(f"{html.indexed(f.result.symbol)} {html.kept(f.result.name)}{_small(f.where)}"),
+                html.Ready(f"{html.pieces(say.symbol_pieces(f.result.symbol))} {html.kept(f.result.name)}{_small(f.where)}"),
                 html.Ready(f"<b>{html.kept(_value(f.result))}</b>{_small(_k(f.result))}"),
                 html.Ready(f'<div class="bar">{f.bar}</div>{_small(f.result.limits)}'),
                 html.Ready(f"{html.kept(f.result.verdict)}{_small(f.result.conformity)}"),
@@ -114,7 +114,7 @@ def _row(language: str, row: say.Result) -> tuple[html.Ready, ...]:
     about = "; ".join(text for text in (row.clause, cycles, _k(row)) if text)
     decided = " ".join(text for text in (row.limits, row.conformity) if text)
     return (
-        html.Ready(f"{html.indexed(row.symbol)} {html.kept(row.name)}{_small(about)}"),
+        html.Ready(f"{html.pieces(say.symbol_pieces(row.symbol))} {html.kept(row.name)}{_small(about)}"),
         html.Ready(html.kept(_value(row))),
         html.Ready(f"{html.kept(row.verdict)}{_small(decided)}"),
     )

@@ -91,7 +91,7 @@ def _summary(certificate: dict[str, Any]) -> dict[str, Any]:
     space = pictures.errors_in_space(certificate)
     figures = [
         {
-            "symbol": with_indices(f.result.symbol),
+            "symbol": say.symbol_pieces(f.result.symbol),
             "name": f.result.name,
             "where": f.where,
             "value": _value(f.result),
@@ -126,7 +126,7 @@ def _results(certificate: dict[str, Any], measured: Measured) -> list[dict[str, 
         picture = drawn.get((kind, name))
         table = [
             [
-                with_indices(r.symbol),
+                say.symbol_pieces(r.symbol),
                 r.name,
                 r.clause,
                 _value(r),

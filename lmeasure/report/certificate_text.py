@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from lmeasure.certificate import with_u95 as with_u95
-from lmeasure.report.text import DOMAIN, characteristic_name, unit, word
+from lmeasure.iso9283 import quantity_of
+from lmeasure.report.text import DOMAIN, unit, word
 from lmeasure.text import BETWEEN_NUMBERS, decimal, from_stated, number, numbers, recognised, settled, signs, texts
 
 Rows = list[tuple[str, ...]]
@@ -132,6 +133,20 @@ def part_of(language: str, figure: Mapping[str, Any]) -> str:
     return word(language, "part.corner", number=corner) if corner != part and corner.isdecimal() else visible(part)
 
 
+def characteristic_name(language: str, name: str) -> str:
+    """What a characteristic such as AP_p is called; empty where no installed package knows it."""
+    known = quantity_of(name)
+    if known is None:
+        return ""
+    return texts(DOMAIN, language).get(f"name.{known.symbol}") or known.labels.get(language, known.label)
+
+
+def symbol_pieces(name: str) -> list[tuple[str, str]]:
+    """Return a characteristic's name as `with_indices` does: AP_p is AP with the index p."""
+    stem, _, index = name.partition("_")
+    return [(stem, index)]
+
+
 class Result(NamedTuple):
     """A characteristic as it is printed: symbol such as AP_p, name in words, numbers and verdicts; empty where there is nothing."""
 
@@ -221,17 +236,13 @@ def _percent(probability: float) -> str:
     return "<\u00a00.1\u00a0%" if probability < 0.0005 else f"{100 * probability:.1f}\u00a0%"
 
 
-_BETWEEN = {"AD": "distance", "RD": "distance", "t": "move"}
-"""What a name of two poses means, by the stem of the figure."""
-
-
 def place_of(language: str, figure: Mapping[str, Any]) -> str:
     """The pose or path of a figure, with its kind: pose P1."""
     for kind in ("pose", "path"):
         if figure.get(kind) is not None:
-            stem = "t" if figure["name"] == "t_min" else str(figure["name"]).split("_")[0]
-            said = _BETWEEN.get(stem, kind) if figure["name"] != "t_s" else kind
-            return f"{word(language, f'kind.{said}')} {visible(figure[kind])}"
+            known = quantity_of(str(figure["name"]))
+            named = (known and known.between) or kind
+            return f"{word(language, f'kind.{named}')} {visible(figure[kind])}"
     return word(language, "kind.program")
 
 

@@ -95,7 +95,12 @@ def on_paper(content: Any) -> Any:
 
 def indexed(value: str) -> Ready:
     """A text with the indices of its symbols set as such."""
-    return Ready("".join(kept(plain) + (f"<sub>{text(index)}</sub>" if index else "") for plain, index in with_indices(value)))
+    return pieces(with_indices(value))
+
+
+def pieces(value: Sequence[tuple[str, str]]) -> Ready:
+    """Pieces of a text, each with the index behind it."""
+    return Ready("".join(kept(plain) + (f"<sub>{text(index)}</sub>" if index else "") for plain, index in value))
 
 
 def paragraph(value: object, kind: str = "") -> str:

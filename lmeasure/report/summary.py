@@ -1,17 +1,14 @@
 """What a reader must know of a certificate at a glance: the figures that matter most, chosen from certificate.json, never computed."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from lmeasure.iso9283 import quantity_of
 from lmeasure.report import certificate_text as say
 from lmeasure.report.text import word
 
 MOST = 10
-ORDER = (
-    "AP_p", "RP_l", "vAP_p", "AD_p", "RD", "t_s", "AT_p", "RT_p", "CR", "AV", "FV", "RV", "OV", "CO", "dAP_p", "dRP_l", "E", "t_min",
-    "C_x", "C_y", "C_z", "WS", "WF", "AP_rot", "RP_rot", "AT_rot", "RT_rot",
-)  # fmt: skip
-"""Names of characteristics, those first that tell most of a robot; a component is told by its vector."""
 
 
 class Chosen(NamedTuple):
@@ -31,12 +28,14 @@ def chosen(certificate: Mapping[str, Any]) -> list[Chosen]:
     for figure in certificate["characteristics"]:
         if not figure.get("excluded"):
             by_name.setdefault(str(figure["name"]), []).append(figure)
-    known = sorted((n for n in by_name if n in ORDER or _held(by_name[n])), key=lambda n: (not _held(by_name[n]), _place(n)))
+    known = sorted((n for n in by_name if _place(n)[0] < math.inf or _held(by_name[n])), key=lambda n: (not _held(by_name[n]), _place(n)))
     return [Chosen(min(by_name[n], key=_goodness), len(by_name[n])) for n in sorted(known[:MOST], key=_place)]
 
 
-def _place(name: str) -> tuple[int, str]:
-    return (ORDER.index(name) if name in ORDER else len(ORDER), name)
+def _place(name: str) -> tuple[float, str]:
+    """Where the list has a name: those first that tell most of a robot; a component is told by its vector."""
+    known = quantity_of(name)
+    return (math.inf if known is None else known.summary.get(name, math.inf), name)
 
 
 def _held(figures: Sequence[Mapping[str, Any]]) -> bool:

@@ -19,13 +19,6 @@ def word(language: str, key: str, **values: Any) -> str:
     return text.format(**values) if values else text
 
 
-def characteristic_name(language: str, name: str) -> str:
-    """What a characteristic such as AP_p is called; empty where the table has no name for it."""
-    words = texts(DOMAIN, language)
-    stem = name if f"name.{name}" in words else name.split("_")[0]
-    return words.get(f"name.{stem}", "")
-
-
 _SYMBOL = re.compile(r"(?<!\w)(?:([vd]?[AR]P|[AR]D|[AR]T|[Ct])_(p|l|x|y|z|a|b|c|s|min|rot)|(U)(95))(?!\w)")
 
 

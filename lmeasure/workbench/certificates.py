@@ -17,6 +17,7 @@ from starlette.routing import Route
 from lmeasure.certificate import with_u95
 from lmeasure.core import LMeasureError
 from lmeasure.io import files, read_regular
+from lmeasure.iso9283 import trend_names
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
 from lmeasure.workbench.answers import (
     Bench,
@@ -34,8 +35,6 @@ from lmeasure.workbench.project import LARGEST_JSON, LARGEST_TEXT, OutsideError,
 from lmeasure.workbench.text import said
 from lmeasure.workbench.uploads import Uploads, take_in, take_in_folder
 
-FOLLOWED = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")
-"""Figures that are drawn over time: the largest of each."""
 HIGH, LEFT = 150, 60
 
 
@@ -163,7 +162,7 @@ def courses(project: Project) -> dict[str, list[Course]]:
             robot = " ".join(str(item[key]) for key in ("maker", "model", "serial") if key in item)
             day = str(content["details"].get("dates", {}).get("measured_to", content["created"]))[:10]
             datetime.date.fromisoformat(day)
-            for name in FOLLOWED:
+            for name in trend_names():
                 own = [c for c in content["characteristics"] if c["name"] == name and c["value"] is not None and c["u95"] is not None]
                 if own:
                     worst = max(own, key=lambda c: abs(c["value"]))

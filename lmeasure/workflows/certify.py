@@ -121,12 +121,11 @@ def _strange(content: dict[str, Any]) -> list[str]:
     ]
 
 
-LARGEST = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")
-
-
 def _figures(content: dict[str, Any]) -> dict[str, float]:
     """How many there are and of how many the instrument is capable, and the largest of the lengths that matter most."""
+    from lmeasure.iso9283 import trend_names
+
     every = content["characteristics"]
-    largest = {name: [c["value"] for c in every if c["name"] == name and c["value"] is not None] for name in LARGEST}
+    largest = {name: [c["value"] for c in every if c["name"] == name and c["value"] is not None] for name in trend_names()}
     counted = {"characteristics": float(len(every)), "capable": float(sum(c["capable"] is True for c in every))}
     return counted | {f"largest_{name}_mm": max(values) for name, values in largest.items() if values}

@@ -10,7 +10,7 @@ from made_trajectories import StatedErrors, by_name, made_campaign
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings, clauses, evaluate
 from lmeasure.iso9283.attainment import Attainment, attained
-from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clause import Clause, IsoTest
 from lmeasure.iso9283.clauses import distance
 from lmeasure.iso9283.clauses.corners import CornerPart
 from lmeasure.iso9283.clauses.path import PathPart
@@ -45,7 +45,7 @@ def test_a_new_test_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch) -
     trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=8)
     model = Program.model_validate(program)
     before = evaluate(trajectory, model, LAW, settings=CertificationSettings(trials=200))
-    monkeypatch.setattr(clauses, "TESTS", (*clauses.TESTS, farthest))
+    monkeypatch.setattr(clauses, "CLAUSES", (*clauses.CLAUSES, Clause(tests=farthest, quantities=())))
     after = evaluate(trajectory, model, LAW, settings=CertificationSettings(trials=200))
     found = by_name(after)
     for name in ("P1", "P2"):
@@ -60,7 +60,7 @@ def test_a_new_test_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch) -
 def test_what_is_asked_of_a_test_and_when_changes_nothing() -> None:
     trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=4)
     given = attained(trajectory, Program.model_validate(program), CertificationSettings(), sound(trajectory.time_s), rig_angles=None)
-    tests = clauses.tests_of(given)
+    tests = clauses.tests_of(clauses.CLAUSES, given)
     errors = [LAW, StatedErrors(np.zeros((6, 6)))]
 
     def states(model: StatedErrors) -> dict[Subject, FloatArray]:
@@ -73,7 +73,7 @@ def test_what_is_asked_of_a_test_and_when_changes_nothing() -> None:
     for one, other in zip(first, again, strict=True):
         assert all(np.array_equal(one[k], other[k]) for k in one)
     assert not np.array_equal(first[0][Subject("pose", "P1")], first[1][Subject("pose", "P1")])
-    assert sorted(names) == sorted(f.key for t in clauses.tests_of(given) for f in t.figures())
+    assert sorted(names) == sorted(f.key for t in clauses.tests_of(clauses.CLAUSES, given) for f in t.figures())
 
 
 def test_one_direction_and_one_robot_vary_from_no_other() -> None:
@@ -82,7 +82,7 @@ def test_one_direction_and_one_robot_vary_from_no_other() -> None:
     program["pose"][1] |= {"approaches": ["up", "down"] * 2, "units": ["A", "A", "B", "B"]}
     program["drift"] = [{"pose": "P1", "group": 4}, {"pose": "P2", "group": 2}]
     given = attained(trajectory, Program.model_validate(program), CertificationSettings(), sound(trajectory.time_s), rig_angles=None)
-    keys = {(f.key.name, f.key.pose) for t in clauses.tests_of(given) for f in t.figures()}
+    keys = {(f.key.name, f.key.pose) for t in clauses.tests_of(clauses.CLAUSES, given) for f in t.figures()}
     names = "vAP_p", "E", "dAP_p", "dRP_l"
     assert {key for key in keys if key[0] in names} == {(name, "P2") for name in names}
 

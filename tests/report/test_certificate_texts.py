@@ -12,7 +12,7 @@ from lmeasure.certificate.details import read_details
 from lmeasure.certificate.pictures import prediction_ellipse
 from lmeasure.core import FileFormatError
 from lmeasure.report import certificate_text as say
-from lmeasure.report.text import characteristic_name
+from lmeasure.report.certificate_text import characteristic_name
 from lmeasure.text import LANGUAGES
 from lmeasure.trajectory import AttainedPose
 from lmeasure.trajectory.motion.vibration import vibration

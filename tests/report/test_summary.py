@@ -16,7 +16,7 @@ from lmeasure.core import CertificationError
 from lmeasure.report import certificate_text as say
 from lmeasure.report import drawings, every_figure, headline
 from lmeasure.report.certificate_pictures import errors_in_space, figures
-from lmeasure.report.summary import MOST, ORDER, chosen
+from lmeasure.report.summary import MOST, chosen
 from lmeasure.report.text import with_indices
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -50,6 +50,18 @@ def test_of_each_name_the_worst_stands_in_the_summary() -> None:
     ]
     shown = chosen(certificate(found))
     assert [(c.figure["name"], c.figure["value"], c.of) for c in shown] == [("AP_p", 0.9, 2), ("RP_l", 0.7, 2), ("AD_p", -0.8, 2)]
+
+
+ORDER = (
+    "AP_p", "RP_l", "vAP_p", "AD_p", "RD", "t_s", "AT_p", "RT_p", "CR", "AV", "FV", "RV", "OV", "CO", "dAP_p", "dRP_l", "E", "t_min",
+    "C_x", "C_y", "C_z", "WS", "WF", "AP_rot", "RP_rot", "AT_rot", "RT_rot",
+)  # fmt: skip
+"""Names that a first page may list, those first that show most of a robot."""
+
+
+def test_the_first_page_lists_names_in_their_order() -> None:
+    for some in (ORDER[:MOST], ORDER[10:20], ORDER[17:]):
+        assert [c.figure["name"] for c in chosen(certificate([figure(name, 1.0) for name in reversed(some)]))] == list(some)
 
 
 def test_a_name_with_a_tolerance_is_not_left_out_for_one_without() -> None:

@@ -1,9 +1,14 @@
-"""The tests of ISO 9283:1998, a module each: its windows, its figures with their uncertainties, what excludes it and what it notes."""
+"""The tests of ISO 9283:1998, a module each: its windows, its figures with their uncertainties, what excludes it and what it notes.
 
-from collections.abc import Callable, Iterable
+Each module states all about its own characteristics; a new test is its file and a word in `CLAUSES`. Other packages add theirs by the entry
+point `lmeasure.characteristics` (docs/extending.md): a program names them, and only then are they looked for.
+"""
 
+from collections.abc import Iterable
+
+from lmeasure.core import CertificationError, plug_in, plug_in_names, plug_ins
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.clauses import (
     approaches,
     compliance,
@@ -20,26 +25,68 @@ from lmeasure.iso9283.clauses import (
     weaving,
 )
 
-TESTS: tuple[Callable[[Attainment], Iterable[IsoTest]], ...] = (
-    pose.tests,
-    approaches.tests,
-    exchangeability.tests,
-    drift.tests,
-    distance.tests,
-    compliance.tests,
-    path.tests,
-    velocity.tests,
-    corners.tests,
-    weaving.tests,
-    settling.tests,
-    posing.tests,
-    stabilisation.tests,
+CLAUSES: tuple[Clause, ...] = (
+    pose.CLAUSE,
+    approaches.CLAUSE,
+    exchangeability.CLAUSE,
+    drift.CLAUSE,
+    distance.CLAUSE,
+    compliance.CLAUSE,
+    path.CLAUSE,
+    velocity.CLAUSE,
+    corners.CLAUSE,
+    weaving.CLAUSE,
+    settling.CLAUSE,
+    posing.CLAUSE,
+    stabilisation.CLAUSE,
 )
 """The table of the tests; certificates list figures in this order, those of one subject together."""
+GROUP = "lmeasure.characteristics"
 
 
-def tests_of(attained: Attainment) -> list[IsoTest]:
-    """All tests that a trajectory holds of its program."""
-    found = [test for tests in TESTS for test in tests(attained)]
+def clauses_of(names: Iterable[str]) -> tuple[Clause, ...]:
+    """Return the tests of the standard, and those of other packages that a program names.
+
+    Raises
+    ------
+    CertificationError
+        If no installed package has one of the names.
+    PlugInError
+        If a package has it and cannot be used.
+    """
+    added = []
+    for name in names:
+        found = plug_in(GROUP, name, Clause)
+        if found is None:
+            known = ", ".join(plug_in_names(GROUP)) or "none"
+            raise CertificationError(f"characteristics: no installed package adds {name!r}; added are: {known}")
+        added.append(found)
+    return (*CLAUSES, *added)
+
+
+def tests_of(clauses: Iterable[Clause], attained: Attainment) -> list[IsoTest]:
+    """Return all tests that a trajectory holds of its program."""
+    found = [test for clause in clauses for test in clause.tests(attained)]
     order = {subject: i for i, subject in enumerate(dict.fromkeys(test.subject for test in found))}
     return sorted(found, key=lambda test: order[test.subject])
+
+
+def signed_names(clauses: Iterable[Clause]) -> tuple[str, ...]:
+    """Return the characteristics that may be negative, and zero without being bad, besides components of vectors."""
+    return tuple(name for clause in clauses for quantity in clause.quantities for name in quantity.signed)
+
+
+def trend_names() -> tuple[str, ...]:
+    """Return the characteristics of the standard that are followed over several certificates, as the first page of one lists them."""
+    followed = [(q.summary[q.trend], q.trend) for clause in CLAUSES for q in clause.quantities if q.trend]
+    return tuple(name for _, name in sorted(followed))
+
+
+def quantity_of(name: str) -> Quantity | None:
+    """Return what is known of a characteristic such as AP_p, of other packages too; None where no installed package knows it."""
+    return _quantity(CLAUSES, name) or _quantity(plug_ins(GROUP, Clause)[0].values(), name)
+
+
+def _quantity(clauses: Iterable[Clause], name: str) -> Quantity | None:
+    known = {quantity.symbol: quantity for clause in clauses for quantity in clause.quantities}
+    return known.get(name) or known.get(name.partition("_")[0])

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.clauses.pose import split
 from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject
 from lmeasure.iso9283.formulas import pose as iso
@@ -36,3 +36,9 @@ def tests(attained: Attainment) -> Iterator[ApproachTest]:
         if pose.name in attained.poses and len(set(pose.approaches)) > 1:
             convention, _ = attained.convention_of_pose(attained.poses[pose.name])
             yield ApproachTest(subject=Subject("pose", pose.name), directions=pose.approaches, convention=convention)
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(Quantity(symbol="vAP", label="multi-directional pose accuracy variation", summary={"vAP_p": 30}),),
+)

@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest, SampleErrors
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.clauses.pose import PosePart, numbered, of_rests
 from lmeasure.iso9283.figure import AXES, Figure, Maker, Subject, component
 from lmeasure.iso9283.formulas import pose as iso
@@ -58,3 +58,9 @@ def tests(attained: Attainment) -> Iterator[ComplianceTest]:
             forces=np.array(asked.force_n),
             groups=numbered(asked.force_n),
         )
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(Quantity(symbol="C", label="static compliance", summary={"C_x": 190, "C_y": 200, "C_z": 210}),),
+)

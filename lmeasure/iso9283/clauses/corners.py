@@ -15,7 +15,7 @@ from scipy.stats import norm
 
 from lmeasure.core import CertificationError, FloatArray, IntArray
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest, SampleErrors
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.clauses.path import DOUBT_OF_MEAN
 from lmeasure.iso9283.figure import Figure, Maker, Subject
 from lmeasure.iso9283.formulas import path as iso
@@ -298,3 +298,12 @@ def _likely(beyond: FloatArray, random: float, common: float) -> FloatArray:
             likely[likely >= -np.sqrt(random + common)] = 0.0
         beyond[part] = likely
     return beyond
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="CR", label="cornering round-off error", summary={"CR": 90}),
+        Quantity(symbol="CO", label="cornering overshoot", summary={"CO": 140}),
+    ),
+)

@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.figure import Figure, Maker, States, Subject
 from lmeasure.iso9283.formulas import pose as iso
 from lmeasure.recording import Distance
@@ -63,3 +63,12 @@ def tests(attained: Attainment) -> Iterator[DistanceTest]:
             commanded=one.commanded[:3] - other.commanded[:3],
             cycles=len(one.poses),
         )
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="AD", label="distance accuracy", summary={"AD_p": 40}, signed=("AD_p",), trend="AD_p", between="distance"),
+        Quantity(symbol="RD", label="distance repeatability", summary={"RD": 50}, trend="RD", between="distance"),
+    ),
+)

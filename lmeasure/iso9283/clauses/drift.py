@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.clauses.pose import split
 from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject
 from lmeasure.iso9283.formulas import pose as iso
@@ -45,3 +45,12 @@ def tests(attained: Attainment) -> Iterator[DriftTest]:
         convention, _ = attained.convention_of_pose(pose)
         times = tuple(str(j) for j in range(n) for _ in range(asked.group))
         yield DriftTest(subject=Subject("pose", asked.pose), commanded=pose.commanded[:3], times=times, convention=convention)
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="dAP", label="drift of pose accuracy", summary={"dAP_p": 150}),
+        Quantity(symbol="dRP", label="drift of pose repeatability", summary={"dRP_l": 160}),
+    ),
+)

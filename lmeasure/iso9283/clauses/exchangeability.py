@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.clauses.pose import split
 from lmeasure.iso9283.figure import Figure, Maker, Subject
 from lmeasure.iso9283.formulas import pose as iso
@@ -28,3 +28,9 @@ def tests(attained: Attainment) -> Iterator[ExchangeabilityTest]:
     for pose in attained.program.pose:
         if pose.name in attained.poses and len(set(pose.units)) > 1:
             yield ExchangeabilityTest(subject=Subject("pose", pose.name), robots=pose.units)
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(Quantity(symbol="E", label="exchangeability", summary={"E": 170}),),
+)

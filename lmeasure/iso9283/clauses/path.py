@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, IntArray, se3
 from lmeasure.iso9283.angles import angle_rates, angles_deg
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest, SampleErrors
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject
 from lmeasure.iso9283.formulas import path as iso
 from lmeasure.iso9283.formulas.pose import wrapped
@@ -223,3 +223,12 @@ class PathPart:
             None if state.turn_deg is None else state.turn_deg + np.degrees(turned),
             state.speed_mm_s * (1.0 + stretch),
         )
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="AT", label="path accuracy", summary={"AT_p": 70, "AT_rot": 260}, trend="AT_p"),
+        Quantity(symbol="RT", label="path repeatability", summary={"RT_p": 80, "RT_rot": 270}, trend="RT_p"),
+    ),
+)

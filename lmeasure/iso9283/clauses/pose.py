@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, IntArray, se3
 from lmeasure.iso9283.angles import angle_rates, angles_deg
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest, SampleErrors
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject
 from lmeasure.iso9283.formulas import pose as iso
 from lmeasure.iso9283.uncertainty import Part, reduction, reduction_of_mean
@@ -218,3 +218,12 @@ def of_rests(errors: PoseErrors, pose: AttainedPose, groups: IntArray) -> PoseEr
         scatter = pose.scatter_within(groups) - pose.vibration.of_mean
         errors = of_dwells(errors, averaged(errors, pose.vibration, pose.readings), scatter, groups)
     return with_rest(errors, pose.vibration, groups)
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="AP", label="pose accuracy", summary={"AP_p": 10, "AP_rot": 240}, trend="AP_p"),
+        Quantity(symbol="RP", label="pose repeatability", summary={"RP_l": 20, "RP_rot": 250}, trend="RP_l"),
+    ),
+)

@@ -8,7 +8,7 @@ import numpy as np
 from lmeasure.core import CertificationError, FloatArray, IntArray
 from lmeasure.iso9283.attainment import Attainment, places_in
 from lmeasure.iso9283.characteristic import CharacteristicKey
-from lmeasure.iso9283.clause import IsoTest, Read
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, Read
 from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.formulas import time as iso9283_time
 from lmeasure.iso9283.instants import of_duration
@@ -63,3 +63,9 @@ def tests(attained: Attainment) -> Iterator[PosingTest]:
                 limit_band_mm=asked.limit_band_mm,
                 at=places_in(attained.trajectory, asked.windows_s, f"posing {asked.name}"),
             )
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(Quantity(symbol="t_min", label="minimum posing time", summary={"t_min": 180}, between="move"),),
+)

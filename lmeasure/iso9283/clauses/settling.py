@@ -12,7 +12,7 @@ import numpy as np
 from lmeasure.core import CertificationError, FloatArray, IntArray
 from lmeasure.iso9283.attainment import Attainment, places_in
 from lmeasure.iso9283.characteristic import CharacteristicKey
-from lmeasure.iso9283.clause import IsoTest, Read
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, Read
 from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.formulas import time as iso9283_time
 from lmeasure.iso9283.instants import of_duration
@@ -74,3 +74,12 @@ def tests(attained: Attainment) -> Iterator[SettlingTest]:
                 limit_band_mm=pose.limit_band_mm,
                 at=places_in(attained.trajectory, pose.settling_s, f"pose {pose.name}, settling"),
             )
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="t_s", label="position stabilisation time", summary={"t_s": 60}),
+        Quantity(symbol="OV", label="position overshoot", summary={"OV": 130}),
+    ),
+)

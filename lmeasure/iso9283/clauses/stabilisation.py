@@ -11,7 +11,7 @@ import numpy as np
 from lmeasure.core import FloatArray
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.characteristic import CharacteristicKey
-from lmeasure.iso9283.clause import IsoTest, Read
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, Read
 from lmeasure.iso9283.clauses.corners import Corner, Passing, passings
 from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.formulas import path as iso9283_path
@@ -67,3 +67,9 @@ def tests(attained: Attainment) -> Iterator[StabilisationTest]:
                 corner=corner,
                 passed=tuple(zip(crossed.cycles, passed, strict=True)),
             )
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(Quantity(symbol="SPL", label="stabilisation path length"),),
+)

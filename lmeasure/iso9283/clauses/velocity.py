@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.figure import Figure, Maker, OfInstants, Subject
 from lmeasure.iso9283.formulas import path as iso
 from lmeasure.iso9283.paths import Crossings
@@ -47,3 +47,13 @@ def tests(attained: Attainment) -> Iterator[VelocityTest]:
             yield VelocityTest(
                 subject=Subject("path", path.name), crossings=crossed, commanded_mm_s=path.speed_mm_s, stamps=attained.stamps
             )
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="AV", label="path velocity accuracy", summary={"AV": 100}, signed=("AV",)),
+        Quantity(symbol="RV", label="path velocity repeatability", summary={"RV": 120}),
+        Quantity(symbol="FV", label="path velocity fluctuation", summary={"FV": 110}),
+    ),
+)

@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray, IntArray
 from lmeasure.iso9283.attainment import Attainment
-from lmeasure.iso9283.clause import IsoTest, SampleErrors
+from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.figure import Figure, Maker, OfInstants, Subject
 from lmeasure.iso9283.formulas import path as iso
 from lmeasure.iso9283.motion_readings import WITHOUT_HALF
@@ -234,3 +234,12 @@ def tests(attained: Attainment) -> Iterator[WeaveTest]:
             cycles = tuple(weaves(attained.paths[path.name], path.weave_stroke_mm))
             fewer = _of_every_other(attained.paths[path.name], path.weave_stroke_mm)
             yield WeaveTest(subject=Subject("path", path.name), path=path, cycles=cycles, stamps=attained.stamps, fewer=fewer)
+
+
+CLAUSE = Clause(
+    tests=tests,
+    quantities=(
+        Quantity(symbol="WS", label="weaving stroke error", summary={"WS": 220}, signed=("WS",)),
+        Quantity(symbol="WF", label="weaving frequency error", summary={"WF": 230}, signed=("WF",)),
+    ),
+)
