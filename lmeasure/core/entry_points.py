@@ -21,8 +21,8 @@ class PlugInError(LMeasureError):
 
 @cache
 def _entries(group: str) -> dict[str, importlib.metadata.EntryPoint]:
-    """Entry points by name; of several with one name the last, as Python finds them."""
-    return {entry.name: entry for entry in importlib.metadata.entry_points(group=group)}
+    """Entry points by name, in alphabetical order."""
+    return {entry.name: entry for entry in sorted(importlib.metadata.entry_points(group=group), key=lambda entry: entry.name)}
 
 
 def _source(entry: importlib.metadata.EntryPoint) -> str:

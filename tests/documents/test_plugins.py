@@ -1,0 +1,185 @@
+"""The example packages of docs/extending.md, built, installed into an empty folder and used by commands; and a package that is broken."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from log_fuzz import six_cables
+
+from lmeasure.rig import write_rig
+
+PLUGINS = Path(__file__).parents[2] / "docs" / "plugins"
+UNIT = (0.0, 0.0, 0.0, 1.0)
+POSE = ["--position-mm", "1,2,3", "--quaternion-xyzw", "0,0,0,1"]
+SETUP = "import setuptools; setuptools.setup()"
+BROKEN = """[lmeasure.log_formats]
+magpie = magpie:FORMAT
+crow = crow:FORMAT
+[lmeasure.robot_programs]
+magpie = magpie:DIALECT
+jay = json:loads
+[lmeasure.characteristics]
+magpie = magpie:CLAUSE
+"""
+FAILING = """from lmeasure.acquisition import LogFormat
+def read(path, file, report):
+    yield {}["frames"]
+FORMAT = LogFormat(name="crow", label="Crow", read=read, suffixes=(".crw",))
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment that has these packages besides what runs here, and one whose module cannot be imported."""
+    folder = tmp_path_factory.mktemp("plugins")
+    for package in ("log_format", "robot_program", "characteristic"):
+        shutil.copytree(PLUGINS / package, folder / package)
+        words = ["-q", "install", "--single-version-externally-managed", f"--record={folder}/record", f"--install-lib={folder}/installed"]
+        done = subprocess.run([sys.executable, "-c", SETUP, *words], cwd=folder / package, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    of_broken = folder / "installed" / "magpie-0.3.dist-info"
+    of_broken.mkdir()
+    (of_broken / "METADATA").write_text("Metadata-Version: 2.1\nName: magpie\nVersion: 0.3\n")
+    (of_broken / "entry_points.txt").write_text(BROKEN)
+    (folder / "installed" / "magpie.py").write_text("1 / 0\n")
+    (folder / "installed" / "crow.py").write_text(FAILING)
+    return folder / "installed"
+
+
+class Done(NamedTuple):
+    """What a command ended with, and what it wrote on standard output and standard error."""
+
+    code: int
+    out: str
+    err: str
+
+
+COMMANDS = """
+import contextlib, io, json, sys
+from lmeasure.cli.app import main
+ended = []
+for words in json.loads(sys.argv[1]):
+    out, err = io.StringIO(), io.StringIO()
+    sys.argv = ["lmeasure", *words]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as end:
+            ended.append([end.code or 0, out.getvalue(), err.getvalue()])
+print(json.dumps(ended))
+"""
+
+
+def run(installed: Path, *commands: list[object]) -> list[Done]:
+    """Commands in that environment, one behind the other in one process."""
+    environment = {**os.environ, "PYTHONPATH": str(installed), "PYTHONDONTWRITEBYTECODE": "1"}
+    words = json.dumps([list(map(str, command)) for command in commands])
+    done = subprocess.run([sys.executable, "-c", COMMANDS, words], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    return [Done(*one) for one in json.loads(done.stdout)]
+
+
+def test_an_example_is_short() -> None:
+    packages = [folder for folder in PLUGINS.iterdir() if folder.is_dir()]
+    assert len(packages) >= 3
+    for folder in packages:
+        assert {path.suffix for path in folder.iterdir() if path.is_file()} == {".toml", ".py"}
+        assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in folder.glob("*.*")) < 80, folder
+
+
+def test_a_log_of_another_package_is_imported(installed: Path, tmp_path: Path) -> None:
+    counts = np.arange(60).reshape(10, 6) * 1000 - 20000
+    lines = ["#PELICAN 1"]
+    for i, row in enumerate(counts.tolist()):
+        time = 1.0 + 0.01 * i
+        lines.append(f"{time:.6f} 080 :")
+        lines += [
+            f"{time + 1e-4 * j:.6f} {0x180 + j:03X} : {k.to_bytes(4, 'little', signed=True).hex(' ').upper()}" for j, k in enumerate(row, 1)
+        ]
+    (tmp_path / "drive.pel").write_text("\n".join([*lines, "out of paper", ""]))
+    write_rig(tmp_path / "rig.toml", six_cables())
+    # as text of any name it is recognised by its first line
+    (tmp_path / "drive.txt").write_text("\n".join([*lines, ""]))
+    (tmp_path / "x.mag").write_text("some text\n")
+    (tmp_path / "x.crw").write_text("some text\n")
+    (tmp_path / "x.log").write_text("(1.000000) can0 181#01020304\n")
+    scan = [["import", tmp_path / name, "--scan"] for name in ("drive.txt", "x.log", "x.mag", "x.crw")]
+    pel = ["import", tmp_path / "drive.pel", "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE]
+    done, text, ours, broken, failing = run(installed, pel, *scan)
+    assert done.code == 0, done.err
+    read = np.loadtxt(tmp_path / "run" / "pass1.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(read[:, 1:7], counts)
+    assert "1 of 72 lines could not be read (1 broken); the first is line 72: 'out of paper' (not as a Pelican writes it)" in done.out
+    assert "Pelican's text log" in text.out
+    # a broken package stops only what needs it
+    assert ours.code == 0
+    assert (broken.code, len(broken.err.splitlines())) == (1, 1)
+    assert "is no log this program reads" in broken.err
+    assert "; package magpie 0.3: magpie (magpie:FORMAT) cannot be loaded: ZeroDivisionError" in broken.err
+    fault = "KeyError in crow.py:3: 'frames'"
+    assert failing.err == f"lmeasure: a fault of package magpie 0.3, not of this program: {fault}; nothing was left half-written\n"
+
+
+def test_a_program_of_another_package_is_corrected(installed: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    off = np.array([1.0, -0.5, 0.25])
+    rows = [[*place, *UNIT, *off, 0.0, 0.0, 0.0] for place in rng.uniform(-200.0, 200.0, (60, 3))]
+    head = "x_mm,y_mm,z_mm,qx,qy,qz,qw,dx_mm,dy_mm,dz_mm,drx_deg,dry_deg,drz_deg"
+    (tmp_path / "map.csv").write_text("\n".join([head, *(",".join(map(repr, map(float, row))) for row in rows), ""]))
+    (tmp_path / "pick.hrn").write_text("SPEED 100\nGO P1 AT 10.0 20.0 -30.0 0.0 0.0 0.0\nGO P2 AT 10.0 20.0\nGRIP\n")
+    correct = ["correct", tmp_path / "pick.hrn", "--map", tmp_path / "map.csv", "--out", tmp_path / "out"]
+    done, jay, rook = run(installed, correct, [*correct, "--force", "--dialect", "jay"], [*correct, "--force", "--dialect", "rook"])
+    assert done.code == 0, done.err
+    assert "1 of 1 targets corrected (heron), 1 positions not read" in done.out
+    assert "pick.hrn:3: P2: 2 numbers, and a pose has 6" in done.out
+    assert (jay.code, len(jay.err.splitlines())) == (1, 1)
+    assert jay.err.startswith("lmeasure: package magpie 0.3: jay (json:loads) is a function and no Dialect")
+    assert rook.code == 2
+    assert "'rook' is none of krl, rapid, fanuc, ur-script, csv, robodk, heron, jay, magpie" in rook.err
+    lines = (tmp_path / "out" / "pick.hrn").read_text().splitlines()
+    assert [lines[0], *lines[2:]] == ["SPEED 100", "GO P2 AT 10.0 20.0", "GRIP"]
+    numbers = [float(word) for word in lines[1].split()[3:]]
+    assert numbers == pytest.approx([*(np.array([10.0, 20.0, -30.0]) - off), 0.0, 0.0, 0.0], abs=0.01)
+
+
+def test_a_characteristic_of_another_package_is_certified(installed: Path, tmp_path: Path) -> None:
+    """Farthest of the means over the windows, in the certificate and on its first page, with the package among the versions."""
+    rng = np.random.default_rng(2)
+    attained = np.array([100.0, 0.0, 50.0]) + rng.normal(0.0, 0.1, (5, 3))
+    time_s = np.arange(500) / 100.0
+    places = attained[np.minimum(time_s.astype(int), 4)]
+    table = np.column_stack([time_s, places, np.tile(UNIT, (500, 1))])
+    (tmp_path / "t.csv").write_text(
+        "time_s,x_mm,y_mm,z_mm,qx,qy,qz,qw\n" + "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
+    )
+    windows = [[i + 0.3, i + 0.9] for i in range(5)]
+    pose = f'[[pose]]\nname = "P1"\nposition_mm = [100.0, 0.0, 50.0]\nquaternion_xyzw = [0.0, 0.0, 0.0, 1.0]\nwindows_s = {windows}\n'
+    certify: dict[str, list[object]] = {}
+    for name in ("farthest", "magpie", "no-such"):
+        program = tmp_path / f"{name}.toml"
+        program.write_text(f'schema = "lmeasure.program/1"\ncharacteristics = ["{name}"]\n{pose}')
+        certify[name] = ["certify", tmp_path / "t.csv", "--u-position-mm", "0.01", "--u-rotation-deg", "0.01", "--program", program]
+        certify[name] += ["--out", tmp_path / name, "--language", "en"]
+    done, broken, unknown, again = run(installed, *certify.values(), ["verify", tmp_path / "farthest"])
+    assert done.code == 0, done.err
+    content = json.loads((tmp_path / "farthest" / "certificate.json").read_text())
+    (found,) = [c for c in content["characteristics"] if c["name"] == "FP_max"]
+    assert found["value"] == pytest.approx(np.linalg.norm(attained - [100.0, 0.0, 50.0], axis=1).max(), rel=1e-9)
+    assert found["u95"] == pytest.approx(0.02, rel=0.5)
+    assert content["environment"]["plug-in farthest"] == "lmeasure-farthest 1.0"
+    page = (tmp_path / "farthest" / "report.html").read_text(encoding="utf-8")
+    assert re.search(r"FP<sub>max</sub>.{0,40}farthest attained position", page)
+    assert again.code in (0, 3), again.out
+    loading = "package magpie 0.3: magpie (magpie:CLAUSE) cannot be loaded: ZeroDivisionError: division by zero"
+    assert broken[::2] == (1, f"lmeasure: {loading}\n")
+    assert unknown[::2] == (1, "lmeasure: characteristics: no installed package adds 'no-such'; added are: farthest, magpie\n")
+    assert not (tmp_path / "magpie").exists()
+    (elsewhere,) = run(tmp_path, ["verify", tmp_path / "farthest"])
+    assert "no installed package adds 'farthest'" in elsewhere.out + elsewhere.err
