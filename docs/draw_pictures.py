@@ -1,11 +1,13 @@
 """The pictures of these documents, drawn from the program's own geometry: `python docs/draw_pictures.py [FOLDER]`.
 
 cable.svg: one cable in the plane of its swivel pulley. cell.svg: a reconstructed run of `tests/authorities/truth/cell-run-long`.
-structures.svg: the structures of six links. mechanisms.svg: those of mechanisms.md at home.
+structures.svg: the structures of six links. mechanisms.svg: those of mechanisms.md at home. architecture.svg: the layers of packages.
 """
 
 import math
+import re
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -278,6 +280,22 @@ def draw_mechanisms() -> str:
     return svg(960, 610, "Mechanisms at home", parts)
 
 
+def draw_architecture() -> str:
+    """The layers of packages, as the contract in pyproject.toml has them."""
+    project = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = next(c["layers"] for c in project["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    width, height, gap = 900, 34, 12
+    parts = []
+    for row, layer in enumerate(layers):
+        names = [name.strip() for name in re.split(r"[|:]", layer)]
+        top, wide = 10 + row * (height + gap), (width - 20 - gap * (len(names) - 1)) / len(names)
+        for column, name in enumerate(names):
+            left = 10 + column * (wide + gap)
+            parts.append(f'<rect x="{left:.0f}" y="{top}" width="{wide:.0f}" height="{height}" rx="6" class="body"/>')
+            parts.append(text(np.array([left + wide / 2, top + 22]), name, anchor="middle"))
+    return svg(width, 10 + len(layers) * (height + gap), "Packages of lmeasure: each imports only packages below it", parts)
+
+
 def main(folder: Path) -> None:
     """Write the pictures into the folder."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -286,6 +304,7 @@ def main(folder: Path) -> None:
         ("cell.svg", draw_cell),
         ("structures.svg", draw_structures),
         ("mechanisms.svg", draw_mechanisms),
+        ("architecture.svg", draw_architecture),
     ):
         (folder / name).write_text(draw(), encoding="utf-8", newline="\n")
 

@@ -216,8 +216,8 @@ def plan_program(
 ) -> "TestCampaign":
     """The test program of ISO 9283 for the largest cube in a box or in a zone file, with its commands.
 
-    tests: fields of `certification.campaign.Tests`. Its `program` is what `evaluate` and `certify` take; it gets its windows from the
-    trajectory's rests, or from `certification.ran`.
+    tests: fields of `iso9283.program.campaign.Tests`. Its `program` is what `evaluate` and `certify` take; it gets its windows from the
+    trajectory's rests, or from `iso9283.ran`.
     """
     from lmeasure.iso9283 import Tests, campaign, cube_in_zone, largest_cube
 

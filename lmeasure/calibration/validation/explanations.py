@@ -21,7 +21,7 @@ class Otherwise:
 
     stated: Noise
     values: tuple[str, ...] = ("scale", "attachment", "radius")
-    """Groups of `observation.parameters.GROUPS`."""
+    """Groups of `rig.parameters.GROUPS`."""
 
     def freed(self, problem: Model, group: str) -> Model | None:
         """The model with a group of values solved for."""
