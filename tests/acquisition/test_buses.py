@@ -30,7 +30,7 @@ from lmeasure.simulation import cell_rig
 pytestmark = pytest.mark.live
 
 IntArray = NDArray[np.int64]
-HERE = Path(__file__).parent
+FEED = Path(__file__).parents[1] / "helpers" / "feed_process.py"
 
 
 def positions(count: int, rate_hz: float) -> IntArray:
@@ -48,7 +48,14 @@ Process = subprocess.Popen[str]
 def feeding(what: str, counts: IntArray, rate_hz: float, options: Options, folder: Path) -> Iterator[tuple[str, Process]]:
     """The encoders' process, ready and waiting: what it said, and the process."""
     np.save(folder / "counts.npy", counts)
-    command = [sys.executable, str(HERE / "feed_process.py"), what, str(folder / "counts.npy"), str(rate_hz), json.dumps(options)]
+    command = [
+        sys.executable,
+        str(FEED),
+        what,
+        str(folder / "counts.npy"),
+        str(rate_hz),
+        json.dumps(options),
+    ]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

@@ -254,7 +254,7 @@ def test_a_check_whose_rig_finds_no_room_keeps_what_it_showed(tmp_path: Path, mo
         raise AcquisitionError(files.not_written(path, OSError(28, "")))
 
     monkeypatch.setattr(files, "rewrite_toml", full)
-    monkeypatch.setattr("lmeasure.acquisition.check.self_test.check", lambda *_, **__: found)
+    monkeypatch.setattr("lmeasure.acquisition.self_test", lambda *_, **__: found)
     settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
     told = check_workflow.run(settings, ask=lambda step: "")
     assert (
@@ -353,7 +353,7 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
         *(CableCheck(f"c{i}", f"ch{i}", f"ch{i}", -1 if i == 6 else 1) for i in (4, 5, 6)),
     ]
     write_rig(tmp_path / "rig.toml", RIG)
-    monkeypatch.setattr("lmeasure.acquisition.check.self_test.check", lambda *_, **__: Check(200.0, {}, tuple(seen), ()))
+    monkeypatch.setattr("lmeasure.acquisition.self_test", lambda *_, **__: Check(200.0, {}, tuple(seen), ()))
     settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
     told = check_workflow.run(settings, ask=lambda step: "").summary
     assert told == (

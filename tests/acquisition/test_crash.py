@@ -43,7 +43,7 @@ class Recorders:
         run = simulate(scenario, rig).run
         assert run is not None
         self.recorded = run.run.passes[0].recorded
-        nursery = [sys.executable, str(Path(__file__).parent / "nursery.py")]
+        nursery = [sys.executable, str(Path(__file__).parents[1] / "helpers" / "nursery.py")]
         self._process = subprocess.Popen(nursery, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._answer() == "ready"
 

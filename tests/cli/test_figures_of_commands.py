@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from lmeasure import workflows
 from lmeasure.cli.app import main
 from lmeasure.workflows import COMMANDS
-from lmeasure.workflows.registry import __file__
 
 TESTS = Path(__file__).parents[1]
 RUN = TESTS / "authorities" / "truth" / "cell-run"
@@ -18,7 +18,7 @@ WITHOUT = {"key", "schema", "view", "workbench"}
 
 def test_every_workflow_that_finds_something_gives_figures() -> None:
     """Each `Result` of a workflow is given figures, but of those that find none, and lists of what there is."""
-    folder = Path(__file__).parent
+    folder = Path(workflows.__file__).parent
     for path in sorted(folder.glob("*.py")):
         name = path.stem
         calls = [

@@ -37,7 +37,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.skipif(sys.platform != "linux", reason="limits and rights of a process there")
 @pytest.mark.parametrize("mode", ["full", "closed"])
 def test_a_command_with_nowhere_to_write_ends_in_one_line(mode: str, desk: Path) -> None:
-    words = [sys.executable, str(HERE / "cli" / "starved.py"), mode, str(desk / "out")]
+    words = [sys.executable, str(HERE / "helpers" / "starved.py"), mode, str(desk / "out")]
     done = subprocess.run(words, input="\n".join(LINES), capture_output=True, text=True, cwd=desk, check=True)
     for line, text in zip(LINES, done.stdout.splitlines(), strict=True):
         code, said, left = json.loads(text)

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 import pytest
 
+from lmeasure import kernels
 from lmeasure.kernels import decorators
 from lmeasure.kernels.cache import own_folder
 
@@ -39,8 +40,8 @@ print(hashlib.sha256(found[0].tobytes()).hexdigest())
 def test_a_kernel_is_inlined_into_those_that_call_it() -> None:
     found = [
         value
-        for module in pkgutil.iter_modules(decorators.__path__)
-        for value in vars(importlib.import_module(f"{decorators.__name__}.{module.name}")).values()
+        for module in pkgutil.iter_modules(kernels.__path__)
+        for value in vars(importlib.import_module(f"{kernels.__name__}.{module.name}")).values()
         if hasattr(value, "py_func") and value.targetoptions.get("fastmath")  # a strict kernel has one set of digits only
     ]
     assert len(found) > 50

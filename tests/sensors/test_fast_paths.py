@@ -332,8 +332,8 @@ def test_covariances_of_poses(seed: int) -> None:
         rows, HOME, at, counts, np.ones(6), np.full(6, COUNT_MM**2 / 12.0), of_kernels @ of_kernels.T
     )
     G = twists(channels, at)
-    for way in (pose_covariance, screw_numpy):
-        np.testing.assert_allclose(way.twists(rows, at), G, rtol=1e-8, atol=1e-12)
+    for of_poses in (pose_covariance.pose_twists, screw_numpy.twists):
+        np.testing.assert_allclose(of_poses(rows, at), G, rtol=1e-8, atol=1e-12)
     own, shared = G * COUNT_MM / np.sqrt(12.0), shared_errors(channels, at, G, names, root=root)
     for found, expected in ((own, random), (shared, systematic)):
         u = np.sqrt(np.einsum("nii->ni", expected))

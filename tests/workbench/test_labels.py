@@ -3,14 +3,15 @@
 import re
 from pathlib import Path
 
+from lmeasure import workbench
 from lmeasure.text import texts
-from lmeasure.workbench import __file__, api, cards, details, forms, pages, rig_form, tour
+from lmeasure.workbench import api, cards, details, forms, pages, rig_form, tour
 from lmeasure.workbench.project import _BY_SCHEMA, Project
 from lmeasure.workbench.text import said
 from lmeasure.workflows import COMMANDS, load, options_of
 from lmeasure.workflows.labels import LABELS
 
-HERE = Path(__file__).parent
+HERE = Path(workbench.__file__).parent
 SPOKEN = re.compile(r"""_\(\s*(?:"([^"]+)"|'([^']+)')""")
 
 

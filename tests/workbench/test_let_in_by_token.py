@@ -16,9 +16,10 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from lmeasure import workbench
 from lmeasure.cli.app import main
 from lmeasure.core import SettingsError
-from lmeasure.workbench import __file__, forms
+from lmeasure.workbench import forms
 from lmeasure.workbench.guard import Door
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.project_list import Shelf
@@ -226,7 +227,7 @@ def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, pr
 
 
 def test_every_name_that_pages_ask_for_is_walked() -> None:
-    source = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.py"))
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(workbench.__file__).parent.glob("*.py"))
     asked = set(re.findall(r"""query_params\.get(?:list)?\("(\w+)\"""", source))
     asked |= set(re.findall(r"""form\.get\("(\w+)\"""", source))
     assert asked - {"token", "tour", "saved", "begin", "end", "line", "language", "_digest"} <= {*NAMED}
