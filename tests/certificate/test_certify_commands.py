@@ -163,7 +163,7 @@ def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.Monk
     def interrupted(_: Path, **__: object) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lmeasure.certificate.signature.new_key", interrupted)
+    monkeypatch.setattr("lmeasure.certificate.new_key", interrupted)
     monkeypatch.setattr("sys.argv", ["lmeasure", "key", "--out", str(tmp_path / "k.pem")])
     with pytest.raises(SystemExit) as end:
         main()

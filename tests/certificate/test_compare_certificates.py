@@ -24,6 +24,7 @@ from lmeasure.certificate import (
     lines,
     read_certificate,
 )
+from lmeasure.certificate.method_version import METHOD
 from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 from lmeasure.iso9283 import CertificationSettings
@@ -48,7 +49,8 @@ def certificate(
             u95 = 2.0 * float(np.hypot(*u.values()))
             figures.append({"name": f"AP_{axis}", "pose": pose, "value": float(value), "unit": "mm", "u95": u95, "capable": True, **u})
     return {
-        "schema": "lmeasure.certificate/1", "id": f"LM-{number}", "created": f"{day}T00:00:00Z", "language": "en", "details": details or {},
+        "schema": "lmeasure.certificate/1", "id": f"LM-{number}", "method": METHOD, "created": f"{day}T00:00:00Z", "language": "en",
+        "details": details or {},
         "measurement": {}, "inputs": [], "settings": {"align": False}, "environment": {}, "trajectory": {}, "characteristics": figures,
         "excluded": [], "attained": attained, "notes": [], "figures_sha256": "", "base_from_program": None,
         "instrument": {"systematic_sha256": digest},

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import lmeasure.demo.robot_in_cell as chain
 from lmeasure.cli.app import app
 from lmeasure.demo import OF_ROBOT, RobotDemo, existing, robot_demo
 from lmeasure.demo.folder import mark
@@ -113,7 +112,7 @@ def test_the_command_knows_every_file_of_the_demo(done: RobotDemo, out: Path) ->
 
 
 def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chain, "robot_demo", lambda out, progress, seed, correct: done if correct else replace(done, loop=None))
+    monkeypatch.setattr("lmeasure.demo.robot_demo", lambda out, progress, seed, correct: done if correct else replace(done, loop=None))
     ran = CliRunner().invoke(app, ["demo", "--robot"])
     assert ran.exit_code == 0, ran.output
     lines = ran.output.splitlines()

@@ -61,7 +61,7 @@ RECORDINGS = {
 def set_up(here: Path) -> None:
     """Write the inputs into a folder, in which the commands are run."""
     shutil.copytree(SEALED, here / "sealed")
-    shutil.copytree(SEALED.parent / "without-run", here / "sealed2")
+    shutil.copytree(SEALED, here / "sealed2")
     shutil.copytree(RUN, here / "run")
     shutil.copytree(HERE / "authorities" / "truth" / "cell-12-poses", here / "campaign")
     run = read_run(RUN)

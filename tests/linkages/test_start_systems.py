@@ -42,7 +42,7 @@ def test_loops_go_on_until_eight_have_brought_nothing(monkeypatch: pytest.Monkey
             return np.concatenate([ends, other[None]]), np.append(told, REACHED)
         return ends, told
 
-    monkeypatch.setattr(start_systems, "follow", follow)
+    monkeypatch.setattr(start_systems, "follow_homotopy", follow)
     structure = named("L-222-222")
     links, found = start_systems.grown(structure, np.random.default_rng(1))
     assert calls == [1, 1, 0] + [1] * 9 + [2] * 24
@@ -191,7 +191,7 @@ def test_each_way_to_the_assemblies_is_another(monkeypatch: pytest.MonkeyPatch) 
         ways[-1].append(aim)
         return homotopy.follow_homotopy(start, aim, points)
 
-    monkeypatch.setattr(straight_links, "follow", follow)
+    monkeypatch.setattr(straight_links, "follow_homotopy", follow)
     ends = []
     for attempt in range(3):
         ways.append([])
