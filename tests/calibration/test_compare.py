@@ -183,7 +183,8 @@ def test_command_prints_the_table_and_writes_it_into_the_page(tmp_path: Path) ->
     moved_json = json.loads((tmp_path / "moved.json").read_text())
     for value in moved_json["values"]:
         if value["u"] > 0.0:
-            assert f"{value['new'] - value['old']:+.4f}\xa0±\xa0{1.959964 * value['u']:.4f}" in text, value
+            shift = f"{value['new'] - value['old']:+.4f}\xa0±\xa0{1.959964 * value['u']:.4f}"
+            assert shift.replace("-", "\u2212") in text, value
     for words in (["old"], ["old", "new", "old"], ["old", "new", "--page", "page.html"]):
         refused = runner.invoke(app, ["compare", *(str(tmp_path / w) if w[0] != "-" else w for w in words)])
         assert refused.exit_code == 2, refused.output
