@@ -37,6 +37,7 @@ class Settings(Writing):
             "Calibration folder: rig.toml (nominal), reference_poses.csv, counts.csv; with --self and --continue a run folder as well.",
             metavar="FOLDER",
             positional=True,
+            label="Calibration folder",
         ),
     ]
     out: Annotated[Path, option("Folder for rig.toml, calibration.json and report.html.")]
@@ -50,18 +51,38 @@ class Settings(Writing):
         "position",
         "guide",
     )
-    neighbourhood_mm: Annotated[float, option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5)] = 100.0
-    neighbourhood_deg: Annotated[float, option("Half width of the search around the nominal guide angles.", ge=1e-3, le=180)] = 15.0
-    prior: Annotated[bool, option("Use the nominal rig's priors in every direction, not only where data are silent.")] = False
-    robust: Annotated[bool, option("Robust loss (Tukey's biweight) against reference poses that the others contradict.")] = False
-    hold_out: Annotated[Names, option("Reference poses to keep out of the fit; they judge it.", metavar="POSE,POSE,...")] = ()
+    neighbourhood_mm: Annotated[
+        float,
+        option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5, label="Search around the positions"),
+    ] = 100.0
+    neighbourhood_deg: Annotated[
+        float, option("Half width of the search around the nominal guide angles.", ge=1e-3, le=180, label="Search around the guide angles")
+    ] = 15.0
+    prior: Annotated[
+        bool, option("Use the nominal rig's priors in every direction, not only where data are silent.", label="Priors in every direction")
+    ] = False
+    robust: Annotated[
+        bool, option("Robust loss (Tukey's biweight) against reference poses that the others contradict.", label="Robust loss")
+    ] = False
+    hold_out: Annotated[
+        Names, option("Reference poses to keep out of the fit; they judge it.", metavar="POSE,POSE,...", label="Poses held out")
+    ] = ()
     seed: Annotated[int, option("Seed of the LP-search.", ge=0)] = 0
     self_calibration: Annotated[
-        bool, option("Estimate the poses too and trust none: seven cables or more to a body, four to one point.", flag="--self")
+        bool,
+        option(
+            "Estimate the poses too and trust none: seven cables or more to a body, four to one point.",
+            flag="--self",
+            label="Without reference poses",
+        ),
     ] = False
     continued: Annotated[
         bool,
-        option("Refine the calibration that a run's rig links by that run, if the rig has not moved since.", flag="--continue"),
+        option(
+            "Refine the calibration that a run's rig links by that run, if the rig has not moved since.",
+            flag="--continue",
+            label="Go on from the linked calibration",
+        ),
     ] = False
     distance: Annotated[
         Distances,
@@ -77,7 +98,10 @@ class Settings(Writing):
         option(f"About where a run began, instead of its own start: {START}.", metavar="X,Y,Z,O,A,T|FILE"),
     ] = None
     samples: Annotated[int, option("How many samples of a run, as far from each other as can be, calibrate.", ge=10, le=200)] = 40
-    frame: Annotated[Literal["rig", "poses"], option("What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig"
+    frame: Annotated[
+        Literal["rig", "poses"],
+        option("What holds the frame with --self: rig (nominal) or poses (reference).", label="What holds the frame"),
+    ] = "rig"
     u_position_mm: Annotated[
         float | None, option("Standard uncertainty of each coordinate of the reference poses, instead of their file's.", ge=0)
     ] = None
@@ -86,7 +110,8 @@ class Settings(Writing):
     ] = None
     columns: Annotated[str, COLUMNS] = ""
     compare: Annotated[
-        Path | None, option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD")
+        Path | None,
+        option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD", label="Compare with"),
     ] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None

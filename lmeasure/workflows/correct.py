@@ -28,13 +28,18 @@ class Settings(Writing):
             "Files of one program: KRL .src and .dat, RAPID .mod, FANUC .ls, Universal Robots .script, .csv.",
             metavar="FILE...",
             positional=True,
+            label="Robot program",
         ),
     ]
     out: Annotated[Path, option("Folder for the corrected files, under their names, corrections.json and corrections.html.")]
-    identified: Annotated[Path | None, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER")] = None
+    identified: Annotated[Path | None, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER", label="Identification")] = None
     map: Annotated[
         Path | None,
-        option("Measured errors over the region, where there is no model of the robot (docs/correction.md).", metavar="FILE"),
+        option(
+            "Measured errors over the region, where there is no model of the robot (docs/correction.md).",
+            metavar="FILE",
+            label="Map of errors",
+        ),
     ] = None
     columns: Annotated[
         str,
@@ -43,12 +48,24 @@ class Settings(Writing):
             metavar="NAME=COLUMN[UNIT],...",
         ),
     ] = ""
-    dialect: Annotated[str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.")] = ""
+    dialect: Annotated[
+        str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.", label="Robot language")
+    ] = ""
     frames: Annotated[
-        Path | None, option("Frames and tools that the program names but does not state (docs/correction.md).", metavar="FILE.toml")
+        Path | None,
+        option(
+            "Frames and tools that the program names but does not state (docs/correction.md).",
+            metavar="FILE.toml",
+            label="Frames and tools",
+        ),
     ] = None
     near: Annotated[
-        Numbers | None, option("Joint values (deg, mm) near the first target, where several ways lead to it.", metavar="Q1,Q2,...")
+        Numbers | None,
+        option(
+            "Joint values (deg, mm) near the first target, where several ways lead to it.",
+            metavar="Q1,Q2,...",
+            label="Joint values near the first target",
+        ),
     ] = None
     base: Annotated[
         Numbers | None,
@@ -65,11 +82,13 @@ class Settings(Writing):
             metavar="X,Y,Z,QX,QY,QZ,QW",
         ),
     ] = None
-    most_mm: Annotated[float, option("Largest correction of a place.", ge=0)] = 5.0
-    most_deg: Annotated[float, option("Largest correction of an orientation.", ge=0)] = 1.0
-    clip: Annotated[bool, option("Shorten corrections that are larger, instead of leaving their targets.")] = False
+    most_mm: Annotated[float, option("Largest correction of a place.", ge=0, label="Largest shift of a correction")] = 5.0
+    most_deg: Annotated[float, option("Largest correction of an orientation.", ge=0, label="Largest turn of a correction")] = 1.0
+    clip: Annotated[
+        bool, option("Shorten corrections that are larger, instead of leaving their targets.", label="Shorten large corrections")
+    ] = False
     keep_out: Annotated[Box | None, Spans(","), option("Box in the robot's base in which the tool must not be.", metavar=BOX)] = None
-    skip: Annotated[Names, option("Targets to leave as they are.", metavar="NAME,...")] = ()
+    skip: Annotated[Names, option("Targets to leave as they are.", metavar="NAME,...", label="Targets left as they are")] = ()
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:

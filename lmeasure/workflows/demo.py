@@ -21,10 +21,18 @@ class Settings(Writing):
     seed: Annotated[int, option("Which cell, reference poses and motion, or robot, are drawn.", ge=0)] = 0
     robot: Annotated[
         bool,
-        option("Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again."),
+        option(
+            "Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again.",
+            label="With a robot and its certificate",
+        ),
     ] = False
     correct: Annotated[
-        bool, option("With a robot: correct it and certify it again; without takes half as long.", flag="--correct/--no-correct")
+        bool,
+        option(
+            "With a robot: correct it and certify it again; without takes half as long.",
+            flag="--correct/--no-correct",
+            label="Correct the robot, and certify it again",
+        ),
     ] = True
 
     def paths(self) -> Paths:

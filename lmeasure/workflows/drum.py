@@ -19,7 +19,7 @@ class Settings(Writing):
     ]
     rig: Annotated[Path, option("The rig whose drums these are.")]
     out: Annotated[Path, option("Rig file to write.")]
-    point: Annotated[tuple[str, ...], option("Only this observation point; may be repeated.")] = ()
+    point: Annotated[tuple[str, ...], option("Only this observation point; may be repeated.", label="Observation points")] = ()
 
     def paths(self) -> Paths:
         """A rig from a rig and measurements."""

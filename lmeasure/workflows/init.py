@@ -34,9 +34,10 @@ class Settings(Writing):
         ),
     ] = Path()
     template: Annotated[
-        str | None, option("Shape to begin with; without it questions are asked.", metavar="NAME", words="lmeasure.templates:TEMPLATES")
+        str | None,
+        option("Shape to begin with; without it questions are asked.", metavar="NAME", words="lmeasure.templates:TEMPLATES", label="Shape"),
     ] = None
-    list: Annotated[bool, option("Only list the templates.", flag="--list")] = False
+    list: Annotated[bool, option("Only list the templates.", flag="--list", label="Only list")] = False
 
     def paths(self) -> Paths:
         """A rig, and what goes with it."""

@@ -8,13 +8,50 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, ge
 
 from annotated_types import Ge, Le
 
-from lmeasure.workflows.labels import label_of
 from lmeasure.workflows.settings import Pose, Separated, said_of, unit_of
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
     from lmeasure.workflows.settings import Asked
+
+COMMON_LABELS = {
+    "align": "Fit the program's frame",
+    "angles": "Convention of angles",
+    "base": "Base in the instrument's frame",
+    "boundary": "Follow the edge",
+    "bus_option": "Options of the bus",
+    "clearance_mm": "Clearance of cables",
+    "columns": "Columns of the file",
+    "constraint": "What holds the tool",
+    "distance": "Known distances",
+    "fast": "As fast as possible",
+    "free": "What else is freed",
+    "joints": "Joint values",
+    "keep_out": "Forbidden box",
+    "language": "Language of what is written",
+    "length_mm": "Cable lengths",
+    "limit_deg": "Largest pressure angle",
+    "out": "Written to",
+    "passage": "Pass",
+    "position_mm": "Position",
+    "quaternion": "Orientation",
+    "repeatability_mm": "Repeatability of the robot",
+    "report": "Folder of the page",
+    "rerun": "Recording to look at",
+    "seconds": "Length of the recording",
+    "solve": "What is solved for",
+    "start": "Start pose",
+    "tip": "Flange link",
+    "tool": "Target on the flange",
+    "trials": "Monte Carlo trials",
+    "u_position_mm": "Uncertainty of a coordinate (k = 1)",
+    "u_rotation_deg": "Uncertainty of a rotation (k = 1)",
+    "x": "Along X",
+    "y": "Along Y",
+    "z": "Along Z",
+}
+"""What options are called that several commands have by one name and in one sense; others state their own (`option(label=...)`)."""
 
 
 class Written(NamedTuple):
@@ -139,10 +176,10 @@ class Option(NamedTuple):
 
 def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
     """All options of a command, in their order."""
-    return tuple(_option(settings.__module__, name, field) for name, field in fields_of(settings).items())
+    return tuple(_option(name, field) for name, field in fields_of(settings).items())
 
 
-def _option(module: str, name: str, field: "FieldInfo") -> Option:
+def _option(name: str, field: "FieldInfo") -> Option:
     form, said = written(field), said_of(field)
     kinds = {bool: "flag", Path: "path", int: "whole", float: "number"}
     kind = "list" if form.repeated else "choice" if form.choices else kinds.get(form.kind, "text")
@@ -152,7 +189,7 @@ def _option(module: str, name: str, field: "FieldInfo") -> Option:
         default = "on"
     return Option(
         name=name,
-        label=label_of(module, name),
+        label=str(said.get("label") or COMMON_LABELS.get(name) or name.replace("_", " ").capitalize()),
         flag=flag_of(name, field),
         help=field.description or "",
         unit=unit_of(name, field),

@@ -26,11 +26,11 @@ class Settings(Writing):
     repeatability_mm: Annotated[float, option("Standard deviation per axis of the robot between repeated passes.", ge=0.0)] = 0.0
     uncertainty: Annotated[
         Literal["linear", "monte-carlo"],
-        option("linear, or monte-carlo: the run again and again with its inputs drawn (JCGM 101)."),
+        option("linear, or monte-carlo: the run again and again with its inputs drawn (JCGM 101).", label="Method of uncertainty"),
     ] = "linear"
     trials: Annotated[int, option("Trials of monte-carlo.", ge=2)] = 400
     seed: Annotated[int, option("Seed of monte-carlo.")] = 0
-    angles: Annotated[bool, option("Add the angles of the rig's convention.")] = False
+    angles: Annotated[bool, option("Add the angles of the rig's convention.", label="Angles beside quaternions")] = False
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:

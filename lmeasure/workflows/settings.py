@@ -76,6 +76,7 @@ def _choices(field: FieldInfo) -> list[str]:
 def option(
     text: str,
     *,
+    label: str | None = None,
     flag: str | None = None,
     short: str | None = None,
     metavar: str | None = None,
@@ -87,10 +88,12 @@ def option(
     positional: bool = False,
     words: str | None = None,
 ) -> Any:
-    """What is said of an option beside its type and default: help; flag, else `--` and its name; short, a second flag such as -f; metavar;
+    """What is said of an option beside its type and default: help; label, what it is called in forms and documents, else `COMMON_LABELS` or
+    the words of its name; flag, else `--` and its name; short, a second flag such as -f; metavar;
     the panel or group of a form that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage
     itself checks; words: where the names are that it may be, as module:NAME, for who completes what is typed."""
     extra: dict[str, Any] = {
+        "label": label,
         "flag": flag,
         "short": short,
         "metavar": metavar,
@@ -107,7 +110,9 @@ def option(
 class Writing(Asked):
     """Settings of a command that writes files."""
 
-    force: Annotated[bool, option("Replace files that exist; inputs and recordings never.", flag="--force", short="-f")] = False
+    force: Annotated[
+        bool, option("Replace files that exist; inputs and recordings never.", flag="--force", short="-f", label="Replace existing files")
+    ] = False
 
 
 def unit_of(name: str, field: FieldInfo) -> str:

@@ -9,28 +9,26 @@ from lmeasure.workbench import api, cards, details, forms, pages, rig_form, tour
 from lmeasure.workbench.project import _BY_SCHEMA, Project
 from lmeasure.workbench.text import said
 from lmeasure.workflows import COMMANDS, load, options_of
-from lmeasure.workflows.labels import LABELS
+from lmeasure.workflows.options import COMMON_LABELS
 
 HERE = Path(workbench.__file__).parent
 SPOKEN = re.compile(r"""_\(\s*(?:"([^"]+)"|'([^']+)')""")
 
 
-def test_every_option_has_a_label_and_every_label_an_option() -> None:
-    used = set()
-    for name in COMMANDS:
-        settings = load(name).settings
-        for option in options_of(settings):
-            own = f"{settings.__module__.rpartition('.')[2]}.{option.name}"
-            used.add(own if own in LABELS else option.name)
-            assert option.label == LABELS.get(own, LABELS.get(option.name)), "add it to lmeasure/workflows/labels.py"
-            assert "_" not in option.label
-    assert used == set(LABELS)
+LABELS = {option.label for name in COMMANDS for option in options_of(load(name).settings)}
+
+
+def test_a_label_is_of_words_and_a_common_one_is_of_several_commands() -> None:
+    assert not [label for label in LABELS if "_" in label]
+    for name, label in COMMON_LABELS.items():
+        commands = [c for c in COMMANDS if any((o.name, o.label) == (name, label) for o in options_of(load(c).settings))]
+        assert len(commands) > 1, f"state {label!r} with the option {name} of {commands}"
 
 
 def test_labels_and_words_of_pages_are_said_in_russian() -> None:
     known = {**texts("labels", "ru"), **texts("workbench", "ru"), **texts("cli", "ru")}
-    assert set(texts("labels", "ru")) == set(LABELS.values())
-    spoken = set(LABELS.values()) | set(pages.STEP_NAMES.values()) | set(cards.TITLES.values()) | set(cards.VERBS.values())
+    assert set(texts("labels", "ru")) == LABELS
+    spoken = LABELS | set(pages.STEP_NAMES.values()) | set(cards.TITLES.values()) | set(cards.VERBS.values())
     spoken |= {text for page in cards.PAGES.values() for text in (page.title, page.lead)}
     spoken |= {text for _, text in cards.NEEDS.values()} | {text for ways in cards.ONWARD.values() for _, text in ways}
     spoken |= set(details.FORM) | {entry.label for entry in details.ENTRIES if entry.label}

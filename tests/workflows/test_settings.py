@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from lmeasure.accuracy import GENERATIONS, Limits
+from lmeasure.acquisition import log_suffixes
 from lmeasure.calibration import CalibrationSettings
 from lmeasure.calibration.plan import pose_choice, reach
 from lmeasure.core import SettingsError
@@ -13,6 +14,7 @@ from lmeasure.estimation import CRITERIA
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283 import Tests as CubeTests
 from lmeasure.report import Choices
+from lmeasure.robot_programs import dialect_names
 from lmeasure.text import LANGUAGES
 from lmeasure.workflows import COMMANDS, load, options_of, rows_of_numbers, said_of, with_commas
 from lmeasure.workflows.settings import Separated, Spans, Words, unit_of
@@ -166,3 +168,9 @@ def test_every_row_of_numbers_takes_blanks() -> None:
     for text in ("0 0", "0,,0", "0;0;0", ""):
         with pytest.raises(ValueError, match="three numbers with ',' or a blank between them"):
             Separated(",", count=3).parsed(text)
+
+
+def test_help_names_the_formats_that_are_read() -> None:
+    logs, dialect = (load(c).settings.model_fields[n].description or "" for c, n in (("import", "logs"), ("correct", "dialect")))
+    assert [suffix for suffix in log_suffixes() if suffix not in logs] == []
+    assert [name for name in dialect_names() if name not in dialect] == []
