@@ -25,6 +25,9 @@ from .limits import (
 from .limits import (
     Limits as Limits,
 )
+from .limits import (
+    limit_from_accuracy as limit_from_accuracy,
+)
 from .placement import (
     GENERATIONS as GENERATIONS,
 )
@@ -45,9 +48,6 @@ from .placement import (
 )
 from .position_ellipsoids import (
     ellipsoids as ellipsoids,
-)
-from .pressure_angle import (
-    limit_from_accuracy as limit_from_accuracy,
 )
 from .program_check import (
     guard as guard,

@@ -46,6 +46,9 @@ from .plan.pose_choice import (
 from .plan.pose_choice import (
     plan_poses as plan_poses,
 )
+from .plan.pose_choice import (
+    plan_summary as plan_summary,
+)
 from .plan.reach import (
     Limits as Limits,
 )
@@ -54,9 +57,6 @@ from .plan.reach import (
 )
 from .plan.reach import (
     Usable as Usable,
-)
-from .plan.summary import (
-    plan_summary as plan_summary,
 )
 from .solve.effect_candidates import (
     CHANCE as CHANCE,

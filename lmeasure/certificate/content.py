@@ -8,7 +8,7 @@ import numpy as np
 
 from lmeasure.certificate.canonical_json import digest
 from lmeasure.certificate.inputs import Inputs, Measured, settings_stated
-from lmeasure.certificate.method_version import METHOD
+from lmeasure.certificate.versions import METHOD
 from lmeasure.core import Status
 from lmeasure.iso9283 import SCHEMA
 from lmeasure.recording import Program

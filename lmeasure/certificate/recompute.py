@@ -9,8 +9,8 @@ from typing import Any, Literal
 from lmeasure.certificate.bundle import CERTIFICATE, Difference
 from lmeasure.certificate.canonical_json import canonical, digest
 from lmeasure.certificate.content import identification
-from lmeasure.certificate.method_version import METHOD
 from lmeasure.certificate.rounding import with_u95
+from lmeasure.certificate.versions import METHOD
 from lmeasure.iso9283 import key_of
 
 RELATIVE = 1e-6

@@ -22,9 +22,8 @@ from lmeasure.certificate.bundle import (
 from lmeasure.certificate.canonical_json import canonical
 from lmeasure.certificate.content import certificate
 from lmeasure.certificate.inputs import Measured, inputs_in, measure, settings_from
-from lmeasure.certificate.method_version import METHOD
 from lmeasure.certificate.recompute import RELATIVE, SOURCES, Compared, beside, compare, label, of_environment
-from lmeasure.certificate.versions import added_in, environment
+from lmeasure.certificate.versions import METHOD, added_in, environment
 from lmeasure.core import CertificationError, LMeasureError
 from lmeasure.iso9283 import SCHEMA
 from lmeasure.text import LANGUAGES

@@ -1,4 +1,6 @@
-"""With what the figures were computed: the same environment gives the same digits, another may differ in the last ones."""
+"""The method and the environment that computed the results: the same environment gives the same digits, another may differ in the last
+ones.
+"""
 
 import hashlib
 import platform
@@ -9,6 +11,10 @@ from pathlib import Path
 import llvmlite.binding
 
 from lmeasure.core import plug_in_version, version_of
+
+METHOD = 1
+"""Raised whenever the same inputs give other results, or the same results another verdict."""
+
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno")
 

@@ -20,8 +20,8 @@ from lmeasure.certificate import Inputs, Verification, canonical, opened_zip, re
 from lmeasure.certificate.bundle import MANIFEST, check_seal
 from lmeasure.certificate.canonical_json import digest
 from lmeasure.certificate.inputs import inputs_in
-from lmeasure.certificate.method_version import METHOD
 from lmeasure.certificate.signature import fingerprint
+from lmeasure.certificate.versions import METHOD
 from lmeasure.cli.app import app
 from lmeasure.core import CertificationError, LMeasureError
 from lmeasure.iso9283 import CertificationSettings

@@ -32,8 +32,8 @@ from lmeasure.certificate import (
 from lmeasure.certificate.bundle import SIGNATURE, Difference
 from lmeasure.certificate.canonical_json import digest
 from lmeasure.certificate.content import identification
-from lmeasure.certificate.method_version import METHOD
 from lmeasure.certificate.recompute import FIGURES, RELATIVE, SOURCES, _keyed, beside, compare, label, of_environment
+from lmeasure.certificate.versions import METHOD
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.trajectory import write_trajectory

@@ -17,8 +17,7 @@ from lmeasure.robots.identification.outliers import HALF, LEAST_SPARE, outlying,
 from lmeasure.robots.identification.problem import LEAST_MM, LEAST_RAD, Fit, Noise, Problem, with_noise
 from lmeasure.robots.identification.stays import Stays, agreeing, read_at_stays, stays_of
 from lmeasure.robots.identification.unknowns import R, State, Unknowns
-from lmeasure.robots.parallel.leg_start import legs_at
-from lmeasure.robots.parallel.model import Parallel
+from lmeasure.robots.parallel.model import Parallel, legs_at
 from lmeasure.text import finding
 
 FOREIGN = 0.01
