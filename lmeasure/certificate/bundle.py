@@ -15,7 +15,7 @@ import os
 import shutil
 import stat
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -307,11 +307,11 @@ def _check_files(folder: Path, found: set[str], listed: list[dict[str, Any]]) ->
 # --- the one .zip of a folder ---
 
 
-def write_zip(path: Path, folder: Path, progress: Callable[[int, int], None] | None = None) -> None:
+def write_zip(path: Path, folder: Path) -> None:
     """Write the folder's .zip and, beside it, `path`.sha256 as sha256sum does; each whole or not at all."""
     with files.whole(path) as temporary:
         with temporary.open("wb") as out:
-            for piece in zip_pieces(folder, sorted(found_files(folder)), progress):
+            for piece in zip_pieces(folder, sorted(found_files(folder))):
                 out.write(piece)
         value = files.sha256(temporary)
     files.write_text(sidecar(path), f"{value}  {path.name}\n")
@@ -385,11 +385,9 @@ class _Sink:
         return out
 
 
-def zip_pieces(folder: Path, names: list[str], progress: Callable[[int, int], None] | None = None) -> Iterator[bytes]:
+def zip_pieces(folder: Path, names: list[str]) -> Iterator[bytes]:
     """The bytes of the .zip of these files, in this order: stored, dated 1980-01-01, the same on every machine."""
     sink = _Sink()
-    total = sum((folder / name).stat().st_size for name in names)
-    done = 0
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_STORED) as archive:  # type: ignore[call-overload]
         for name in names:
             info = zipfile.ZipInfo(name)
@@ -398,7 +396,4 @@ def zip_pieces(folder: Path, names: list[str], progress: Callable[[int, int], No
                 while piece := source.read(CHUNK):
                     out.write(piece)
                     yield sink.take()
-                    done += len(piece)
-                    if progress is not None:
-                        progress(done, total)
     yield sink.take()

@@ -36,10 +36,9 @@ def of_result(command: str, result: Result[Any]) -> dict[str, Any]:
     )
 
 
-def of_error(exit_code: int, lines: Sequence[str], words: Sequence[str] | None = None) -> dict[str, Any]:
+def of_error(exit_code: int, lines: Sequence[str]) -> dict[str, Any]:
     """An error in place of a result; where a file has several faults, the others are the warnings."""
-    words = sys.argv[1:] if words is None else words
-    return _document(next((word for word in words if word in COMMANDS), ""), exit_code, lines[0], warnings=list(lines[1:]))
+    return _document(next((word for word in sys.argv[1:] if word in COMMANDS), ""), exit_code, lines[0], warnings=list(lines[1:]))
 
 
 def written(document: Mapping[str, Any]) -> str:

@@ -28,10 +28,10 @@ class Cost:
     mm: float
 
 
-def box_poses(half_mm: float = HALF_MM, tilt_rad: float = TILT_RAD) -> FloatArray:
+def box_poses() -> FloatArray:
     """(n, 7) poses of a box about the base frame's origin: its corners, middles and centre, with every tilt."""
-    places = np.array(list(itertools.product(np.linspace(-half_mm, half_mm, NODES), repeat=3)))
-    turns = [np.zeros(3), *(sign * tilt_rad * np.eye(3)[i] for i in range(3) for sign in (-1.0, 1.0))]
+    places = np.array(list(itertools.product(np.linspace(-HALF_MM, HALF_MM, NODES), repeat=3)))
+    turns = [np.zeros(3), *(sign * TILT_RAD * np.eye(3)[i] for i in range(3) for sign in (-1.0, 1.0))]
     return np.concatenate([se3.pose(places, Rotation.from_rotvec(np.tile(turn, (len(places), 1)))) for turn in turns])
 
 
@@ -42,10 +42,9 @@ def position_errors(rig: Rig, zeroed_at: FloatArray, poses: FloatArray, names: t
     return np.asarray(shared_errors(channels, poses, twists(channels, poses), names=names, root=np.eye(len(names)))[:, 3:])
 
 
-def costs(rig: Rig, zeroed_at: FloatArray | None = None, poses: FloatArray | None = None) -> dict[str, Cost]:
+def costs(rig: Rig) -> dict[str, Cost]:
     """What an error costs, by `B1.position_mm`, `B1.guide`, `B1.pulley_radius_mm`, the keys of its drum, and `P1`."""
-    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if zeroed_at is None else zeroed_at
-    box = box_poses() if poses is None else poses
+    start, box = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), box_poses()
 
     def worst(*names: str) -> float:
         # of all directions of an error of length 1, the one that moves the tool most, where the cables can run at all

@@ -32,7 +32,7 @@ from lmeasure.certificate import (
 from lmeasure.certificate.bundle import SIGNATURE, Difference
 from lmeasure.certificate.canonical_json import digest
 from lmeasure.certificate.content import identification
-from lmeasure.certificate.recompute import FIGURES, RELATIVE, SOURCES, _keyed, beside, compare, label, of_environment
+from lmeasure.certificate.recompute import FIGURES, RELATIVE, SOURCES, beside, compare, label, of_environment
 from lmeasure.certificate.versions import METHOD
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings
@@ -481,10 +481,3 @@ def test_the_last_line_says_what_came_of_it(stated: Callable[..., Verification])
     assert other[1] == "figures differ in their last digits, by 2e-09 at most; up to 1e-06 is no difference"
     assert other[-1].endswith("computed again and the same within 1e-06")
     assert [stated(**c).exit_code for c in ({}, {"skipped": ("x",)}, {"differences": (one,), "skipped": ("x",)})] == [0, 3, 1]
-
-
-def test_figures_of_one_name_are_counted() -> None:
-    figures: list[dict[str, Any]] = [{"name": "AP_p", "pose": pose, "value": i} for i, pose in enumerate(("P1", "P2", "P1", "P1"))]
-    assert list(_keyed(figures).items()) == list(
-        zip(("AP_p of P1", "AP_p of P2", "AP_p of P1 (2)", "AP_p of P1 (3)"), figures, strict=True)
-    )

@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lmeasure.calibration.validation.observability import _text
 from lmeasure.estimation import Parameters, by_few, by_owner
-from lmeasure.rig import PLACE
 
 NAMES = ("a.x", "a.y", "b.x", "b.y", "c.x")
 PARAMETERS = Parameters(NAMES, np.zeros(5), np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
@@ -83,9 +81,3 @@ def test_few_parameters_are_found_in_any_basis(seed: int) -> None:
     assert pivots[order].tolist() == [0, 2]
     np.testing.assert_allclose(rows[order], sparse, atol=1e-12)
     assert by_owner(PARAMETERS, np.zeros((0, 5))) == []
-
-
-def test_what_is_rounded_to_nothing_of_a_direction_has_no_sign() -> None:
-    change = np.array([-0.001, 0.04, -4.0])
-    told = _text("B1", list(PLACE), change, change / 4.0, np.array([0.0, 0.0, 1.0]))
-    assert told == "B1 moves 4 mm along its line of sight (0.00, 0.01, -1.00)"

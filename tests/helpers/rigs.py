@@ -1,6 +1,7 @@
 """Random cells of channels of every kind, and poses in them."""
 
 import numpy as np
+from distance_channel import Distance
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -8,7 +9,6 @@ from lmeasure.core import se3
 from lmeasure.kernels import CABLE_COLUMNS, COUNT_LENGTH, TURN_COUNTS
 from lmeasure.rig import FACTORS, TABLE, Parameter, with_kernel_values
 from lmeasure.sensors import CableLength
-from lmeasure.sensors.distance import Distance
 from lmeasure.sensors.inclination import Inclination
 from lmeasure.sensors.swivel import SwivelAngle
 

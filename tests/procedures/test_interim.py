@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 from lmeasure.api import reconstruct
 from lmeasure.calibration import Campaign, Distance, calibrate
 from lmeasure.core import TrajectoryError, se3
-from lmeasure.procedures import Checked, Closure, Limits, check_instrument, verdict_text
+from lmeasure.procedures import Checked, Limits, check_instrument, verdict_text
 from lmeasure.recording import Poses, Run
 from lmeasure.report.interim import verdict
 from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict, with_values
 from lmeasure.sensors import counts_from_poses, recorded_from_counts
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
-from lmeasure.workflows.check_instrument import _told
 
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
@@ -150,13 +149,6 @@ def test_false_alarms_are_as_rare_as_stated() -> None:
     """Of 12 sound checks with an alarm rate of 25 %: no more than a binomial law exceeds four times in ten thousand."""
     alarms = [not check_instrument(run_of(true_rig(), 100 + seed)[0], (), replace(LIMITS, alarm=0.25)).passed for seed in range(12)]
     assert sum(alarms) <= 8
-
-
-def test_what_is_rounded_to_nothing_has_no_sign() -> None:
-    assert _told(Closure("drift", "c1", -4e-5, 0.0116, 1.0), failed=False) == "drift     c1             +0.0000 mm  U95 0.0116  p 1"
-    assert (
-        _told(Closure("drift", "c1", -6e-5, 0.0116, 0.001), failed=True) == "drift     c1             -0.0001 mm  U95 0.0116  p 0.001  off"
-    )
 
 
 def test_what_is_no_check_is_refused() -> None:

@@ -1,18 +1,10 @@
-"""The page of an interim check: verdict, times and units as people write them, and a limit that is seen."""
+"""The page of an interim check: verdict and units as people write them, and a limit that is seen."""
 
 from pathlib import Path
 
 import pages
 import pytest
 from browser import opened
-
-from lmeasure.report.interim import _when
-
-
-def test_a_time_is_as_people_write_it() -> None:
-    assert _when("2026-03-05T09:00:00Z") == "2026-03-05 09:00:00 UTC"
-    assert _when("2026-03-05T09:00:00+02:00") == "2026-03-05T09:00:00+02:00"
-    assert _when("yesterday") == "yesterday"
 
 
 @pytest.fixture(scope="module")

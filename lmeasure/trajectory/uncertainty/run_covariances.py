@@ -85,10 +85,9 @@ def closure_factors(
     *,
     counts: FloatArray,
     unused: BoolArray,
-    compiled: bool = True,
 ) -> FloatArray:
     """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
-    G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled)
+    G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled=True)
     lengths = evidence.closure_lengths(time_s)
     return np.asarray(G[:, :, : lengths.shape[1]] @ lengths)
 

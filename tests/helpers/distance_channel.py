@@ -1,4 +1,4 @@
-"""The straight distance from a fixed point to a point of the tool, without pulley or drum."""
+"""A channel that no rig file knows: the straight distance from a fixed point to a point of the tool, without pulley or drum."""
 
 from dataclasses import dataclass
 from math import inf
