@@ -1,4 +1,4 @@
-"""Finite twists: exponential and logarithm of screws.
+"""Finite twists: the exponential of screws, and the logarithm of turns.
 
 A twist is (omega; v) with v the velocity of the body point that is momentarily at the reference point. The displacement is
 x -> R x + V v about that reference point, R = exp[omega], V = sin(t)/t I + (1-cos t)/t^2 [omega] + (t - sin t)/t^3 omega omega^T,
@@ -52,25 +52,3 @@ def log_rotation(q: Quat) -> Vec3:
         return scale(2.0 if q[3] >= 0.0 else -2.0, n)
     t = 2.0 * math.atan2(s, q[3]) if q[3] >= 0.0 else -2.0 * math.atan2(s, -q[3])
     return scale(t / s, n)
-
-
-@inline
-def log_translation(omega: Vec3, p: Vec3) -> Vec3:
-    """The v whose `exp_translation(omega, v)` is p, for |omega| <= pi.
-
-    V^-1 = I - [omega]/2 + k [omega]^2 with k = (1 - (t/2) cot(t/2))/t^2; k by its series below 0.5 rad.
-    """
-    t = norm(omega)
-    z = t * t
-    if t > 0.5:
-        half = 0.5 * t
-        k = (1.0 - half * math.cos(half) / math.sin(half)) / z
-    else:
-        # Bernoulli series of (1 - (t/2) cot(t/2))/t^2
-        k = (
-            1.0 / 12.0
-            + z * (1.0 / 720.0 + z * (1.0 / 30240.0 + z * (1.0 / 1209600.0 + z * (1.0 / 47900160.0))))
-            + z * z * z * z * z * (691.0 / 1307674368000.0 + z / 74724249600.0)
-        )
-    first = cross(omega, p)
-    return add(p, add(scale(-0.5, first), scale(k, cross(omega, first))))

@@ -142,12 +142,6 @@ def parquet_of_one_text(path: Path, rows: int, letters: int) -> None:
     _written(path, pa.table({name: np.zeros(rows) for name in ("time_s", "x_mm", "y_mm", "z_mm")} | {"status": texts}), 1)
 
 
-def parquet_of_lists(path: Path, rows: int, each: int) -> None:
-    """A file whose one row of lists holds very many numbers."""
-    lists = pa.ListArray.from_arrays(np.arange(0, rows * each + 1, each, dtype=np.int32), pa.array(np.zeros(rows * each)))
-    _written(path, pa.table({name: np.zeros(rows) for name in ("time_s", "x_mm", "y_mm", "z_mm")} | {"more": lists}), 1)
-
-
 def _written(path: Path, table: pa.Table, groups: int) -> None:
     with pa.parquet.ParquetWriter(path, table.schema, compression="zstd") as out:
         for _ in range(groups):

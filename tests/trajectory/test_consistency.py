@@ -29,7 +29,6 @@ U = 0.01
 """Standard uncertainty of a reading [mm]."""
 N = 400
 TIME = np.arange(N) / 100.0
-NOTHING: tuple[int, ...] = ()
 
 
 class Readings:
@@ -504,11 +503,6 @@ def test_so_many_faults_that_what_is_left_is_nobodys(monkeypatch: pytest.MonkeyP
     assert spans_of(found) == [(EVERY, -np.inf, np.inf, "contradiction.none"), (1, 0.19, 0.39, "cable.left_out")]
     monkeypatch.setattr(consistency, "ROUNDS", 2)
     assert [d[0] for d in spans_of(judged(with_errors(*wrong, channels=3)))] == [1, 2]
-
-
-def one_epoch(n: int, errors: FloatArray) -> Epochs:
-    found = epochs_of(errors)
-    return found.at(slice(n, n + 1))
 
 
 def test_of_a_long_run_the_epochs_are_kept_that_contradict_themselves_most(monkeypatch: pytest.MonkeyPatch) -> None:

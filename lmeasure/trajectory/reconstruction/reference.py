@@ -12,7 +12,6 @@ from lmeasure.kernels import CHANGES, CLEAR_OF_SINGULAR, LOST, MAX_STEP_ROTATION
 from lmeasure.linkages import pressure_angles
 from lmeasure.sensors import arms, span_rows
 
-CABLES = 6
 ANCHORS = 2000  # more, as of a long way, and compiling costs less
 STEPS = 6
 FLOOR_MM = 1e-9  # a residual of rounding, when it no longer falls
