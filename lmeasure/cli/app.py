@@ -138,7 +138,7 @@ def _unforeseen(error: Exception) -> NoReturn:
         raise error
     at = traceback.extract_tb(error.__traceback__)[-1]
     fault = f"{type(error).__name__} in {Path(at.filename).name}:{at.lineno}: {shortened(str(error))}"
-    from lmeasure.core import plug_in_of
+    from lmeasure.core import plug_in_of, plug_ins_in_use
 
     if package := plug_in_of(error):
         text = "a fault of {package}, not of this program: {fault}; nothing was left half-written"
@@ -148,7 +148,7 @@ def _unforeseen(error: Exception) -> NoReturn:
         said(
             "a fault of this program, {fault}; nothing was left half-written. Please report this line, the command and its files; with "
             "LMEASURE_DEBUG=1 set the command says more",
-            fault=fault,
+            fault=fault + plug_ins_in_use(),
         ),
     )
 

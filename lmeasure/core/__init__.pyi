@@ -61,6 +61,9 @@ from .entry_points import (
     PlugInError as PlugInError,
 )
 from .entry_points import (
+    check_kind as check_kind,
+)
+from .entry_points import (
     plug_in as plug_in,
 )
 from .entry_points import (
@@ -74,6 +77,9 @@ from .entry_points import (
 )
 from .entry_points import (
     plug_ins as plug_ins,
+)
+from .entry_points import (
+    plug_ins_in_use as plug_ins_in_use,
 )
 from .errors import (
     AccuracyError as AccuracyError,

@@ -11,8 +11,9 @@ from typing import TypeVar
 
 from lmeasure.core.errors import LMeasureError
 
-GROUPS = ("lmeasure.log_formats", "lmeasure.robot_programs", "lmeasure.characteristics")
+GROUPS = ("lmeasure.sensors", "lmeasure.log_formats", "lmeasure.robot_programs", "lmeasure.characteristics")
 Kind = TypeVar("Kind")
+_in_use: list[tuple[str, str]] = []
 
 
 class PlugInError(LMeasureError):
@@ -43,6 +44,8 @@ def _loaded(group: str, name: str) -> "object | PlugInError":
 def _kind(group: str, name: str, kind: type[Kind]) -> Kind | PlugInError:
     """Return what an entry point names, where it is of that kind."""
     found, entry = _loaded(group, name), _entries(group)[name]
+    if not isinstance(found, PlugInError):
+        _in_use.append((group, name))
     if isinstance(found, kind | PlugInError):
         return found
     return PlugInError(f"{_source(entry)}: {name} ({entry.value}) is a {type(found).__name__} and no {kind.__name__}")
@@ -80,9 +83,30 @@ def plug_in_version(group: str, name: str) -> str:
     return "none" if entry is None else _source(entry).removeprefix("package ")
 
 
+def check_kind(suffixes: object, *functions: object) -> None:
+    """Check what a kind states of itself, so that a package that states something else is found when it is loaded.
+
+    Raises
+    ------
+    TypeError
+        If suffixes are no tuple of texts such as ".log", in small letters, or a function is none.
+    """
+    stated = suffixes if isinstance(suffixes, tuple) else (None,)
+    if not all(isinstance(one, str) and one[:1] == "." and one == one.lower() for one in stated):
+        raise TypeError(f'suffixes must be a tuple of texts such as ".log", in small letters, not {suffixes!r}')
+    if wrong := [one for one in functions if not callable(one)]:
+        raise TypeError(f"{wrong[0]!r} is no function")
+
+
 def plug_in_of(error: BaseException) -> str:
-    """Return the package in whose code an exception was raised, as far as it adds a kind; empty where it is this program's own."""
+    """Return the package in whose code an exception was raised, as far as it adds a kind; empty where it is this program's own code."""
     modules = [frame.f_globals.get("__name__", "").partition(".")[0] for frame, _ in traceback.walk_tb(error.__traceback__)]
     entries = [entry for group in GROUPS for entry in _entries(group).values()]
     tops = {entry.module.partition(".")[0]: entry for entry in entries}
     return next((_source(tops[name]) for name in reversed(modules) if name in tops and name != "lmeasure"), "")
+
+
+def plug_ins_in_use() -> str:
+    """Return the packages of which this process has loaded kinds, to stand behind a message; empty without any."""
+    used = dict.fromkeys(_source(_entries(group)[name]) for group, name in _in_use)
+    return f" (in use: {', '.join(used)})" if used else ""

@@ -63,9 +63,8 @@ class Conformity:
 class Characteristic:
     """One figure of a certificate.
 
-    name: as ISO 9283:1998 writes it, _ for a subscript: AP_p, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c, RP_l, RP_a.., vAP_p, AD_p, RD, t_s
-    (stabilisation time), OV, dAP_p, dRP_l (drift), E (exchangeability), AT_p, RT_p, AT_a.., CR, CO, SPL (stabilisation path length), AV,
-    RV, FV, t_min (minimum posing time), C_x.. (static compliance), WS, WF (weaving). `_rot` marks rotation as a whole (an extension).
+    name: as ISO 9283:1998 writes it, _ for a subscript: AP_p; each module of `clauses` states its own. `_rot` marks rotation as a whole (an
+    extension).
     pose, path: what of the program it belongs to; a distance or a posing has the pose "P2-P4". part: what of that, such as "corner 2".
     clause: of ISO 9283:1998. value, unit; u95: half of the interval about the value that holds the characteristic of the true poses of
     these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (their rounding, which is

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from lmeasure.core import IntArray
+from lmeasure.core import IntArray, check_kind
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey
 from lmeasure.iso9283.figure import Figure, Subject
@@ -108,3 +108,6 @@ class Clause:
 
     tests: Callable[[Attainment], Iterable[IsoTest]]
     quantities: tuple[Quantity, ...]
+
+    def __post_init__(self) -> None:
+        check_kind((), self.tests)

@@ -3,6 +3,7 @@
 Two kinds of results get no verdict: parts outside the instrument's zone, and parts that hang on counts that may be wrong.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -205,6 +206,10 @@ def evaluate(
     known = {c.key: c.value for c in found}
     read = [(test, test.read(motion, known)) for test in tests]
     found += [replace(c, excluded=excluded.reason(test.needs)) for test, told in read for c in told.characteristics]
+    twice = [str(key) for key, times in Counter(c.key for c in found).items() if times > 1]
+    if twice and program.characteristics:
+        added = ", ".join(program.characteristics)
+        raise CertificationError(f"characteristics: {twice[0]} is computed twice; one of {added} has the name of another characteristic")
     vectors = {f.key: f.key._replace(name=f.vector) for f in figures if f.vector is not None}
     judged = with_verdicts(found, vectors=vectors, signed=signed_names(clauses), tolerances=program.tolerance, settings=settings)
     unstated = () if covariances is not None or run is not None else _unstated(trajectory, settings)

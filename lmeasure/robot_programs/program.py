@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import MAX_LENGTH_MM, FloatArray, se3, shortened
+from lmeasure.core import MAX_LENGTH_MM, FloatArray, check_kind, se3, shortened
 from lmeasure.io import Column
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -117,6 +117,9 @@ class Dialect:
     recognises: Callable[[str], bool] | None = None
     of_table: Callable[[Sequence[Source], Mapping[str, Column] | None], "Dialect"] | None = None
     configured: Callable[[Mapping[str, int], FloatArray, tuple[bool, bool] | None, float], bool] | None = None
+
+    def __post_init__(self) -> None:
+        check_kind(self.suffixes, self.read, self.pose, self.numbers)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ SETUP = "import setuptools; setuptools.setup()"
 BROKEN = """[lmeasure.log_formats]
 magpie = magpie:FORMAT
 crow = crow:FORMAT
+dove = dove:FORMAT
 [lmeasure.robot_programs]
 magpie = magpie:DIALECT
 jay = json:loads
@@ -50,6 +51,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (of_broken / "entry_points.txt").write_text(BROKEN)
     (folder / "installed" / "magpie.py").write_text("1 / 0\n")
     (folder / "installed" / "crow.py").write_text(FAILING)
+    (folder / "installed" / "dove.py").write_text(FAILING.replace('(".crw",)', '".dov"'))
     return folder / "installed"
 
 
@@ -123,6 +125,7 @@ def test_a_log_of_another_package_is_imported(installed: Path, tmp_path: Path) -
     assert (broken.code, len(broken.err.splitlines())) == (1, 1)
     assert "is no log this program reads" in broken.err
     assert "; package magpie 0.3: magpie (magpie:FORMAT) cannot be loaded: ZeroDivisionError" in broken.err
+    assert "; package magpie 0.3: dove (dove:FORMAT) cannot be loaded: TypeError: suffixes must be a tuple of texts such as" in broken.err
     fault = "KeyError in crow.py:3: 'frames'"
     assert failing.err == f"lmeasure: a fault of package magpie 0.3, not of this program: {fault}; nothing was left half-written\n"
 
@@ -162,12 +165,13 @@ def test_a_characteristic_of_another_package_is_certified(installed: Path, tmp_p
     windows = [[i + 0.3, i + 0.9] for i in range(5)]
     pose = f'[[pose]]\nname = "P1"\nposition_mm = [100.0, 0.0, 50.0]\nquaternion_xyzw = [0.0, 0.0, 0.0, 1.0]\nwindows_s = {windows}\n'
     certify: dict[str, list[object]] = {}
-    for name in ("farthest", "magpie", "no-such"):
+    for name in ("farthest", "magpie", "no-such", "farthest twice"):
         program = tmp_path / f"{name}.toml"
-        program.write_text(f'schema = "lmeasure.program/1"\ncharacteristics = ["{name}"]\n{pose}')
+        names = [name] if "twice" not in name else ["farthest", "farthest"]
+        program.write_text(f'schema = "lmeasure.program/1"\ncharacteristics = {names}\n{pose}')
         certify[name] = ["certify", tmp_path / "t.csv", "--u-position-mm", "0.01", "--u-rotation-deg", "0.01", "--program", program]
         certify[name] += ["--out", tmp_path / name, "--language", "en"]
-    done, broken, unknown, again = run(installed, *certify.values(), ["verify", tmp_path / "farthest"])
+    done, broken, unknown, twice, again = run(installed, *certify.values(), ["verify", tmp_path / "farthest"])
     assert done.code == 0, done.err
     content = json.loads((tmp_path / "farthest" / "certificate.json").read_text())
     (found,) = [c for c in content["characteristics"] if c["name"] == "FP_max"]
@@ -180,6 +184,8 @@ def test_a_characteristic_of_another_package_is_certified(installed: Path, tmp_p
     loading = "package magpie 0.3: magpie (magpie:CLAUSE) cannot be loaded: ZeroDivisionError: division by zero"
     assert broken[::2] == (1, f"lmeasure: {loading}\n")
     assert unknown[::2] == (1, "lmeasure: characteristics: no installed package adds 'no-such'; added are: farthest, magpie\n")
+    assert twice.code == 1
+    assert "characteristics: FP_max of P1 is computed twice" in twice.err
     assert not (tmp_path / "magpie").exists()
     (elsewhere,) = run(tmp_path, ["verify", tmp_path / "farthest"])
     assert "no installed package adds 'farthest'" in elsewhere.out + elsewhere.err

@@ -8,6 +8,7 @@ from typing import BinaryIO
 
 from lmeasure.acquisition.bus.frames import Frames
 from lmeasure.acquisition.logs.report import LogReport
+from lmeasure.core import check_kind
 
 Batches = Callable[[Path, BinaryIO, LogReport], Iterator[Frames]]
 """Yields frames of a log, at most some ten thousand at once, and accounts for everything else in the report."""
@@ -45,3 +46,7 @@ class LogFormat:
     possible_suffixes: tuple[str, ...] = ()
     typical_line: re.Pattern[str] | None = None
     packed: bool = True
+
+    def __post_init__(self) -> None:
+        check_kind(self.suffixes, self.read)
+        check_kind(self.possible_suffixes)
