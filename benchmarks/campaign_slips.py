@@ -1,6 +1,6 @@
 """Slips in the files of a calibration: found and corrected, set aside or refused, or delivered in a rig that is worse than the nominal one?
 
-    python benchmarks/campaign_slips.py --campaigns 60 --keep slips.jsonl [--slip NAME ...] [--write]
+    python benchmarks/campaign_slips.py --campaigns 60 --keep benchmarks/results/campaign_slips.jsonl [--slip NAME ...] [--write]
 
 Rigs and counts come from an independent forward model (tests/helpers/real_rig.py). Campaigns have 8, 12 or 20 poses in turn. Positions
 err by 0.02
