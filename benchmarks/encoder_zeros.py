@@ -1,6 +1,6 @@
 """Four drums and four swivel encoders: does the uncertainty grow with that of the encoders' zeros, and is it right?
 
-    python benchmarks/encoder_zeros.py --rigs 200 --keep benchmarks/results/encoder_zeros.jsonl [--starts about none] [--write]     (goes on from what is kept)
+    python benchmarks/encoder_zeros.py --rigs 200 --keep benchmarks/results/encoder_zeros.jsonl [--starts about none] [--write]
 
 Each draw is a cell of four drums, zeroed anywhere within a count, with absolute encoders of 17 bits on their swivels. Its motion is sampled
 at 50 Hz for 5 s, or for 10 s without a start. Zeros are drawn from their stated uncertainty, 0.01 to 2 degrees, by the same draw at all
