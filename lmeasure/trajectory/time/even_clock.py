@@ -43,8 +43,18 @@ OFF = 6.0
 BLOCKS, LEAST_OF_BLOCK = 32, 25
 CONTRADICTED = 8.0
 """Standard uncertainties of the level of a block of stamps by which it lies off an even clock that they do not keep."""
-LEAST_TAIL = 3.0
-"""Times as far the least of a block may lie late: where latencies are exponential, it is so too."""
+LEAST_PART = 10
+"""One of so many samples of a block is earlier than its level: the least alone may be numbered wrongly."""
+OF_LATENCY = 0.2
+"""Of the latencies' median above that level: by so much a host that is busy raises it."""
+LEAST_LAG, OF_LAG = 4, 48
+"""Samples over which a random walk of stamps is looked for at least, and parts of a record over which at most."""
+WALKS = 2.0
+"""Times by which second differences over the longest lag exceed those of neighbours, where intervals of stamps add up."""
+STRAYS = 2.0
+"""Standard deviations of the end of a random walk by which it strays from the line between its ends: 7 of 10,000 stray farther."""
+MEDIAN_SQUARE = 0.4549
+"""Median over mean of the square of a normal deviate."""
 WHITE = 1.3
 """Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 2 % of 30 such below 1.3."""
 PASSES = 5
@@ -54,11 +64,14 @@ NORMAL_95 = 1.959963984540054
 
 @dataclass(frozen=True)
 class Clock:
-    """Even times time_s (n,) [s] of samples, on the stamps' mean; period_s; u_rate: relative standard uncertainty of the period."""
+    """Even times time_s (n,) [s] of samples, on the stamps' mean; period_s; u_rate: relative standard uncertainty of the period;
+    level_s: standard deviation by which the levels of blocks of stamps, each of `block` samples, lie off."""
 
     time_s: FloatArray
     period_s: float
     u_rate: float
+    level_s: float
+    block: int
 
 
 @dataclass(frozen=True)
@@ -101,7 +114,11 @@ def gaps(stamps_s: FloatArray) -> tuple[BoolArray, BoolArray]:
         # near the end of the record there may be no time to catch up
         left = max(0.0, float(excess[i]) - CATCHES_UP * usual * (len(after) - 1))
         rise = min(float(after.min() - before.min()), float(np.median(after[len(after) // 2 :]) - np.median(before)))
-        stays[i] = rise > max(left, 0.5 * float(excess[i])) or len(after) == 1
+        stays[i] = rise > max(left, 0.5 * float(excess[i]))
+    # behind the last interval nothing can catch up: it is a gap if it is longer than those behind which stamps did
+    caught_up = excess[(long | part) & ~stays][:-1] if not stays[-1] and (long | part)[-1] else excess[:0]
+    if (long | part)[-1] and excess[-1] > caught_up.max(initial=0.0):
+        stays[-1] = True
     return long & stays, (long | part) & stays
 
 
@@ -156,8 +173,9 @@ def _reconciled(stamps_s: FloatArray, steps: IntArray, clear: BoolArray, pause: 
     if not moves:
         return ~known
     number = _summed(steps).astype(np.float64)
-    at, stamps = ([x[m] - x[m].mean() for m in moves] for x in (number, stamps_s))
-    period = sum(float(a @ s) for a, s in zip(at, stamps, strict=True)) / sum(float(a @ a) for a in at)
+    # over half a move: one long pause of the host moves no median
+    over = [(stamps_s[m], number[m], (m.stop - m.start) // 2) for m in moves]
+    period = float(np.median(np.concatenate([(s[half:] - s[:-half]) / (k[half:] - k[:-half]) for s, k, half in over])))
     level = [float(np.median(stamps_s[m] - period * number[m])) for m in moves]
     for (one, before), (other, behind) in pairwise(zip(moves, level, strict=True)):
         between = slice(one.stop - 1, other.start)
@@ -248,30 +266,90 @@ def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
         mine = found.stretch == s
         seen = mine & found.known if (mine & found.known).any() else mine
         time_s[mine] += (stamps_s - time_s)[seen].mean()
-    late = stamps_s - time_s
-    strict, loose = ((late[found.known], stretch, 0.0), (late, found.stretch, GAP * period))
-    if not (np.diff(time_s) > 0).all() or any(_contradicted(*of, way) for of in (strict, loose) for way in ways):
+    if not (np.diff(time_s) > 0).all():
         return None
-    return Clock(time_s, period, float(u_rate))
+    late, size = (stamps_s - time_s)[found.known], _size(len(stamps))
+    level, contradicted = _levels(late, stretch)
+    walk = random_walk(late, number, stretch)
+    # stamps that stray so far cannot show the holes between moves either, and numbers that follow them hide it
+    if contradicted or walk * np.sqrt(size) > WHOLE * period:
+        level, contradicted = _levels(late, stretch, STRAYS * walk * np.sqrt(len(late)))
+        if walk == 0.0 or contradicted:
+            return None
+        # as much as the rates of neighbouring blocks differ: intervals that err may be too long or too short on the mean, too
+        u_rate = max(u_rate, walk / period * np.sqrt(2.0 / 3.0 / size))
+    return Clock(time_s, period, float(u_rate), level, size)
 
 
-def _contradicted(late_s: FloatArray, stretch: IntArray, beside_s: float, place: Callable[[FloatArray], Any]) -> bool:
-    """Whether blocks of samples lie off an even clock, late_s (n,) by their stamps, by far more than their halves differ and beside_s: a
-    hole that was not counted, another rate, a clock that drifts."""
+def _levels(late_s: FloatArray, stretch: IntArray, beside_s: float = 0.0) -> tuple[float, bool]:
+    """Return the standard deviation [s] by which blocks of samples lie off an even clock, late_s (n,) by their stamps; and whether some lie
+    farther off than their halves differ, beside_s and latencies: a hole that was not counted, another rate, a clock that drifts."""
     blocks = _blocks(stretch)
-    levels = np.array([place(late_s[b]) for b in blocks])
+    levels = np.array([_least(late_s[b]) for b in blocks])
     halves = [slice(b.start, (b.start + b.stop) // 2) for b in blocks], [slice((b.start + b.stop) // 2, b.stop) for b in blocks]
-    apart = np.array([place(late_s[a]) - place(late_s[b]) for a, b in zip(*halves, strict=True)])
+    apart = np.array([_least(late_s[a]) - _least(late_s[b]) for a, b in zip(*halves, strict=True)])
     # the mean of the halves is known twice as well as their difference
     allowed = CONTRADICTED * 1.4826 * float(np.median(np.abs(apart))) / 2.0 + beside_s
-    off = levels - float(np.median(levels))
-    # a host that was busy raises all but the least of a block
-    return bool((off < -allowed).any() or (place is np.min and (off > LEAST_TAIL * allowed).any()))
+    busy = np.array([OF_LATENCY * (float(np.median(late_s[b])) - level) for b, level in zip(blocks, levels, strict=True)])
+    return float(np.std(levels)), bool((levels - busy).max() - levels.min() > 2.0 * allowed)
+
+
+def _least(late_s: FloatArray) -> float:
+    """Return the level of stamps: a host that was busy raises all but the least."""
+    return float(np.partition(late_s, len(late_s) // LEAST_PART)[len(late_s) // LEAST_PART])
+
+
+def random_walk(late_s: FloatArray, number: IntArray, stretch: IntArray) -> float:
+    """Return the standard deviation [s] of one interval where the intervals of stamps, late_s (n,), add up to a random walk, else 0.
+
+    Second differences over L samples (the Allan variance of a clock) have a mean square of 6 u^2 where each stamp errs by u on its own, and
+    of 2 L w^2 where intervals err by w. A clock that drifts, or has another rate from some sample on, hardly shows in their median.
+    """
+    most = len(late_s) // OF_LAG
+    if most < LEAST_LAG:
+        return 0.0
+    lags = np.unique(np.append(2 ** np.arange(2, int(np.log2(most)) + 1), most))
+    one = _second_differences(late_s, number, stretch, 1)
+    squares = np.array([_second_differences(late_s, number, stretch, int(lag)) for lag in lags])
+    if squares[-1] < WALKS * one:
+        return 0.0
+    return float(np.sqrt(max(np.min((squares - one) / (2.0 * (lags - 1.0))), 0.0)))
+
+
+def unexplained_walk(stamps_s: FloatArray, found: Numbers, u_s: float) -> tuple[float, int]:
+    """Return the standard deviation [s] of one interval of a random walk by which the rates of blocks of numbered samples differ, beside
+    errors u_s of single stamps; and the number of samples of the longest part whose numbers are sure.
+
+    Second differences of the levels of blocks of m samples have a variance of m w^2 by a walk, and of 6 u^2 / m by single stamps.
+    """
+    parts = np.flatnonzero(np.diff(np.concatenate([[False], found.known, [False]]).astype(np.int64))).reshape(-1, 2)
+    size, second = _size(int(found.known.sum())), [np.zeros(0)]
+    for begin, end in parts.tolist():
+        blocks = np.arange(begin, end - size + 1, size)[:, None] + np.arange(size)
+        if len(blocks) > 2 and np.ptp(found.stretch[begin:end]) == 0:
+            rate = np.diff(stamps_s[blocks].mean(axis=1)) / np.diff(found.number[blocks].mean(axis=1))
+            second.append(size * np.diff(rate))
+    squares = np.concatenate(second) ** 2
+    if len(squares) == 0:
+        return 0.0, 0
+    variance = float(np.median(squares)) / MEDIAN_SQUARE - 6.0 * u_s**2 / size
+    return float(np.sqrt(max(variance, 0.0) / size)), int(np.diff(parts, axis=1).max())
+
+
+def _second_differences(late_s: FloatArray, number: IntArray, stretch: IntArray, lag: int) -> float:
+    """Return the mean square, by the median, of second differences over a lag of samples without a hole that is longer than it."""
+    within = (stretch[2 * lag :] == stretch[: -2 * lag]) & (number[2 * lag :] - number[: -2 * lag] <= 3 * lag)
+    squares = (late_s[2 * lag :] - 2.0 * late_s[lag:-lag] + late_s[: -2 * lag])[within] ** 2
+    return float(np.median(squares)) / MEDIAN_SQUARE if len(squares) else 0.0
+
+
+def _size(n: int) -> int:
+    return max(LEAST_OF_BLOCK, -(-n // BLOCKS))
 
 
 def _blocks(stretch: IntArray) -> list[slice]:
     """Pieces of about equal size of samples in stretches (n,), none over two of them and none too small to stand for itself."""
-    size = max(LEAST_OF_BLOCK, -(-len(stretch) // BLOCKS))
+    size = _size(len(stretch))
     out = []
     for start, end in pairwise([0, *(np.flatnonzero(np.diff(stretch)) + 1).tolist(), len(stretch)]):
         edges = np.linspace(start, end, max((end - start) // size, 1) + 1).astype(int).tolist()

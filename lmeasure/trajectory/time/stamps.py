@@ -7,6 +7,10 @@ leave the speed times the error of the time. Either the samples were taken evenl
 round to it (`evenly`): then the even times are taken, and the stamps say how long a period is. Or they were taken when the host asked:
 then its stamps stay, and the noise that the motion shows about them is theirs. So they do where even times would be off the stamps by more
 than those scatter.
+
+The motion shows whether neighbouring samples are even, within a few samples; only stamps show whether the period is the same a second
+later. Intervals of stamps that err each on its own add up to a random walk, which grows with the square root of time, and is the host's if
+neighbouring samples are even: then even times are taken. What grows faster, or what the device's own errors may add up to, is no such walk.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +20,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.text import Finding, finding
-from lmeasure.trajectory.time.even_clock import clock, gaps, numbers, stretches
+from lmeasure.trajectory.time.even_clock import Clock, clock, gaps, numbers, stretches, unexplained_walk
 
 LEAST = 32
 """Samples from which anything can be said."""
@@ -34,6 +38,9 @@ MOVING, OF_FASTEST = 2.0, 0.1
 largest speed that it must have."""
 OF_ONE_STEP = 0.5
 """Of a window's chord: a longer step is a jump, by which a motion tells nothing of time."""
+HOSTS, OF_DEVICE = 3.0, 2.0
+"""Standard uncertainties of a block's stamps that their errors explain, and those of all instants of a device, were its errors to add up:
+where it is between, the device itself strays from even times."""
 FAR = 0.02
 """Of the windows: those with the largest residuals, at corners and at what else is no cubic, are passed over."""
 MEDIAN = 0.87
@@ -139,13 +146,21 @@ def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins:
         return sound(stamp_s)
     numbered = numbers(stamp_s, places, noise, begins)
     as_even, speed, _ = _residuals(usual * numbered.number.astype(np.float64), places, first)
-    even = clock(stamp_s, numbered) if np.median(as_even) < np.median(as_stamped) else None
+    evenly = bool(np.median(as_even) < np.median(as_stamped))
+    even = clock(stamp_s, numbered) if evenly else None
+    u_even = 0.0 if even is None else _time_noise(as_even, speed * (usual / even.period_s), noise)
+    if even is not None and u_even > felt / FELT and _of_device(even, u_even, u_stamp):
+        even = None
     intervals = 1e3 * np.diff(stamp_s)[~begins]
     apart = {"least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
     if even is None:
+        u_rate = 0.0
+        if evenly:
+            # whether the host strayed or the device, nothing shows: stamps stay, and both ends of a move may be off by that
+            walk, longest = unexplained_walk(stamp_s, numbered, u_stamp)
+            u_stamp, u_rate = float(np.hypot(u_stamp, walk * np.sqrt(longest / 2.0))), walk / usual / np.sqrt(max(longest, 1))
         note = finding("stamps.uneven", **apart, error_ms=1e3 * u_stamp)
-        return Stamps(stamp_s, stamp_s, u_stamp, 0.0, "uneven", note)
-    u_even = _time_noise(as_even, speed * (usual / even.period_s), noise)
+        return Stamps(stamp_s, stamp_s, u_stamp, u_rate, "uneven", note)
     u_even = u_even if u_even > felt else 0.0
     # where a gap begins a new phase it is known by the stamps of its stretch
     several = len(np.unique(numbered.stretch))
@@ -153,6 +168,12 @@ def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins:
         u_even = float(np.hypot(u_even, np.std(stamp_s - even.time_s) * np.sqrt(several / len(stamp_s))))
     note = finding("stamps.even", **apart, period_ms=1e3 * even.period_s, rate=even.u_rate, error_ms=1e3 * u_even)
     return Stamps(stamp_s, even.time_s, u_even, even.u_rate, "even", note)
+
+
+def _of_device(even: Clock, u_even: float, u_stamp: float) -> bool:
+    """Whether the device may have strayed as far as stamps lie off its even clock: farther than their own errors explain, and no farther
+    than its errors u_even of single instants add up to."""
+    return HOSTS * u_stamp / np.sqrt(even.block) < even.level_s < OF_DEVICE * u_even * np.sqrt(len(even.time_s))
 
 
 def _windows(places: FloatArray, noise: float, scatter: float, begins: BoolArray) -> IntArray:
