@@ -38,7 +38,10 @@ MOST_TAKEN = 3
 ROUNDS = 2  # the second settles a size where the first moved the optimum
 
 ASKED = 4.0
-"""Gain from which residuals ask for an uncertainty where none is stated; with less they are as good as exact."""
+"""Least gain of an explanation beside others; one that gains less is idle."""
+
+ALLOWED = 1.0
+"""Fall of twice the log likelihood down to which residuals allow an error that nobody stated: it need not show to be there."""
 
 REFUTED = 9.2
 """By how much less a lasting error must gain than another, so that it need not be reckoned with: odds of a hundred."""
@@ -89,13 +92,15 @@ class Alternatives(Protocol[P]):
 @dataclass(frozen=True)
 class Explained(Generic[P]):
     """The problem as it is solved now and its fit, under what was taken so far: groups of values that are solved for too, and errors with
-    their sizes. doubt: size of a lasting error that explains nearly as well what was put down to another."""
+    their sizes. doubt: size of a lasting error that explains nearly as well what was put down to another. unstated: errors of which nobody
+    has stated a size; where they do not show, they are taken as large as the residuals allow."""
 
     problem: P
     fit: Fit
     groups: tuple[str, ...] = ()
     sizes: dict[Key, float] = field(default_factory=dict)
     doubt: float = 0.0
+    unstated: tuple[Key, ...] = ()
 
 
 def improbable(found: Fit, chance: float = CHANCE) -> bool:
@@ -122,7 +127,8 @@ def settled(state: Explained[P], alternatives: Alternatives[P]) -> Explained[P]:
         theta = state.fit.theta
         every = {x.key: x for x in alternatives.errors(state.problem, theta)}
         judge = evidence(state.fit, alternatives.widened(state.problem, {}).covariance(theta))
-        sizes = dict(zip(state.sizes, judge.together([every[key] for key in state.sizes], ASKED), strict=True))
+        found = judge.together([every[key] for key in state.sizes], [key in state.unstated for key in state.sizes])
+        sizes = dict(zip(state.sizes, found, strict=True))
         problem = alternatives.widened(state.problem, sizes)
         state = replace(state, problem=problem, sizes=sizes, fit=fit(problem, theta, state.fit.prior_everywhere))
     return state
@@ -208,6 +214,10 @@ class Evidence:
 
     def best(self, explanation: Explanation, others: FloatArray | None = None) -> tuple[float, float]:
         """Size u and gain of one explanation beside others, a covariance (e, e) [mm^2]; (0, 0) where there is none within the bounds."""
+        return self._best(explanation, others)[:2]
+
+    def _best(self, explanation: Explanation, others: FloatArray | None) -> tuple[float, float, float]:
+        """`best`, and the largest size that the residuals allow."""
         L = np.linalg.cholesky(self._V if others is None else self._V + others)
         whiten = scipy.linalg.solve_triangular(L, np.column_stack([self._J, self._r, explanation.F]), lower=True)
         p = self._J.shape[1]
@@ -223,13 +233,15 @@ class Evidence:
         grid = np.linspace(np.log(LEAST), np.log(MOST), GRID)
         losses = [loss(x) for x in grid]
         i = int(np.argmin(losses))
+        most = float(np.exp(max(x for x, z in zip(grid, losses, strict=True) if z <= losses[i] + ALLOWED)))
         if i in (0, GRID - 1) or losses[i] >= 0.0:
-            return 0.0, 0.0
+            return 0.0, 0.0, most
         found = scipy.optimize.minimize_scalar(loss, bounds=(grid[i - 1], grid[i + 1]), method="bounded", options={"xatol": 1e-4})
-        return float(np.exp(found.x)), -float(found.fun)
+        return float(np.exp(found.x)), -float(found.fun), most
 
-    def together(self, explanations: list[Explanation], needed: float) -> list[float]:
-        """Sizes of several explanations at once, each the best beside the others; 0 for one that gains less than needed beside them."""
+    def together(self, explanations: list[Explanation], unstated: list[bool]) -> list[float]:
+        """Sizes of several explanations at once, each the best beside the others. For one that gains less than `ASKED` beside them: 0, or
+        the largest that the residuals allow if its size is unstated."""
         sizes = [0.0] * len(explanations)
         for _ in range(SWEEPS if len(explanations) > 1 else 1):
             for i, each in enumerate(explanations):
@@ -237,6 +249,6 @@ class Evidence:
                     (u**2 * x.F @ x.F.T for j, (u, x) in enumerate(zip(sizes, explanations, strict=True)) if j != i and u),
                     start=np.zeros_like(self._V),
                 )
-                u, gain = self.best(each, others)
-                sizes[i] = u if gain >= needed else 0.0
+                u, gain, most = self._best(each, others)
+                sizes[i] = u if gain >= ASKED else most * unstated[i]
         return sizes

@@ -175,15 +175,15 @@ def silent(poses: int, left: int, u_mm: float) -> Fit:
 
 @pytest.mark.parametrize(("left", "telling"), [(11, False), (12, True)])
 def test_twelve_degrees_of_freedom_tell_how_uncertain_poses_are(left: int, telling: bool) -> None:
-    """Exact poses are then taken as exact; with fewer an assumed size stays."""
+    """Exact poses then err by less than a count, whose rounding hides more; with fewer an assumed size stays."""
     found = silent(6, left, 0.0)
     assert isinstance(found.problem, Model)
     told = explain_misfit(found.problem, found, [])
     (finding,) = told.findings
-    said = "the residuals ask for nothing, they are taken as exact" if telling else "the residuals are too few to tell: 0.1 mm"
-    assert said in str(finding.text)
-    np.testing.assert_array_equal(told.model.noise.u_position_mm, 0.0 if telling else 0.1)
-    assert finding.value == (0.0 if telling else 0.1)
+    assert ("the residuals agree with" if telling else "the residuals are too few to tell: 0.1 mm") in str(finding.text)
+    np.testing.assert_allclose(told.model.noise.u_position_mm, finding.value)
+    low, high = (1e-4, 0.012) if telling else (0.1, 0.1)
+    assert low <= finding.value <= high
 
 
 def test_poses_that_do_not_say_are_as_uncertain_as_their_residuals() -> None:
@@ -211,14 +211,12 @@ def test_what_is_assumed_stays_beside_what_explains_residuals() -> None:
 @pytest.mark.parametrize(
     ("name", "size", "said", "value"),
     [
-        ("position", 0.3, "the residuals ask for 0.3 mm (1 sigma per axis), which is taken", 0.3),
+        ("position", 0.3, "the residuals agree with 0.3 mm (1 sigma per axis), which is taken", 0.3),
         # at an arm of 200 mm
-        ("rotation", 0.3, "the residuals ask for 0.086 deg (1 sigma per axis), which is taken", 0.0859),
-        ("position", 0.0, "the residuals ask for nothing, they are taken as exact", 0.0),
-        ("rotation", 0.0, "the residuals ask for nothing, they are taken as exact", 0.0),
+        ("rotation", 0.3, "the residuals agree with 0.086 deg (1 sigma per axis), which is taken", 0.0859),
     ],
 )
-def test_what_residuals_ask_for_is_said(name: str, size: float, said: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_agreeing_sizes_are_reported(name: str, size: float, said: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(misfit, "arm_mm", lambda _: 200.0)
     state: Any = SimpleNamespace(sizes={(name, None): size}, problem=None)
     found = misfit._estimated(state, name)

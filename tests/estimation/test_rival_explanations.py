@@ -266,3 +266,18 @@ def test_what_only_nominal_values_hold_is_as_uncertain_as_they_are() -> None:
     size, gain = judge.best(Explanation("noise", F))
     assert size > 0.0
     assert gain == pytest.approx(likelihood(size) - likelihood(0.0), rel=1e-6)
+
+
+def test_an_error_that_nobody_stated_and_that_does_not_show_is_as_large_as_residuals_allow() -> None:
+    """Readings in groups, each group with an error about as large as that of its mean: taken as none, it leaves 7 of 8 intervals right."""
+    groups, readings, own, shared = 16, 6, 0.1, 0.04
+    F, ones = np.kron(np.eye(groups), np.ones((readings, 1))), np.ones((groups * readings, 1))
+    rng, inside = np.random.default_rng(8), {True: [], False: []}
+    for _ in range(300):
+        values = shared * F @ rng.normal(size=groups) + own * rng.normal(size=groups * readings)
+        judge = Evidence(values - values.mean(), ones, own**2 * np.eye(groups * readings))
+        for unstated, held in inside.items():
+            (size,) = judge.together([Explanation("group", F)], [unstated])
+            held.append(abs(values.mean()) <= scipy.stats.t.ppf(0.975, groups - 1) * np.sqrt((size**2 + own**2 / readings) / groups))
+    assert np.mean(inside[True]) > 0.93
+    assert np.mean(inside[False]) < 0.9

@@ -25,9 +25,9 @@ SPEED, NOISE_MM, CYCLES = 250.0, 0.0046, 3
 LAW = StatedErrors(np.diag([0.0, 0.0, 0.0, *[NOISE_MM**2] * 3]))
 
 
-def run(seed: int, jitter_s: float, asked: bool = False) -> tuple[Trajectory, Program]:
+def run(seed: int, jitter_s: float, asked: bool = False, walk_s: float = 0.0) -> tuple[Trajectory, Program]:
     """A line of 300 mm at SPEED between ramps, CYCLES times with jumps back between rests, taken every 5 ms - asked: anew 0 to 10 ms after
-    the last - and stamped up to jitter_s late."""
+    the last - and stamped up to jitter_s late, or with intervals of the stamps that err by walk_s and add up."""
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(2e-4, 0.01, 1500)) if asked else 0.005 * np.arange(1500.0)
     since = np.clip(np.mod(t, 2.4) - 0.4, 0.0, 1.4)
@@ -35,6 +35,7 @@ def run(seed: int, jitter_s: float, asked: bool = False) -> tuple[Trajectory, Pr
     way = np.where(since < 0.1, ramp, np.where(since > 1.3, 325.0 - ramp, SPEED * (since - 0.05))) - 12.5
     places = way[:, None] * np.array([0.6, 0.8, 0.0]) + [0.0, 0.0, 5.0] + rng.normal(0.0, NOISE_MM, (len(t), 3))
     stamps = np.sort(t + rng.uniform(0.0, jitter_s, len(t))) if jitter_s else t
+    stamps = np.cumsum(rng.normal(0.005, walk_s, len(t)).clip(5e-5)) if walk_s else stamps
     random = np.tile(np.diag([0.0, 0.0, 0.0, *[NOISE_MM**2] * 3]), (len(t), 1, 1))
     windows = [np.interp([2.4 * i + 0.3, 2.4 * i + 2.2], t, stamps).tolist() for i in range(CYCLES)]
     path = {"name": "line", "kind": "linear", "start_mm": (0.0, 0.0, 0.0), "end_mm": (180.0, 240.0, 0.0), "speed_mm_s": SPEED}
@@ -47,12 +48,14 @@ def figures(trajectory: Trajectory, program: Program) -> dict[str, Characteristi
     return {c.name: c for c in found.characteristics}
 
 
-@pytest.mark.parametrize(("jitter_s", "asked"), [(0.01, False), (0.0, True), (0.0005, True), (0.002, True)])
-def test_speeds_lie_within_their_u95(jitter_s: float, asked: bool) -> None:
+@pytest.mark.parametrize(
+    ("jitter_s", "asked", "walk_s"), [(0.01, False, 0.0), (0.0, True, 0.0), (0.0005, True, 0.0), (0.002, True, 0.0), (0.0, False, 0.004)]
+)
+def test_speeds_lie_within_their_u95(jitter_s: float, asked: bool, walk_s: float) -> None:
     inside: dict[str, list[bool]] = {"AV": [], "RV": [], "FV": []}
     fluctuation = []
     for seed in range(12):
-        found = figures(*run(seed, jitter_s, asked))
+        found = figures(*run(seed, jitter_s, asked, walk_s))
         for name, held in inside.items():
             held.append(abs(found[name].value) <= found[name].u95)
         fluctuation.append([found["FV"].value, found["FV"].u95])

@@ -108,6 +108,67 @@ def test_lost_samples_leave_holes_of_whole_periods() -> None:
         np.testing.assert_allclose(np.diff(found.time_s[moving]) / PERIOD_S, np.diff(number[moving]), atol=1e-3)
 
 
+def walked(rng: np.random.Generator, n: int, by_s: float) -> FloatArray:
+    """(n,) random walk [s] of steps by_s."""
+    return np.asarray(np.cumsum(rng.normal(0.0, by_s, n)))
+
+
+def with_one_lost_of_50(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    kept = rng.random(len(t)) > 0.02
+    return t[kept], in_order(t + rng.uniform(0.0, 0.01, len(t)))[kept]
+
+
+def with_long_pauses(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    free, begin = np.zeros(len(t)), np.flatnonzero(rng.random(len(t)) < 0.002)
+    free[begin] = t[begin] + rng.uniform(0.005, 0.3, len(begin))
+    return t, in_order(np.maximum(t, np.maximum.accumulate(free)) + rng.exponential(2e-4, len(t)))
+
+
+def by_itself(rng: np.random.Generator, t: FloatArray, walk_s: float, change: float) -> tuple[FloatArray, FloatArray]:
+    """A device that strays itself, or has another rate from the middle on; stamps are late by up to 1 ms."""
+    true = in_order(np.where(t > t[-1] / 2.0, t + change * (t - t[-1] / 2.0), t) + walked(rng, len(t), walk_s))
+    return true, in_order(true + rng.uniform(0.0, 1e-3, len(t)))
+
+
+STRAYING: dict[str, tuple[str, Callable[[np.random.Generator, FloatArray], tuple[FloatArray, FloatArray]]]] = {
+    "intervals of 5 +- 4 ms add up": ("even", lambda rng, t: (t, np.cumsum(rng.normal(0.005, 0.004, len(t)).clip(5e-5)))),
+    "intervals of 5 +- 0.3 ms add up": ("even", lambda rng, t: (t, in_order(t + walked(rng, len(t), 3e-4)))),
+    "and stamps are late besides": ("even", lambda rng, t: (t, in_order(t + walked(rng, len(t), 1e-3) + rng.uniform(0.0, 3e-3, len(t))))),
+    "one of 50 is lost": ("even", with_one_lost_of_50),
+    "pauses of up to 300 ms": ("even", with_long_pauses),
+    "a device that strays": ("uneven", lambda rng, t: by_itself(rng, t, 1e-4, 0.0)),
+    "another rate from the middle on": ("uneven", lambda rng, t: by_itself(rng, t, 0.0, 0.01)),
+}
+
+
+@pytest.mark.parametrize("name", STRAYING)
+def test_durations_of_moves_between_rests_lie_within_their_uncertainty(name: str) -> None:
+    """Six moves of 2.25 s between rests of 0.5 s. Whether the host strays or the device, the motion shows within a few samples."""
+    kind, law = STRAYING[name]
+    lasts, rest, moves = 2.25, 0.5, 6
+    kinds, inside = [], []
+    for seed in range(10):
+        rng = np.random.default_rng([11, seed])
+        true, stamps = law(rng, instants(round((moves * (lasts + rest) + rest) / PERIOD_S)))
+        turn, phase = np.divmod(true - rest, lasts + rest)
+        since = np.clip(phase, 0.0, lasts)
+        ramp = 0.5 * SPEED / RAMP_S * np.minimum(np.minimum(since, lasts - since), RAMP_S) ** 2
+        level = SPEED * (since - 0.5 * RAMP_S)
+        x = np.where(since < RAMP_S, ramp, np.where(since > lasts - RAMP_S, SPEED * (lasts - RAMP_S) - ramp, level))
+        x = np.where(turn % 2 == 0, x, SPEED * (lasts - RAMP_S) - x)
+        places = x[:, None] * np.array([0.6, 0.0, 0.8]) + rng.normal(0.0, NOISE_MM, (len(true), 3))
+        found = judged(stamps, places, np.full(len(true), NOISE_MM))
+        kinds.append(found.kind)
+        edges = rest + (lasts + rest) * np.arange(moves)[:, None] + [0.3, lasts - 0.3]
+        durations = np.diff(np.interp(edges, true, found.time_s), axis=1)[:, 0] - (lasts - 0.6)
+        common = durations.mean()
+        u_single = np.sqrt(2.0) * found.u_time_s
+        inside.append(abs(common) <= 1.96 * np.hypot(u_single / np.sqrt(moves), found.u_rate * lasts) + 1e-4)
+        inside.append(np.sqrt(np.mean((durations - common) ** 2)) <= 1.5 * u_single + 1e-4)
+    assert kinds.count(kind) >= 9
+    assert sum(inside) >= 19
+
+
 def test_a_hole_while_the_tool_rests_is_told_by_the_stamps_alone() -> None:
     t = np.delete(instants(1600), slice(1530, 1533))
     rng = np.random.default_rng(3)

@@ -48,7 +48,8 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     alternatives, state = Otherwise(model.noise.bare() if telling else model.noise), State(model, found)
     findings = [_assumed(name) for name in absent]
     if telling:
-        state = settled(replace(state, sizes={(name, None): 0.0 for name in absent}), alternatives)
+        keys = tuple((name, None) for name in absent)
+        state = settled(replace(state, sizes=dict.fromkeys(keys, 0.0), unstated=keys), alternatives)
         findings = [_estimated(state, name) for name in absent]
     if not (telling or improbable(found)):
         doubt = evidence(found, found.V).best(every_length(model))[0] if improbable(found, DOUBTED) else 0.0
@@ -104,12 +105,10 @@ def _assumed(name: str) -> Finding:
 def _estimated(state: State[Model], name: str) -> Finding:
     u = _size(state, name)
     size = f"{u:.2g} mm" if name == "position" else f"{math.degrees(u):.2g} deg"
-    told = (
-        f"the residuals ask for {size} (1 sigma per axis), which is taken"
-        if u
-        else "the residuals ask for nothing, they are taken as exact"
+    text = (
+        f"reference_poses.csv does not state how uncertain the {name}s are: the residuals agree with {size} (1 sigma per axis), which is "
+        f"taken; state it if it is known ({_OPTIONS[name]})"
     )
-    text = f"reference_poses.csv does not state how uncertain the {name}s are: {told}; state it if it is known ({_OPTIONS[name]})"
     return Finding(code=f"assumed_{name}", text=text, value=u if name == "position" else math.degrees(u))
 
 
