@@ -242,7 +242,7 @@ def test_the_last_size_is_the_best_beside_the_others() -> None:
     rng = np.random.default_rng(8)
     judge = Evidence(rng.normal(size=40) * np.where(RIGHT > 0, 1.0, 0.3), np.ones((40, 1)), 1e-4 * np.eye(40))
     both = [Explanation("all", np.eye(40)), Explanation("right", np.eye(40)[:, 20:])]
-    first, second = judge.together(both, 0.0)
+    first, second = judge.together(both, [False, False])
     assert second == pytest.approx(judge.best(both[1], first**2 * np.eye(40))[0], rel=1e-9)
     assert first == pytest.approx(judge.best(both[0], second**2 * np.diag(RIGHT))[0], rel=0.02)
     assert min(first, second) > 0.1
@@ -271,8 +271,10 @@ def test_what_only_nominal_values_hold_is_as_uncertain_as_they_are() -> None:
 def test_an_error_that_nobody_stated_and_that_does_not_show_is_as_large_as_residuals_allow() -> None:
     """Readings in groups, each group with an error about as large as that of its mean: taken as none, it leaves 7 of 8 intervals right."""
     groups, readings, own, shared = 16, 6, 0.1, 0.04
-    F, ones = np.kron(np.eye(groups), np.ones((readings, 1))), np.ones((groups * readings, 1))
-    rng, inside = np.random.default_rng(8), {True: [], False: []}
+    F: FloatArray = np.kron(np.eye(groups), np.ones((readings, 1)))
+    ones = np.ones((groups * readings, 1))
+    rng = np.random.default_rng(8)
+    inside: dict[bool, list[bool]] = {True: [], False: []}
     for _ in range(300):
         values = shared * F @ rng.normal(size=groups) + own * rng.normal(size=groups * readings)
         judge = Evidence(values - values.mean(), ones, own**2 * np.eye(groups * readings))

@@ -146,7 +146,8 @@ def test_durations_of_moves_between_rests_lie_within_their_uncertainty(name: str
     """Six moves of 2.25 s between rests of 0.5 s. Whether the host strays or the device, the motion shows within a few samples."""
     kind, law = STRAYING[name]
     lasts, rest, moves = 2.25, 0.5, 6
-    kinds, inside = [], []
+    kinds: list[str] = []
+    inside: list[bool] = []
     for seed in range(10):
         rng = np.random.default_rng([11, seed])
         true, stamps = law(rng, instants(round((moves * (lasts + rest) + rest) / PERIOD_S)))
