@@ -271,7 +271,7 @@ def test_what_only_nominal_values_hold_is_as_uncertain_as_they_are() -> None:
 def test_an_error_that_nobody_stated_and_that_does_not_show_is_as_large_as_residuals_allow() -> None:
     """Readings in groups, each group with an error about as large as that of its mean: taken as none, it leaves 7 of 8 intervals right."""
     groups, readings, own, shared = 16, 6, 0.1, 0.04
-    F: FloatArray = np.kron(np.eye(groups), np.ones((readings, 1)))
+    F = np.asarray(np.kron(np.eye(groups), np.ones((readings, 1))), dtype=np.float64)
     ones = np.ones((groups * readings, 1))
     rng = np.random.default_rng(8)
     inside: dict[bool, list[bool]] = {True: [], False: []}
