@@ -18,7 +18,6 @@ from lmeasure.rig import write_rig
 PLUGINS = Path(__file__).parents[2] / "docs" / "plugins"
 UNIT = (0.0, 0.0, 0.0, 1.0)
 POSE = ["--position-mm", "1,2,3", "--quaternion-xyzw", "0,0,0,1"]
-SETUP = "import setuptools; setuptools.setup()"
 BROKEN = """[lmeasure.log_formats]
 magpie = magpie:FORMAT
 crow = crow:FORMAT
@@ -40,11 +39,12 @@ FORMAT = LogFormat(name="crow", label="Crow", read=read, suffixes=(".crw",))
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment that has these packages besides what runs here, and one whose module cannot be imported."""
     folder = tmp_path_factory.mktemp("plugins")
-    for package in ("log_format", "robot_program", "characteristic"):
-        shutil.copytree(PLUGINS / package, folder / package)
-        words = ["-q", "install", "--single-version-externally-managed", f"--record={folder}/record", f"--install-lib={folder}/installed"]
-        done = subprocess.run([sys.executable, "-c", SETUP, *words], cwd=folder / package, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
+    sources = [folder / "sources" / name for name in ("log_format", "robot_program", "characteristic")]
+    for source in sources:
+        shutil.copytree(PLUGINS / source.name, source)
+    words = ["install", "-q", "--disable-pip-version-check", "--no-deps", "--no-build-isolation", "--target", folder / "installed"]
+    done = subprocess.run([sys.executable, "-m", "pip", *map(str, [*words, *sources])], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
     of_broken = folder / "installed" / "magpie-0.3.dist-info"
     of_broken.mkdir()
     (of_broken / "METADATA").write_text("Metadata-Version: 2.1\nName: magpie\nVersion: 0.3\n")
