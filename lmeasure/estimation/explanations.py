@@ -40,7 +40,7 @@ ROUNDS = 2  # the second settles a size where the first moved the optimum
 ASKED = 4.0
 """Least gain of an explanation beside others; one that gains less is idle."""
 
-ALLOWED = 1.0
+ALLOWED = 0.5
 """Fall of twice the log likelihood down to which residuals allow an error that nobody stated: it need not show to be there."""
 
 REFUTED = 9.2
