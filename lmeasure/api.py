@@ -261,7 +261,7 @@ def read_log(
 ) -> Run:
     """Log files of CAN frames as a run, one for each pass. start (7,): pose at which the counters were zeroed, which stands in no log.
 
-    See `acquisition.logs.import_log.import_logs`; what else the logs held is told by `lmeasure import`.
+    See `acquisition.logs.import_log.import_logs`; `lmeasure import` reports what else the logs contain.
     """
     from lmeasure.acquisition import import_logs
 

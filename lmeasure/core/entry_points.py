@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from lmeasure.core.errors import LMeasureError
 
-GROUPS = ("lmeasure.sensors", "lmeasure.log_formats", "lmeasure.robot_programs", "lmeasure.characteristics")
+GROUPS = ("lmeasure.log_formats", "lmeasure.robot_programs", "lmeasure.characteristics")
 Kind = TypeVar("Kind")
 _in_use: list[tuple[str, str]] = []
 
@@ -35,6 +35,9 @@ def _source(entry: importlib.metadata.EntryPoint) -> str:
 def _loaded(group: str, name: str) -> "object | PlugInError":
     """Return what an entry point names, or why there is nothing."""
     entry = _entries(group)[name]
+    sources = sorted(_source(one) for one in importlib.metadata.entry_points(group=group, name=name))
+    if len(sources) > 1:
+        return PlugInError(f"{name}: {' and '.join(sources)} both add it; remove one of them")
     try:
         return entry.load()
     except (Exception, SystemExit) as error:

@@ -25,6 +25,7 @@ dove = dove:FORMAT
 [lmeasure.robot_programs]
 magpie = magpie:DIALECT
 jay = json:loads
+raven = json:loads
 [lmeasure.characteristics]
 magpie = magpie:CLAUSE
 """
@@ -49,6 +50,10 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     of_broken.mkdir()
     (of_broken / "METADATA").write_text("Metadata-Version: 2.1\nName: magpie\nVersion: 0.3\n")
     (of_broken / "entry_points.txt").write_text(BROKEN)
+    second = folder / "installed" / "raven-0.1.dist-info"
+    second.mkdir()
+    (second / "METADATA").write_text("Metadata-Version: 2.1\nName: raven\nVersion: 0.1\n")
+    (second / "entry_points.txt").write_text("[lmeasure.robot_programs]\nraven = magpie:DIALECT\n")
     (folder / "installed" / "magpie.py").write_text("1 / 0\n")
     (folder / "installed" / "crow.py").write_text(FAILING)
     (folder / "installed" / "dove.py").write_text(FAILING.replace('(".crw",)', '".dov"'))
@@ -138,14 +143,16 @@ def test_a_program_of_another_package_is_corrected(installed: Path, tmp_path: Pa
     (tmp_path / "map.csv").write_text("\n".join([head, *(",".join(map(repr, map(float, row))) for row in rows), ""]))
     (tmp_path / "pick.hrn").write_text("SPEED 100\nGO P1 AT 10.0 20.0 -30.0 0.0 0.0 0.0\nGO P2 AT 10.0 20.0\nGRIP\n")
     correct = ["correct", tmp_path / "pick.hrn", "--map", tmp_path / "map.csv", "--out", tmp_path / "out"]
-    done, jay, rook = run(installed, correct, [*correct, "--force", "--dialect", "jay"], [*correct, "--force", "--dialect", "rook"])
+    others = [[*correct, "--force", "--dialect", name] for name in ("jay", "rook", "raven")]
+    done, jay, rook, raven = run(installed, correct, *others)
     assert done.code == 0, done.err
     assert "1 of 1 targets corrected (heron), 1 positions not read" in done.out
     assert "pick.hrn:3: P2: 2 numbers, and a pose has 6" in done.out
     assert (jay.code, len(jay.err.splitlines())) == (1, 1)
     assert jay.err.startswith("lmeasure: package magpie 0.3: jay (json:loads) is a function and no Dialect")
+    assert (raven.code, raven.err) == (1, "lmeasure: raven: package magpie 0.3 and package raven 0.1 both add it; remove one of them\n")
     assert rook.code == 2
-    assert "'rook' is none of krl, rapid, fanuc, ur-script, csv, robodk, heron, jay, magpie" in rook.err
+    assert "'rook' is none of krl, rapid, fanuc, ur-script, csv, robodk, heron, jay, magpie, raven" in rook.err
     lines = (tmp_path / "out" / "pick.hrn").read_text().splitlines()
     assert [lines[0], *lines[2:]] == ["SPEED 100", "GO P2 AT 10.0 20.0", "GRIP"]
     numbers = [float(word) for word in lines[1].split()[3:]]

@@ -59,7 +59,7 @@ class Line(NamedTuple):
 
 
 class Lines(Protocol):
-    """The lines of one log, each of which can be read by itself, given the header."""
+    """Lines of one log. Each can be read by itself, once the header is known."""
 
     def read(self, line: str) -> Line | str:
         """Return the line's frame, or the kind of a line that is none; ValueError where nobody can read it."""

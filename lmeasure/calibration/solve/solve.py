@@ -245,7 +245,7 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     explained = explain_misfit(begun.model, begun.first, blamed)
     misfits, weights = explained.findings, None
     if settings.robust:
-        # who contradicts the others is told as without a robust loss; how large the noise is, by the poses that it leaves
+        # poses that contradict the others are named as without a robust loss; those that it keeps determine the noise
         weighted, found, weights = robust_poses(begun.model, begun.first)
         explained = explain_misfit(weighted, found, blamed)
         misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
@@ -263,7 +263,7 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     if where.bend > BENT and not len(found.silent):
         text = (
             f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
-            "that; lengths are told better than the values suggest"
+            "that; lengths are determined better than the values suggest"
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
     compared = against_nominal(model, found, begun.first)
