@@ -60,11 +60,7 @@ def script(name: str) -> Path:
 
 def identity() -> dict[str, str]:
     """What the environment was made from; a change of the first two needs a new one, of the last a new installation."""
-    return {
-        "folder": str(ROOT),
-        "python": sys.version,
-        "pyproject": hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest(),
-    }
+    return {"folder": str(ROOT), "python": sys.version, "pyproject": hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()}
 
 
 def read_stamp(path: Path) -> dict[str, Any]:

@@ -26,12 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from real_rig import Flaws  # noqa: E402
 from real_world import Case, Made, Score, make, score, score_of, told  # noqa: E402
 
-from lmeasure.calibration import (  # noqa: E402
-    CalibrationSettings,
-    Campaign,
-    Model,
-    calibrate,
-)
+from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate  # noqa: E402
 from lmeasure.calibration.solve import solve  # noqa: E402
 from lmeasure.calibration.validation.misfit import Explained  # noqa: E402
 from lmeasure.core import LMeasureError  # noqa: E402

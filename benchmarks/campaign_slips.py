@@ -29,11 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 import real_rig  # noqa: E402
 from real_rig import Flaws, RealRig  # noqa: E402
 
-from lmeasure.calibration import (  # noqa: E402
-    calibrate,
-    read_campaign,
-    without_slips,
-)
+from lmeasure.calibration import calibrate, read_campaign, without_slips  # noqa: E402
 from lmeasure.core import LMeasureError  # noqa: E402
 from lmeasure.rig import Rig, rig_from_dict, write_rig  # noqa: E402
 from lmeasure.sensors import span_lengths  # noqa: E402

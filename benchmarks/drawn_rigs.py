@@ -157,11 +157,7 @@ def draw(number: int) -> Drawn | None:
     absolute = sum(e.get("u_zero_deg", 9.0) < 1.0 for e in angles)
     start = str(rng.choice(["exact", "about", "none"] if absolute >= 3 and len(rig.observed) > CABLES_FOR_A_POSE else ["exact", "about"]))
     near = se3.displaced(poses[0], np.repeat(U_START[::-1], 3) * rng.normal(size=6))
-    of_start: dict[str, Any] = {
-        "exact": {"start": poses[0]},
-        "about": {"start": near, "u_start": U_START},
-        "none": {"start": None},
-    }[start]
+    of_start: dict[str, Any] = {"exact": {"start": poses[0]}, "about": {"start": near, "u_start": U_START}, "none": {"start": None}}[start]
     rough = any(e.get("absolute", True) and e.get("u_zero_deg", 9.0) >= 1.0 for e in angles)
     group = GROUPS[2 if len(rig.observed) == CABLES_FOR_A_POSE else int(rough)]
     return _judged(replace(run, rig=rig, **of_start), poses, Drawn(number, group, start, "", np.nan, np.nan, np.nan, ""))

@@ -83,10 +83,7 @@ def by_motion(seed: int) -> bool:
     record = calibrate(drawn_campaign(true, rng, 24, 2.0)[0], CalibrationSettings(self_calibration=True)).record
     found, truth = (
         np.array([[of[f"{p.name}.{axis}_mm"] for axis in "xyz"] for p in true.observation_point])
-        for of in (
-            {p.name: p.value for p in record.parameters},
-            {p.name: value_of(true, p.name) or 0.0 for p in record.parameters},
-        )
+        for of in ({p.name: p.value for p in record.parameters}, {p.name: value_of(true, p.name) or 0.0 for p in record.parameters})
     )
     one, other = rng.choice(len(truth), 2, replace=False)
     e = (found[one] - found[other]) / np.linalg.norm(found[one] - found[other])

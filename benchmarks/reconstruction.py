@@ -29,8 +29,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from lmeasure.io import files
-from lmeasure.kernels import cable, lanes, lanes_redundant, screw
-from lmeasure.kernels import least_squares as least
+from lmeasure.kernels import cable, lanes, lanes_redundant, least_squares as least, screw
 from lmeasure.kernels.decorators import kernel
 from lmeasure.recording import Counts, Run, write_run
 from lmeasure.rig import Rig, rig_from_dict

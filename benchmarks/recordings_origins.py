@@ -108,10 +108,7 @@ def read(one: Rig, messages: list[Message], suffix: str = ".blf") -> Imported:
         return import_logs([path], one, None)
 
 
-CANOPEN = {
-    "decoder": "cia406",
-    "channel": [{"channel": f"ch{n}", "node": n + 10, "cob_id": 0x1C0 + n} for n in range(1, NODES + 1)],
-}
+CANOPEN = {"decoder": "cia406", "channel": [{"channel": f"ch{n}", "node": n + 10, "cob_id": 0x1C0 + n} for n in range(1, NODES + 1)]}
 NO = None
 Case = tuple[str, Rig, list[Message], Callable[[np.ndarray], str]]
 

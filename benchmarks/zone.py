@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 from lmeasure.accuracy import axis, scan_zone, tilts
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import make_plan
-from lmeasure.kernels import RADIUS_95
-from lmeasure.kernels import zone as kernels
+from lmeasure.kernels import RADIUS_95, zone as kernels
 from lmeasure.rig import Rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from lmeasure.accuracy import Placed, Placement, Scan
     from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, Plan, PlanSettings
     from lmeasure.certificate import Certificate, Verification
-    from lmeasure.iso9283 import Campaign as TestCampaign
-    from lmeasure.iso9283 import CertificationSettings, Evaluation
+    from lmeasure.iso9283 import Campaign as TestCampaign, CertificationSettings, Evaluation
     from lmeasure.recording import Program
     from lmeasure.report import Figure
     from lmeasure.simulation import Scenario, Simulated, SimulatedCampaign, SimulatedRun
@@ -55,21 +54,11 @@ def calibrate(
     """
     from lmeasure.calibration import (
         CalibrationSettings as calibration_CalibrationSettings,
-    )
-    from lmeasure.calibration import (
         Campaign,
+        calibrate as calibration_calibrate,
         read_campaign,
     )
-    from lmeasure.calibration import (
-        calibrate as calibration_calibrate,
-    )
-    from lmeasure.simulation import (
-        Simulated,
-        write_campaign,
-    )
-    from lmeasure.simulation import (
-        SimulatedCampaign as simulation_SimulatedCampaign,
-    )
+    from lmeasure.simulation import Simulated, SimulatedCampaign as simulation_SimulatedCampaign, write_campaign
 
     if isinstance(campaign, Simulated):
         campaign = _there(campaign.campaign, "reference_poses")
@@ -150,8 +139,7 @@ def place(
     rig: Rig | File, task: "Placement | File", seed: int = 0, progress: Steps | None = None, *, generations: int | None = None
 ) -> "Placed":
     """Places for observation and attachment points that make the instrument best at a task. See `accuracy.placement.place`."""
-    from lmeasure.accuracy import GENERATIONS, read_placement
-    from lmeasure.accuracy import place as placement_place
+    from lmeasure.accuracy import GENERATIONS, place as placement_place, read_placement
 
     wanted = read_placement(Path(task)) if isinstance(task, Path | str) else task
     most = GENERATIONS if generations is None else generations
@@ -193,12 +181,7 @@ def plan_poses(
 ) -> "Plan":
     """Which reference poses to measure: settings, or poses, the box [mm] (low and high along x, y, z) in which the tool may be turned by
     tilt_deg about each axis, and other fields of `calibration.planning.Settings`. See `calibration.plan.pose_choice.plan_poses`."""
-    from lmeasure.calibration import PlanSettings as planning_PlanSettings
-    from lmeasure.calibration import (
-        Region,
-        read_campaign,
-    )
-    from lmeasure.calibration import plan_poses as planning_plan_poses
+    from lmeasure.calibration import PlanSettings as planning_PlanSettings, Region, plan_poses as planning_plan_poses, read_campaign
     from lmeasure.core import CalibrationError
 
     if settings is None:
@@ -233,14 +216,7 @@ def simulate(scenario: "Scenario | Mapping[str, Any] | File | None" = None, *, r
     scenario: a scenario.toml, or its content; options: keys of it (`seed=1`, `waypoint=[...]`, `reference_poses={"count": 14}`). rig: the
     true rig, in place of the one that the scenario names.
     """
-    from lmeasure.simulation import (
-        Scenario,
-        read_scenario,
-        scenario_from_dict,
-    )
-    from lmeasure.simulation import (
-        simulate as simulation_simulate,
-    )
+    from lmeasure.simulation import Scenario, read_scenario, scenario_from_dict, simulate as simulation_simulate
 
     if isinstance(scenario, Path | str):
         asked, named = read_scenario(Path(scenario))
@@ -287,12 +263,7 @@ def evaluate(
     run, rig: what the trajectory was reconstructed from, for the correlations of its errors; covariances: another model of them. options:
     fields of `CertificationSettings`. See `iso9283.evaluation`.
     """
-    from lmeasure.iso9283 import (
-        CertificationSettings as certification_CertificationSettings,
-    )
-    from lmeasure.iso9283 import (
-        evaluate as certification_evaluate,
-    )
+    from lmeasure.iso9283 import CertificationSettings as certification_CertificationSettings, evaluate as certification_evaluate
     from lmeasure.recording import read_program
     from lmeasure.trajectory import Stated, read_trajectory
 
@@ -326,9 +297,7 @@ def certify(
     fields of `CertificationSettings`. See `report.certificate.write_certificate`.
     """
     from lmeasure.certificate import Certificate, Inputs
-    from lmeasure.iso9283 import (
-        CertificationSettings as certification_CertificationSettings,
-    )
+    from lmeasure.iso9283 import CertificationSettings as certification_CertificationSettings
     from lmeasure.recording import write_program
     from lmeasure.report import Choices, write_certificate
     from lmeasure.trajectory import write_trajectory

@@ -304,11 +304,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
         raise AccuracyError("placement: no places were found that keep the cable lengths and keep-outs at the whole task")
     before, after = search.current(), best
     return Placed(
-        _rig_at(search, best),
-        _told(search, before, draws),
-        _told(search, after, draws),
-        _sensitivity(search, after),
-        search.evaluations,
+        _rig_at(search, best), _told(search, before, draws), _told(search, after, draws), _sensitivity(search, after), search.evaluations
     )
 
 

@@ -27,6 +27,7 @@ from lmeasure.kernels import (
     LONGEST,
     NORM2,
     SHORTEST,
+    SINGULAR as SINGULAR_PLACE,
     SPEED2,
     SWIVEL,
     U95_ATTACHMENT,
@@ -35,17 +36,12 @@ from lmeasure.kernels import (
     WIDTH,
     WORST_START,
     WRAP,
+    around as kernels_around,
     counts_from_changes,
     length_gradients,
     platform_size,
     span_lengths,
     span_rows_of,
-)
-from lmeasure.kernels import (
-    SINGULAR as SINGULAR_PLACE,
-)
-from lmeasure.kernels import (
-    around as kernels_around,
 )
 from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
 from lmeasure.sensors import cable_covariance, count_variance, phase_columns
@@ -193,13 +189,7 @@ def faults_at(readings: Readings, found: Told) -> tuple[Faults, FloatArray]:
 
 
 def worst_figures(
-    readings: Readings,
-    positions: FloatArray,
-    quaternions: FloatArray,
-    *,
-    points: FloatArray,
-    pairs: IntArray,
-    bodies: FloatArray,
+    readings: Readings, positions: FloatArray, quaternions: FloatArray, *, points: FloatArray, pairs: IntArray, bodies: FloatArray
 ) -> tuple[FloatArray, IntArray]:
     """Figures (F, n) and flags (n,) at (n, 3) positions over (k, 4) orientations, as `kernels.zone.scan` gives them."""
     out = np.repeat(np.array(WORST_START)[:, None], len(positions), axis=1)

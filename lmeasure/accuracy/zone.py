@@ -21,8 +21,7 @@ from lmeasure.accuracy.readings import readings_of, told
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
 from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, covariance_root
-from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, span_rows_of
-from lmeasure.kernels import span_lengths as cable_kernels_span_lengths
+from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, span_lengths as cable_kernels_span_lengths, span_rows_of
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import (
     PLAY,
@@ -31,20 +30,14 @@ from lmeasure.sensors import (
     Warmth,
     cable_covariance,
     every_part,
+    exact as unsolved_exact,
     length_variance,
     of_record,
     span_lengths,
+    stated as unsolved_stated,
+    taken_as_exact as unsolved_taken_as_exact,
     zero_at,
     zeroed_exactly,
-)
-from lmeasure.sensors import (
-    exact as unsolved_exact,
-)
-from lmeasure.sensors import (
-    stated as unsolved_stated,
-)
-from lmeasure.sensors import (
-    taken_as_exact as unsolved_taken_as_exact,
 )
 from lmeasure.trajectory import NEAR_RAD, zeros_of
 

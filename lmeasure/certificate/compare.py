@@ -164,13 +164,7 @@ def _pair(first_name: str, first: dict[str, Any], name: str, later: dict[str, An
     other = commanded_otherwise(first, later)
     old, new = ({label(c): c for c in content["characteristics"]} for content in (first, later))
     changes = tuple(
-        Change(
-            key,
-            a["unit"],
-            float(a["value"]),
-            float(new[key]["value"]),
-            _u95_of_difference(a, new[key], shared),
-        )
+        Change(key, a["unit"], float(a["value"]), float(new[key]["value"]), _u95_of_difference(a, new[key], shared))
         for key, a in old.items()
         if key in new and a["unit"] == new[key]["unit"] and not _of_any(a, other)
     )

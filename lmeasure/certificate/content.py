@@ -12,8 +12,7 @@ from lmeasure.certificate.versions import METHOD
 from lmeasure.core import Status
 from lmeasure.iso9283 import SCHEMA
 from lmeasure.recording import Program
-from lmeasure.text import LANGUAGES as LANGUAGES
-from lmeasure.text import Finding, recognised
+from lmeasure.text import LANGUAGES as LANGUAGES, Finding, recognised
 from lmeasure.trajectory import AttainedPose
 
 ID_DIGITS = 16
@@ -25,13 +24,7 @@ def now() -> str:
 
 
 def certificate(
-    measured: Measured,
-    inputs: Inputs,
-    copies: Sequence[dict[str, Any]],
-    *,
-    created: str,
-    language: str,
-    environment: dict[str, str],
+    measured: Measured, inputs: Inputs, copies: Sequence[dict[str, Any]], *, created: str, language: str, environment: dict[str, str]
 ) -> dict[str, Any]:
     """The table of certificate.json.
 

@@ -17,8 +17,7 @@ from lmeasure.io import columns_of, files
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate, undecided
 from lmeasure.recording import POSITION_COLUMNS, Program, Run, read_program, read_run, read_run_head
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.sensors import OTHERS
-from lmeasure.sensors import stated as unsolved_stated
+from lmeasure.sensors import OTHERS, stated as unsolved_stated
 from lmeasure.text import Finding
 from lmeasure.trajectory import ErrorsOfRun, Stated, Trajectory, align, read_trajectory, reconstruct
 
@@ -61,10 +60,7 @@ class Inputs:
 
     def copies(self) -> dict[str, Path]:
         """Every file that is read, by its name in the bundle. CertificationError when one lies where no copy of the folder can keep it."""
-        out = {
-            f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}": self.trajectory,
-            f"{INPUTS}/program.toml": self.program,
-        }
+        out = {f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}": self.trajectory, f"{INPUTS}/program.toml": self.program}
         if self.details is not None:
             place = f"{INPUTS}/details.toml"
             out[place] = self.details

@@ -8,17 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lmeasure.certificate.bundle import (
-    CERTIFICATE,
-    INPUTS,
-    SIGNATURE,
-    UNSIGNED,
-    Difference,
-    Seal,
-    check_seal,
-    entries,
-    regular_bytes,
-)
+from lmeasure.certificate.bundle import CERTIFICATE, INPUTS, SIGNATURE, UNSIGNED, Difference, Seal, check_seal, entries, regular_bytes
 from lmeasure.certificate.canonical_json import canonical
 from lmeasure.certificate.content import certificate
 from lmeasure.certificate.inputs import Measured, inputs_in, measure, settings_from
@@ -114,14 +104,7 @@ def verify(
         why = f"figures: by method {method}; today's, {METHOD}, refuses the inputs: {_inside(folder, error)}"
         return Verification(stated["id"], tuple(out), signer=seal.signer, environment=told, skipped=(why,))
     out += _strangers(seal, {c["file"] for c in copies}, printers)
-    again = certificate(
-        measured,
-        inputs,
-        copies,
-        created=stated["created"],
-        language=stated["language"],
-        environment=stated["environment"],
-    )
+    again = certificate(measured, inputs, copies, created=stated["created"], language=stated["language"], environment=stated["environment"])
     lines: tuple[str, ...] = ()
     skipped, figures, compared = [], 0, Compared(())
     if own:

@@ -1,3 +1,1 @@
-from .app import (
-    program as program,
-)
+from .app import program as program

@@ -23,8 +23,7 @@ from lmeasure.cli.text import retold, said
 from lmeasure.text import of_terminal, texts
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition import Moved, Spoken
-    from lmeasure.acquisition import Progress as State
+    from lmeasure.acquisition import Moved, Progress as State, Spoken
     from lmeasure.demo import PlayedCell
     from lmeasure.procedures import Session
     from lmeasure.trajectory import PoseWatch

@@ -7,9 +7,7 @@ import re
 from collections.abc import Callable
 from functools import partial
 
-from lmeasure.text import DECIMAL_MARK, signs, texts
-from lmeasure.text import of_terminal as language
-from lmeasure.text import retold as told
+from lmeasure.text import DECIMAL_MARK, of_terminal as language, retold as told, signs, texts
 
 DOMAIN = "cli"
 COLUMNS = "  "

@@ -19,14 +19,12 @@ from lmeasure.robots import (
     held_out,
     learning_curve,
     nominal_frames,
+    record as identified_record,
     workspace,
     worth_freeing,
     write_record,
     write_robot,
     write_urdf,
-)
-from lmeasure.robots import (
-    record as identified_record,
 )
 
 

@@ -21,11 +21,8 @@ import pyarrow.parquet
 import tomli_w
 
 from lmeasure.core import FileFormatError, LMeasureError, TextArray
-from lmeasure.io.safe_open import read_regular
-from lmeasure.io.safe_open import sha256 as sha256
-from lmeasure.io.tables import Table as Table
-from lmeasure.io.tables import read_table as read_table
-from lmeasure.io.tables import read_table_in_pieces as read_table_in_pieces
+from lmeasure.io.safe_open import read_regular, sha256 as sha256
+from lmeasure.io.tables import Table as Table, read_table as read_table, read_table_in_pieces as read_table_in_pieces
 from lmeasure.io.toml_lines import Document, loads
 
 """(n,) texts, few of them different: millions of samples share the same strings."""

@@ -23,8 +23,7 @@ from lmeasure.iso9283.fitted_frame import follows
 from lmeasure.iso9283.instants import on_times, with_instants
 from lmeasure.iso9283.motion_readings import Motion
 from lmeasure.iso9283.paths import LEAST_PLANES, Crossings
-from lmeasure.iso9283.settings import CertificationSettings
-from lmeasure.iso9283.settings import CertificationSettings as Settings
+from lmeasure.iso9283.settings import CertificationSettings, CertificationSettings as Settings
 from lmeasure.iso9283.uncertainty import Spread, propagate
 from lmeasure.recording import Program, Run
 from lmeasure.text import Finding, finding, recognised, within

@@ -35,9 +35,20 @@ from lmeasure.core import FloatArray
 from lmeasure.kernels import layout
 from lmeasure.kernels.angles import NOWHERE, angle_gradient, inclination_at, swivel_at
 from lmeasure.kernels.decorators import inline, kernel
-from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotate, rotate_back, scale, sub
-from lmeasure.kernels.vector import orientation as orientation
-from lmeasure.kernels.vector import vec as vec
+from lmeasure.kernels.vector import (
+    Vec3,
+    add,
+    angle,
+    cross,
+    dot,
+    norm,
+    orientation as orientation,
+    rotate,
+    rotate_back,
+    scale,
+    sub,
+    vec as vec,
+)
 
 ON_AXIS_MM = 1e-9  # nearer to the swivel axis than this the side is a matter of rounding
 

@@ -28,10 +28,10 @@ from lmeasure.kernels.lanes import (
     SAME_MM,
     WIDTH,
     _load,
+    _move as _move_to,
     _orientation,
     _place,
 )
-from lmeasure.kernels.lanes import _move as _move_to
 from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, KIND, POSE_COLUMNS, SWIVEL
 from lmeasure.kernels.normal_lanes import FREE, PAIRS, factors, gather, inverse
 from lmeasure.kernels.screw import OK, copy, platform_size

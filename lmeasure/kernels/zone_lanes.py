@@ -22,17 +22,7 @@ from lmeasure.kernels.decorators import inline, strict_kernel
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.layout import BASE, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, GUIDE, RADIUS
 from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub, vec
-from lmeasure.kernels.zone import (
-    CLEARANCE,
-    LONGEST,
-    SHORTEST,
-    SPEED2,
-    U95_ATTACHMENT,
-    U95_POSITION,
-    U95_ROTATION,
-    WORST_START,
-    WRAP,
-)
+from lmeasure.kernels.zone import CLEARANCE, LONGEST, SHORTEST, SPEED2, U95_ATTACHMENT, U95_POSITION, U95_ROTATION, WORST_START, WRAP
 from lmeasure.kernels.zone_linked import GRADIENT_ROWS, Linked, length_covariance
 from lmeasure.kernels.zone_redundant import NORMAL_ROWS, least_squares_twists
 from lmeasure.kernels.zone_rows import (  # fmt: skip

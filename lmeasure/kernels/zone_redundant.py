@@ -135,8 +135,4 @@ def _inverse(a: Symmetric) -> Symmetric:
 @inline
 def _times(a: Symmetric, v: Vec3) -> Vec3:
     d, o = a
-    return (
-        d[0] * v[0] + o[0] * v[1] + o[1] * v[2],
-        o[0] * v[0] + d[1] * v[1] + o[2] * v[2],
-        o[1] * v[0] + o[2] * v[1] + d[2] * v[2],
-    )
+    return (d[0] * v[0] + o[0] * v[1] + o[1] * v[2], o[0] * v[0] + d[1] * v[1] + o[2] * v[2], o[1] * v[0] + o[2] * v[1] + d[2] * v[2])

@@ -101,13 +101,7 @@ def _short(bounds: Bounds, found: list[tuple[float, FloatArray]], margin: float)
 
 
 def led(
-    bounds: Bounds,
-    pose: FloatArray,
-    margin: float = 0.0,
-    start: FloatArray | None = None,
-    *,
-    aim: float | None = None,
-    turns: bool = True,
+    bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None, turns: bool = True
 ) -> FloatArray:
     """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again.
 

@@ -10,16 +10,8 @@ from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, Traject
 from lmeasure.io import Strict, checked, files, inside, no_folder
 from lmeasure.recording.counts import Counts, read_counts, write_counts
 from lmeasure.recording.recording import Recorded, check_digests, recorded_in
-from lmeasure.recording.start import (
-    StartTable,
-    StatedStart,
-    start_in,
-    start_of_rig,
-    start_uncertainty,
-    uncertainty_entries,
-)
-from lmeasure.rig import CalibrationRecord, Rig, write_calibration_record, write_rig
-from lmeasure.rig import read_linked_rig as read_linked_rig
+from lmeasure.recording.start import StartTable, StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
+from lmeasure.rig import CalibrationRecord, Rig, read_linked_rig as read_linked_rig, write_calibration_record, write_rig
 from lmeasure.text import numbers
 
 SCHEMA = "lmeasure.run/1"

@@ -1,78 +1,25 @@
-from .calibration import (
-    write_calibration_page as write_calibration_page,
-)
+from .calibration import write_calibration_page as write_calibration_page
 from .certificate import (
     PRINTERS as PRINTERS,
-)
-from .certificate import (
     Choices as Choices,
-)
-from .certificate import (
     every_figure as every_figure,
-)
-from .certificate import (
     headline as headline,
-)
-from .certificate import (
     write_certificate as write_certificate,
 )
-from .certificate_text import (
-    about as about,
-)
-from .certificate_text import (
-    title as title,
-)
-from .comparison import (
-    told as told,
-)
-from .comparison import (
-    write_comparison_page as write_comparison_page,
-)
-from .correction import (
-    write_correction_page as write_correction_page,
-)
-from .html import (
-    kept as kept,
-)
-from .interim import (
-    write_check_page as write_check_page,
-)
-from .mechanism import (
-    workspace_words as workspace_words,
-)
-from .mechanism import (
-    write_mechanism_page as write_mechanism_page,
-)
-from .plots import (
-    Figure as Figure,
-)
-from .plots import (
-    figure_of as figure_of,
-)
-from .robot import (
-    write_robot_page as write_robot_page,
-)
-from .structure import (
-    write_list_page as write_list_page,
-)
-from .structure import (
-    write_structure_page as write_structure_page,
-)
-from .text import (
-    word as word,
-)
+from .certificate_text import about as about, title as title
+from .comparison import told as told, write_comparison_page as write_comparison_page
+from .correction import write_correction_page as write_correction_page
+from .html import kept as kept
+from .interim import write_check_page as write_check_page
+from .mechanism import workspace_words as workspace_words, write_mechanism_page as write_mechanism_page
+from .plots import Figure as Figure, figure_of as figure_of
+from .robot import write_robot_page as write_robot_page
+from .structure import write_list_page as write_list_page, write_structure_page as write_structure_page
+from .text import word as word
 from .trajectory import (
     about_stretch as about_stretch,
-)
-from .trajectory import (
     trajectory_summary as trajectory_summary,
-)
-from .trajectory import (
     write_trajectory_page as write_trajectory_page,
 )
-from .zone import (
-    write_zone_report as write_zone_report,
-)
-from .zone_html import (
-    write_zone_page as write_zone_page,
-)
+from .zone import write_zone_report as write_zone_report
+from .zone_html import write_zone_page as write_zone_page

@@ -5,13 +5,7 @@ from pathlib import Path
 from lmeasure.calibration import Calibration, Comparison, chance
 from lmeasure.report import html
 from lmeasure.report.calibration_effects import dimensions, effects, effects_shown
-from lmeasure.report.calibration_figures import (
-    narrowed_figure,
-    residuals_figure,
-    rig_figure,
-    spectrum_figure,
-    worst_figure,
-)
+from lmeasure.report.calibration_figures import narrowed_figure, residuals_figure, rig_figure, spectrum_figure, worst_figure
 from lmeasure.rig import CalibrationRecord
 from lmeasure.text import ENGLISH, Say, decimal, settled
 
@@ -311,8 +305,7 @@ def _validation(record: CalibrationRecord, say: Say) -> list[str]:
             html.heading(say("Values that cannot be told apart")),
             html.paragraph(say("Correlations beyond {limit:g}: quote such values together, or not at all.", limit=0.95)),
             html.table(
-                (say("value"), say("with"), say("correlation")),
-                ((c["a"], c["b"], number(c["value"], "+.4f")) for c in record.correlations),
+                (say("value"), say("with"), say("correlation")), ((c["a"], c["b"], number(c["value"], "+.4f")) for c in record.correlations)
             ),
         ]
     return parts

@@ -9,8 +9,7 @@ from plotly.colors import qualitative
 from lmeasure.certificate import Measured, magnification, way
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import AttainedPath, Evaluation
-from lmeasure.report import certificate_text as say
-from lmeasure.report import html
+from lmeasure.report import certificate_text as say, html
 from lmeasure.report.certificate_pictures import MOST_CYCLES
 from lmeasure.report.text import THOUSANDS, unit, word
 from lmeasure.text import DECIMAL_MARK, number

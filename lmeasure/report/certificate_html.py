@@ -3,9 +3,7 @@
 from typing import Any
 
 from lmeasure.certificate import Measured
-from lmeasure.report import certificate_pictures as pictures
-from lmeasure.report import certificate_text as say
-from lmeasure.report import drawings, html, summary
+from lmeasure.report import certificate_pictures as pictures, certificate_text as say, drawings, html, summary
 from lmeasure.report.certificate_figures import figures
 from lmeasure.report.text import word
 

@@ -9,9 +9,7 @@ import typst
 
 from lmeasure.certificate import Measured
 from lmeasure.core import CertificationError
-from lmeasure.report import certificate_pictures as pictures
-from lmeasure.report import certificate_text as say
-from lmeasure.report import drawings, html, summary
+from lmeasure.report import certificate_pictures as pictures, certificate_text as say, drawings, html, summary
 from lmeasure.report.text import with_indices, word
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")

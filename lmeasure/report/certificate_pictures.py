@@ -6,8 +6,7 @@ import numpy as np
 
 from lmeasure.certificate import targets
 from lmeasure.iso9283 import AttainedPath, Evaluation
-from lmeasure.report import certificate_text as say
-from lmeasure.report import drawings, html
+from lmeasure.report import certificate_text as say, drawings, html
 from lmeasure.report.summary import chosen
 from lmeasure.report.text import unit, word
 from lmeasure.text import number

@@ -91,12 +91,7 @@ def placed(labels: Sequence[Label], size: float, taken: Sequence[tuple[float, fl
 
 _TURN, _RISE = np.radians(28.0), np.radians(22.0)
 # from +X, a little from +Y and from above: unequal angles, so that a cube's corners do not fall upon each other
-_VIEW = np.array(
-    [
-        [-np.sin(_TURN), np.cos(_TURN), 0.0],
-        [-np.sin(_RISE) * np.cos(_TURN), -np.sin(_RISE) * np.sin(_TURN), np.cos(_RISE)],
-    ]
-)
+_VIEW = np.array([[-np.sin(_TURN), np.cos(_TURN), 0.0], [-np.sin(_RISE) * np.cos(_TURN), -np.sin(_RISE) * np.sin(_TURN), np.cos(_RISE)]])
 
 
 def errors_in_space(names: Sequence[str], commanded: FloatArray, errors: FloatArray, label: str) -> tuple[str, float, FloatArray]:

@@ -281,7 +281,7 @@ def time_figure(found: Along, language: str = "en") -> go.Figure:
     trajectory, rows = found.trajectory, found.rows
     time_s, u = trajectory.time_s[rows], trajectory.u[rows]
     lanes: list[tuple[str, list[tuple[str, FloatArray, FloatArray | None]]]] = [
-        (words["lane.place"], [(n, trajectory.poses[rows, i], AXIS_95 * u[:, i]) for i, n in enumerate("XYZ")]),
+        (words["lane.place"], [(n, trajectory.poses[rows, i], AXIS_95 * u[:, i]) for i, n in enumerate("XYZ")])
     ]
     if not np.isnan(found.rotation_deg).all():
         turned: list[tuple[str, FloatArray, FloatArray | None]] = [

@@ -8,8 +8,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from lmeasure.kernels import ALPHA, AXIAL, BASE, BETA, RADIUS, TANGENT, TRAVEL
-from lmeasure.kernels import ATTACHMENT as ATTACHMENT_COLUMN
+from lmeasure.kernels import ALPHA, ATTACHMENT as ATTACHMENT_COLUMN, AXIAL, BASE, BETA, RADIUS, TANGENT, TRAVEL
 from lmeasure.rig.points_and_drums import Cable
 
 

@@ -22,10 +22,7 @@ from lmeasure.kernels import (
     guide_direction,
 )
 from lmeasure.rig.encoders import AngleEncoder
-from lmeasure.rig.parameter_table import FURTHER as FURTHER
-from lmeasure.rig.parameter_table import TABLE as TABLE
-from lmeasure.rig.parameter_table import TILT, CableParameter
-from lmeasure.rig.parameter_table import Owner as Owner
+from lmeasure.rig.parameter_table import FURTHER as FURTHER, TABLE as TABLE, TILT, CableParameter, Owner as Owner
 from lmeasure.rig.points_and_drums import Cable, Drum, ObservationPoint
 from lmeasure.rig.rig import Observed, Rig, Turned, rig_from_dict
 

@@ -34,12 +34,16 @@ from lmeasure.kernels import (
     TURN_COUNTS,
 )
 from lmeasure.rig.can import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
-from lmeasure.rig.encoders import AngleEncoder as AngleEncoder
-from lmeasure.rig.encoders import Inclination, Swivel
-from lmeasure.rig.points_and_drums import Cable as Cable
-from lmeasure.rig.points_and_drums import CableOnDrum, Expansion, Length, NotNegative
-from lmeasure.rig.points_and_drums import Drum as Drum
-from lmeasure.rig.points_and_drums import ObservationPoint as ObservationPoint
+from lmeasure.rig.encoders import AngleEncoder as AngleEncoder, Inclination, Swivel
+from lmeasure.rig.points_and_drums import (
+    Cable as Cable,
+    CableOnDrum,
+    Drum as Drum,
+    Expansion,
+    Length,
+    NotNegative,
+    ObservationPoint as ObservationPoint,
+)
 
 CABLES_FOR_A_POSE = 6
 

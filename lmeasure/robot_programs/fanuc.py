@@ -14,18 +14,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray
 from lmeasure.robot_programs.euler import of_angles
-from lmeasure.robot_programs.program import (
-    IDENTITY,
-    NUMBER,
-    Dialect,
-    Listing,
-    Source,
-    Span,
-    Target,
-    Unread,
-    closing,
-    wrong,
-)
+from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, wrong
 
 POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
 _POSITION = re.compile(r'^[ \t]*P\[\s*(\d+)\s*(?::\s*"?([^"\]]*))?[^\]]*\]\s*(?=\{)', re.M)

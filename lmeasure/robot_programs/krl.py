@@ -15,20 +15,7 @@ from lmeasure.core import FloatArray
 from lmeasure.robot_programs import krl_flow
 from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.krl_flow import FIXED, NULL, Motion, fdat_frames
-from lmeasure.robot_programs.program import (
-    IDENTITY,
-    NUMBER,
-    Dialect,
-    Listing,
-    Source,
-    Span,
-    Target,
-    Unread,
-    closing,
-    masked,
-    pieces,
-    wrong,
-)
+from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, masked, pieces, wrong
 from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
 
 POSE, AXES, EXTERNAL = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7)), tuple(f"E{i}" for i in range(1, 7))

@@ -97,14 +97,7 @@ def _read(sources: Sequence[Source], turn: tuple[str, ...], place: tuple[str, ..
 
 
 def _rows(
-    k: int,
-    source: Source,
-    turn: tuple[str, ...],
-    place: tuple[str, ...],
-    *,
-    mapping: Renamed,
-    targets: list[Target],
-    unread: list[Unread],
+    k: int, source: Source, turn: tuple[str, ...], place: tuple[str, ...], *, mapping: Renamed, targets: list[Target], unread: list[Unread]
 ) -> None:
     text, header, sizes = source.text, list[str](), dict[str, float]()
     at = len(BOM) if text.startswith(BOM) else 0

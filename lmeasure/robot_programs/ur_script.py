@@ -28,9 +28,9 @@ from lmeasure.robot_programs.program import (
     masked,
     numbers_in,
     pieces,
+    pose as _placed,
     wrong,
 )
-from lmeasure.robot_programs.program import pose as _placed
 
 _SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
 _ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)

@@ -8,18 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lmeasure.core import FloatArray
-from lmeasure.kernels import (
-    BY_ALPHA,
-    BY_ATTACHMENT,
-    BY_AXIAL,
-    BY_BASE,
-    BY_BETA,
-    BY_PITCH,
-    BY_RADIUS,
-    BY_SCALE,
-    BY_TANGENT,
-    WIDTH,
-)
+from lmeasure.kernels import BY_ALPHA, BY_ATTACHMENT, BY_AXIAL, BY_BASE, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, BY_TANGENT, WIDTH
 from lmeasure.rig import FACTORS, Parameter
 from lmeasure.sensors.channel import arms, by_point, row_of, values
 from lmeasure.sensors.wrap import Drum, Span, by_guide, guide, span

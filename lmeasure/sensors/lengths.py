@@ -24,12 +24,8 @@ from lmeasure.core import (
 from lmeasure.io import files
 from lmeasure.kernels import (
     STATE,
-    counts_from_changes,
-)
-from lmeasure.kernels import (
     changes_from_counts as cable_kernels_changes_from_counts,
-)
-from lmeasure.kernels import (
+    counts_from_changes,
     span_lengths as cable_kernels_span_lengths,
 )
 from lmeasure.recording import Run, unwrap

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import FloatArray, se3
-from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, TANGENT
-from lmeasure.kernels import last_travel as kernels_last_travel
+from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, TANGENT, last_travel as kernels_last_travel
 from lmeasure.rig import Cable, CalibrationRecord, Rig, attachment_names
 from lmeasure.sensors.cable_effects import Zero
 from lmeasure.sensors.effect_laws import (

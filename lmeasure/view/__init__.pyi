@@ -1,30 +1,10 @@
-from .live import (
-    growing_counts as growing_counts,
-)
-from .mechanism import (
-    write_mechanism_recording as write_mechanism_recording,
-)
+from .live import growing_counts as growing_counts
+from .mechanism import write_mechanism_recording as write_mechanism_recording
 from .stages import (
     streamed_recording as streamed_recording,
-)
-from .stages import (
     write_counts_recording as write_counts_recording,
-)
-from .stages import (
     write_recording as write_recording,
 )
-from .structure import (
-    write_structure_recording as write_structure_recording,
-)
-from .viewer import (
-    open_viewer as open_viewer,
-)
-from .web import (
-    policy as policy,
-)
-from .web import (
-    serve as serve,
-)
-from .web import (
-    viewer_file as viewer_file,
-)
+from .structure import write_structure_recording as write_structure_recording
+from .viewer import open_viewer as open_viewer
+from .web import policy as policy, serve as serve, viewer_file as viewer_file

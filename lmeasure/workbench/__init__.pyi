@@ -1,9 +1,2 @@
-from .processes import (
-    ONE as ONE,
-)
-from .processes import (
-    READY as READY,
-)
-from .server import (
-    serve as serve,
-)
+from .processes import ONE as ONE, READY as READY
+from .server import serve as serve

@@ -19,18 +19,7 @@ from lmeasure.core import LMeasureError
 from lmeasure.io import files, read_regular
 from lmeasure.iso9283 import trend_names
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
-from lmeasure.workbench.answers import (
-    Bench,
-    Form,
-    bench_of,
-    language_of,
-    page,
-    posted,
-    refused,
-    unread,
-    uploads_of,
-    within,
-)
+from lmeasure.workbench.answers import Bench, Form, bench_of, language_of, page, posted, refused, unread, uploads_of, within
 from lmeasure.workbench.project import LARGEST_JSON, LARGEST_TEXT, OutsideError, Project, inside
 from lmeasure.workbench.text import said
 from lmeasure.workbench.uploads import Uploads, take_in, take_in_folder

@@ -18,20 +18,7 @@ from lmeasure.io import open_regular, read_toml, rewrite_toml
 from lmeasure.kernels import compilation
 from lmeasure.recording import read_run_head, start_from_text
 from lmeasure.workbench import guard, rig_form
-from lmeasure.workbench.answers import (
-    HERE,
-    Form,
-    as_file,
-    bench_of,
-    file_of,
-    language_of,
-    lost,
-    page,
-    posted,
-    unread,
-    uploads_of,
-    within,
-)
+from lmeasure.workbench.answers import HERE, Form, as_file, bench_of, file_of, language_of, lost, page, posted, unread, uploads_of, within
 from lmeasure.workbench.cards import card
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.text import said

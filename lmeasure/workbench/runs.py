@@ -11,8 +11,7 @@ from starlette.routing import Route
 
 from lmeasure.core import LMeasureError
 from lmeasure.recording import read_run_head
-from lmeasure.view import policy as web_policy
-from lmeasure.view import viewer_file
+from lmeasure.view import policy as web_policy, viewer_file
 from lmeasure.workbench import trajectories
 from lmeasure.workbench.answers import bench_of, file_of, language_of, lost, page, unread, within
 from lmeasure.workbench.project import Project

@@ -30,8 +30,7 @@ from lmeasure.report import kept
 from lmeasure.text import decimal, number, typed
 from lmeasure.workbench import api, calibrations, certificates, pages, project_files, projects, runs
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused
-from lmeasure.workbench.guard import HERE as LOOPBACK
-from lmeasure.workbench.guard import Door, Guard, secured
+from lmeasure.workbench.guard import HERE as LOOPBACK, Door, Guard, secured
 from lmeasure.workbench.project import OWN
 from lmeasure.workbench.project_list import Shelf
 from lmeasure.workbench.text import said

@@ -56,12 +56,7 @@ STOPS = (
         "Where the instrument can be believed: within a largest pressure angle and a largest U95. Sliders on its "
         "page show what other limits would leave.",
     ),
-    Stop(
-        "/runs",
-        "/runs",
-        ".runs",
-        "What was recorded. A run without its start pose goes no further: counters only tell differences.",
-    ),
+    Stop("/runs", "/runs", ".runs", "What was recorded. A run without its start pose goes no further: counters only tell differences."),
     Stop(
         "/trajectory/cell/trajectory.parquet",
         "/runs",

@@ -47,10 +47,7 @@ class Settings(Writing):
             "What to solve for: position, guide, radius, scale, tangent, axial, pitch, attachment; run-out, eccentricity, offset, "
             "diameter, backlash, tilt; of one observation point alone as run-out:B3."
         ),
-    ] = (
-        "position",
-        "guide",
-    )
+    ] = ("position", "guide")
     neighbourhood_mm: Annotated[
         float,
         option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5, label="Search around the positions"),
@@ -93,10 +90,9 @@ class Settings(Writing):
         ),
     ] = ()
     rig: Annotated[Path | None, option("Use this rig.toml instead of a run's own.")] = None
-    start: Annotated[
-        Start | None,
-        option(f"About where a run began, instead of its own start: {START}.", metavar="X,Y,Z,O,A,T|FILE"),
-    ] = None
+    start: Annotated[Start | None, option(f"About where a run began, instead of its own start: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = (
+        None
+    )
     samples: Annotated[int, option("How many samples of a run, as far from each other as can be, calibrate.", ge=10, le=200)] = 40
     frame: Annotated[
         Literal["rig", "poses"],
@@ -130,8 +126,14 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]":
     """Calibrate, and write rig, record and page. CalibrationError where the rig must not be used, which is then not written."""
-    from lmeasure.calibration import CalibrationSettings, Distance, calibrate, comparison_summary, read_earlier
-    from lmeasure.calibration import compare as comparing_compare
+    from lmeasure.calibration import (
+        CalibrationSettings,
+        Distance,
+        calibrate,
+        compare as comparing_compare,
+        comparison_summary,
+        read_earlier,
+    )
     from lmeasure.recording import write_poses
     from lmeasure.report import write_calibration_page
     from lmeasure.rig import write_calibration_record, write_rig
@@ -193,14 +195,7 @@ def _campaign(settings: Settings) -> "Campaign":
 
 def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
     """The record that a run's rig links, refined by the run, into a new folder."""
-    from lmeasure.calibration import (
-        Calibration,
-        continued,
-        is_run,
-        predict,
-        predicted_entry,
-        read_motion,
-    )
+    from lmeasure.calibration import Calibration, continued, is_run, predict, predicted_entry, read_motion
     from lmeasure.recording import stated_start
     from lmeasure.report import write_calibration_page
     from lmeasure.rig import write_calibration_record, write_rig

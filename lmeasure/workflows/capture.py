@@ -10,8 +10,7 @@ from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition import Link
-    from lmeasure.acquisition import Progress as State
+    from lmeasure.acquisition import Link, Progress as State
     from lmeasure.procedures import CaptureFolder, Session
 
 READING = "How a reading is taken"
@@ -90,8 +89,7 @@ def run(
     things all the while. A source that ends before the poses do, and counters that do not come back, are failures.
     """
     from lmeasure.acquisition import as_mapped, connect, options_from_text, with_files_beside
-    from lmeasure.procedures import Session, open_folder
-    from lmeasure.procedures import Settings as stage_Settings
+    from lmeasure.procedures import Session, Settings as stage_Settings, open_folder
     from lmeasure.rig import read_rig
 
     rig, here = read_rig(settings.rig).model_copy(update={"calibration": None}), settings.rig.parent

@@ -6,17 +6,7 @@ from typing import Annotated, Any, Literal
 from lmeasure.core import OtherTrajectoryError, SettingsError
 from lmeasure.text import Say, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import (
-    COLUMNS,
-    LANGUAGE,
-    TRAJECTORY,
-    U_POSITION,
-    U_ROTATION,
-    Paths,
-    Point,
-    Writing,
-    option,
-)
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Paths, Point, Writing, option
 
 CHOICES = "What is certified"
 

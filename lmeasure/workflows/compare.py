@@ -51,8 +51,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
         return _calibrations(settings)
     from lmeasure.certificate import CERTIFICATE, as_dict, canonical, compare_certificates, improvement, lines, read_certificate
     from lmeasure.io import files
-    from lmeasure.report import told as of_improvement
-    from lmeasure.report import write_comparison_page
+    from lmeasure.report import told as of_improvement, write_comparison_page
     from lmeasure.robot_programs import identified_mm
 
     read = [(str(path), read_certificate(path / CERTIFICATE if path.is_dir() else path)) for path in settings.certificates]

@@ -14,8 +14,7 @@ class Settings(Writing):
     """What `lmeasure drum` is asked."""
 
     measurements: Annotated[
-        Path,
-        option("What was measured, a drum table per observation point (docs/drum.md).", metavar="MEASUREMENTS.toml", positional=True),
+        Path, option("What was measured, a drum table per observation point (docs/drum.md).", metavar="MEASUREMENTS.toml", positional=True)
     ]
     rig: Annotated[Path, option("The rig whose drums these are.")]
     out: Annotated[Path, option("Rig file to write.")]

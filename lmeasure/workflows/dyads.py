@@ -43,8 +43,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
 
     from lmeasure.io import files
     from lmeasure.recording import read_poses
-    from lmeasure.robots import all_fitted, minimax, misses
-    from lmeasure.robots import turned as dyads_turned
+    from lmeasure.robots import all_fitted, minimax, misses, turned as dyads_turned
 
     given = read_poses(settings.poses, "puma-oat", unnamed=True)
     poses = given.rows

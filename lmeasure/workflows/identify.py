@@ -92,6 +92,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     from lmeasure.io import columns_of, files
     from lmeasure.robots import (
         FAMILIES,
+        Settings as Chosen,
         check_foreign,
         given,
         identify,
@@ -103,7 +104,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         summary,
         unmoved_in,
     )
-    from lmeasure.robots import Settings as Chosen
     from lmeasure.trajectory import Stated
 
     unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]

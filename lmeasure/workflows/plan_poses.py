@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from lmeasure.core import CalibrationError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
 from lmeasure.workflows.plan_robot import run_robot
-from lmeasure.workflows.plan_settings import OPTIONS
-from lmeasure.workflows.plan_settings import Settings as Settings
+from lmeasure.workflows.plan_settings import OPTIONS, Settings as Settings
 from lmeasure.workflows.settings import Box, UnitQuaternion
 
 if TYPE_CHECKING:

@@ -4,19 +4,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from lmeasure.workflows.flow import inside, present
-from lmeasure.workflows.settings import (
-    BOX,
-    RERUN,
-    Box,
-    Names,
-    Numbers,
-    Paths,
-    Recording,
-    UnitQuaternion,
-    WholeNumbers,
-    Writing,
-    option,
-)
+from lmeasure.workflows.settings import BOX, RERUN, Box, Names, Numbers, Paths, Recording, UnitQuaternion, WholeNumbers, Writing, option
 
 LIMITS = "What a cable allows"
 ROBOT = "Poses of a robot"
@@ -54,8 +42,7 @@ class Settings(Writing):
         float | None, option("Tilt in the zone; by default that of the poses.", ge=0, le=90, label="Tilt in the zone")
     ] = None
     criterion: Annotated[
-        Literal["G", "I", "D"],
-        option("G: least worst variance over the zone; I: least mean variance; D: least determinant."),
+        Literal["G", "I", "D"], option("G: least worst variance over the zone; I: least mean variance; D: least determinant.")
     ] = "G"
     extend: Annotated[
         Path | None, option("Calibration folder already recorded: its counters go on.", metavar="FOLDER", label="Folder to extend")

@@ -6,18 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from lmeasure.core import SettingsError
 from lmeasure.text import numbers
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import (
-    COLUMNS,
-    Names,
-    Numbers,
-    Pair,
-    Paths,
-    Quaternion,
-    Writing,
-    known_convention,
-    notes_of_file,
-    option,
-)
+from lmeasure.workflows.settings import COLUMNS, Names, Numbers, Pair, Paths, Quaternion, Writing, known_convention, notes_of_file, option
 
 if TYPE_CHECKING:
     from lmeasure.iso9283 import Cube
@@ -40,8 +29,7 @@ class Settings(Writing):
     )
     quaternion: Annotated[Quaternion, option("Orientation of the tool, base_from_tool.", metavar="x,y,z,w")] = (0.0, 0.0, 0.0, 1.0)
     tests: Annotated[
-        Names,
-        option("Which: pose, approach, stabilisation, drift, path, reorientation, posing, compliance, weaving; or all."),
+        Names, option("Which: pose, approach, stabilisation, drift, path, reorientation, posing, compliance, weaving; or all.")
     ] = ("pose", "approach", "stabilisation", "path", "reorientation")
     speed: Annotated[float, option("Rated speed between poses, mm/s.", unit="mm/s", label="Rated speed")] = 1000.0
     path_speed: Annotated[float, option("Rated speed on paths, mm/s.", unit="mm/s", label="Rated speed on paths")] = 500.0

@@ -18,10 +18,7 @@ class Settings(Writing):
     run: Annotated[Path, option("Run folder: run.toml, rig.toml and the counts of each pass.", metavar="RUN", positional=True)]
     out: Annotated[Path, option("Trajectory to write: .parquet, .csv, .tum for the poses alone, .mcap for ROS 2.")]
     rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own.")] = None
-    start: Annotated[
-        Start | None,
-        option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE"),
-    ] = None
+    start: Annotated[Start | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     constraint: Annotated[str | None, option("What holds the tool where cables are too few: planar or vertical-axis.")] = None
     repeatability_mm: Annotated[float, option("Standard deviation per axis of the robot between repeated passes.", ge=0.0)] = 0.0
     uncertainty: Annotated[

@@ -10,9 +10,7 @@ from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition import Progress as State
-    from lmeasure.acquisition import Recording as Recorded
-    from lmeasure.acquisition import Samples
+    from lmeasure.acquisition import Progress as State, Recording as Recorded, Samples
     from lmeasure.trajectory import PoseWatch
 
     Show = Callable[[State, PoseWatch | str], None]

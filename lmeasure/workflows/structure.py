@@ -8,19 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from lmeasure.core import FileFormatError, SettingsError, StructureError
 from lmeasure.text import of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import (
-    LANGUAGE,
-    RERUN,
-    Numbers,
-    Pair,
-    Paths,
-    Point,
-    Quaternion,
-    Range,
-    Recording,
-    Writing,
-    option,
-)
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray

@@ -10,8 +10,7 @@ from lmeasure.workflows.record import pose_watch
 from lmeasure.workflows.settings import START, Asked, Paths, Start, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition import Progress as State
-    from lmeasure.acquisition import Samples
+    from lmeasure.acquisition import Progress as State, Samples
     from lmeasure.trajectory import PoseWatch
 
     Show = Callable[[State, PoseWatch | str], None]

@@ -128,10 +128,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         guard_columns,
         map_zone,
         read_bodies,
+        said as faults_said,
         summary,
         write_zone,
     )
-    from lmeasure.accuracy import said as faults_said
     from lmeasure.io import files
     from lmeasure.recording import read_program
     from lmeasure.rig import read_linked_rig
@@ -163,8 +163,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     followed: list[Piece] = []
     said: list[str] = []
     if settings.boundary:
-        from lmeasure.accuracy import columns as edge_columns
-        from lmeasure.accuracy import edges
+        from lmeasure.accuracy import columns as edge_columns, edges
 
         followed, said = edges(rig, data, rotations, settings.length_mm)
         files.write_table(settings.out.with_suffix(".boundary.csv"), edge_columns(followed))

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from zone_oracle import length_rows
 from zone_rigs import cell, published
 
-from lmeasure.accuracy import Limits, Scan, axis, map_zone, scan_zone, tilts
-from lmeasure.accuracy import zone as zones
+from lmeasure.accuracy import Limits, Scan, axis, map_zone, scan_zone, tilts, zone as zones
 from lmeasure.accuracy.zone import covers, drum_variance, make_plan, named_figures, sampled, taken_as_exact
 from lmeasure.core import AccuracyError, GeometryError
 from lmeasure.kernels import FIGURES

@@ -21,8 +21,7 @@ from lmeasure.accuracy.bodies import Body
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import make_plan
 from lmeasure.core import AccuracyError
-from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS, guide_direction, layout, wrap_geometry
-from lmeasure.kernels import zone as kernels
+from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS, guide_direction, layout, wrap_geometry, zone as kernels
 from lmeasure.rig import Rig
 
 BODIES = (
@@ -320,9 +319,7 @@ def cluster() -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
         scheduler.stderr.close()
 
 
-def test_two_worker_processes_give_the_same_bits_though_one_is_killed(
-    cluster: tuple[str, list[subprocess.Popen[str]]],
-) -> None:
+def test_two_worker_processes_give_the_same_bits_though_one_is_killed(cluster: tuple[str, list[subprocess.Popen[str]]]) -> None:
     address, workers = cluster
     distributed: Any = importlib.import_module("distributed")
     with distributed.Client(address, set_as_default=False) as client:

@@ -48,14 +48,7 @@ Process = subprocess.Popen[str]
 def feeding(what: str, counts: IntArray, rate_hz: float, options: Options, folder: Path) -> Iterator[tuple[str, Process]]:
     """The encoders' process, ready and waiting: what it said, and the process."""
     np.save(folder / "counts.npy", counts)
-    command = [
-        sys.executable,
-        str(FEED),
-        what,
-        str(folder / "counts.npy"),
-        str(rate_hz),
-        json.dumps(options),
-    ]
+    command = [sys.executable, str(FEED), what, str(folder / "counts.npy"), str(rate_hz), json.dumps(options)]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

@@ -122,18 +122,10 @@ def test_this_program_can_produce_the_sync(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "rig", "complaint"),
     [
-        (
-            {},
-            rig_of(channels=[BOTH[0], BOTH[1] | {"node": 8}]),
-            "node 8 .channel ch2. does not answer; on the bus: 5, 9",
-        ),
+        ({}, rig_of(channels=[BOTH[0], BOTH[1] | {"node": 8}]), "node 8 .channel ch2. does not answer; on the bus: 5, 9"),
         ({"device_type": 0x191}, rig_of(), "its device profile is 401, not that of encoders, 406"),
         ({"units": 4096}, rig_of(), "counts 4096 per revolution .6001h., the rig says 6000"),
-        (
-            {"range": 65536},
-            rig_of(channels=[BOTH[0] | {"range": 36000}, BOTH[1]]),
-            "range is 65536 units",
-        ),
+        ({"range": 65536}, rig_of(channels=[BOTH[0] | {"range": 36000}, BOTH[1]]), "range is 65536 units"),
         ({"range": 36000}, rig_of({"counter_bits": 16}), "counts 36000 counts, but its drum says counter_bits = 16"),
         ({"sync_id": 0x85}, rig_of(), "listens to SYNC 0x85 .1005h., the rig says sync_id = 0x80"),
         ({"sync_type": 254}, rig_of(), "no transmit PDO sends its position after each SYNC; it is in TPDO1 of type 254, TPDO2 of type 254"),

@@ -165,12 +165,7 @@ def two_cables() -> Rig:
 @pytest.mark.parametrize(
     ("faults", "code", "verdicts", "error"),
     [
-        (
-            {},
-            0,
-            ["c1 ch1 ch1 +1 100.0 +0.000 6000 / 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 / 6000 ok", "with nothing to correct"],
-            "",
-        ),
+        ({}, 0, ["c1 ch1 ch1 +1 100.0 +0.000 6000 / 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 / 6000 ok", "with nothing to correct"], ""),
         (
             {"wiring": [1, 0], "turns": False, "sign": -1, "foreign": 0x1F5},
             1,

@@ -1,8 +1,7 @@
 import can
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from lmeasure.acquisition.bus.frames import Frames, frames_from_messages, join, messages_from_frames, no_frames
 from lmeasure.core import AcquisitionError

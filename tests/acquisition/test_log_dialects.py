@@ -148,8 +148,7 @@ def test_trc_that_cannot_be_read(tmp_path: Path, text: str, words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "bad",
-    ["2 x DT 1 0300 Rx - 1 05", "2 1.0 DT 1 0300 Rx - 2 05", "2 1.0 DT 1 03_0 Rx - 1 05", "2 1.0 DT 1 0900 Rx - 1 05", "2 1.0 FD 1"],
+    "bad", ["2 x DT 1 0300 Rx - 1 05", "2 1.0 DT 1 0300 Rx - 2 05", "2 1.0 DT 1 03_0 Rx - 1 05", "2 1.0 DT 1 0900 Rx - 1 05", "2 1.0 FD 1"]
 )
 def test_a_line_of_trc_that_nobody_can_read_is_counted(tmp_path: Path, bad: str) -> None:
     path = tmp_path / "log.trc"

@@ -11,8 +11,7 @@ import can
 import numpy as np
 import pytest
 from can.io.blf import BLFWriter
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from log_corpus import library_rows, messages, rows, write
 from read_logs import read_rows
 

@@ -5,20 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of
 
 from lmeasure.acquisition import counter_fields
-from lmeasure.acquisition.bus.frames import (
-    PIECE_FRAMES,
-    Frames,
-    TimestampSource,
-    frames_from_messages,
-    join,
-    no_frames,
-    pieces,
-)
+from lmeasure.acquisition.bus.frames import PIECE_FRAMES, Frames, TimestampSource, frames_from_messages, join, no_frames, pieces
 from lmeasure.acquisition.counters.assembly import counts_from_frames, new_assembler
 from lmeasure.acquisition.counters.samples import pace
 from lmeasure.core import AcquisitionError

@@ -134,10 +134,7 @@ def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(
         (["--position-mm", "0", "0", "0"], "how the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"),
         (["--quaternion-xyzw", "0", "0", "0", "1"], "where the tool was is missing: give --position-mm too"),
         (["--start", "0,0,0,0,-90,90", "--position-mm", "0", "0", "0"], "is given, and so is --position-mm"),
-        (
-            ["--start", "0,0,0,0,-90"],
-            "'0,0,0,0,-90' is 5 numbers; wanted are x,y,z in mm and three angles",
-        ),
+        (["--start", "0,0,0,0,-90"], "'0,0,0,0,-90' is 5 numbers; wanted are x,y,z in mm and three angles"),
     ],
 )
 def test_half_a_start_pose_is_asked_for_by_name(
@@ -150,10 +147,7 @@ def test_half_a_start_pose_is_asked_for_by_name(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize(
-    ("angles", "typed"),
-    [("puma-oat", "0,-90,90"), ("kuka-abc", "0,0,0"), ("ur-rotation-vector", "0,0,0")],
-)
+@pytest.mark.parametrize(("angles", "typed"), [("puma-oat", "0,-90,90"), ("kuka-abc", "0,0,0"), ("ur-rotation-vector", "0,0,0")])
 def test_a_start_is_typed_in_the_rigs_own_angles(
     angles: str, typed: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

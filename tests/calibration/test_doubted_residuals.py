@@ -13,8 +13,7 @@ from test_with_encoders import campaign_of, swivelled
 from lmeasure.calibration import Model, unknowns_of
 from lmeasure.calibration.validation import misfit
 from lmeasure.calibration.validation.misfit import explain_misfit
-from lmeasure.estimation import Explained as State
-from lmeasure.estimation import Fit, fit, improbable
+from lmeasure.estimation import Explained as State, Fit, fit, improbable
 
 
 def fitted(times: float, poses: int = 20) -> Fit:

@@ -11,8 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
-from test_with_encoders import campaign_of as campaign_at
-from test_with_encoders import swivelled
+from test_with_encoders import campaign_of as campaign_at, swivelled
 from typer.testing import CliRunner
 
 from lmeasure.calibration import CalibrationSettings, Distance, calibrate, continued, unknowns_of

@@ -29,8 +29,7 @@ from lmeasure.calibration import (
 from lmeasure.calibration.plan.candidates import APART, candidates
 from lmeasure.calibration.solve.noise import Noise
 from lmeasure.calibration.solve.unknowns import rig_with
-from lmeasure.cli.app import app
-from lmeasure.cli.app import main as command
+from lmeasure.cli.app import app, main as command
 from lmeasure.core import CalibrationError
 from lmeasure.estimation import Criterion, empty, estimated_covariance, fit, grown, improved, parameter_information
 from lmeasure.io import write_table

@@ -19,8 +19,7 @@ from lmeasure.cli.progress import told_of_compiling
 from lmeasure.cli.text import retold, said
 from lmeasure.io import FILE_KINDS
 from lmeasure.kernels import compilation
-from lmeasure.text import of_terminal as language
-from lmeasure.text import texts
+from lmeasure.text import of_terminal as language, texts
 from lmeasure.workflows import COMMANDS, JOBS, Result
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"

@@ -312,10 +312,7 @@ def test_limits_are_cut_until_nothing_is_singular(run, tmp_path: Path) -> None: 
 
 @pytest.mark.parametrize(
     ("links", "pose", "says"),
-    [
-        (LINKS, False, "in the assembly at"),
-        ([*LINKS[:4], ("B2", "P3", 7.98), LINKS[5]], True, "in the assembly at"),
-    ],
+    [(LINKS, False, "in the assembly at"), ([*LINKS[:4], ("B2", "P3", 7.98), LINKS[5]], True, "in the assembly at")],
 )
 def test_limits_of_other_structures_are_cut_too(run, tmp_path: Path, links: list[tuple[str, str, float]], pose: bool, says: str) -> None:  # type: ignore[no-untyped-def]
     """4.1's example, whose tetrahedra stand on l7 and l8, and one that none solve: of its assembly at a stated pose."""

@@ -34,12 +34,7 @@ def test_values_belong_to_what_their_names_say() -> None:
 
 @pytest.mark.parametrize(
     "problem",
-    [
-        arc(6.0, 20, 0.1, 0),
-        plane(1, since_first=False),
-        plane(1, since_first=True, hidden=3),
-        plane(1, since_first=True, firsts=2),
-    ],
+    [arc(6.0, 20, 0.1, 0), plane(1, since_first=False), plane(1, since_first=True, hidden=3), plane(1, since_first=True, firsts=2)],
 )
 def test_derivatives(problem: Problem) -> None:
     theta = problem.start + np.random.default_rng(0).normal(size=len(problem.names))

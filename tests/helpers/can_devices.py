@@ -12,8 +12,7 @@ from typing import Any
 
 import can
 import canopen
-from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
-from canopen.objectdictionary import datatypes as types
+from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable, datatypes as types
 
 
 def encoder_dictionary(node: int, settings: dict[str, int]) -> Any:

@@ -218,10 +218,7 @@ def test_all_bad_cells_of_tables(tmp_path: Path) -> None:
     counts.write_text("time_s,ch1,ch2\n0,1\n0.1,1,2\n0.2,1,2,3\n")
     with pytest.raises(FileFormatError) as caught:
         read_counts(counts)
-    assert lines_of(caught.value, counts) == [
-        ":2: has 2 cells, the first line 3: '0,1'",
-        ":4: has 4 cells, the first line 3: '0.2,1,2,3'",
-    ]
+    assert lines_of(caught.value, counts) == [":2: has 2 cells, the first line 3: '0,1'", ":4: has 4 cells, the first line 3: '0.2,1,2,3'"]
     counts.write_text("time_s,ch1\n" + "".join(f"{i},x\n" for i in range(5000)))
     with pytest.raises(FileFormatError) as caught:
         read_counts(counts)

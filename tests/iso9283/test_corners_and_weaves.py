@@ -22,9 +22,7 @@ FloatArray = NDArray[np.float64]
 
 def test_corners_cut_and_overshot() -> None:
     # corner 1 is cut by a chord 3 mm before to 3 mm behind it; corner 2 is overshot by 2 mm and regained 10 mm behind; corner 3 is met
-    points = np.array(
-        [[-10.0, 0, 0], [197, 0, 0], [200, 3, 0], [200, 202, 0], [190, 200, 0], [0, 200, 0], [0, -10, 0]],
-    )
+    points = np.array([[-10.0, 0, 0], [197, 0, 0], [200, 3, 0], [200, 202, 0], [190, 200, 0], [0, 200, 0], [0, -10, 0]])
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     way = np.arange(0.0, arc[-1], 0.1)

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from made_trajectories import PLACES, UNIT, StatedErrors, by_name, dwells, made_campaign, some_law, trajectory_of
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

@@ -156,10 +156,7 @@ def test_every_window_goes_with_the_samples_and_as_far_beyond_them_as_it_was() -
     program = Program.model_validate(
         {
             "schema": "lmeasure.program/1",
-            "pose": [
-                {"name": "A", **end, "windows_s": [before], "settling_s": [later]},
-                {"name": "B", **end, "windows_s": [later]},
-            ],
+            "pose": [{"name": "A", **end, "windows_s": [before], "settling_s": [later]}, {"name": "B", **end, "windows_s": [later]}],
             "path": [{"name": "line", "kind": "linear", "start_mm": (0, 0, 0), "end_mm": (1, 0, 0), "windows_s": [before]}],
             "posing": [{"from": "A", "to": "B", "limit_band_mm": 1.0, "windows_s": [later]}],
             "compliance": [{"pose": "A", "windows_s": [before], "force_n": [(1.0, 0.0, 0.0)]}],

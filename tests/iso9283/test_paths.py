@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
 from lmeasure.iso9283.attainment import attained
-from lmeasure.iso9283.clauses.path import PathPart
-from lmeasure.iso9283.clauses.path import tests as path_tests
+from lmeasure.iso9283.clauses.path import PathPart, tests as path_tests
 from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.paths import Line
 from lmeasure.recording import CommandedPath

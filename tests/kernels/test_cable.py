@@ -10,8 +10,7 @@ import mpmath as mp
 import numpy as np
 import oracles
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from rows import row_of
 
@@ -224,11 +223,7 @@ def test_straight_cables_are_drawn_from_their_point() -> None:
 
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(
-    k=st.floats(-1e7, 1e7),
-    tangent=st.floats(0, 500),
-    axial=st.floats(-200, 200),
-    pitch=st.floats(-60, 60),
-    length=st.floats(0.011, 0.02),
+    k=st.floats(-1e7, 1e7), tangent=st.floats(0, 500), axial=st.floats(-200, 200), pitch=st.floats(-60, 60), length=st.floats(0.011, 0.02)
 )
 def test_counts_and_changes_are_inverse(k: float, tangent: float, axial: float, pitch: float, length: float) -> None:
     row = np.zeros((1, CABLE_COLUMNS))

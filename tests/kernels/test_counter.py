@@ -4,23 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from lmeasure.core import FloatArray, IntArray
-from lmeasure.kernels import (
-    BELIEVED_AT,
-    EMPTY,
-    FOLLOWED,
-    FOREIGN,
-    JUMPED,
-    PAUSE,
-    STATE,
-    UNSURE,
-    WENT_ON,
-    resume_counting,
-    runs_on,
-)
+from lmeasure.kernels import BELIEVED_AT, EMPTY, FOLLOWED, FOREIGN, JUMPED, PAUSE, STATE, UNSURE, WENT_ON, resume_counting, runs_on
 from lmeasure.kernels.counter import RETURN_S, shortest
 
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from lmeasure.core import StructureError
 from lmeasure.linkages import flat_tetrahedra, intervals
@@ -49,11 +48,7 @@ def test_a_flat_tetrahedron_has_no_volume(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("tetrahedron", "values"),
-    [
-        (T1, (0.6249, 1.2907, 5.1845, 5.6985)),
-        (T2, (2.0036, 3.0335, 3.4617, 4.8132)),
-        (T3, (2.2605, 2.8181, 4.6519, 5.1582)),
-    ],
+    [(T1, (0.6249, 1.2907, 5.1845, 5.6985)), (T2, (2.0036, 3.0335, 3.4617, 4.8132)), (T3, (2.2605, 2.8181, 4.6519, 5.1582))],
 )
 def test_thesis_4_2_as_recomputed(tetrahedron: flat_tetrahedra.Tetrahedron, values: tuple[float, ...]) -> None:
     """The flat values printed there (4.9, 4.54, 4.923) are not those of its sides and limits."""

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.linkages import Split, pluecker_rows, pressure_angles

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lmeasure.core import ComplexArray, FloatArray
-from lmeasure.linkages import Structure, architecture, class_of, parse, somov_malyshev, study_quadric
-from lmeasure.linkages import krawczyk as certified
+from lmeasure.linkages import Structure, architecture, class_of, krawczyk as certified, parse, somov_malyshev, study_quadric
 from lmeasure.linkages.krawczyk import Proved
 
 ROUNDING = 5e-15

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from lmeasure.core import FloatArray, se3
-from lmeasure.linkages import pluecker_rows, singularity
-from lmeasure.linkages import pressure_angles as regular_pressure_angles
+from lmeasure.linkages import pluecker_rows, pressure_angles as regular_pressure_angles, singularity
 
 laws = settings(max_examples=40, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)

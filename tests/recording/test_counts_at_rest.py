@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 
 from lmeasure.core import FileFormatError
 from lmeasure.kernels import FOLLOWED, FOREIGN
-from lmeasure.recording import (
-    Counts,
-    RateEvidence,
-    WidthEvidence,
-    closure_counts,
-    read_counts,
-    read_counts_in_pieces,
-    unwrap,
-)
+from lmeasure.recording import Counts, RateEvidence, WidthEvidence, closure_counts, read_counts, read_counts_in_pieces, unwrap
 
 FloatArray = NDArray[np.float64]
 

@@ -15,8 +15,7 @@ from campaigns import write_campaign
 from lmeasure.certificate import Inputs
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings
-from lmeasure.report import Choices, html, word, write_certificate
-from lmeasure.report import certificate_text as say
+from lmeasure.report import Choices, certificate_text as say, html, word, write_certificate
 from lmeasure.report.certificate_figures import _LINES
 
 HOSTILE = {
@@ -57,10 +56,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def certified(campaign: Path, out: Path, language: str, details: bool = True) -> dict[str, Any]:
     given = Inputs(
-        campaign / "trajectory.parquet",
-        campaign / "program.toml",
-        campaign / "run",
-        details=campaign / "details.toml" if details else None,
+        campaign / "trajectory.parquet", campaign / "program.toml", campaign / "run", details=campaign / "details.toml" if details else None
     )
     return write_certificate(out, given, CertificationSettings(), Choices(language))
 

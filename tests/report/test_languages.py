@@ -11,8 +11,7 @@ import pypdfium2
 import pytest
 from pages import PAGES, PDFS, ROOT
 
-from lmeasure.text import PAGES as DOMAIN
-from lmeasure.text import TOLD, Say, number, retold, texts, typed
+from lmeasure.text import PAGES as DOMAIN, TOLD, Say, number, retold, texts, typed
 from lmeasure.text.catalogue import Writer
 
 QUICK = ("calibration", "zone", "structures")

@@ -13,8 +13,7 @@ from lmeasure.certificate import round_scale
 from lmeasure.certificate.details import Logo, read_details, read_logo
 from lmeasure.certificate.pictures import round_down
 from lmeasure.core import CertificationError
-from lmeasure.report import certificate_text as say
-from lmeasure.report import drawings, every_figure, headline
+from lmeasure.report import certificate_text as say, drawings, every_figure, headline
 from lmeasure.report.certificate_pictures import errors_in_space, figures
 from lmeasure.report.summary import MOST, chosen
 from lmeasure.report.text import with_indices

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from rigs import COUNT_MM, HOME, FloatArray, cables, inclination, path, poses, rows_of, swivel
 from scipy.spatial.transform import Rotation
 

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import oracles
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from rigs import HOME, FloatArray, cable, cables, distance, inclination, poses, rows_of, swivel
 from scipy.spatial.transform import Rotation
 

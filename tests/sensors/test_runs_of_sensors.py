@@ -4,8 +4,7 @@ import gzip
 
 import numpy as np
 import pytest
-from rigs import HOME as START
-from rigs import FloatArray
+from rigs import HOME as START, FloatArray
 from truth_sets import Set
 
 from lmeasure.core import se3

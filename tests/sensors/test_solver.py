@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from rigs import HOME, FloatArray, cables, distance, inclination, path, poses, swivel
 
 from lmeasure.core import Status, se3

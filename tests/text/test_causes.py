@@ -43,10 +43,7 @@ EVERY: list[tuple[Cause, str]] = [
         "without it: channel ch7 has no count; counts suspected lost: channel ch3 (cable c3) stepped by -200 counts (+2.400 mm) between "
         "10.39 and 11.6 s",
     ),
-    (
-        finding("cause.restored", cable="c3", after_s=1.25),
-        "restored origin: c3 goes on from another origin behind 1.25 s",
-    ),
+    (finding("cause.restored", cable="c3", after_s=1.25), "restored origin: c3 goes on from another origin behind 1.25 s"),
 ]
 
 

@@ -109,10 +109,7 @@ def rushes(
             largest = np.nan_to_num(least[max(i - w, 0) : i + w + 1, j], nan=-np.inf).max()
             if there[i, j] > limit + slips and alone and going and there[i, j] >= largest:
                 length, speed = (float(mm[at, j]), float(mm[at, j])), (float(v1[j]), float(v2[j]))
-                yield (
-                    float(there[i, j] - slips),
-                    Break(j, float(time_s[at - 1]), float(time_s[at + 1]), np.nan, np.nan, length, speed),
-                )
+                yield (float(there[i, j] - slips), Break(j, float(time_s[at - 1]), float(time_s[at + 1]), np.nan, np.nan, length, speed))
 
 
 def by_definition(time_s: FloatArray, mm: FloatArray) -> tuple[Continuity, set[str]]:

@@ -226,8 +226,7 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
 
 
 @pytest.mark.parametrize(
-    ("clock_s", "code", "said"),
-    [((4.0, 5.0, 6.0), "clock.stepped", "4, 5, 6"), ((4.0, 5.0, 6.0, 7.0), "clock.stepped.often", "4, 5, 6")],
+    ("clock_s", "code", "said"), [((4.0, 5.0, 6.0), "clock.stepped", "4, 5, 6"), ((4.0, 5.0, 6.0, 7.0), "clock.stepped.often", "4, 5, 6")]
 )
 def test_three_steps_of_the_clock_are_told_by_their_times(clock_s: tuple[float, ...], code: str, said: str) -> None:
     (note,) = judged(cell(), found(clock_s=clock_s), NO_RESTS).notes

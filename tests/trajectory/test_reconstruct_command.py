@@ -106,10 +106,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "empty file": (text("pass1.csv", lambda s: ""), "empty"),
     "five cables": (edit("rig.toml", lambda d: cables(d, 5)), "5 cables"),
     "collinear": (edit("rig.toml", lambda d: d["tool"].update(P1=[1.0, 0.0, 0.0], P2=[2.0, 0.0, 0.0], P3=[4.0, 0.0, 0.0])), "line"),
-    "start inside a pulley": (
-        edit("run.toml", lambda d: d["start"].update(position_mm=[-754.1, 142.9 + 1e-3, 833.2])),
-        "c1",
-    ),
+    "start inside a pulley": (edit("run.toml", lambda d: d["start"].update(position_mm=[-754.1, 142.9 + 1e-3, 833.2])), "c1"),
 }
 
 

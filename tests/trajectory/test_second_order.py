@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import START, FloatArray, cell
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation

@@ -9,8 +9,7 @@ import numpy as np
 import oracles
 import pytest
 from cells import START, cell, motion, position_error, record, rotation_error
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2

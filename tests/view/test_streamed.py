@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rerun.chunk import RrdReader
 
 from lmeasure.cli.app import main
@@ -179,10 +178,7 @@ def test_a_run_that_breaks_late_leaves_neither_file(tmp_path: Path) -> None:
     run.passes[0].time_s[1400] = run.passes[0].time_s[1399]
     write_run(tmp_path / "run", run, suffix=".parquet")
     head = read_run_head(tmp_path / "run")
-    with (
-        pytest.raises(FileFormatError, match="sample 1400"),
-        streamed_recording(tmp_path / "out" / "a.rrd", head) as each,
-    ):
+    with pytest.raises(FileFormatError, match="sample 1400"), streamed_recording(tmp_path / "out" / "a.rrd", head) as each:
         reconstruct_stream(head, tmp_path / "out" / "a.parquet", each=each)
     assert list((tmp_path / "out").iterdir()) == []
 

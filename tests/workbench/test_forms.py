@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 from bench import client
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from lmeasure.cli.commands import command
 from lmeasure.core import LMeasureError, SettingsError

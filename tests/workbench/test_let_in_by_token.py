@@ -30,15 +30,7 @@ EVERY = [route for module in ROUTES for route in module.routes()]
 SECRET = "nobody's business 4711"
 NAMED = ("file", "old", "new", "_file", "folder", "into", "back", "then", "name", "run", "path", "out", "rig", "zone", "start")
 """What addresses and forms name files and places by."""
-AWAY = (
-    "../secret.txt",
-    "..%2fsecret.txt",
-    "%2e%2e/secret.txt",
-    "/etc/passwd",
-    "a/../../secret.txt",
-    "link.txt",
-    ".workbench/address",
-)
+AWAY = ("../secret.txt", "..%2fsecret.txt", "%2e%2e/secret.txt", "/etc/passwd", "a/../../secret.txt", "link.txt", ".workbench/address")
 
 
 @pytest.fixture

@@ -11,8 +11,7 @@ from lmeasure.calibration import CalibrationSettings
 from lmeasure.calibration.plan import pose_choice, reach
 from lmeasure.core import SettingsError
 from lmeasure.estimation import CRITERIA
-from lmeasure.iso9283 import CertificationSettings
-from lmeasure.iso9283 import Tests as CubeTests
+from lmeasure.iso9283 import CertificationSettings, Tests as CubeTests
 from lmeasure.report import Choices
 from lmeasure.robot_programs import dialect_names
 from lmeasure.text import LANGUAGES

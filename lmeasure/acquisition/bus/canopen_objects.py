@@ -4,8 +4,7 @@ import itertools
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection
-from configparser import Error as ParserError
-from configparser import RawConfigParser
+from configparser import Error as ParserError, RawConfigParser
 from pathlib import Path
 
 from lmeasure.acquisition.counters.decoders import ALL_BITS, CounterField, Place, field_at

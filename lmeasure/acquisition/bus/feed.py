@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmeasure.acquisition.bus.frames import (
-    CLASSIC_BYTES,
-    EXTENDED,
-    FD,
-    FD_BYTES,
-    Frames,
-    frames_from_messages,
-    messages_from_frames,
-)
+from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, EXTENDED, FD, FD_BYTES, Frames, frames_from_messages, messages_from_frames
 from lmeasure.acquisition.counters.assembly import Assembled, counts_from_frames
 from lmeasure.acquisition.counters.decoders import CounterField, counter_fields, encode
 from lmeasure.core import AcquisitionError, FloatArray

@@ -12,10 +12,7 @@ import numpy as np
 
 from lmeasure.acquisition.bus.transmission import ordinal
 from lmeasure.acquisition.check.encoders import STEPS, EncoderCheck, encoder_checked
-from lmeasure.acquisition.check.watch import AGAIN as AGAIN
-from lmeasure.acquisition.check.watch import LEAST_PULL_MM, Watch
-from lmeasure.acquisition.check.watch import Ask as Ask
-from lmeasure.acquisition.check.watch import Step as Step
+from lmeasure.acquisition.check.watch import AGAIN as AGAIN, LEAST_PULL_MM, Ask as Ask, Step as Step, Watch
 from lmeasure.acquisition.counters.wraps import range_notes
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, DataFrame, Shown, framed

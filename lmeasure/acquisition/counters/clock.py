@@ -20,14 +20,7 @@ from lmeasure.acquisition.bus.frames import EXTENDED, Frames, join
 from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField, decode
 from lmeasure.core import FloatArray, IntArray
 
-MODULI_S = {
-    2**32 * 1e-6: "2^32 us",
-    60.0: "60 s",
-    2**16 * 1e-3: "2^16 ms",
-    3600.0: "1 h",
-    86400.0: "24 h",
-    2**32 * 1e-3: "2^32 ms",
-}
+MODULI_S = {2**32 * 1e-6: "2^32 us", 60.0: "60 s", 2**16 * 1e-3: "2^16 ms", 3600.0: "1 h", 86400.0: "24 h", 2**32 * 1e-3: "2^32 ms"}
 """Ranges of clocks that restart: GVRET and ESP32, SLCAN, timers of 16 and 32 bits, and times of day."""
 BACK = 2.5
 """Periods by which stamps may step back and count as frames out of order."""

@@ -52,11 +52,7 @@ class FreeAssembler:
     """
 
     def __init__(
-        self,
-        fields: tuple[CounterField, ...],
-        counters: tuple[CounterState, ...],
-        events: EventLog,
-        start_line: StartLine | None = None,
+        self, fields: tuple[CounterField, ...], counters: tuple[CounterState, ...], events: EventLog, start_line: StartLine | None = None
     ) -> None:
         self.fields, self.counters, self.events, self._start_line = fields, counters, events, start_line
         self._watch = NetworkWatch(fields, NO_SYNC)

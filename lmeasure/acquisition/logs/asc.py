@@ -36,10 +36,7 @@ EVENT_KINDS = (
 """Kinds of the events whose first word the scan knows, as in EVENTS."""
 ASC_EVENTS: tuple[tuple[str, re.Pattern[str]], ...] = (
     *((kind, re.compile(re.escape(word), re.IGNORECASE)) for kind, word in zip(EVENT_KINDS, EVENTS, strict=True) if word.endswith(":")),
-    (
-        "start, stop or trigger",
-        re.compile(r"(start|end|stop) of measurement|log (direct )?(start|stop)|(log )?trigger", re.IGNORECASE),
-    ),
+    ("start, stop or trigger", re.compile(r"(start|end|stop) of measurement|log (direct )?(start|stop)|(log )?trigger", re.IGNORECASE)),
     ("statistics", re.compile(r"\d+\s+statistic:", re.IGNORECASE)),
     ("bus status", re.compile(r"can\s|canfd\s+\d+\s+(status|txerr|rxerr)", re.IGNORECASE)),
     ("overload frame", re.compile(r"\d+\s+overloadframe", re.IGNORECASE)),

@@ -13,28 +13,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lmeasure.acquisition.bus.frames import (
-    BITRATE_SWITCH,
-    CLASSED,
-    ERROR,
-    ERROR_STATE,
-    EXTENDED,
-    FD,
-    LARGEST_CLASS,
-    REMOTE,
-    SENT,
-    Frames,
-)
+from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, LARGEST_CLASS, REMOTE, SENT, Frames
 from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import Line, blocks_of_lines, data_bytes, decimal_number, line_batches
-from lmeasure.acquisition.logs.report import (
-    COMMENT,
-    COMMENT_SIGNS,
-    LARGEST_IDENTIFIER,
-    UNKNOWN_LINE,
-    LogReport,
-    UnreadableError,
-)
+from lmeasure.acquisition.logs.report import COMMENT, COMMENT_SIGNS, LARGEST_IDENTIFIER, UNKNOWN_LINE, LogReport, UnreadableError
 from lmeasure.kernels import Bytes
 
 SCREEN_LINE = re.compile(
@@ -140,9 +122,5 @@ def _data(rest: str, length: int) -> bytes:
 
 
 FORMAT = LogFormat(
-    name="screen",
-    label="what candump shows on a screen",
-    read=screen_batches,
-    possible_suffixes=(".log", ".txt"),
-    typical_line=SCREEN_LINE,
+    name="screen", label="what candump shows on a screen", read=screen_batches, possible_suffixes=(".log", ".txt"), typical_line=SCREEN_LINE
 )

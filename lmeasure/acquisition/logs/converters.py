@@ -16,10 +16,7 @@ class Other(NamedTuple):
 
 
 OTHERS = (
-    Other(
-        f"a trace of IXXAT's canAnalyser or MiniMon: export it there as .asc, or {SAVVYCAN}",
-        typical_line=r".*\bixxat\b.*",
-    ),
+    Other(f"a trace of IXXAT's canAnalyser or MiniMon: export it there as .asc, or {SAVVYCAN}", typical_line=r".*\bixxat\b.*"),
     Other(f"a trace of CANopen Magic: {SAVVYCAN}", typical_line=r".*canopen magic.*"),
     Other(
         "a table of Kvaser's: its converter (kmeconvert, or Save as in CanKing) writes .asc or .blf of the same recording",

@@ -5,18 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.acquisition.bus.frames import (
-    BITRATE_SWITCH,
-    CLASSED,
-    ERROR,
-    ERROR_STATE,
-    EXTENDED,
-    FD,
-    REMOTE,
-    SENT,
-    Frames,
-    each,
-)
+from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, each
 from lmeasure.acquisition.counters.samples import Samples
 
 ERROR_FLAG, BUS_ERROR = 0x20000000, 0x80

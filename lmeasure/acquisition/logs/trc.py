@@ -43,14 +43,7 @@ PLACES: dict[str, dict[str, int]] = {
     "1.2": {"O": 1, "B": 2, "d": 3, "I": 4, "L": 5},
     "1.3": {"O": 1, "B": 2, "d": 3, "I": 4, "L": 6},
 }
-KINDS = {
-    "DT": 0,
-    "FD": FD,
-    "FB": FD | BITRATE_SWITCH,
-    "FE": FD | ERROR_STATE,
-    "BI": FD | BITRATE_SWITCH | ERROR_STATE,
-    "RR": REMOTE,
-}
+KINDS = {"DT": 0, "FD": FD, "FB": FD | BITRATE_SWITCH, "FE": FD | ERROR_STATE, "BI": FD | BITRATE_SWITCH | ERROR_STATE, "RR": REMOTE}
 """Message types from 2.0 on that are frames."""
 STATUS = "status or error of the adapter"
 OF_ADAPTER = ("Warng", "Warn", "Error", "ST", "EC", "ER", "EV", "MK")

@@ -317,12 +317,7 @@ def plan_summary(plan: Plan) -> str:
     head = f"{'':>6s} {'rms':>10s} {'worst':>10s}  {'cable':8s} {'determined':>10s}"
     lines = [f"{plan.usable:.0%} of the poses tried can be used"]
     lines += [f"  {part:.0%} ruled out: {reason}" for reason, part in plan.broken if part]
-    lines += [
-        "",
-        "predicted standard uncertainty of a length over the zone, from the calibration alone [mm]",
-        "after as many poses:",
-        head,
-    ]
+    lines += ["", "predicted standard uncertainty of a length over the zone, from the calibration alone [mm]", "after as many poses:", head]
     for count, outlook in plan.course:
         note = "recorded" if count == plan.recorded else "the plan" if count == len(plan.poses) else ""
         lines.append(_line(str(count), outlook, unknowns, note or ("further" if count > len(plan.poses) else "")))

@@ -20,9 +20,9 @@ from lmeasure.sensors import (
     exact,
     further_solved,
     length_gradients_since,
+    taken_as_exact as unsolved_taken_as_exact,
     zero_at,
 )
-from lmeasure.sensors import taken_as_exact as unsolved_taken_as_exact
 
 SAMPLES_LOG2 = 8
 TAKEN_AT = 64  # poses at most at which what is taken as exact is looked at

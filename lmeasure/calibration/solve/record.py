@@ -49,12 +49,7 @@ def make_record(
         tangent_covariance=_rows(found.covariance[:own, :own]),
         dimensions=dimensions.entries(rig),
         temperature_c=None if campaign.temperature_c is None else float(np.mean(campaign.temperature_c[np.isfinite(campaign.counts)])),
-        region={
-            "probability": PROBABILITY,
-            "factor": where.factor,
-            "bend": where.bend,
-            "whole_counts": bool(model.whole_counts.all()),
-        },
+        region={"probability": PROBABILITY, "factor": where.factor, "bend": where.bend, "whole_counts": bool(model.whole_counts.all())},
         residuals=tuple(
             Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
             for i, j, r in zip(model.pose_index, model.cable_index, dimensions.residuals, strict=True)

@@ -8,8 +8,7 @@ import numpy as np
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray, IntArray
-from lmeasure.estimation import Deletion, Fit
-from lmeasure.estimation import held_out as held_out_of_fit
+from lmeasure.estimation import Deletion, Fit, held_out as held_out_of_fit
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.explanations import Otherwise, arm_mm, every_length
 from lmeasure.calibration.validation.hold_out import outlier_poses, slipped_counters
 from lmeasure.core import BoolArray, FloatArray
-from lmeasure.estimation import CHANCE, Fit, evidence, explained, improbable, settled
-from lmeasure.estimation import Explained as State
+from lmeasure.estimation import CHANCE, Explained as State, Fit, evidence, explained, improbable, settled
 from lmeasure.rig import Cable, Finding
 from lmeasure.sensors import ARM_MM
 

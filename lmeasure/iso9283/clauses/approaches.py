@@ -38,7 +38,4 @@ def tests(attained: Attainment) -> Iterator[ApproachTest]:
             yield ApproachTest(subject=Subject("pose", pose.name), directions=pose.approaches, convention=convention)
 
 
-CLAUSE = Clause(
-    tests=tests,
-    quantities=(Quantity(symbol="vAP", label="multi-directional pose accuracy variation", summary={"vAP_p": 30}),),
-)
+CLAUSE = Clause(tests=tests, quantities=(Quantity(symbol="vAP", label="multi-directional pose accuracy variation", summary={"vAP_p": 30}),))

@@ -60,7 +60,4 @@ def tests(attained: Attainment) -> Iterator[ComplianceTest]:
         )
 
 
-CLAUSE = Clause(
-    tests=tests,
-    quantities=(Quantity(symbol="C", label="static compliance", summary={"C_x": 190, "C_y": 200, "C_z": 210}),),
-)
+CLAUSE = Clause(tests=tests, quantities=(Quantity(symbol="C", label="static compliance", summary={"C_x": 190, "C_y": 200, "C_z": 210}),))

@@ -22,8 +22,7 @@ from lmeasure.iso9283.formulas import path as iso
 from lmeasure.iso9283.passages import FINER, finer, share
 from lmeasure.iso9283.path_spectrum import reduced as less
 from lmeasure.iso9283.paths import Crossings, Cycle
-from lmeasure.iso9283.sample_gaps import EDGE, Between, Chords, between, of_samples, with_hidden
-from lmeasure.iso9283.sample_gaps import at_corner as read_at_corner
+from lmeasure.iso9283.sample_gaps import EDGE, Between, Chords, at_corner as read_at_corner, between, of_samples, with_hidden
 from lmeasure.iso9283.uncertainty import Part
 from lmeasure.trajectory import PoseErrors, kept_over
 

@@ -30,7 +30,4 @@ def tests(attained: Attainment) -> Iterator[ExchangeabilityTest]:
             yield ExchangeabilityTest(subject=Subject("pose", pose.name), robots=pose.units)
 
 
-CLAUSE = Clause(
-    tests=tests,
-    quantities=(Quantity(symbol="E", label="exchangeability", summary={"E": 170}),),
-)
+CLAUSE = Clause(tests=tests, quantities=(Quantity(symbol="E", label="exchangeability", summary={"E": 170}),))

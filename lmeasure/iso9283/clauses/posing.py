@@ -65,7 +65,4 @@ def tests(attained: Attainment) -> Iterator[PosingTest]:
             )
 
 
-CLAUSE = Clause(
-    tests=tests,
-    quantities=(Quantity(symbol="t_min", label="minimum posing time", summary={"t_min": 180}, between="move"),),
-)
+CLAUSE = Clause(tests=tests, quantities=(Quantity(symbol="t_min", label="minimum posing time", summary={"t_min": 180}, between="move"),))

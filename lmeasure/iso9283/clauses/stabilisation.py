@@ -69,7 +69,4 @@ def tests(attained: Attainment) -> Iterator[StabilisationTest]:
             )
 
 
-CLAUSE = Clause(
-    tests=tests,
-    quantities=(Quantity(symbol="SPL", label="stabilisation path length"),),
-)
+CLAUSE = Clause(tests=tests, quantities=(Quantity(symbol="SPL", label="stabilisation path length"),))

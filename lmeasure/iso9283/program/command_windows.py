@@ -73,13 +73,7 @@ class _Expected:
 
 
 def windows_from_rests(
-    program: Program,
-    commands: Path,
-    trajectory: Trajectory,
-    *,
-    still_mm: float = 0.2,
-    loaded: Path | None = None,
-    align: bool = False,
+    program: Program, commands: Path, trajectory: Trajectory, *, still_mm: float = 0.2, loaded: Path | None = None, align: bool = False
 ) -> tuple[Program, tuple[Finding, ...]]:
     """Return the program with the windows of a trajectory that ran the commands of a commands.csv, all of them and in their order, and what
     is to be said of the run.

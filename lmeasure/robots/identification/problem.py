@@ -13,8 +13,18 @@ from typing import Generic
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
-from lmeasure.estimation import EXCLUDED, Optimum, Parameters, biweights, deletion_squares, normal_deviates, optimum, scatter, trust
-from lmeasure.estimation import Problem as estimation_Problem
+from lmeasure.estimation import (
+    EXCLUDED,
+    Optimum,
+    Parameters,
+    Problem as estimation_Problem,
+    biweights,
+    deletion_squares,
+    normal_deviates,
+    optimum,
+    scatter,
+    trust,
+)
 from lmeasure.robots.identification.measurements import COMPONENTS, POSITION, ROTATION, Measurements
 from lmeasure.robots.identification.stays import KINDS, Scatter
 from lmeasure.robots.identification.unknowns import R, Unknowns

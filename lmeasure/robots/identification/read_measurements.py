@@ -16,12 +16,7 @@ OF_THE_PLACE = ("x", "y", "z", "length")
 
 
 def read_measurements(
-    path: Path,
-    robot: RobotModel,
-    columns: Mapping[str, Column] | None = None,
-    *,
-    joints_alone: bool = False,
-    points_alone: bool = False,
+    path: Path, robot: RobotModel, columns: Mapping[str, Column] | None = None, *, joints_alone: bool = False, points_alone: bool = False
 ) -> Measurements:
     """Read `name, joint_1_deg, ..., x_mm, y_mm, z_mm`, optional qx..qw, u_position_mm, u_rotation_deg, target, length_mm with station.
 

@@ -282,10 +282,7 @@ class Way(_Sliding):
     """Of nodes on the way."""
 
 
-AnyLeg = Annotated[
-    Strut | Rod | Carriage | Crank | Slider | Radial | RadialArm | Plane | Way,
-    Field(discriminator="type"),
-]
+AnyLeg = Annotated[Strut | Rod | Carriage | Crank | Slider | Radial | RadialArm | Plane | Way, Field(discriminator="type")]
 Component = Literal["rx", "ry", "rz", "x", "y", "z"]
 
 

@@ -10,8 +10,7 @@ from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, se3
 from lmeasure.robots.parallel.file import ParallelFile, Strut
 from lmeasure.robots.parallel.limits import Checks, checked, own_roots
 from lmeasure.robots.parallel.mechanisms import study
-from lmeasure.robots.parallel.mechanisms.completion import KINDS as COMPLETED
-from lmeasure.robots.parallel.mechanisms.completion import completed
+from lmeasure.robots.parallel.mechanisms.completion import KINDS as COMPLETED, completed
 from lmeasure.robots.parallel.mechanisms.jacobians import Singular, nearness, singular
 from lmeasure.robots.parallel.mechanisms.study import Workspace
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS

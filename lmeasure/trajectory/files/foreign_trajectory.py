@@ -29,14 +29,7 @@ from lmeasure.io import TIMES, UNIT_TOLERANCE, Column, ForeignTable, columns_of,
 from lmeasure.text import Finding, finding
 from lmeasure.trajectory.files.markers import LEAST, Marked, body_of, is_of_markers, read_markers
 from lmeasure.trajectory.files.ros import read_messages
-from lmeasure.trajectory.files.trajectory import (
-    COLUMNS_OF_OURS,
-    SYSTEMATIC_COLUMNS,
-    UNCERTAINTY_COLUMNS,
-    Trajectory,
-    diagonal,
-    read_own,
-)
+from lmeasure.trajectory.files.trajectory import COLUMNS_OF_OURS, SYSTEMATIC_COLUMNS, UNCERTAINTY_COLUMNS, Trajectory, diagonal, read_own
 
 EUROC = {
     "time": "timestamp", "x": "p_RS_R_x", "y": "p_RS_R_y", "z": "p_RS_R_z",

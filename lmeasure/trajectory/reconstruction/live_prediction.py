@@ -16,10 +16,8 @@ from lmeasure.kernels import (
     counts_from_changes,
     follow_least_squares,
     new_state,
-    step_of,
-)
-from lmeasure.kernels import (
     step as live_step,
+    step_of,
 )
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths

@@ -20,15 +20,7 @@ from lmeasure.trajectory.origin.origins import learn
 from lmeasure.trajectory.origin.power_on import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.time.passes import Alignment
-from lmeasure.trajectory.uncertainty.sources import (
-    ANYWHERE,
-    LIGHT_RAD,
-    UNKNOWN_MM,
-    PassClock,
-    Told,
-    needed_zero,
-    zeros_of,
-)
+from lmeasure.trajectory.uncertainty.sources import ANYWHERE, LIGHT_RAD, UNKNOWN_MM, PassClock, Told, needed_zero, zeros_of
 
 STEPPED = "origin.stepped"
 RESTORED = ("origin.restored.length", "origin.restored.angle")

@@ -334,13 +334,7 @@ class Reconstruction:
         return f"; not determined: {split.lost.said}"
 
     def _explained(
-        self,
-        cause: TextArray,
-        status: IntArray,
-        poses: FloatArray,
-        angle: FloatArray,
-        changes: FloatArray,
-        begun: FloatArray,
+        self, cause: TextArray, status: IntArray, poses: FloatArray, angle: FloatArray, changes: FloatArray, begun: FloatArray
     ) -> TextArray:
         """The causes with what is lost at singular samples and nearly lost at known ones; begun is the state before these samples."""
         singular = status == Status.SINGULAR

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
-from lmeasure.kernels import CABLE, KIND, pose_twists, solve_pose, span_lengths, span_rows_of
-from lmeasure.kernels import twists as least_squares_twists
+from lmeasure.kernels import CABLE, KIND, pose_twists, solve_pose, span_lengths, span_rows_of, twists as least_squares_twists
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import (
     OTHERS,
@@ -391,12 +390,7 @@ class Budget:
         return self.scheme.start_of(se3.displaced(self.start, delta))
 
     def _own(
-        self,
-        poses: FloatArray,
-        counts: FloatArray,
-        u_mm: FloatArray | None,
-        unused: BoolArray | None,
-        compiled: bool,
+        self, poses: FloatArray, counts: FloatArray, u_mm: FloatArray | None, unused: BoolArray | None, compiled: bool
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, m) each: twists per unit of each length, and the random errors as `PoseCovariances.own` has them."""
         G = self.twists(np.ascontiguousarray(poses), counts, unused, compiled)

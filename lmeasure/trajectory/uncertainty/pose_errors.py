@@ -40,13 +40,7 @@ class PoseErrors:
 
     @classmethod
     def of(
-        cls,
-        own: FloatArray,
-        shared: FloatArray,
-        *,
-        rounded: bool = False,
-        uniform: tuple[bool, ...] = (),
-        counted: tuple[bool, ...] = (),
+        cls, own: FloatArray, shared: FloatArray, *, rounded: bool = False, uniform: tuple[bool, ...] = (), counted: tuple[bool, ...] = ()
     ) -> "PoseErrors":
         """Errors that poses at one place have no more in common than others."""
         return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded, uniform, counted)

@@ -78,13 +78,7 @@ def without_orientation(found: PoseCovariances) -> PoseCovariances:
 
 
 def closure_factors(
-    budget: Budget,
-    evidence: Evidence,
-    time_s: FloatArray,
-    poses: FloatArray,
-    *,
-    counts: FloatArray,
-    unused: BoolArray,
+    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, *, counts: FloatArray, unused: BoolArray
 ) -> FloatArray:
     """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
     G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled=True)

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mechanism_tables import MINIMAX_L5, TABLE_1, TABLE_2, TABLE_3, TABLE_4, mechanism, poses
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation

@@ -15,8 +15,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, Status, se3
 from lmeasure.kernels import placed
-from lmeasure.linkages import Assemblies
-from lmeasure.linkages import assemblies as straight_assemblies
+from lmeasure.linkages import Assemblies, assemblies as straight_assemblies
 from lmeasure.robots.parallel.mechanisms.jacobians import Jacobians
 
 
