@@ -47,10 +47,40 @@ def calibrate(
     progress: Steps | None = None,
     **options: Any,
 ) -> "Calibration":
-    """Find the observation points of a calibration folder, a campaign that was read, or a simulated one.
+    """Find a rig's observation points from counts at reference poses.
 
-    options: fields of `CalibrationSettings`, in place of those of the settings. Raises what `calibration.read_campaign` and
-    `calibration.calibrate` raise; a rig that must not be used is `refused` in the result.
+    Parameters
+    ----------
+    campaign
+        Calibration folder, campaign read by `read_campaign`, or the result of `simulate`.
+    settings
+        Settings of the calibration; by default `CalibrationSettings()`.
+    progress
+        Called with (done, total) while the solver works. A CancelledError raised from it stops the work.
+    **options
+        Fields of `CalibrationSettings` that replace those of `settings`.
+
+    Returns
+    -------
+    Calibration
+        The calibrated rig, its covariances, residuals and warnings. `refused` says why a rig must not be used, else it is None.
+
+    Raises
+    ------
+    CalibrationError
+        If the counts cannot belong to the rig. The message names pose, channel and limit.
+    FileFormatError
+        If a file of the folder cannot be read. The message names file, row and column.
+    TypeError
+        If an option does not exist.
+
+    Examples
+    --------
+    `simulated` is made in the example of `simulate`.
+
+    >>> calibration = lm.calibrate(simulated, solve=("position", "guide"))
+    >>> calibration.record.rank, calibration.refused
+    (30, None)
     """
     from lmeasure.calibration import (
         CalibrationSettings as calibration_CalibrationSettings,
@@ -84,7 +114,43 @@ def reconstruct(
     rig: "Rig | Calibration | File | None" = None,
     covariances: bool = True,
 ) -> "Trajectory":
-    """The trajectory of a run folder or a run; rig, with its calibration, replaces the run's own. See `trajectory.reconstruct`."""
+    """Compute the tool's trajectory from the counts of a run.
+
+    Parameters
+    ----------
+    run
+        Run folder, run read by `read_run` or `read_log`, or the result of `simulate`.
+    constraint
+        "planar" or "vertical-axis": motion that the mechanism allows. It replaces the rig's own constraint.
+    repeatability_mm
+        Standard deviation, per axis, of the positions to which the robot returns in repeated passes [mm].
+    trials
+        Number of Monte Carlo trials that replace the linear law of uncertainty; 0 for none.
+    seed
+        Seed of these trials.
+    progress
+        Called with (done, total).
+    rig
+        Rig, with its calibration, that replaces the run's own.
+    covariances
+        False skips the covariances of single-pass runs, which saves time.
+
+    Returns
+    -------
+    Trajectory
+        Pose, status and covariances of every sample [mm, rad], base frame. Samples without a pose are NaN and name the cause.
+
+    Raises
+    ------
+    LMeasureError
+        If the counts cannot determine the poses. The message names sample, cable and limit.
+
+    Examples
+    --------
+    >>> trajectory = lm.reconstruct(simulated, rig=calibration)
+    >>> trajectory.poses.shape, int(trajectory.status.max())
+    ((58, 7), 0)
+    """
     from lmeasure.trajectory import reconstruct as trajectory_reconstruct
 
     return trajectory_reconstruct(
@@ -114,11 +180,42 @@ def zone(
     progress: Steps | None = None,
     **options: Any,
 ) -> "xr.Dataset":
-    """The accuracy zone of a rig over a box, with the calibration that it links.
+    """Map the accuracy of a rig over a box of tool positions.
 
-    x, y, z: where the tool origin may be, base frame [mm]: (least, greatest, step), or the nodes themselves, an array (n,). rotations: all
-    orientations base_from_tool that are tried at each node, in place of tilts by up to tilt_rad about each axis. options: fields of
-    `accuracy.limits.Limits` (`angle_deg=60`, `u95_mm=...`) and of `accuracy.zone.Scan`. See `accuracy.zone.map_zone`.
+    Parameters
+    ----------
+    rig
+        rig.toml, rig or calibration. A linked calibration contributes its covariance.
+    x, y, z
+        Positions of the tool origin, base frame [mm]: (start, stop, step), or an array (n,) of nodes.
+    tilt_rad
+        Largest tilt about each axis that is tried at each node [rad].
+    tilt_steps
+        Number of tilts along each axis.
+    rotations
+        All orientations base_from_tool to try at each node, instead of the tilts.
+    scan
+        Settings of the scan; by default `Scan()`.
+    progress
+        Called with (done, total).
+    **options
+        Limits (`angle_deg`, `u95_mm`, `length_mm`, `wrap_deg`, `clearance_mm` ...) and fields of the scan.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over x, y, z: `worst_pressure_angle_deg`, `u95_position_mm`, `in_zone` and others, each the worst over the orientations.
+
+    Raises
+    ------
+    AccuracyError
+        If a limit or a span makes no sense.
+
+    Examples
+    --------
+    >>> zone = lm.zone(calibration, (-100, 100, 100), (-100, 100, 100), (0, 0, 1), u95_mm=0.1)
+    >>> dict(zone.sizes)["x"], bool(zone.u95_position_mm.max() < 0.1)
+    (3, True)
     """
     from lmeasure.accuracy import Limits, Scan, axis, map_zone, tilts
 
@@ -138,7 +235,35 @@ def zone(
 def place(
     rig: Rig | File, task: "Placement | File", seed: int = 0, progress: Steps | None = None, *, generations: int | None = None
 ) -> "Placed":
-    """Places for observation and attachment points that make the instrument best at a task. See `accuracy.placement.place`."""
+    """Find positions of observation and attachment points that suit a task best.
+
+    Parameters
+    ----------
+    rig
+        rig.toml or rig to start from.
+    task
+        placement.toml, or what `read_placement` returns: where the points may be and which poses the tool takes.
+    seed
+        Seed of the search.
+    progress
+        Called with (done, total).
+    generations
+        Number of generations of the search.
+
+    Returns
+    -------
+    Placed
+        The best rig that was found, with its figures before and after.
+
+    Raises
+    ------
+    AccuracyError
+        If no rig within the bounds measures the task.
+
+    Examples
+    --------
+    >>> lm.place("rig.toml", "placement.toml", generations=20)  # doctest: +SKIP
+    """
     from lmeasure.accuracy import GENERATIONS, place as placement_place, read_placement
 
     wanted = read_placement(Path(task)) if isinstance(task, Path | str) else task
@@ -155,11 +280,38 @@ def analyse_structure(
     workspace: "Workspace | None" = None,
     design: bool = False,
 ) -> "Described":
-    """What links make of a rig, or of a table of points and links, before anything is built or measured.
+    """Analyse a mechanism of links before anything is built or measured.
 
-    pose (7,): position [mm] and quaternion x, y, z, w of the platform; to (7,): another, to which it goes straight; lengths_mm: of which
-    all assemblies are found; workspace: boundary around the pose; design: limits of the lengths within which nothing is singular. See
-    `structure.record.described`.
+    Parameters
+    ----------
+    links
+        structure.toml, linkage, or rig, whose cables are the links.
+    pose
+        (7,) position [mm] and quaternion x, y, z, w of the platform.
+    lengths_mm
+        Link lengths [mm] for which all assembly modes are found.
+    to
+        (7,) second pose, to which the platform moves in a straight line.
+    workspace
+        Workspace around the pose whose boundary is found.
+    design
+        True finds limits of the lengths within which no pose is singular.
+
+    Returns
+    -------
+    Described
+        The linkage and its record: mobility, structure, singularity, assembly modes.
+
+    Raises
+    ------
+    LMeasureError
+        If the links make no structure, or the pose contradicts them.
+
+    Examples
+    --------
+    >>> found = lm.analyse_structure(rig, np.array([0.0, 0, 0, 0, 0, 0, 1]))
+    >>> found.record["links"]
+    6
     """
     from lmeasure.structure import linkage_of, read_linkage, structure_of
 
@@ -179,8 +331,43 @@ def plan_poses(
     tilt_deg: float = 15.0,
     **options: Any,
 ) -> "Plan":
-    """Which reference poses to measure: settings, or poses, the box [mm] (low and high along x, y, z) in which the tool may be turned by
-    tilt_deg about each axis, and other fields of `calibration.planning.Settings`. See `calibration.plan.pose_choice.plan_poses`."""
+    """Choose the reference poses of a calibration.
+
+    Parameters
+    ----------
+    rig
+        rig.toml or rig to be calibrated.
+    settings
+        Settings of the plan. Without them, `poses` and `box` are used.
+    recorded
+        Campaign, or its folder, that already exists and is extended.
+    progress
+        Called with (done, total).
+    poses
+        Number of poses.
+    box
+        ((low, high), (low, high), (low, high)) of the tool origin along x, y, z [mm].
+    tilt_deg
+        Largest rotation of the tool about each axis [deg].
+    **options
+        Fields of the settings.
+
+    Returns
+    -------
+    Plan
+        The poses, and the uncertainty of lengths and parameters that each further pose leaves.
+
+    Raises
+    ------
+    CalibrationError
+        If no box is given, or no pose in it can be measured.
+
+    Examples
+    --------
+    >>> plan = lm.plan_poses(rig, poses=8, box=[(-200, 200), (-200, 200), (-100, 100)])
+    >>> len(plan.poses)
+    8
+    """
     from lmeasure.calibration import PlanSettings as planning_PlanSettings, Region, plan_poses as planning_plan_poses, read_campaign
     from lmeasure.core import CalibrationError
 
@@ -197,10 +384,32 @@ def plan_poses(
 def plan_program(
     low_mm: Iterable[float] | None = None, high_mm: Iterable[float] | None = None, *, zone: File | None = None, **tests: Any
 ) -> "TestCampaign":
-    """The test program of ISO 9283 for the largest cube in a box or in a zone file, with its commands.
+    """Write an ISO 9283 test program for the largest cube in a box or in an accuracy zone.
 
-    tests: fields of `iso9283.program.campaign.Tests`. Its `program` is what `evaluate` and `certify` take; it gets its windows from the
-    trajectory's rests, or from `iso9283.ran`.
+    Parameters
+    ----------
+    low_mm, high_mm
+        (3,) corners of the box, base frame [mm].
+    zone
+        Zone file whose largest cube is used instead of a box.
+    **tests
+        Fields of `iso9283.Tests`: tests, speeds, loads, cycles, dwell times.
+
+    Returns
+    -------
+    iso9283.Campaign
+        The cube, the robot's commands and `program`, which `evaluate` and `certify` take.
+
+    Raises
+    ------
+    CertificationError
+        If neither or both of box and zone are given, or the box holds no cube.
+
+    Examples
+    --------
+    >>> planned = lm.plan_program([300, -200, 400], [700, 200, 800], tests=("pose",))
+    >>> [pose.name for pose in planned.program.pose][:3]
+    ['P1', 'P2', 'P3']
     """
     from lmeasure.iso9283 import Tests, campaign, cube_in_zone, largest_cube
 
@@ -211,10 +420,32 @@ def plan_program(
 
 
 def simulate(scenario: "Scenario | Mapping[str, Any] | File | None" = None, *, rig: Rig | None = None, **options: Any) -> "Simulated":
-    """Counts of an instrument along a motion and at reference poses, with the truth beside them.
+    """Simulate the counts of an instrument, with the true poses beside them.
 
-    scenario: a scenario.toml, or its content; options: keys of it (`seed=1`, `waypoint=[...]`, `reference_poses={"count": 14}`). rig: the
-    true rig, in place of the one that the scenario names.
+    Parameters
+    ----------
+    scenario
+        scenario.toml or its content as a mapping.
+    rig
+        True rig, instead of the one that the scenario names. Without both, a cell is drawn from the seed.
+    **options
+        Keys of the scenario that replace its own.
+
+    Returns
+    -------
+    Simulated
+        `run` with counts and truth of a motion, `campaign` with counts at reference poses; each None if the scenario states no such part.
+
+    Raises
+    ------
+    FileFormatError
+        If the scenario is wrong. The message names file and key.
+
+    Examples
+    --------
+    >>> simulated = lm.simulate(seed=1, rate_hz=50.0, waypoint=[{"position_mm": [100, 0, 0]}], reference_poses={"count": 12})
+    >>> simulated
+    <Simulated run: 58 samples over 1.14 s, campaign: 12 reference poses>
     """
     from lmeasure.simulation import Scenario, read_scenario, scenario_from_dict, simulate as simulation_simulate
 
@@ -235,9 +466,36 @@ def simulate(scenario: "Scenario | Mapping[str, Any] | File | None" = None, *, r
 def read_log(
     logs: File | Iterable[File], rig: Rig | File, start: FloatArray | None = None, *, bus: str | None = None, progress: Steps | None = None
 ) -> Run:
-    """Log files of CAN frames as a run, one for each pass. start (7,): pose at which the counters were zeroed, which stands in no log.
+    """Read CAN logs as a run, one log for each pass.
 
-    See `acquisition.logs.import_log.import_logs`; `lmeasure import` reports what else the logs contain.
+    Parameters
+    ----------
+    logs
+        Log file or files.
+    rig
+        rig.toml or rig whose channels the log contains.
+    start
+        (7,) pose at which the counters were zeroed: position [mm] and quaternion x, y, z, w. Logs do not contain it.
+    bus
+        Name of the bus inside the log, if it has several.
+    progress
+        Called with (done, total).
+
+    Returns
+    -------
+    Run
+        Counts on the time base of the SYNC messages. The command `import` also reports the rest of the log.
+
+    Raises
+    ------
+    AcquisitionError
+        If the log contains no counts of a channel.
+    FileFormatError
+        If the file is no log.
+
+    Examples
+    --------
+    >>> lm.read_log("drive.blf", "rig.toml")  # doctest: +SKIP
     """
     from lmeasure.acquisition import import_logs
 
@@ -258,10 +516,44 @@ def evaluate(
     progress: Steps | None = None,
     **options: Any,
 ) -> "Evaluation":
-    """The characteristics of ISO 9283 of a program in a trajectory, each with U95 and a verdict.
+    """Compute the ISO 9283 characteristics of a trajectory, each with U95 and a verdict.
 
-    run, rig: what the trajectory was reconstructed from, for the correlations of its errors; covariances: another model of them. options:
-    fields of `CertificationSettings`. See `iso9283.evaluation`.
+    Parameters
+    ----------
+    trajectory
+        Trajectory or file, of lmeasure or of another instrument.
+    program
+        program.toml or `Program`: commanded poses and paths with their time windows.
+    covariances
+        Covariances of the poses, as `covariances` returns them.
+    run, rig
+        Run, and rig, from which the trajectory was reconstructed. They supply the correlations of its errors.
+    settings
+        Settings of the evaluation; by default `CertificationSettings()`.
+    progress
+        Called with (done, total).
+    **options
+        Fields of `CertificationSettings`.
+
+    Returns
+    -------
+    Evaluation
+        All characteristics, the attained poses and paths, and the remarks.
+
+    Raises
+    ------
+    CertificationError
+        If a pose or path cannot be evaluated. The message names the window and sample.
+
+    Examples
+    --------
+    >>> program = lm.Program(
+    ...     schema="lmeasure.program/1",
+    ...     pose=[{"name": "P1", "position_mm": (100, 0, 0), "quaternion_xyzw": (0, 0, 0, 1), "windows_s": [(1.0, 1.1)]}],
+    ... )
+    >>> figures = lm.evaluate(trajectory, program, run=simulated, rig=calibration)
+    >>> figures.characteristics[0].name
+    'AP_p'
     """
     from lmeasure.iso9283 import CertificationSettings as certification_CertificationSettings, evaluate as certification_evaluate
     from lmeasure.recording import read_program
@@ -290,11 +582,48 @@ def certify(
     progress: Steps | None = None,
     **options: Any,
 ) -> "Certificate":
-    """Write the sealed folder of a certificate: figures, page, PDF and copies of all inputs, objects as the files that hold them.
+    """Write the sealed folder of a certificate: results, page, PDF and copies of all inputs.
 
-    run, rig: what the trajectory was reconstructed from, rig if not the run's own; details: of laboratory, customer and item; language: en
-    or ru; key: private key that signs; dcc: a digital calibration certificate too; force: replace an earlier certificate in `out`. options:
-    fields of `CertificationSettings`. See `report.certificate.write_certificate`.
+    Parameters
+    ----------
+    trajectory
+        Trajectory or file.
+    program
+        program.toml or `Program`.
+    out
+        Folder to write.
+    run, rig
+        Run, and rig, from which the trajectory was reconstructed.
+    details
+        details.toml about laboratory, customer and robot.
+    language
+        "en" or "ru".
+    key
+        Private key file that signs the folder.
+    dcc
+        True also writes a digital calibration certificate.
+    force
+        True replaces an earlier certificate in `out`.
+    settings
+        Settings of the evaluation; by default `CertificationSettings()`.
+    progress
+        Called with (done, total).
+    **options
+        Fields of `CertificationSettings`.
+
+    Returns
+    -------
+    Certificate
+        The folder and the content of its certificate.json.
+
+    Raises
+    ------
+    CertificationError
+        If the inputs cannot be certified. Nothing is written then.
+
+    Examples
+    --------
+    >>> certificate = lm.certify(trajectory, program, "certificate", run=simulated, rig=calibration)  # doctest: +SKIP
     """
     from lmeasure.certificate import Certificate, Inputs
     from lmeasure.iso9283 import CertificationSettings as certification_CertificationSettings
@@ -326,7 +655,32 @@ def certify(
 
 
 def verify(certificate: "Certificate | File", public_key: File | None = None, progress: Steps | None = None) -> "Verification":
-    """Look at every byte of a certificate's folder and compute every figure again; public_key: whose signature it must bear."""
+    """Check every file's hash and recompute every result of a certificate.
+
+    Parameters
+    ----------
+    certificate
+        Folder, or what `certify` returned.
+    public_key
+        Key file of the expected signature.
+    progress
+        Called with (done, total).
+
+    Returns
+    -------
+    Verification
+        `differences` is empty if everything agrees.
+
+    Raises
+    ------
+    CertificationError
+        If the folder is no certificate.
+
+    Examples
+    --------
+    >>> lm.verify("certificate").differences  # doctest: +SKIP
+    ()
+    """
     from lmeasure.certificate import Certificate, read_public_key, verify
     from lmeasure.report import PRINTERS
 
@@ -335,8 +689,31 @@ def verify(certificate: "Certificate | File", public_key: File | None = None, pr
 
 
 def plot(what: Any, rig: "Rig | Calibration | File | None" = None) -> "Figure":
-    """A plotly figure of a rig, poses, counts, lengths, a run, a calibration, a trajectory, a zone, a plan, a placement, a program, an
-    evaluation, a certificate, an identification, corrections, a structure or its boundary. rig: drawn with a zone or a trajectory."""
+    """Draw an object of lmeasure as a plotly figure.
+
+    Parameters
+    ----------
+    what
+        Rig, poses, counts, lengths, run, calibration, trajectory, zone, plan, placement, program, evaluation, certificate, identification,
+        corrections, structure or its boundary.
+    rig
+        Rig to draw with a zone or a trajectory.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+        Figure that can be shown, changed or written.
+
+    Raises
+    ------
+    TypeError
+        If nothing is drawn for such an object.
+
+    Examples
+    --------
+    >>> len(lm.plot(trajectory, rig).data) > 0
+    True
+    """
     from lmeasure.report import figure_of
 
     return figure_of(what, None if rig is None else _linked(rig)[0])

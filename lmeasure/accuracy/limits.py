@@ -13,10 +13,29 @@ from lmeasure.kernels import CANNOT_RUN, SINGULAR
 
 
 def limit_from_accuracy(length_mm: float, position_mm: float) -> float:
-    """Largest pressure-angle analogue [deg] at which lengths good to `length_mm` give positions good to `position_mm`.
+    """Return the largest pressure angle at which lengths of a given accuracy give positions of a given accuracy.
 
-    arccos(delta_l / delta_r), thesis 5.7. delta_l is the full width of a reading: +-0.0125 mm is 0.025 mm, which with 0.05 mm gives the
-    thesis' 60 degrees. AccuracyError when the position is asked to be better than the lengths.
+    Parameters
+    ----------
+    length_mm
+        Full width of a length reading [mm]: 0.025 for +-0.0125.
+    position_mm
+        Accuracy of the position [mm].
+
+    Returns
+    -------
+    float
+        arccos(length / position) [deg], thesis 5.7.
+
+    Raises
+    ------
+    AccuracyError
+        If the position is to be better than the lengths.
+
+    Examples
+    --------
+    >>> round(lm.limit_from_accuracy(0.025, 0.05), 9)
+    60.0
     """
     if not 0.0 < length_mm <= position_mm < math.inf:
         raise AccuracyError(

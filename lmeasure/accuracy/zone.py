@@ -184,7 +184,56 @@ def scan_zone(
     checkpoint: Path | None = None,
     refine: float | None = None,
 ) -> "xr.Dataset":
-    """`map_zone` with its settings one by one; limit_deg and length_limits stand for `limits` where that is not given."""
+    """Map an accuracy zone with each setting as an argument; `zone` has the shorter form.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    calibration
+        Its calibration record, or None.
+    x, y, z
+        (n,) nodes of the tool origin, base frame [mm].
+    rotations
+        Orientations base_from_tool that are tried at each node.
+    limit_deg
+        Largest pressure angle [deg], if `limits` is not given.
+    length_limits
+        Shortest and longest cable [mm], if `limits` is not given.
+    progress
+        Called with (done, total).
+    limits
+        All limits as one value.
+    full
+        True also maps the uncertainties of rotation and attachment points.
+    bodies
+        Bodies that cables must not touch.
+    start
+        (7,) pose at which the counters are zeroed.
+    spacing_mm
+        Step along axes that have one node.
+    workers, scheduler, checkpoint
+        Processes, address of a Dask scheduler, file to resume from.
+    refine
+        Relative accuracy of the volume for which cells at the edge are divided.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `zone` returns it.
+
+    Raises
+    ------
+    AccuracyError
+        If a limit makes no sense.
+
+    Examples
+    --------
+    >>> from scipy.spatial.transform import Rotation
+    >>> nodes = np.array([0.0, 100.0])
+    >>> lm.scan_zone(rig, None, x=nodes, y=nodes, z=nodes, rotations=Rotation.identity(1)).in_zone.shape
+    (2, 2, 2)
+    """
     scan = Scan(
         limits=limits or Limits(limit_deg, length_limits),
         full=full,

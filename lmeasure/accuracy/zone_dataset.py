@@ -128,13 +128,47 @@ def advice(zone: "xr.Dataset", rig: Path) -> list[str]:
 
 
 def write_zone(path: Path, zone: "xr.Dataset") -> None:
-    """Write netCDF-4, whole or not at all."""
+    """Write a zone as netCDF-4, complete or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    zone
+        What `zone` returned.
+
+    Examples
+    --------
+    >>> lm.write_zone(Path("zone.nc"), zone)
+    """
     # the image in memory first: on a full disk HDF5 does not end, it crashes
     files.write_bytes(path, zone.to_netcdf(engine="h5netcdf", format="NETCDF4"))
 
 
 def read_zone(path: Path) -> "xr.Dataset":
-    """Read what `write_zone` wrote, into memory; FileFormatError names the file and what it lacks."""
+    """Read a zone file into memory.
+
+    Parameters
+    ----------
+    path
+        netCDF-4 file that `write_zone` wrote.
+
+    Returns
+    -------
+    xarray.Dataset
+        The zone.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is no zone. The message names what it lacks.
+
+    Examples
+    --------
+    >>> lm.write_zone(Path("zone.nc"), zone)
+    >>> bool(lm.read_zone(Path("zone.nc")).in_zone.all())
+    True
+    """
     import xarray as xr
 
     open_regular(path).close()

@@ -63,9 +63,29 @@ def check_angles(values: ArrayLike, what: str) -> None:
 
 
 def rotation_from_angles(name: str, angles: ArrayLike) -> Rotation:
-    """base_from_tool rotations from (..., 3) angles in the convention's own columns and units (degrees, or radians for a vector).
+    """Convert the angles of a controller's convention to rotations base_from_tool.
 
-    FileFormatError for one beyond `LARGEST_ANGLE`.
+    Parameters
+    ----------
+    name
+        Convention, such as "puma-oat" or "kuka-abc".
+    angles
+        (..., 3) angles in the convention's columns and units: degrees, or radians for a rotation vector.
+
+    Returns
+    -------
+    scipy.spatial.transform.Rotation
+        Rotations of the same shape.
+
+    Raises
+    ------
+    FileFormatError
+        If the convention does not exist or an angle is beyond `LARGEST_ANGLE`.
+
+    Examples
+    --------
+    >>> lm.rotation_from_angles("kuka-abc", [90.0, 0.0, 0.0]).apply([1.0, 0.0, 0.0]).round(9).tolist()
+    [0.0, 1.0, 0.0]
     """
     c = convention(name)
     values = np.asarray(angles, dtype=np.float64)
@@ -76,7 +96,30 @@ def rotation_from_angles(name: str, angles: ArrayLike) -> Rotation:
 
 
 def angles_from_rotation(name: str, rotation: Rotation) -> FloatArray:
-    """(..., 3) angles of base_from_tool rotations, each within (-180, 180]; at a singular orientation the third angle is set to zero."""
+    """Convert rotations base_from_tool to the angles of a controller's convention.
+
+    Parameters
+    ----------
+    name
+        Convention, such as "puma-oat" or "kuka-abc".
+    rotation
+        n rotations, or one.
+
+    Returns
+    -------
+    ndarray
+        (n, 3) or (3,) angles in the convention's units, each within (-180, 180] degrees. At a singular orientation the third angle is 0.
+
+    Raises
+    ------
+    FileFormatError
+        If the convention does not exist.
+
+    Examples
+    --------
+    >>> lm.angles_from_rotation("kuka-abc", lm.rotation_from_angles("kuka-abc", [30.0, 0.0, 0.0])).round(9).tolist()
+    [30.0, 0.0, 0.0]
+    """
     c = convention(name)
     if c.axes == "rotvec":
         return np.asarray(rotation.as_rotvec(), dtype=np.float64)

@@ -86,9 +86,29 @@ class Counts(Shown):
 
 
 def read_counts(path: Path, *, torn: bool = False) -> Counts:
-    """Read `time_s, ch1, ch2, ..., optional sync, u_time_s, temperature_c` from .csv or .parquet; FileFormatError names the row and column.
+    """Read the counts of one pass.
 
-    torn: see `files.read_table`.
+    Parameters
+    ----------
+    path
+        .csv or .parquet with time_s, one column per channel, optional sync, u_time_s, temperature_c.
+    torn
+        True accepts a file whose last row is incomplete, as after a power failure.
+
+    Returns
+    -------
+    Counts
+        Recorded counts (n, m); an empty cell is NaN.
+
+    Raises
+    ------
+    FileFormatError
+        If a cell is no number. The message names row and column.
+
+    Examples
+    --------
+    >>> lm.read_counts(Path("run/pass1.csv")).recorded.shape
+    (58, 6)
     """
     return _counts(files.read_table(path, torn=torn))
 
@@ -137,7 +157,21 @@ def _taken(table: files.Table, channels: tuple[str, ...]) -> Counts:
 
 
 def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None = None) -> None:
-    """Write a counts file, whole or not at all."""
+    """Write a counts file, complete or not at all.
+
+    Parameters
+    ----------
+    path
+        .csv or .parquet to write.
+    counts
+        Counts of one pass.
+    metadata
+        Texts that a .parquet file carries.
+
+    Examples
+    --------
+    >>> lm.write_counts(Path("pass1.parquet"), run.passes[0])
+    """
     files.write_table(path, counts.columns(), metadata)
 
 

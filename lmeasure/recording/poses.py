@@ -117,8 +117,30 @@ class Poses(Shown):
 
 
 def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Poses:
-    """Exact poses from (n, 7) rows, or one (7,); names default to 1, 2, ...; FileFormatError when a quaternion is not of unit length, or
-    rows have another shape."""
+    """Make exact poses from rows of numbers.
+
+    Parameters
+    ----------
+    rows
+        (n, 7) or (7,): position [mm] and unit quaternion x, y, z, w, base_from_tool.
+    names
+        Names of the poses; by default 1, 2, ...
+
+    Returns
+    -------
+    Poses
+        The poses, without uncertainty.
+
+    Raises
+    ------
+    FileFormatError
+        If a quaternion is not of unit length, or the rows have another shape.
+
+    Examples
+    --------
+    >>> lm.poses_from_rows(np.array([100.0, 0, 0, 0, 0, 0, 1])).names
+    ('1',)
+    """
     rows = np.atleast_2d(np.array(rows, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1] != 7:
         raise FileFormatError(f"poses of shape {rows.shape}: wanted are rows of x, y, z [mm], qx, qy, qz, qw")
@@ -158,12 +180,38 @@ def read_poses(
     unnamed: bool = False,
     part: bool = False,
 ) -> Poses:
-    """Read `pose, x_mm, y_mm, z_mm` with angle columns of the convention or qx, qy, qz, qw; or anybody's table (`pose_table`), with what
-    `columns` says of it.
+    """Read a table of poses.
 
-    Optional: u_position_mm, u_rotation_deg, or for each axis u_x_mm, u_y_mm, u_z_mm and u_rx_deg, u_ry_deg, u_rz_deg, with correlations
-    such as rho_x_y or rho_z_rx. positions_alone: a file without any column of an orientation is read, and is not `oriented`.
-    unnamed: poses of a text table without the column `pose` are called by their number, from 1; part: `columns` speaks of other tables too.
+    Parameters
+    ----------
+    path
+        .csv, .parquet or a text table with pose, x_mm, y_mm, z_mm and angle or quaternion columns, or anybody's table. Uncertainties are
+        u_position_mm and u_rotation_deg, or one column per axis with correlations such as rho_x_y.
+    angles
+        Convention of the angle columns.
+    columns
+        Names and units of other columns.
+    positions_alone
+        True accepts a file without orientations.
+    unnamed
+        True numbers the poses of a table without names.
+    part
+        True if `columns` also names columns of other tables.
+
+    Returns
+    -------
+    Poses
+        Poses base_from_tool [mm] with their standard uncertainties.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is wrong. The message names row and column.
+
+    Examples
+    --------
+    >>> len(lm.read_poses(Path("campaign/reference_poses.csv"), "puma-oat"))
+    12
     """
     table = read_pose_table(path, angles, columns, unnamed=unnamed, part=part)
     turns = conventions.convention(angles).columns
@@ -275,5 +323,19 @@ def pose_columns(poses: Poses, angles: str | None = None) -> dict[str, Any]:
 
 
 def write_poses(path: Path, poses: Poses, angles: str | None = None) -> None:
-    """Write a pose file, whole or not at all."""
+    """Write a pose file, complete or not at all.
+
+    Parameters
+    ----------
+    path
+        .csv or .parquet to write.
+    poses
+        Poses.
+    angles
+        Convention of the angle columns; None writes quaternions.
+
+    Examples
+    --------
+    >>> lm.write_poses(Path("poses.csv"), lm.poses_from_rows(np.array([0.0, 0, 0, 0, 0, 0, 1])), "kuka-abc")
+    """
     files.write_table(path, pose_columns(poses, angles))

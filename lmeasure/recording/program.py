@@ -382,10 +382,44 @@ def _apart(kind: str, parts: Sequence[_Run]) -> None:
 
 
 def read_program(path: Path) -> Program:
-    """Read a program.toml; FileFormatError names the file and the key."""
+    """Read a program.toml.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Program
+        Commanded poses and paths.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is wrong. The message names file and key.
+
+    Examples
+    --------
+    >>> lm.write_program(Path("program.toml"), program)
+    >>> lm.read_program(Path("program.toml")).pose[0].name
+    'P1'
+    """
     return checked(files.read_toml(path), Program, str(path))
 
 
 def write_program(path: Path, program: Program) -> None:
-    """Write a program.toml, whole or not at all."""
+    """Write a program.toml, complete or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    program
+        Commanded poses and paths.
+
+    Examples
+    --------
+    >>> lm.write_program(Path("program.toml"), program)
+    """
     files.write_toml(path, program.to_dict())

@@ -121,9 +121,31 @@ def known(start: FloatArray | None, source: str, rig: Rig) -> FloatArray:
 
 
 def read_run(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> Run:
-    """Read a run folder; rig_path replaces the rig it names, start its [start].
+    """Read a run folder.
 
-    FileFormatError names the file and key, counts that are not those that were recorded, and a calibration that is of another rig.
+    Parameters
+    ----------
+    folder
+        Folder with a run.toml.
+    rig_path
+        rig.toml that replaces the run's own.
+    start
+        Start pose that replaces the run's [start].
+
+    Returns
+    -------
+    Run
+        Rig, calibration, start pose and counts.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is wrong, the counts are not those that were recorded, or the calibration belongs to another rig.
+
+    Examples
+    --------
+    >>> lm.read_run(Path("run")).start.tolist()
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
     """
     head = read_run_head(folder, rig_path, start)
     passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
@@ -157,7 +179,25 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
-    """Write a run folder: counts first, run.toml last, so that a folder with a run.toml is whole."""
+    """Write a run folder: counts first, run.toml last, so that a folder with a run.toml is complete.
+
+    Parameters
+    ----------
+    folder
+        Folder to write.
+    run
+        Run to write, with its rig and calibration.
+    extra
+        Further content of run.toml.
+    suffix
+        ".csv" or ".parquet" for the counts.
+
+    Examples
+    --------
+    >>> lm.write_run(Path("copy"), run, suffix=".parquet")
+    >>> sorted(path.name for path in Path("copy").iterdir())
+    ['pass1.parquet', 'rig.toml', 'run.toml']
+    """
     folder = Path(folder)
     rig = run.rig.model_copy(update={"calibration": "calibration.json" if run.calibration else None})
     if run.calibration:

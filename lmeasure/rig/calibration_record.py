@@ -251,7 +251,29 @@ def _check_covariance(name: str, rows: tuple[tuple[float, ...], ...], p: int) ->
 
 
 def read_calibration_record(path: Path) -> CalibrationRecord:
-    """Read a calibration.json; FileFormatError names the file and the key."""
+    """Read a calibration.json.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    CalibrationRecord
+        Parameters, covariance, residuals and warnings.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is wrong. The message names file and key.
+
+    Examples
+    --------
+    >>> lm.write_calibration_record(Path("calibration.json"), calibration.record)
+    >>> lm.read_calibration_record(Path("calibration.json")).rank
+    30
+    """
     raw = files.read_bytes(path)
     try:
         return CalibrationRecord.model_validate_json(raw)
@@ -262,5 +284,17 @@ def read_calibration_record(path: Path) -> CalibrationRecord:
 
 
 def write_calibration_record(path: Path, record: CalibrationRecord) -> None:
-    """Write a calibration.json, whole or not at all."""
+    """Write a calibration.json, complete or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    record
+        Record of a calibration.
+
+    Examples
+    --------
+    >>> lm.write_calibration_record(Path("calibration.json"), calibration.record)
+    """
     files.write_text(path, json.dumps(record.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n")

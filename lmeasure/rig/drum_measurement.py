@@ -200,7 +200,27 @@ def drum_uncertainty(measured: DrumMeasurement) -> tuple[float, float]:
 
 
 def read_drums(path: Path) -> tuple[DrumMeasurement, ...]:
-    """Read a measurements file (schema lmeasure.drum/1, one [[drum]] per observation point); FileFormatError names the file and key."""
+    """Read measured dimensions of drums.
+
+    Parameters
+    ----------
+    path
+        File of schema lmeasure.drum/1, with a table [[drum]] for each observation point.
+
+    Returns
+    -------
+    tuple of DrumMeasurement
+        One for each drum.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is wrong. The message names file and key.
+
+    Examples
+    --------
+    >>> lm.read_drums(Path("drums.toml"))  # doctest: +SKIP
+    """
     return checked(files.read_toml(path), DrumsFile, str(path)).drum
 
 
@@ -214,9 +234,29 @@ def choose(measured: tuple[DrumMeasurement, ...], points: list[str], source: str
 
 
 def with_drums(rig: Rig, measured: tuple[DrumMeasurement, ...]) -> Rig:
-    """The rig with these drums; what was measured is no longer assumed, and a link to a calibration made before is dropped.
+    """Return a rig with measured drums.
 
-    RigError when a drum's observation point is not in the rig.
+    Parameters
+    ----------
+    rig
+        The rig.
+    measured
+        What `read_drums` returned.
+
+    Returns
+    -------
+    Rig
+        Rig whose measured values are no longer assumed. A link to an earlier calibration is dropped.
+
+    Raises
+    ------
+    RigError
+        If a drum's observation point is not in the rig.
+
+    Examples
+    --------
+    >>> lm.with_drums(rig, ()) == rig
+    True
     """
     source = f"rig {rig.name!r}"
     return rig_from_dict(drums_into(rig.to_dict(), measured, source), source)

@@ -379,17 +379,73 @@ def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
 
 
 def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
-    """A checked rig; RigError names the source and the key."""
+    """Make a checked rig from the content of a rig.toml.
+
+    Parameters
+    ----------
+    data
+        Content of a rig.toml.
+    source
+        Name that messages give to the source.
+
+    Returns
+    -------
+    Rig
+        The instrument.
+
+    Raises
+    ------
+    RigError
+        If a key is wrong. The message names source and key.
+
+    Examples
+    --------
+    >>> lm.rig_from_dict(rig.model_dump(by_alias=True, exclude_none=True)) == rig
+    True
+    """
     if "schema" not in data:
         raise RigError(f"{source}: schema: is missing; this program reads 'lmeasure.rig/1'")
     return checked(data, Rig, source, RigError, also=_references)
 
 
 def read_rig(path: Path) -> Rig:
-    """Read and check a rig.toml; RigError names the file and the key."""
+    """Read and check a rig.toml.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Rig
+        The instrument.
+
+    Raises
+    ------
+    RigError
+        If the file is wrong. The message names file, line and key.
+
+    Examples
+    --------
+    >>> lm.read_rig(Path("rig.toml")).name
+    'simulated cell 1'
+    """
     return rig_from_dict(files.read_toml(path), str(path))
 
 
 def write_rig(path: Path, rig: Rig) -> None:
-    """Write a rig.toml, whole or not at all."""
+    """Write a rig.toml, complete or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    rig
+        The rig.
+
+    Examples
+    --------
+    >>> lm.write_rig(Path("rig.toml"), rig)
+    """
     files.write_toml(path, rig.to_dict())

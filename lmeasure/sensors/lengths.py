@@ -133,12 +133,46 @@ class Lengths(Shown):
 
 
 def write_lengths(path: Path, lengths: Lengths) -> None:
-    """Write .csv or .parquet: time_s, one `<cable>_mm` and `<cable>_count` per cable, status, cause, cable."""
+    """Write changes of length as .csv or .parquet.
+
+    Parameters
+    ----------
+    path
+        File to write: time_s, `<cable>_mm` and `<cable>_count` per cable, status, cause, cable.
+    lengths
+        Lengths of a run.
+
+    Examples
+    --------
+    >>> lm.write_lengths(Path("lengths.parquet"), lm.lengths_from_counts(run))
+    """
     files.write_table(path, lengths.columns())
 
 
 def read_lengths(path: Path) -> Lengths:
-    """Read what `write_lengths` wrote."""
+    """Read a file that `write_lengths` wrote.
+
+    Parameters
+    ----------
+    path
+        .csv or .parquet.
+
+    Returns
+    -------
+    Lengths
+        Changes of length [mm].
+
+    Raises
+    ------
+    FileFormatError
+        If the file is wrong. The message names row and column.
+
+    Examples
+    --------
+    >>> lm.write_lengths(Path("lengths.csv"), lm.lengths_from_counts(run))
+    >>> lm.read_lengths(Path("lengths.csv")).cables[:2]
+    ('c1', 'c2')
+    """
     table = files.read_table(path)
     columns = [c for c in table.columns if c.endswith("_mm")] + [c for c in table.columns if c.endswith("_rad")]
     names = tuple(c.rsplit("_", 1)[0] for c in columns)
@@ -157,8 +191,32 @@ def read_lengths(path: Path) -> Lengths:
 
 
 def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
-    """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, of other channels their angles [rad], at (n, 7) poses
-    base_from_tool: x, y, z [mm], qx, qy, qz, qw (unit). GeometryError names pose and cable, and what are no such poses."""
+    """Return the readings of all channels at poses: cable lengths [mm] and angles [rad].
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    rows
+        (n, 7) poses base_from_tool: position [mm] and unit quaternion x, y, z, w.
+    cables
+        Channels of interest; by default all of the rig.
+
+    Returns
+    -------
+    ndarray
+        (n, m): length from the observation point over its pulley to the attachment point, or the angle of an encoder.
+
+    Raises
+    ------
+    GeometryError
+        If a cable cannot run there. The message names pose and cable.
+
+    Examples
+    --------
+    >>> lm.span_lengths(rig, np.array([[0.0, 0, 0, 0, 0, 0, 1]])).shape
+    (1, 6)
+    """
     rows = np.ascontiguousarray(rows, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != POSE:
         # a kernel would read on behind the end of a row
@@ -275,13 +333,29 @@ COUNTER_STATE = STATE + 2
 
 
 def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths:
-    """The run's counts as changes of its cables, on the time base of pass 1.
+    """Convert the counts of a run to changes of cable length, on the time base of pass 1.
 
-    counters (m, `COUNTER_STATE`), zeros at first and moved on in place, carries the counters from one piece of a run of one pass to
-    the next; without it the run is whole.
+    Parameters
+    ----------
+    run
+        The run. Later passes must share the clock of pass 1.
+    counters
+        (m, k) state of the counters between the pieces of a long run, zeros at first; changed in place. None: the run is whole.
 
-    A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes, which
-    must be on the clock of pass 1 (`trajectory.time.passes.align`), are read between their samples (`interpolation.OtherTimes`).
+    Returns
+    -------
+    Lengths
+        Changes since zeroing [mm; rad for encoders of angles]. Samples with a gap or a jump are flagged; nothing is filled in.
+
+    Raises
+    ------
+    LMeasureError
+        If a count is impossible. The message names sample and cable.
+
+    Examples
+    --------
+    >>> lm.lengths_from_counts(run).change_mm.shape
+    (58, 6)
     """
     time_s = run.passes[0].time_s
     observed = run.rig.observed

@@ -78,6 +78,10 @@ def read_frames(log: Path | str) -> tuple[Frames, LogReport]:
     ------
     FileFormatError
         If the file is no such log, or cannot be opened; the message names a converter where one is known.
+
+    Examples
+    --------
+    >>> frames, report = lm.read_frames("drive.blf")  # doctest: +SKIP
     """
     path, report = Path(log), LogReport()
     parts = list(log_batches(path, report))

@@ -21,10 +21,29 @@ STILL_MM = 1.0  # beyond it the counts of a dwell are not of a robot that stands
 
 
 def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> Campaign:
-    """Read rig.toml (nominal), reference_poses.csv, whose columns may be stated, and counts.csv; FileFormatError or CalibrationError names
-    file, pose and channel.
+    """Read a calibration folder: rig.toml, reference_poses.csv and counts.csv.
 
-    Rows of one pose that follow one another are readings of one dwell and are averaged; a pose that comes again later is another visit.
+    Parameters
+    ----------
+    folder
+        The folder.
+    columns
+        Names and units of other columns of reference_poses.csv.
+
+    Returns
+    -------
+    Campaign
+        Counts at the poses. Consecutive rows of one pose are averaged; a pose that returns later is another visit.
+
+    Raises
+    ------
+    FileFormatError, CalibrationError
+        If a file is wrong. The message names file, pose and channel.
+
+    Examples
+    --------
+    >>> lm.read_campaign(Path("campaign")).counts.shape
+    (12, 6)
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -194,10 +194,32 @@ def family(name: str) -> str:
 
 
 def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> Identified[R]:
-    """Find the robot's parameters with the frames it stands and is measured in, of which nothing need be known.
+    """Calibrate a robot's kinematic model from joint values and measured positions or poses.
 
-    RobotError where there are too few rows to find where the robot stands, or their weights leave too few. What the rows
-    cannot tell keeps its nominal value and the uncertainty of that.
+    Parameters
+    ----------
+    robot
+        Nominal robot.
+    rows
+        Measurements: joint values, targets, and what the instrument measured.
+    settings
+        Effects that may be freed, priors and hold-out; by default `Settings()`.
+
+    Returns
+    -------
+    Identified
+        Parameters with covariance, the frames of robot and instrument, and errors at poses that were left out.
+
+    Raises
+    ------
+    RobotError
+        If there are too few rows to locate the robot, or their weights leave too few.
+
+    Examples
+    --------
+    >>> from lmeasure.robots import read_measurements, read_robot
+    >>> robot = read_robot("robot.toml")  # doctest: +SKIP
+    >>> lm.identify(robot, read_measurements("measurements.csv", robot))  # doctest: +SKIP
     """
     settings = settings or Settings()
     rows, findings = _reached(robot, rows)

@@ -73,13 +73,37 @@ def read_trajectory(
     u_rotation_deg: float | None = None,
     angles: str | None = None,
 ) -> Trajectory:
-    """Read what `written.write_trajectory` wrote, where covariances come back as their diagonals, or what another instrument measured.
+    """Read a trajectory of lmeasure or of another instrument.
 
-    .csv, .parquet or any text table with at least time_s, x_mm, y_mm, z_mm, EuRoC's .csv, .tum, exports of Motive and Nexus, labelled
-    markers of a rigid body (`markers`), .mcap with PoseStamped or PoseWithCovarianceStamped.
+    Parameters
+    ----------
+    path
+        .csv, .parquet or text table with time_s, x_mm, y_mm, z_mm; .tum, EuRoC's .csv, exports of Motive and Nexus, markers of a rigid
+        body, .mcap with PoseStamped or PoseWithCovarianceStamped.
+    stated
+        The keywords below as one value.
+    columns
+        Names and units of other columns: "time=t[ms],x=X[m],...".
+    u_position_mm, u_rotation_deg
+        Standard uncertainties, if the file states none.
+    angles
+        Convention of the angle columns.
 
-    columns, u_position_mm, u_rotation_deg, angles: as the options `--columns` ("time=t[ms],x=X[m],..."), `--u-position-mm`,
-    `--u-rotation-deg` and `--angles` have them; stated: the same in one value. FileFormatError names the row and column.
+    Returns
+    -------
+    Trajectory
+        Poses over time. Covariances of a written trajectory come back as their diagonals.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is wrong or its angles are ambiguous. The message names row and column.
+
+    Examples
+    --------
+    >>> lm.write_trajectory(Path("trajectory.csv"), trajectory)
+    >>> lm.read_trajectory(Path("trajectory.csv")).poses.shape
+    (58, 7)
     """
     path, stated = Path(path), stated or Stated()
     if columns is not None:

@@ -38,6 +38,20 @@ def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Ite
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, angles: str | None = None) -> None:
-    """`trajectory_writer` for a trajectory in one piece."""
+    """Write a trajectory as .csv or .parquet, complete or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    trajectory
+        Trajectory to write.
+    angles
+        Convention of additional angle columns.
+
+    Examples
+    --------
+    >>> lm.write_trajectory(Path("trajectory.parquet"), trajectory)
+    """
     with trajectory_writer(path, trajectory.covers, angles) as write:
         write(trajectory)

@@ -24,10 +24,33 @@ def covariances(
     constraint: str | None = None,
     repeatability_mm: float = 0.0,
 ) -> PoseCovariances:
-    """Random covariances and systematic factors of the poses of a run, all or the chosen samples; constraint and repeatability_mm as
-    `reconstruct` was given them. A trajectory that was read from its file will do.
+    """Return how the errors of a trajectory's poses correlate.
 
-    TrajectoryError when the trajectory is not of this run; raises what `passes.align` raises.
+    Parameters
+    ----------
+    trajectory
+        Trajectory of this run; one that was read from its file will do.
+    run
+        The run.
+    samples
+        Samples of interest; by default all.
+    constraint, repeatability_mm
+        As `reconstruct` got them.
+
+    Returns
+    -------
+    PoseCovariances
+        Random errors per sample and factors of the systematic errors that all samples share [rad, mm].
+
+    Raises
+    ------
+    TrajectoryError
+        If the trajectory is not of this run.
+
+    Examples
+    --------
+    >>> lm.covariances(trajectory, run, slice(0, 2)).factors.shape[:2]
+    (2, 6)
     """
     aligned = align(run)
     run, lengths = aligned.run, aligned.lengths
