@@ -4,8 +4,9 @@
     python3 run.py test [PYTEST ARGS]   set up, then the tests: the whole suite on all processors, named files in one process
     python3 run.py COMMAND ...          set up, then `lmeasure COMMAND ...`
 
-Everything is installed into `.venv` in this folder, with uv when it is on the PATH, else with pip. A stamp written last says what was
-installed: when nothing changed the set-up is only looked at, and one that was interrupted is begun again.
+Everything is installed into `.venv` in this folder by uv: the one on the PATH, else one that pip fetches; by pip where uv cannot.
+Settings of pip (indexes, constraints) hold for uv too. The installer's output goes to `.venv/set-up.log`. A stamp written last
+says what was installed: when nothing changed the set-up is only checked, and one that was interrupted is begun again.
 """
 
 import sys
@@ -28,7 +29,23 @@ from typing import Any, NoReturn
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 WINDOWS = os.name == "nt"
-SAY_S = 5.0
+LAST_LINES = 20
+"""Of the installer's output, shown when it fails."""
+SAME_IN_UV = {name: name for name in ("index-url", "extra-index-url", "find-links", "constraint")}
+NOT_FOR_UV = {
+    "cert",
+    "default-timeout",
+    "timeout",
+    "retries",
+    "disable-pip-version-check",
+    "no-cache-dir",
+    "cache-dir",
+    "root-user-action",
+    "progress-bar",
+    "break-system-packages",
+    "require-virtualenv",
+}
+"""Settings of pip that say nothing of where packages come from; certificates are the system's in uv."""
 ON_ALL_PROCESSORS = ("-n", str(min((os.cpu_count() or 1) + 1, 8)), "--dist", "worksteal")
 """Of the whole suite. A worker goes through neighbouring tests, which share what is made once, and at the end takes others' tests. One
 more than there are processors: tests of programs and pages wait for a good part of their time."""
@@ -98,27 +115,48 @@ def works() -> bool:
 
 
 def say(text: str) -> None:
-    """Tell the person what is being done; standard output is left to the command."""
+    """Print a line for the reader; standard output is left to the command."""
     print(f"run.py: {text}", file=sys.stderr, flush=True)
 
 
+class Progress:
+    """One line on the terminal that grows while the set-up works; elsewhere nothing until it ends."""
+
+    def __init__(self) -> None:
+        self.began, self._ended = time.monotonic(), threading.Event()
+        self._thread = threading.Thread(target=self._show, daemon=True)
+
+    def __enter__(self) -> "Progress":
+        if sys.stderr.isatty():
+            self._thread.start()
+        else:
+            say("setting up lmeasure: about a minute the first time")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        if self._thread.ident:
+            self._thread.join()
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+    def _show(self) -> None:
+        while not self._ended.wait(0.5):
+            text = f"setting up lmeasure (about a minute the first time): {time.monotonic() - self.began:.0f} s, {packages()} packages"
+            print(f"\r\x1b[Krun.py: {text}", end="", file=sys.stderr, flush=True)
+
+
 def call(command: list[str], what: str) -> None:
-    """Run one step with its output on standard error, saying every few seconds that it goes on; SetUpError when it fails."""
-    began, ended = time.monotonic(), threading.Event()
-
-    def tell() -> None:
-        while not ended.wait(SAY_S):
-            say(f"{what} goes on: {time.monotonic() - began:.0f} s, {packages()} packages are there")
-
-    threading.Thread(target=tell, daemon=True).start()
+    """Run one step with its output in the log; SetUpError with the log's last lines when it fails."""
+    log = VENV / "set-up.log"
     try:
-        code = subprocess.call(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=sys.stderr)
+        with log.open("ab") as out:
+            code = subprocess.call(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT)
     except OSError as error:
         raise SetUpError(f"{what} failed: {command[0]}: {error.strerror or error}") from error
-    finally:
-        ended.set()
     if code != 0:
-        raise SetUpError(f"{what} failed (exit {code}); its own message is above. The next call begins again")
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()[-LAST_LINES:] if log.is_file() else []
+        print(*lines, sep="\n", end="\n" if lines else "", file=sys.stderr)
+        raise SetUpError(f"{what} failed (exit {code}){f'; all of its output is in {log}' if lines else ''}. The next call begins again")
 
 
 def packages() -> int:
@@ -127,24 +165,54 @@ def packages() -> int:
 
 
 def make_environment(uv: str | None) -> None:
-    """A new empty environment in place of whatever is there."""
+    """Make a new empty environment, in place of whatever is there."""
     if uv is None and importlib.util.find_spec("ensurepip") is None:
         raise SetUpError("this Python cannot make environments with pip; install python3-venv (Debian, Ubuntu), or uv")
-    say(f"step 1 of 2: making {VENV.name} with Python {sys.version.split()[0]}")
     if VENV.is_symlink() or VENV.is_file():
         VENV.unlink()
     elif VENV.exists():
         shutil.rmtree(VENV)
+    VENV.mkdir()
     call([sys.executable, "-m", "venv", *(["--without-pip"] if uv else []), str(VENV)], "making the environment")
+
+
+def pip_settings(pip: list[str]) -> str:
+    """Return the settings of pip, a line each."""
+    return subprocess.run([*pip, "config", "list"], capture_output=True, text=True, check=False).stdout
+
+
+def uv_options(settings: str) -> list[str] | None:
+    """Return uv's options for what `pip config list` printed; None where pip has settings that uv has not."""
+    out: list[str] = []
+    for line in settings.splitlines():
+        key, _, value = line.partition("=")
+        name = key.strip().removeprefix(":env:").rpartition(".")[2]
+        values = value.strip().strip("'\"").replace("\\n", " ").split()
+        if name in SAME_IN_UV:
+            out += [part for one in values for part in (f"--{SAME_IN_UV[name]}", one)]
+        elif name not in NOT_FOR_UV:
+            return None
+    return [*out, "--index-strategy", "unsafe-best-match"] if "--extra-index-url" in out else out
 
 
 def install(extras: frozenset[str], uv: str | None) -> None:
     """Install the project, editable, with these extras and everything they need."""
     project = f"{ROOT}[{','.join(sorted(extras))}]" if extras else str(ROOT)
     python = str(script("python"))
-    tool = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install", "--disable-pip-version-check"]
-    say(f"step 2 of 2: installing lmeasure and what it needs with {'uv' if uv else 'pip'}: some minutes the first time")
-    call([*tool, "--editable", project], "the installation")
+    pip = [python, "-m", "pip"]
+    options = [] if uv else uv_options(pip_settings(pip))
+    if options is not None:
+        try:
+            if uv is None:
+                call([*pip, "install", "--disable-pip-version-check", "uv"], "fetching uv")
+                uv = str(script("uv"))
+            call([uv, "pip", "install", "--python", python, *options, "--editable", project], "the installation")
+        except SetUpError:
+            if uv is not None and uv != str(script("uv")):
+                raise
+        else:
+            return
+    call([*pip, "install", "--disable-pip-version-check", "--editable", project], "the installation")
 
 
 def set_up(extras: frozenset[str]) -> None:
@@ -158,17 +226,18 @@ def set_up(extras: frozenset[str]) -> None:
     if left == "nothing":
         return
     extras |= frozenset(stamp.get("extras", ()))
-    uv, began = shutil.which("uv"), time.monotonic()
+    uv = shutil.which("uv")
     # without a stamp an interrupted installation is recognised: pip would take half-unpacked packages for whole ones
     if VENV.is_dir():
         stamp_path.unlink(missing_ok=True)
-    if left == "rebuild":
-        make_environment(uv)
-    install(extras, uv)
+    with Progress() as progress:
+        if left == "rebuild":
+            make_environment(uv)
+        install(extras, uv)
     if not works():
         raise SetUpError(f"the installation ended well, but lmeasure does not start from {VENV}")
     write_stamp(stamp_path, made_from, extras)
-    say(f"set up in {time.monotonic() - began:.0f} s; the next call starts at once")
+    say(f"set up in {time.monotonic() - progress.began:.0f} s; the next call starts at once")
 
 
 def hand_over(command: list[str]) -> NoReturn:

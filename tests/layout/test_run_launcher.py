@@ -45,8 +45,8 @@ class Machine:
         if self.fail_at and self.fail_at in command:
             return 1
         if "venv" in command:
-            Path(command[-1]).mkdir()
-        if "install" in command:
+            Path(command[-1]).mkdir(exist_ok=True)
+        if "--editable" in command:
             (self.module.VENV / "installed").touch()
         return 0
 
@@ -55,7 +55,7 @@ class Machine:
 
     @property
     def steps(self) -> list[str]:
-        return ["venv" if "venv" in c else "install" for c in self.commands]
+        return ["venv" if "venv" in c else "uv" if c[-1] == "uv" else "install" for c in self.commands]
 
 
 @pytest.fixture
@@ -63,6 +63,7 @@ def machine(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Machine:
     it = Machine(launcher)
     monkeypatch.setattr(launcher.subprocess, "call", it.call)
     monkeypatch.setattr(launcher, "works", it.works)
+    monkeypatch.setattr(launcher, "pip_settings", lambda pip: "")
     return it
 
 
@@ -117,19 +118,19 @@ def test_what_is_left_to_do(launcher: ModuleType, change: dict[str, str], extras
 
 def test_second_call_does_nothing(launcher: ModuleType, machine: Machine) -> None:
     launcher.set_up(NONE)
-    assert machine.steps == ["venv", "install"]
+    assert machine.steps == ["venv", "uv", "install"]
     launcher.set_up(NONE)
-    assert machine.steps == ["venv", "install"]
+    assert machine.steps == ["venv", "uv", "install"]
 
 
 def test_extras_are_added_and_kept(launcher: ModuleType, machine: Machine) -> None:
     launcher.set_up(NONE)
     launcher.set_up(TEST)
-    assert machine.steps == ["venv", "install", "install"]
+    assert machine.steps == ["venv", "uv", "install", "uv", "install"]
     assert machine.commands[-1][-1] == f"{launcher.ROOT}[test]"
     launcher.set_up(NONE)
     launcher.set_up(TEST)
-    assert len(machine.commands) == 3
+    assert len(machine.commands) == 5
     (launcher.ROOT / "pyproject.toml").write_text("[project]\nname = 'lmeasure'\nversion = '2'\n")
     launcher.set_up(NONE)
     assert machine.commands[-1][-1] == f"{launcher.ROOT}[test]"
@@ -144,7 +145,7 @@ def test_interrupted_set_up_is_begun_again(launcher: ModuleType, machine: Machin
     machine.fail_at = ""
     machine.commands.clear()
     launcher.set_up(NONE)
-    assert machine.steps == ["venv", "install"]
+    assert machine.steps == ["venv", "uv", "install"]
 
 
 def test_update_that_fails_leaves_no_stamp(launcher: ModuleType, machine: Machine) -> None:
@@ -173,7 +174,7 @@ def test_broken_environment_is_rebuilt(launcher: ModuleType, machine: Machine, d
     launcher.set_up(NONE)
     damage(launcher.VENV)
     launcher.set_up(NONE)
-    assert machine.steps == ["venv", "install"] * 2
+    assert machine.steps == ["venv", "uv", "install"] * 2
     assert machine.works()
 
 
@@ -223,14 +224,35 @@ def test_fresh_copy_installs_runs_and_repeats(tmp_path: Path) -> None:
     first, second = run_py(), run_py()
     assert first.stdout == second.stdout
     assert first.stdout.startswith("lmeasure ")
-    assert "installing lmeasure" in first.stderr
+    assert first.stderr.splitlines()[0] == "run.py: setting up lmeasure: about a minute the first time"
+    assert len(first.stderr.splitlines()) == 2
     assert second.stderr == ""
 
 
-def test_a_step_that_takes_long_says_that_it_goes_on(
-    launcher: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (launcher.VENV / "lib" / "python3.11" / "site-packages" / "numpy-2.0.dist-info").mkdir(parents=True)
-    monkeypatch.setattr(launcher, "SAY_S", 0.05)
-    launcher.call([sys.executable, "-c", "import time; time.sleep(0.5)"], "the installation")
-    assert "run.py: the installation goes on: 0 s, 1 packages are there" in capfd.readouterr().err
+def test_a_failed_step_shows_the_end_of_its_output(launcher: ModuleType, capfd: pytest.CaptureFixture[str]) -> None:
+    launcher.VENV.mkdir()
+    with pytest.raises(launcher.SetUpError, match=r"the installation failed \(exit 3\); all of its output is in .*set-up\.log"):
+        launcher.call([sys.executable, "-c", "print(*range(100), sep='\\n'); raise SystemExit(3)"], "the installation")
+    assert capfd.readouterr().err.split() == [str(n) for n in range(80, 100)]
+    assert (launcher.VENV / "set-up.log").read_text().split() == [str(n) for n in range(100)]
+
+
+def test_pip_installs_where_uv_cannot(launcher: ModuleType, machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launcher, "pip_settings", lambda pip: ":env:.proxy='http://proxy'")
+    launcher.set_up(NONE)
+    assert machine.steps == ["venv", "install"]
+    assert machine.commands[-1][1:4] == ["-m", "pip", "install"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "options"),
+    [
+        ("", []),
+        ("global.index-url='https://a/simple'\n:env:.timeout='60'", ["--index-url", "https://a/simple"]),
+        ("global.constraint='/c.txt'\nglobal.find-links='/a /b'", ["--constraint", "/c.txt", "--find-links", "/a", "--find-links", "/b"]),
+        ("global.extra-index-url='/a'", ["--extra-index-url", "/a", "--index-strategy", "unsafe-best-match"]),
+        ("global.client-cert='/c.pem'", None),
+    ],
+)
+def test_settings_of_pip_hold_for_uv(launcher: ModuleType, settings: str, options: list[str] | None) -> None:
+    assert launcher.uv_options(settings) == options
