@@ -27,6 +27,18 @@ INTERRUPTED = 130
 """Exit code of typer where Ctrl-C ended a command."""
 
 
+ALIASES = {"calibrate-robot": "identify", "hand-eye": "frames", "simulate-bus": "play"}
+"""Names by which other programs know these commands."""
+FIRST_STEPS = """lmeasure measures the pose of a robot's gripper with draw-wire encoders: the
+position and orientation of every sample, and their uncertainty.
+
+  lmeasure demo                see the whole job on a simulated cell
+  lmeasure workbench FOLDER    do it step by step in your browser
+  lmeasure import LOG --scan   look into a CAN log of your own
+
+All commands: lmeasure --help"""
+
+
 class Commands(Group):
     """The commands of the workflows, each made when it is asked for."""
 
@@ -35,19 +47,29 @@ class Commands(Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command, None for an unknown one."""
-        if cmd_name not in COMMANDS:
+        """The command of a name or alias, None for an unknown one."""
+        name = ALIASES.get(cmd_name, cmd_name)
+        if name not in COMMANDS:
             return None
         from lmeasure.cli.commands import command
 
-        return command(cmd_name)
+        return command(name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that the first word names; names like it are suggested where there is none."""
+        from difflib import get_close_matches
+
+        like = () if args[0] in (*COMMANDS, *ALIASES) else get_close_matches(args[0], [*COMMANDS, *ALIASES], n=3)
+        if like:
+            ctx.fail(said("There is no command '{name}'. Did you mean {names}?", name=args[0], names=", ".join(like)))
+        return super().resolve_command(ctx, args)
 
 
 app = typer.Typer(
     name="lmeasure",
     cls=Commands,
     help="Cables, drums and encoders as a 6-DOF metrology instrument: from raw counts to the certificate of a robot.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: drawing it would take three times as long as everything else
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
@@ -64,9 +86,11 @@ def _version(asked: bool) -> None:
 
 @app.callback()
 def _options(
+    ctx: typer.Context,
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")] = False,
 ) -> None:
-    pass
+    if ctx.invoked_subcommand is None:
+        typer.echo(said(FIRST_STEPS))
 
 
 _code = INTERRUPTED

@@ -1,9 +1,10 @@
 """A look at a recording."""
 
+import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
-from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, option
 
@@ -23,15 +24,18 @@ class Settings(Asked):
     port: Annotated[int | None, option("Port of 127.0.0.1 for --web; 0 takes a free one. [9090]", ge=0, le=65535)] = None
 
 
+def has_display() -> bool:
+    """Return whether this machine can show a window."""
+    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[None]:
-    """Open the viewer, or serve it until it is ended; progress is told where."""
-    if settings.web:
+    """Open the viewer, or serve it to browsers where this machine has no display; progress gets the address."""
+    if settings.web or settings.port is not None or not has_display():
         from lmeasure.view import serve
 
         serve(settings.recording, 9090 if settings.port is None else settings.port, lambda text: progress(0.0, text))
-    elif settings.port is not None:
-        raise SettingsError("port", "goes with --web")
     else:
         from lmeasure.view import open_viewer
 

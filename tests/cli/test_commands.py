@@ -51,8 +51,12 @@ def test_usage() -> None:
     assert re.fullmatch(r"lmeasure \d+\.\d+\.\d+\n", done.stdout)
     done = lmeasure("calibrat")
     assert done.returncode == 2
-    assert "No such command 'calibrat'" in done.stderr
+    assert "There is no command 'calibrat'. Did you mean calibrate" in done.stderr
     assert lmeasure("reconstruct", TRUTH / "cell-run").returncode == 2
+    first = lmeasure()
+    assert first.returncode == 0
+    assert first.stdout.count("\n  lmeasure ") == 3
+    assert lmeasure("hand-eye", "--help").stdout.splitlines()[2:] == lmeasure("frames", "--help").stdout.splitlines()[2:]
 
 
 def test_from_scenario_to_zone_by_files_alone(tmp_path: Path) -> None:

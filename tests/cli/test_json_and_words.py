@@ -81,7 +81,7 @@ def test_who_shows_a_result_has_its_lines_in_the_readers_language_beside(tmp_pat
     [
         (["reconstruct", "no-run", "--out", "t.parquet", "--json"], 1, "reconstruct", "no-run: is not a run folder: it is not there"),
         (["reconstruct", "no-run", "--json"], 2, "reconstruct", "Missing option '--out'."),
-        (["calibrat", "--json"], 2, "", "No such command 'calibrat'."),
+        (["calibrat", "--json"], 2, "", "There is no command 'calibrat'. Did you mean calibrate, calibrate-robot?"),
         (["structure", "--json"], 2, "structure", "Invalid value for FILE: give a file, or --list"),
     ],
 )
@@ -224,7 +224,7 @@ def test_help_and_errors_in_russian() -> None:
     assert "[обязательно]" in told
     wrong = run("calibrat")
     assert wrong.returncode == 2
-    assert "Ошибка: Нет команды 'calibrat'." in wrong.stderr
+    assert "Ошибка: Нет команды «calibrat»" in wrong.stderr
     # what is wrong with data stays English
     assert "nowhere: is not a run folder" in run("reconstruct", "nowhere", "--out", "t.csv").stderr
 
