@@ -4,7 +4,7 @@
 
 Each cell is one of `single_faults`: a rig, a motion of 4 s at 250 Hz, phases of its counters, all known exactly but these. Chi-squared of
 every sample is held against the limits of the normal law (chi-squared of as many degrees of freedom as there are channels to spare) and of
-rounding (`trajectory.faults.contradictions`), and the largest of a run against the limits that a run is to pass once in so many.
+rounding (`trajectory.faults.redundancy`), and the largest of a run against the limits that a run is to pass once in so many.
 """
 
 import argparse

@@ -25,9 +25,8 @@ from pathlib import Path
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 PACKAGE = Path(__file__).parents[1] / "lmeasure"
 RESULTS = Path(__file__).parent / "results" / "trips.md"
-LOWEST = frozenset(
-    "core kernels text linkages lcoordinate arrays catalogue causes errors findings interpolation roots saying se3 status written".split()
-)
+LOWEST = {"core", "kernels", "text", "linkages", "lcoordinate", "arrays", "catalogue", "causes", "errors", "findings", "interpolation"}
+LOWEST |= {"roots", "saying", "se3", "status", "written"}
 """Packages, and modules of the root before there were packages."""
 TRIPS = {
     "a run through `reconstruct`": (("trajectory.runs:reconstruct", "trajectory.reconstruction.runs:reconstruct"), "run"),

@@ -1,24 +1,24 @@
 from .faults.consistency import collected as collected
-from .faults.redundancy import Epochs as Epochs, Redundancy as Redundancy
-from .faults.reliability import Faults as Faults, faults_shown as faults_shown
+from .faults.doubts import SETTLED as SETTLED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder, shifted as shifted
+from .faults.redundancy import Epochs as Epochs, Faults as Faults, Redundancy as Redundancy, faults_shown as faults_shown
 from .faults.rest_evidence import SUSPECTED as SUSPECTED
-from .faults.suspicion import shifted as shifted
-from .faults.visits import SETTLED as SETTLED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder
 from .files.foreign_trajectory import Stated as Stated, kind_of as kind_of, read_trajectory as read_trajectory
-from .files.trajectory import Summary as Summary, Trajectory as Trajectory
-from .files.write import write_trajectory as write_trajectory
+from .files.trajectory import Summary as Summary, Trajectory as Trajectory, write_trajectory as write_trajectory
 from .motion.attained_poses import (
+    LAG_S as LAG_S,
+    LEAST_S as LEAST_S,
     AttainedPose as AttainedPose,
     Frame as Frame,
     attain as attain,
     mean_pose as mean_pose,
     moved as moved,
+    rests as rests,
     scatter as scatter,
+    settled as settled,
     window as window,
     worst_angle as worst_angle,
 )
 from .motion.motion import FULL as FULL, WIDEST_S as WIDEST_S, Motion as Motion, motion_of as motion_of, write_motion as write_motion
-from .motion.rests import LAG_S as LAG_S, LEAST_S as LEAST_S, rests as rests, settled as settled
 from .motion.spectrum import Vibration as Vibration
 from .motion.vibration import averaged as averaged, with_rest as with_rest
 from .origin.origins import learn as learn
@@ -28,10 +28,8 @@ from .reconstruction.runs import reconstruct as reconstruct
 from .reconstruction.scheme import FREEDOMS as FREEDOMS
 from .reconstruction.screw_method import Reconstruction as Reconstruction
 from .reconstruction.stream import Each as Each, can_stream as can_stream, reconstruct_stream as reconstruct_stream
-from .time.passes import Alignment as Alignment, align as align
-from .time.stamps import Stamps as Stamps, stamps_of as stamps_of
-from .uncertainty.budget import RESTORED_ORIGIN as RESTORED_ORIGIN, Budget as Budget
-from .uncertainty.pose_covariances import PoseCovariances as PoseCovariances
+from .time.passes import Alignment as Alignment, Stamps as Stamps, align as align, stamps_of as stamps_of
+from .uncertainty.budget import RESTORED_ORIGIN as RESTORED_ORIGIN, Budget as Budget, PoseCovariances as PoseCovariances
 from .uncertainty.pose_errors import (
     ErrorModel as ErrorModel,
     ErrorsOfFile as ErrorsOfFile,

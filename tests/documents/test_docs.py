@@ -24,7 +24,7 @@ import pytest
 from lmeasure.cli.app import main
 from lmeasure.cli.commands import command as command_of
 from lmeasure.kernels import lanes, screw
-from lmeasure.trajectory.faults import consistency, continuity, rest_evidence, steps, stuck_channels, suspicion, visits
+from lmeasure.trajectory.faults import consistency, continuity, doubts, rest_evidence
 from lmeasure.trajectory.reconstruction import screw_method
 from lmeasure.workflows import COMMANDS
 
@@ -129,12 +129,12 @@ def test_pictures_are_those_of_the_program(tmp_path: Path) -> None:
 
 CONSTANTS = {
     "faults.md": [
-        f"and {steps.STEP_MM:g} mm for a cable that sticks and slips",
+        f"and {continuity.STEP_MM:g} mm for a cable that sticks and slips",
         f"({['', '', '', '', '', 'five'][int(continuity.RUSH)]} times the motion's acceleration)",
-        f"stands on one count for {stuck_channels.STANDS_S:g} s while",
-        f"of the same attachment point is drawn by {stuck_channels.STANDS_MM:g} mm",
+        f"stands on one count for {continuity.STANDS_S:g} s while",
+        f"of the same attachment point is drawn by {continuity.STANDS_MM:g} mm",
         f"comes back within {continuity.BRIDGED_S:g} s to where it would have been",
-        f"({suspicion.BACK_COUNTS:g} counts, or three scatters of the others up to {suspicion.BACK_MM:g} mm)",
+        f"({doubts.BACK_COUNTS:g} counts, or three scatters of the others up to {doubts.BACK_MM:g} mm)",
         f"show its count to be right within {consistency.BACK_MM:g} mm",
     ],
     "method.md": [f"a change of a cable of more than {screw.STRIDE_MM:g} mm is gone in parts"],
@@ -145,8 +145,8 @@ CONSTANTS = {
         f"then every {lanes.MIDDLE}th, then all, each started by interpolation between its neighbours, {lanes.WIDTH} at once",
         f"stays below a pressure angle of {math.degrees(lanes.CLEAR_OF_SINGULAR):.0f} degrees",
         f"From a worst pressure angle of {screw_method.NEARLY:g} degrees",
-        f"no length moves by more than {visits.STILL_MM:g} mm in {visits.VISIT_LAG_S:g} s, for {visits.LEAST_S:g} s",
-        f"when all cables but one agree within {visits.NEAR_MM:g} mm",
+        f"no length moves by more than {doubts.STILL_MM:g} mm in {doubts.VISIT_LAG_S:g} s, for {doubts.LEAST_S:g} s",
+        f"when all cables but one agree within {doubts.NEAR_MM:g} mm",
         f"({rest_evidence.SIGNIFICANCE:.0e} per run, shared by all channels and moments)",
         f"by more than {rest_evidence.CLOSED_COUNTS:g} counts, {rest_evidence.CLOSED_MM:g} mm and",
     ],

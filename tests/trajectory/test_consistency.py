@@ -21,9 +21,8 @@ from lmeasure.text import Finding, finding
 from lmeasure.trajectory import Epochs, collected
 from lmeasure.trajectory.faults import consistency
 from lmeasure.trajectory.faults.consistency import Consistency, EpochFinder, consistent
-from lmeasure.trajectory.faults.contradictions import ChanceOfContradiction
-from lmeasure.trajectory.faults.redundancy import Parities
-from lmeasure.trajectory.faults.suspicion import EVERY, NONE, Doubt, Doubts
+from lmeasure.trajectory.faults.doubts import EVERY, NONE, Doubt, Doubts
+from lmeasure.trajectory.faults.redundancy import ChanceOfContradiction, Parities
 
 U = 0.01
 """Standard uncertainty of a reading [mm]."""

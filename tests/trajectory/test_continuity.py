@@ -10,8 +10,7 @@ from test_counter_faults import CORNERS, along, continuity_of, round_trip
 from lmeasure.recording import Run
 from lmeasure.sensors import Reason
 from lmeasure.trajectory import align
-from lmeasure.trajectory.faults.continuity import Away, Continuity, ContinuityFinder
-from lmeasure.trajectory.faults.steps import Break
+from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, ContinuityFinder
 
 COUNT_MM = 0.012
 

@@ -11,9 +11,7 @@ from cells import FloatArray, cell, motion, record
 
 from lmeasure.sensors import Lengths
 from lmeasure.trajectory import align
-from lmeasure.trajectory.faults.continuity import Away, Continuity, ContinuityFinder
-from lmeasure.trajectory.faults.steps import BINS, Break, off_usual_s, steps_seen
-from lmeasure.trajectory.faults.stuck_channels import StandingFinder
+from lmeasure.trajectory.faults.continuity import BINS, Away, Break, Continuity, ContinuityFinder, StandingFinder, off_usual_s, steps_seen
 
 COUNT_MM = 0.012
 CHANNELS, RATE_HZ = 6, 250.0

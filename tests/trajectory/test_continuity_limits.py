@@ -11,8 +11,7 @@ from test_continuity_definition import COUNT_MM, RIG, lengths
 from lmeasure.core import Status
 from lmeasure.rig import Rig
 from lmeasure.sensors import Reason
-from lmeasure.trajectory.faults.continuity import Continuity, ContinuityFinder
-from lmeasure.trajectory.faults.steps import Break
+from lmeasure.trajectory.faults.continuity import Break, Continuity, ContinuityFinder
 
 RATE_HZ = 250.0
 SHARE = np.array([1.0, -0.8, 0.6, 0.9, -0.7, 0.5])

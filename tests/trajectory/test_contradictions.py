@@ -9,7 +9,7 @@ from test_schemes import EIGHT, rig_of
 from lmeasure.core import FloatArray
 from lmeasure.sensors import lengths_from_counts
 from lmeasure.trajectory import Reconstruction, Redundancy, reconstruct
-from lmeasure.trajectory.faults.contradictions import chance_of
+from lmeasure.trajectory.faults.redundancy import chance_of
 
 DRAWS = 400_000
 

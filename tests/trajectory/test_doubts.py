@@ -11,11 +11,8 @@ from lmeasure.recording import Counts, Recorded, Run
 from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
 from lmeasure.text import finding, recognised
-from lmeasure.trajectory.faults.continuity import Away, Continuity
-from lmeasure.trajectory.faults.steps import Break
-from lmeasure.trajectory.faults.stuck_channels import Stood
-from lmeasure.trajectory.faults.suspicion import EVERY, Doubt, Doubts, Shift, judged, unseen
-from lmeasure.trajectory.faults.visits import Rests
+from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, Stood
+from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Rests, Shift, judged, unseen
 
 COUNT_MM = 0.012
 NO_RESTS = Rests(np.empty(0), np.empty(0), np.empty((0, 6)))

@@ -11,8 +11,7 @@ from lmeasure.core import WORDS, TrajectoryError
 from lmeasure.recording import Run, read_run
 from lmeasure.rig import rig_from_dict
 from lmeasure.trajectory import LivePose, align, prepared, reconstruct
-from lmeasure.trajectory.reconstruction.live import START_UNKNOWN, LiveSample
-from lmeasure.trajectory.reconstruction.live_prediction import AnyChannels
+from lmeasure.trajectory.reconstruction.live import START_UNKNOWN, AnyChannels, LiveSample
 
 
 def first_of(run: Run, n: int) -> Run:

@@ -20,7 +20,7 @@ from lmeasure.rig import rig_from_dict
 from lmeasure.sensors import length_residuals, span_lengths
 from lmeasure.trajectory import align, prepared, read_trajectory, reconstruct
 from lmeasure.trajectory.faults.redundancy import repeats
-from lmeasure.trajectory.origin import start_from_motion
+from lmeasure.trajectory.origin import start
 
 
 def copied(name: str, tmp_path: Path) -> Path:
@@ -144,8 +144,8 @@ def test_fewer_than_six_absolute_angles_tell_the_start_over_a_motion(some: list[
 
 def test_a_start_that_the_run_soon_contradicts_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three angles fit a short way from where the tool was not."""
-    monkeypatch.setattr(start_from_motion, "TRIED", 4)  # nothing is there to be found
-    monkeypatch.setattr(start_from_motion, "DRAWN", 300)
+    monkeypatch.setattr(start, "TRIED", 4)  # nothing is there to be found
+    monkeypatch.setattr(start, "DRAWN", 300)
     run = with_swivels([0, 2, 4], every=8)
     (counts,) = run.passes
     recorded = counts.recorded.copy()

@@ -16,8 +16,7 @@ from lmeasure.recording import read_run
 from lmeasure.rig import Rig
 from lmeasure.sensors import changes_from_counts, lengths_from_counts
 from lmeasure.trajectory import Epochs, Reconstruction, Redundancy
-from lmeasure.trajectory.faults.contradictions import chance_of
-from lmeasure.trajectory.faults.redundancy import repeats
+from lmeasure.trajectory.faults.redundancy import chance_of, repeats
 
 N = 40
 

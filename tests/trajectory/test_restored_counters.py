@@ -16,7 +16,7 @@ from lmeasure.core import Status
 from lmeasure.procedures import explained
 from lmeasure.recording import Run, read_run
 from lmeasure.trajectory import align, prepared, reconstruct
-from lmeasure.trajectory.reconstruction.live_prediction import AnyChannels
+from lmeasure.trajectory.reconstruction.live import AnyChannels
 
 
 @pytest.fixture(scope="module")

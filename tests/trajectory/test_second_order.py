@@ -16,7 +16,7 @@ from lmeasure.kernels import ANGLE_ZERO, ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, sp
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
 from lmeasure.trajectory import Reconstruction, covariances, reconstruct
-from lmeasure.trajectory.uncertainty.second_order import DRAWS, beyond_first, variables
+from lmeasure.trajectory.uncertainty.sources import DRAWS, beyond_first, second_order_variables
 
 DRUMS, POINTS = 3, (1, 3, 5)
 TIME_S = np.arange(0.0, 0.5, 0.02)
@@ -103,7 +103,7 @@ def test_poses_of_as_many_channels_as_unknowns_lie_in_their_regions() -> None:
     assert sum(held) >= binom.ppf(0.005, len(held), 0.95)
 
 
-@pytest.mark.parametrize(("u_deg", "more"), [(0.002, 0), (1.0, variables(3))])
+@pytest.mark.parametrize(("u_deg", "more"), [(0.002, 0), (1.0, second_order_variables(3))])
 def test_zeros_that_are_known_well_need_no_more(u_deg: float, more: int) -> None:
     budget = Reconstruction(square(u_deg), START).budget
     assert len(budget.sources) == len(budget.uniform) == sum(len(s.names) for s in budget.every) + more
@@ -115,7 +115,7 @@ def test_a_sample_without_a_pose_has_none_of_it() -> None:
     found = beyond_first(rows, np.concatenate([nowhere, START[None]]), G=np.tile(G, (2, 1, 1)), F=np.tile(F, (2, 1, 1)), angles=angles)
     assert np.isnan(found[0]).all()
     assert np.isfinite(found[1]).all()
-    assert variables(0) == 0
+    assert second_order_variables(0) == 0
 
 
 def test_what_is_left_is_by_which_exact_poses_miss_the_series() -> None:

@@ -17,7 +17,7 @@ from lmeasure.recording import Counts, Run, read_run, unwrap, write_run
 from lmeasure.sensors import counts_from_poses, recorded_from_counts
 from lmeasure.trajectory import motion_of, read_trajectory, reconstruct
 from lmeasure.trajectory.time.even_clock import clock, numbers
-from lmeasure.trajectory.time.stamps import judged
+from lmeasure.trajectory.time.passes import judged
 
 FloatArray = NDArray[np.float64]
 Law = Callable[[np.random.Generator, FloatArray], FloatArray]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cells import FloatArray, cell
 
-from lmeasure.trajectory.faults.stuck_channels import StandingFinder, Stood
+from lmeasure.trajectory.faults.continuity import StandingFinder, Stood
 
 RATE_HZ = 100.0
 FIRST, LAST = 100, 199  # samples at which the first cable stands

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lmeasure.core import FloatArray
-from lmeasure.trajectory.faults.steps import (
+from lmeasure.trajectory.faults.continuity import (
     BINS,
     STEP_MM,
     Break,

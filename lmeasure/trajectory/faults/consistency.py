@@ -27,8 +27,8 @@ from lmeasure.core import BoolArray, FloatArray, IntArray, Status
 from lmeasure.rig import Cable, Rig
 from lmeasure.sensors import Lengths, last_travel
 from lmeasure.text import Finding, finding
+from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, Parities, Redundancy
-from lmeasure.trajectory.faults.suspicion import EVERY, Doubt, Doubts
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 
 AGREES = 2.0

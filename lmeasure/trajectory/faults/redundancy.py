@@ -9,19 +9,150 @@ with
 
 chi-squared is r^T W r, of m - f degrees of freedom; the error that cable j alone would have to have is (W r)_j / W_jj, of standard
 uncertainty 1/sqrt(W_jj): infinite where the others do not control it (Baarda 1968; Teunissen 2006, 4.4).
+
+How large the contradictions of sound readings become by chance, rounding being uniform and not normal.
+
+A sample's parities, brought to unit covariance, are y = U u + V v with u uniform, of unit variance (the rounding of every reading, and
+where within a count its counter was zeroed), v normal (calibration, clocks, ...), and U U^T + V V^T = 1 (d, d). Of chi-squared = |y|^2 the
+mean is d, but its tail is shorter than the normal law's: sums of a few uniforms end. With g normal (d,), E exp(lambda |y|^2) =
+E exp(sqrt(2 lambda) g.y): so the generating function of the moments of chi-squared follows from that of y, averaged over directions theta
+of the sphere,
+
+    B(t) = mean over theta of exp(sum_j log(sinh(s_j)/s_j) + t^2 |V^T theta|^2 / 2),   s_j = sqrt(3) t (U^T theta)_j
+    E exp(lambda chi2) = 2^(1 - d/2) / Gamma(d/2) (2 lambda)^(-d/2) integral of t^(d-1) B(t) exp(-t^2 / (4 lambda)) dt
+
+and the chance of a larger one from its logarithm K by the saddlepoint formula of Lugannani and Rice (1980) in the form of
+Barndorff-Nielsen (1986), divided by what the same formula gives for the normal law, whose chance is known: so it is exact where nothing
+is uniform.
+
+Reliability of redundant channels as geodesists state it (Baarda, A testing procedure for use in geodetic networks, 1968).
+
+With A the rows of a sample's channels, P their weights and G = (A^T P A)^-1 A^T P, a reading's *redundancy number* is r_j = 1 - (A G)_jj:
+the part of an error of it that shows in its own residual; they sum to the number of channels to spare. Let W be the weight of the
+contradictions (`redundancy`, with everything that the readings share in their covariance). The error that channel j alone would have is
+told with the variance 1/W_jj, so the smallest fault that a test of significance alpha finds with a power is
+
+    m_j = (z(1 - alpha/2) + z(power)) / sqrt(W_jj)
+
+(*internal reliability*), and one that is just not found moves the pose by G_j m_j (*external reliability*). The statistics of two channels
+correlate by rho = W_jk / sqrt(W_jj W_kk): near 1 a fault of either looks like one of the other (Foerstner 1983). Without channel k that of
+j weighs W_jj (1 - rho^2), by the Schur complement: so a fault of m_j / sqrt(1 - rho^2) is found even where k is left out, and told apart
+from one of k. The smallest that is told apart from every other is that of the largest rho.
 """
 
 from dataclasses import dataclass, replace
+from math import lgamma
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtri
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import CABLE, KIND, platform_size, span_lengths, span_rows_of
+from lmeasure.rig import Cable
 from lmeasure.sensors import Lengths, changes_from_counts
-from lmeasure.trajectory.faults.contradictions import ChanceOfContradiction, chance_of
+from lmeasure.text import Finding, finding
 from lmeasure.trajectory.uncertainty.budget import Budget
 from lmeasure.trajectory.uncertainty.sources import Situation
+
+if TYPE_CHECKING:
+    from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
+
+DIRECTIONS = 256
+ARGUMENTS = 120.0 * np.linspace(0.0, 1.0, 401)[1:] ** 2
+LAMBDAS = np.concatenate([np.linspace(0.02, 0.5, 40)[:-1], np.geomspace(0.5, 10.0, 40)])
+CUT = 1e-10
+"""Of the integrand's largest value, at the last argument: beyond it the integral is not all there."""
+LEAST = -80.0
+"""Logarithm of a chance below which nothing is asked."""
+
+
+@dataclass(frozen=True)
+class ChanceOfContradiction:
+    """Values of chi-squared (k,), rising, and the logarithms (k,) of the chance that sound readings contradict each other by more."""
+
+    chi_squared: FloatArray
+    log_chance: FloatArray
+
+    def above(self, chi_squared: FloatArray) -> FloatArray:
+        """(...) chance of more than chi_squared (...)."""
+        # beyond the table as it falls at its end
+        slope = (self.log_chance[-1] - self.log_chance[-2]) / (self.chi_squared[-1] - self.chi_squared[-2])
+        beyond = np.maximum(chi_squared - self.chi_squared[-1], 0.0)
+        return np.exp(np.interp(chi_squared, self.chi_squared, self.log_chance) + slope * beyond)
+
+    def limit(self, chance: float) -> float:
+        """Chi-squared that sound readings exceed with this chance."""
+        return float(np.interp(-np.log(chance), -self.log_chance, self.chi_squared))
+
+
+def chance_of(uniform: FloatArray, normal: FloatArray) -> ChanceOfContradiction:
+    """At p places of a run together, each as likely as the others: U (p, d, k) and V (p, d, l) of their parities."""
+    each = [_of_one(U, V) for U, V in zip(uniform, normal, strict=True)]
+    grid = np.linspace(0.0, max(q[-1] for q, _ in each), 400)
+    chances = np.array([np.exp(np.interp(grid, np.append(0.0, q), np.append(0.0, p))) * (grid <= q[-1]) for q, p in each])
+    mean = chances.mean(axis=0)
+    told = mean > np.exp(LEAST)
+    return ChanceOfContradiction(grid[told], np.log(mean[told]))
+
+
+def _of_one(U: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Values of chi-squared, rising, and the logarithms of the chance of more."""
+    d, t = len(U), ARGUMENTS
+    theta = _directions(d)
+    exponent = 0.5 * ((theta @ V) ** 2).sum(axis=1)[:, None] * t**2
+    for along in np.abs(theta @ U).T:
+        exponent += _log_sinhc(np.sqrt(3.0) * along[:, None] * t)
+    most = exponent.max(axis=0)
+    log_B = most + np.log(np.exp(exponent - most).mean(axis=0))
+    integrand = log_B + (d - 1) * np.log(t) + np.log(np.gradient(t)) - t**2 / (4.0 * LAMBDAS[:, None])
+    most = integrand.max(axis=1, keepdims=True)
+    weight = np.exp(integrand - most)
+    total = weight.sum(axis=1)
+    square = (weight * t**2).sum(axis=1) / total
+    spread = (weight * (t**2 - square[:, None]) ** 2).sum(axis=1) / total
+    K = most[:, 0] + np.log(total) + (1.0 - d / 2.0) * np.log(2.0) - lgamma(d / 2.0) - d / 2.0 * np.log(2.0 * LAMBDAS)
+    first = square / (4.0 * LAMBDAS**2) - d / (2.0 * LAMBDAS)
+    second = spread / (16.0 * LAMBDAS**4) - square / (2.0 * LAMBDAS**3) + d / (2.0 * LAMBDAS**2)
+    # from above the mean, up to where the integral is cut off, or a bound of chi-squared leaves nothing but rounding of its spread
+    above = first > 1.5 * d
+    good = above & (weight[:, -1] < CUT) & (second > 1e-6) & (LAMBDAS * first > K)
+    good &= np.cumsum(above & ~good) == 0
+    q, lam = first[good], LAMBDAS[good]
+    like = (1.0 - d / q) / 2.0
+    normal = _tail(like, q, -d / 2.0 * np.log(1.0 - 2.0 * like), 2.0 * d / (1.0 - 2.0 * like) ** 2)
+    log_chance = scipy.stats.chi2.logsf(q, d) + _tail(lam, q, K[good], second[good]) - normal
+    kept = log_chance > LEAST
+    q, log_chance = q[kept], np.minimum.accumulate(log_chance[kept])
+    # behind the table: what is farthest of a convex body, all uniforms at their ends, is the largest of its supports; the rest is normal
+    end = float(np.max(np.sqrt(3.0) * np.abs(theta @ U).sum(axis=1)))
+    beyond = np.linspace(0.0, 12.0, 49)
+    far = (end + beyond * max(float(np.linalg.norm(V, 2)) if V.size else 0.0, 1e-3)) ** 2
+    left = np.minimum(scipy.stats.chi2.logsf(beyond**2, d), log_chance[-1])
+    return np.append(q, far[far > q[-1]]), np.append(log_chance, left[far > q[-1]])
+
+
+def _tail(lam: FloatArray, q: FloatArray, K: FloatArray, second: FloatArray) -> FloatArray:
+    """Logarithm of the chance of more than q by K and its second derivative at lambda, where its first is q."""
+    w, u = np.sqrt(2.0 * (lam * q - K)), lam * np.sqrt(second)
+    return np.asarray(log_ndtr(-(w + np.log(u / w) / w)))
+
+
+def _directions(d: int) -> FloatArray:
+    """(n, d) spread evenly over the sphere."""
+    if d == 1:
+        return np.ones((1, 1))
+    z = ndtri(np.clip(scipy.stats.qmc.Sobol(d, seed=0).random(DIRECTIONS), 1e-12, 1.0 - 1e-12))
+    return np.asarray(z / np.linalg.norm(z, axis=1, keepdims=True))
+
+
+def _log_sinhc(s: FloatArray) -> FloatArray:
+    """log(sinh(s)/s) of s >= 0."""
+    large = np.maximum(s, 1e-3)
+    return np.where(s < 1e-3, s * s / 6.0, large + np.log1p(-np.exp(-2.0 * large)) - np.log(2.0 * large))
+
 
 CHUNK = 2048  # samples whose systematic errors are in memory at once
 TURN = 2.0 * np.pi
@@ -252,3 +383,135 @@ def _without_unused(basis: FloatArray, used: BoolArray) -> FloatArray:
     rows = np.swapaxes(basis[:, unused, :], 1, 2)
     turned = np.linalg.qr(rows, mode="complete")[0][:, :, len(unused) :]
     return np.asarray(basis @ turned)[:, :, :kept]
+
+
+ALPHA, POWER = 1e-3, 0.8
+"""Baarda's: of a single sample and channel."""
+SHIFT = float(ndtri(POWER) - ndtri(ALPHA / 2.0))
+"""Standard uncertainties of the smallest fault that is found: 4.13."""
+RELIABILITY_PLACES = 64
+"""Samples of a run, spread over it, at which it is worked out."""
+
+
+APART = 1e-9
+"""Of 1 - rho^2 from which two channels are not one."""
+LEAST_WEIGHT = 1e-9
+"""Of a channel's own weight that must be left of it."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """smallest, apart (n, m): smallest fault of a channel that is found, and that is told apart from one of any other, infinite where there
+    is none; correlation (n, m, m) of the channels' tests, NaN where one is not controlled."""
+
+    smallest: FloatArray
+    apart: FloatArray
+    correlation: FloatArray
+
+
+def faults_shown(weight: FloatArray, controlled: BoolArray | None = None) -> Faults:
+    """By the weights W (n, m, m) of contradictions; controlled (n, m): channels that the others control, those with more than rounding of a
+    weight, in units of which readings scatter by about 1, where it is None."""
+    diagonal = np.einsum("njj->nj", weight)
+    controlled = diagonal > LEAST_WEIGHT if controlled is None else controlled
+    root = np.sqrt(np.where(controlled, diagonal, np.nan))
+    smallest = np.where(controlled, SHIFT / np.where(controlled, root, 1.0), np.inf)
+    correlation = weight / (root[:, :, None] * root[:, None, :])
+    others = np.nan_to_num(correlation**2) * (1.0 - np.eye(weight.shape[1]))
+    left = 1.0 - others.max(axis=2)
+    return Faults(smallest, np.where(left > APART, smallest / np.sqrt(np.maximum(left, APART)), np.inf), correlation)
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """At n samples of m channels: redundancy number (n, m); smallest fault that is found (n, m) [mm, rad], and that is told apart from one
+    of any other channel, infinite where nothing controls a channel; effect (n, m) on the tool's place [mm] of one that is just not
+    found; correlation (n, m, m) of the channels' tests, NaN where a channel is not controlled. NaN of a channel that is not used."""
+
+    time_s: FloatArray
+    redundancy: FloatArray
+    smallest: FloatArray
+    apart: FloatArray
+    effect_mm: FloatArray
+    correlation: FloatArray
+
+
+def reliability(reconstruction: "Reconstruction", epochs: Epochs, poses: FloatArray) -> Reliability:
+    """Of epochs at poses (n, 7), NaN where there is none."""
+    redundancy, budget = reconstruction.redundancy, reconstruction.budget
+    assert redundancy is not None
+    known = np.isfinite(poses[:, 0])
+    epochs, poses = epochs.at(known), np.ascontiguousarray(poses[known])
+    used = np.isfinite(epochs.change_mm)
+    weight = redundancy.parities(epochs, poses).weight
+    G = budget.twists(poses, np.where(used, epochs.counts, np.nan), ~used, True)
+    rows = span_rows_of(budget.scheme.rows, poses)
+    diagonal = np.einsum("njj->nj", weight)
+    controlled = used & (diagonal > 0.0)
+    shown = faults_shown(weight, controlled)
+    smallest, apart = (np.where(used, values, np.nan) for values in (shown.smallest, shown.apart))
+    number = np.where(used, 1.0 - np.einsum("njc,ncj->nj", rows, G), np.nan)
+    with np.errstate(invalid="ignore"):
+        effect = np.linalg.norm(G[:, 3:], axis=1) * smallest
+    return Reliability(epochs.time_s, number, smallest, apart, effect, shown.correlation)
+
+
+def of_run(reconstruction: "Reconstruction", epochs: Epochs) -> Reliability | None:
+    """At `RELIABILITY_PLACES` samples of a run; None where no channel is to spare or no pose is known."""
+    if reconstruction.redundancy is None or not len(epochs):
+        return None
+    epochs = epochs.at(np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), RELIABILITY_PLACES)).round().astype(np.intp)))
+    found = reliability(
+        reconstruction, epochs, reconstruction.solve_from_told(epochs.change_mm - reconstruction.budget.told_offsets(epochs.time_s))
+    )
+    return found if len(found.time_s) else None
+
+
+def said(reconstruction: "Reconstruction", found: Reliability) -> Finding:
+    """In a line: the least redundancy number, the largest fault that is not found, what it does to the tool, and which two channels are
+    hardest to tell apart."""
+    observed = reconstruction.rig.observed
+    names = [o.name for o in observed]
+    number = np.where(np.isnan(found.redundancy), np.inf, found.redundancy)
+    least = int(np.argmin(number.min(axis=0)))
+    effect = np.where(np.isnan(found.effect_mm), -np.inf, found.effect_mm)
+    i, j = (int(k) for k in np.unravel_index(int(np.argmax(effect)), effect.shape))
+    size = float(found.smallest[i, j])
+    length = isinstance(observed[j], Cable)
+    about = {
+        "alpha": 100.0 * ALPHA,
+        "power": 100.0 * POWER,
+        "number": max(float(number.min()), 0.0),
+        "least": names[least],
+        "channel": names[j],
+        "s": float(found.time_s[i]),
+        "effect_mm": float(effect[i, j]),
+    }
+    if not np.isfinite(size):
+        return finding("reliability.uncontrolled", channel=names[j], s=float(found.time_s[i]))
+    alike = np.abs(found.correlation)
+    with np.errstate(invalid="ignore"):
+        worst = np.nan_to_num(alike).max(axis=0)
+    np.fill_diagonal(worst, 0.0)
+    a, b = (int(k) for k in np.unravel_index(int(np.argmax(worst)), worst.shape))
+    pair = {"one": names[min(a, b)], "other": names[max(a, b)], "correlation": float(worst[a, b])}
+    if length:
+        return finding("reliability.length", **about, **pair, mm=size)
+    return finding("reliability.angle", **about, **pair, deg=float(np.degrees(size)))
+
+
+def said_apart(reconstruction: "Reconstruction", found: Reliability) -> Finding:
+    """In a line: of every channel the smallest fault that a sample tells apart from one of any other, at the best and the worst of them."""
+    told = []
+    for o, sizes in zip(reconstruction.rig.observed, found.apart.T, strict=True):
+        seen = sizes[~np.isnan(sizes)]
+        if not np.isfinite(seen).any():
+            told.append(finding("reliability.apart.never", channel=o.name))
+            continue
+        kind, unit, per = ("length", "mm", 1.0) if isinstance(o, Cable) else ("angle", "deg", float(np.degrees(1.0)))
+        size = {f"least_{unit}": float(seen.min()) * per}
+        if np.isinf(seen).any():
+            told.append(finding(f"reliability.apart.{kind}.partly", channel=o.name, **size))
+        else:
+            told.append(finding(f"reliability.apart.{kind}", channel=o.name, **size, **{f"most_{unit}": float(seen.max()) * per}))
+    return finding("reliability.apart", alpha=100.0 * ALPHA, power=100.0 * POWER, channels=tuple(told))

@@ -17,8 +17,7 @@ from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
 from lmeasure.text import Finding, finding
 from lmeasure.trajectory.faults.continuity import ContinuityFinder
-from lmeasure.trajectory.faults.suspicion import NONE, Doubts, judged, unseen
-from lmeasure.trajectory.faults.visits import LEAST_CABLES, RestFinder, Rests
+from lmeasure.trajectory.faults.doubts import LEAST_CABLES, NONE, Doubts, RestFinder, Rests, judged, unseen
 
 SIGNIFICANCE = 1e-3
 """Of a run: shared by all channels and all moments at which counts may have been lost (Bonferroni)."""

@@ -14,11 +14,30 @@ do not correlate, what a pose errs by of its own stays independent of z.
 
 The rounding of a count that stands still is one error, however often it is read: a reading that is repeated k times on end has k times its
 variance. Where a channel moves on from sample to sample that is nothing.
+
+From when to when a channel came to read from another origin, as a counter does that jumped, or slipped little by little.
+
+The others tell the poses, and what they share with the channel in question: by them it errs by e at every sample, with a variance of its
+own (rounding) and one that neighbours have in common (calibration). A channel that slipped errs by one constant up to some sample and by
+another one from a later sample on: behind that it can be used again, from an origin that the run tells. When the one ended and the other
+began is told by the likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung comes
+back to the constant it had; one that still errs otherwise at the end of the run goes on from none.
+
+Whether a channel slipped in a run whose origins were found: too little for any single sample to show, but all of them together do.
+
+Suppose one channel j reads b too much behind a time t. By the weights P of the samples (`origins`) its score is
+s = sum (P (r - L y))_j over the samples behind t, with y what the run says of calibration, drums and the like: it is applied to no pose,
+and left in the readings it would pass for steps. What b has in common with all that the run shares, C, leaves it the information
+I = sum P_jj - g^T C g with g = sum (L^T P)_j. Then s^2/I is chi-squared of one degree of freedom where nothing slipped, whatever channel
+and time are asked about (Baarda's data snooping, 1968, with a step as the error).
 """
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, symmetric_root
+from lmeasure.sensors import changes_from_counts
 from lmeasure.trajectory.faults.redundancy import Epochs, repeats
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.sources import Told
@@ -118,3 +137,252 @@ def _first(reconstruction: Reconstruction, epochs: Epochs, columns: FloatArray, 
             # a mean on the circle
             mean[column] = np.angle(np.exp(1j * seen).mean()) / columns[0, j, column]
     return mean
+
+
+BEYOND = 4.0
+"""Standard uncertainties by which no sample, and no mean of a few, differs from the constant."""
+FEW = 25
+"""Samples of such a mean."""
+LEAST_CONSTANT = 50
+"""Samples, and for so long, that a constant lasts."""
+LEAST_S = 0.2
+APART = 4.0
+"""Standard uncertainties by which the two constants differ."""
+LIKELY = 16.0
+"""Chi-squared by which a ramp is worse than the best one at most."""
+ENDS = 24
+"""Places of either end of a ramp that are tried at once, again and again between those that are likely."""
+CHANGE_ROUNDS = 3
+"""In which a channel that is followed by itself is put right, by what it seems to be off by each time."""
+MOST_ERRORS = 2048
+"""Samples, or means of neighbours, by which they are tried."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Behind from_s a channel began to read otherwise, and behind after_s [s] it reads too much by so much more than before [mm, rad], of
+    standard uncertainty u. Infinite and NaN where it does not come to another constant in time."""
+
+    from_s: float
+    after_s: float
+    by: float
+    u: float
+
+
+def moved(reconstruction: Reconstruction, epochs: Epochs, j: int, since_s: float) -> Moved | None:
+    """Of channel j, by a reconstruction that has learned nothing and the epochs of its run; since_s: up to when nothing speaks against it.
+    None where it does not go on from another origin. The reconstruction has learned nothing afterwards."""
+    seen, e, own, common, lost = _errors(reconstruction, epochs, epochs.without([j]), j)
+    if len(seen) < 2 * LEAST_CONSTANT:
+        return None
+    first, last = _between(e, own, common)
+    # what a counter lost is a constant in counts, not in lengths
+    for _ in range(CHANGE_ROUNDS if lost else 1):
+        if not (first > 0 and last < len(e)):
+            break
+        by = _mean(e[last:], own[last:], common[last:])[0] - _mean(e[:first], own[:first], common[:first])[0]
+        begin_s, end_s = float(epochs.time_s[seen[first - 1]]), float(epochs.time_s[seen[last]])
+        begin_s = min(max(begin_s, since_s), end_s) if lost else begin_s
+        right = _put_right(reconstruction, epochs, j, by, begin_s)
+        if lost:
+            # by the channel itself, now that it is known about how much it is off by
+            meanwhile = (epochs.time_s > begin_s) & (epochs.time_s < end_s)
+            change = right.change_mm.copy()
+            change[meanwhile, j] = np.nan
+            seen, e, own, common, _ = _errors(reconstruction, right, replace(right, change_mm=change), j)
+            e = e + by * (epochs.time_s[seen] > begin_s)
+        else:
+            bent = epochs.gone_on_mm[seen, j] - right.gone_on_mm[seen, j] - by
+            e = e - np.where(epochs.time_s[seen] > begin_s, bent, 0.0)
+        first, last = _between(e, own, common)
+    time_s = epochs.time_s[seen]
+    least = [int(np.searchsorted(since, LEAST_S)) for since in (time_s - time_s[0], time_s[-1] - time_s[::-1])]
+    if first < max(LEAST_CONSTANT, least[0]) or not _constant(e[:first], own[:first], common[:first]):
+        return None
+    if len(e) - last < max(LEAST_CONSTANT, least[1]) or not _constant(e[last:], own[last:], common[last:]):
+        # near the place is not there: by that no channel is left out from earlier on
+        return None if lost else Moved(float(time_s[first - 1]), np.inf, np.nan, np.nan)
+    (before, u_before), (behind, u_behind) = (_mean(e[part], own[part], common[part]) for part in (slice(first), slice(last, None)))
+    by, u = behind - before, float(np.hypot(u_before, u_behind))
+    if abs(by) < APART * u:
+        return None
+    return Moved(float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), by, u)
+
+
+def _errors(
+    reconstruction: Reconstruction, epochs: Epochs, without: Epochs, j: int
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, bool]:
+    """Epochs (k,) at which the others tell by how much channel j errs, the error (k,) there, its standard uncertainties, its own (k,) and
+    that in common (k,), and whether the others lose the way somewhere, because they tell no pose: there it is taken by all channels, which
+    is near the place. without: the epochs by which the run is followed."""
+    redundancy = reconstruction.redundancy
+    assert redundancy is not None
+    told = learn(reconstruction, without)
+    offsets = reconstruction.budget.told_offsets(epochs.time_s)
+    poses = reconstruction.solve_from_told(without.change_mm - offsets)
+    lost = np.isnan(poses[:, 0])
+    if lost.any():
+        poses[lost] = reconstruction.solve_from_told(epochs.change_mm - offsets)[lost]
+    used = np.isfinite(epochs.change_mm)
+    used[:, j] = np.isfinite(epochs.gone_on_mm[:, j])
+    o = 0 if told is None else len(told.mean)
+    error, own, common = redundancy.error_of(j, epochs, poses, used, offsets=offsets, apart_from=o)
+    reconstruction.use(None)
+    seen = np.flatnonzero(used[:, j] & np.isfinite(error) & np.isfinite(poses[:, 0]))
+    return seen, error[seen], own[seen], common[seen], bool(lost.any())
+
+
+def _put_right(reconstruction: Reconstruction, epochs: Epochs, j: int, by: float, since_s: float) -> Epochs:
+    """Epochs whose channel j shows behind a time as many counts less as make about a length or angle."""
+    rig, behind = reconstruction.rig, epochs.time_s > since_s
+    counts = epochs.counts.copy()
+    counts[behind, j] -= by / rig.counter(rig.observed[j]).per_count
+    by_counts = changes_from_counts(rig, counts, rig.observed)[:, j] - changes_from_counts(rig, epochs.counts, rig.observed)[:, j]
+    change, gone_on = epochs.change_mm.copy(), epochs.gone_on_mm.copy()
+    change[:, j] += by_counts
+    gone_on[:, j] += by_counts
+    return replace(epochs, change_mm=change, gone_on_mm=gone_on, counts=counts)
+
+
+def _between(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[int, int]:
+    """How many of the first of n errors, and from which on the last, are one constant each."""
+    first, last = _ramp(e, 1.0 / (own**2 + common**2))
+    # a ramp is not all that a channel may have done in between
+    constant = _lasts(e, own, common), len(e) - _lasts(e[::-1], own[::-1], common[::-1])
+    return (min(first, constant[0]), max(last, constant[1])) if constant[0] <= constant[1] else (first, last)
+
+
+def _ramp(e: FloatArray, weight: FloatArray) -> tuple[int, int]:
+    """Of n errors with weights (n,): how many of the first, and from which on the last, lie beside every ramp between two constants that is
+    likely."""
+    n = len(e)
+    firsts, lasts = (0, n), (0, n)
+    while True:
+        begins, ends = (np.unique(np.linspace(*within, ENDS).round().astype(np.intp)) for within in (firsts, lasts))
+        begin, end = (values.ravel() for values in np.meshgrid(begins, ends, indexing="ij"))
+        good = end >= begin
+        begin, end = begin[good], end[good]
+        chi = _beside(e, weight, begin, end)
+        likely = chi <= chi.min() + LIKELY
+        new = []
+        for values, chosen in ((begins, begin[likely]), (ends, end[likely])):
+            k = np.searchsorted(values, [chosen.min(), chosen.max()])
+            new.append((int(values[max(k[0] - 1, 0)]), int(values[min(k[1] + 1, len(values) - 1)])))
+        if (new[0], new[1]) == (firsts, lasts) or (len(begins) == firsts[1] - firsts[0] + 1 and len(ends) == lasts[1] - lasts[0] + 1):
+            return int(begin[likely].min()), int(end[likely].max())
+        firsts, lasts = new[0], new[1]
+
+
+def _beside(e: FloatArray, weight: FloatArray, begin: IntArray, end: IntArray) -> FloatArray:
+    """(k,) chi-squared of n errors beside ramps from one constant, up to sample begin (k,), to another, from sample end (k,) on, less that
+    of the errors."""
+    inside = slice(int(begin.min()), int(end.max()))
+    starts = np.arange(inside.start, inside.stop, max(1, -(-(inside.stop - inside.start) // MOST_ERRORS)))
+    blocks = np.concatenate([[0], starts[starts > 0], [inside.stop] if inside.stop < len(e) else []]).astype(np.intp)
+    blocks = np.unique(blocks)
+    w, we = np.add.reduceat(weight, blocks), np.add.reduceat(weight * e, blocks)
+    at = 0.5 * (blocks + np.append(blocks[1:], len(e)) - 1.0)
+    s = np.clip((at - begin[:, None] + 1.0) / (end - begin + 1.0)[:, None], 0.0, 1.0)
+    s[:, at < inside.start], s[:, at >= inside.stop] = 0.0, 1.0
+    A, B, C = (w * (1.0 - s) ** 2).sum(axis=1), (w * s * (1.0 - s)).sum(axis=1), (w * s**2).sum(axis=1)
+    p, q = (we * (1.0 - s)).sum(axis=1), (we * s).sum(axis=1)
+    determinant = A * C - B * B
+    sound = determinant > 1e-12 * A * C
+    gain = (C * p * p - 2.0 * B * p * q + A * q * q) / np.where(sound, determinant, 1.0)
+    return np.asarray(-np.where(sound, gain, we.sum() ** 2 / w.sum()))
+
+
+def _lasts(e: FloatArray, own: FloatArray, common: FloatArray) -> int:
+    """How many of the first of n errors are one constant."""
+    good, bad = 0, len(e) + 1
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if _constant(e[:middle], own[:middle], common[:middle]):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def _constant(e: FloatArray, own: FloatArray, common: FloatArray) -> bool:
+    """Whether errors (n,) are one, neither single ones nor the mean of the last few differing from it."""
+    mean = _mean(e, own, common)[0]
+    single: bool = bool((np.abs(e - mean) <= BEYOND * np.hypot(own, common)).all())
+    few = slice(max(0, len(e) - FEW), None)
+    u = float(np.hypot(own[few].mean() / np.sqrt(len(e[few])), common[few].mean()))
+    return single and bool(abs(e[few].mean() - mean) <= BEYOND * u)
+
+
+def _mean(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[float, float]:
+    weight = 1.0 / (own**2 + common**2)
+    mean = float((weight * e).sum() / weight.sum())
+    return mean, float(np.sqrt(1.0 / (1.0 / own**2).sum() + common.min() ** 2))
+
+
+SLIPPED = 40.0
+"""Chi-squared from which a step is none of rounding: once in 3e9 for one channel and time, of which a run has some ten thousand."""
+CLEARER = 16.0
+"""Chi-squared by which no other channel may explain as much, at any time: four standard uncertainties."""
+LEAST_INFORMATION = 1e-3
+"""Of the information without what the run shares: what is left of less is rounding."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """A step of a channel (index) at some time behind from_s and up to after_s [s], by so much [mm, rad] with its standard uncertainty;
+    others (k,): channels that explain the readings as well, nothing where it is certain."""
+
+    channel: int
+    from_s: float
+    after_s: float
+    by: float
+    u: float
+    others: tuple[int, ...]
+
+
+def slip(reconstruction: Reconstruction, epochs: Epochs, told: Told) -> Slip | None:
+    """The most significant step of a run, epochs being those that told of its origins; None where none is."""
+    redundancy, budget = reconstruction.redundancy, reconstruction.budget
+    assert redundancy is not None
+    epochs = chosen(epochs)
+    m, K = epochs.change_mm.shape[1], len(told.covariance)
+    known = np.flatnonzero(np.isfinite(told.poses[:, 0]))
+    variance = epochs.variance_mm2 * repeats(epochs.gone_on_mm)
+    changes = epochs.change_mm - budget.told_offsets(epochs.time_s)
+    score, own, common = np.zeros((len(known), m)), np.zeros((len(known), m)), np.zeros((len(known), m, K))
+    for begin in range(0, len(known), CHUNK):
+        part = known[begin : begin + CHUNK]
+        at, there, out = epochs.at(part), told.poses[part], slice(begin, begin + len(part))
+        used = np.isfinite(at.change_mm)
+        r, P = redundancy.weighed(
+            redundancy.basis(there, used),
+            np.where(used, redundancy.residuals(there, changes[part]), 0.0),
+            np.where(used, variance[part], 1.0),
+        )
+        P = np.where(used[:, :, None] & used[:, None, :], P, 0.0)
+        score[out], own[out] = np.einsum("nmp,np->nm", P, r), np.einsum("nmm->nm", P)
+        common[out] = P @ redundancy.shared(at, there, used)
+        score[out] -= common[out, :, : len(told.aside)] @ told.aside
+    behind, information, g = (_behind(values) for values in (score, own, common))
+    left = information - np.einsum("nmk,kl,nml->nm", g, told.covariance, g)
+    enough = left > LEAST_INFORMATION * information.max(axis=0, initial=1e-300)
+    # a step behind no sample, or before the first, is none
+    enough[:1] = False
+    gain = np.where(enough, behind**2 / np.where(enough, left, 1.0), 0.0)
+    i, j = (int(k) for k in np.unravel_index(int(np.argmax(gain)), gain.shape))
+    if not gain[i, j] >= SLIPPED:
+        return None
+    best = gain.max(axis=0)
+    others = tuple(int(k) for k in np.flatnonzero(best > gain[i, j] - CLEARER) if k != j)
+    unit = float(redundancy.unit[j])
+    size, u = float(behind[i, j] / left[i, j]) * unit, float(left[i, j] ** -0.5) * unit
+    likely = np.flatnonzero(gain[:, j] < gain[i, j] - CLEARER)
+    first = int(likely[likely < i].max(initial=0)) + 1
+    last = int(likely[likely > i].min(initial=len(known))) - 1
+    time_s = epochs.time_s[known]
+    return Slip(j, float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), size, u, others)
+
+
+def _behind(values: FloatArray) -> FloatArray:
+    """Sums over each sample and all behind it."""
+    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])

@@ -11,13 +11,10 @@ from lmeasure.rig import Cable, Rig
 from lmeasure.sensors import Lengths
 from lmeasure.text import Finding, finding
 from lmeasure.trajectory.faults.consistency import IN_TIME, collected, consistent
-from lmeasure.trajectory.faults.origin_changes import moved
-from lmeasure.trajectory.faults.redundancy import Epochs
-from lmeasure.trajectory.faults.reliability import of_run, said, said_apart
-from lmeasure.trajectory.faults.slips import Slip, slip
-from lmeasure.trajectory.faults.suspicion import EVERY, Doubt, Doubts, Shift
-from lmeasure.trajectory.origin.origins import learn
-from lmeasure.trajectory.origin.power_on import find_start, motion_of, zeros_by_motion
+from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
+from lmeasure.trajectory.faults.redundancy import Epochs, of_run, said, said_apart
+from lmeasure.trajectory.origin.origins import Slip, learn, moved, slip
+from lmeasure.trajectory.origin.start import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.time.passes import Alignment
 from lmeasure.trajectory.uncertainty.sources import ANYWHERE, LIGHT_RAD, UNKNOWN_MM, PassClock, Told, needed_zero, zeros_of

@@ -14,8 +14,8 @@ from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, CHANGES, follow_lanes, fo
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths, span_lengths, span_rows
 from lmeasure.text import JOINED, Finding, and_also, finding, without
+from lmeasure.trajectory.faults.doubts import Shift
 from lmeasure.trajectory.faults.redundancy import Epochs, Redundancy
-from lmeasure.trajectory.faults.suspicion import Shift
 from lmeasure.trajectory.files.trajectory import NAMES, Trajectory
 from lmeasure.trajectory.reconstruction import reference
 from lmeasure.trajectory.reconstruction.corrections import correction_of
@@ -154,7 +154,7 @@ class Reconstruction:
         self.loose = loose_zeros(rig, calibration, len(self.scheme.free))
         """Channels whose zeros only a run can tell."""
         self.reliability: tuple[Finding, ...] = ()
-        """Of the run, in lines (`trajectory.faults.reliability`), once it is prepared."""
+        """Of the run, in lines (`trajectory.faults.redundancy`), once it is prepared."""
         self.shifts: tuple[Shift, ...] = ()
         """By which restored channels read too much, once it is prepared."""
         self.thinned: Epochs | None = None

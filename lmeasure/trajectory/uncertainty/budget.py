@@ -7,34 +7,62 @@ sum_k factor_k z_k, with factors of its own at every sample and the same z: from
 follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). What the sources are: `trajectory.uncertainty.sources`.
 
 The rig's own values make lengths err: those of the calibration, dimensions as stated, parts that are not as drawn.
+
+Errors of the poses of a run: what is new at every sample, and what all samples share.
+
+What of a rig a run takes as exact, as nobody stated it and nothing has solved it, and what its usual size would add to the poses.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmeasure.core import BoolArray, FloatArray, se3
-from lmeasure.kernels import CABLE, KIND, pose_twists, solve_pose, span_lengths, span_rows_of, twists as least_squares_twists
-from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.core import BoolArray, DataFrame, FloatArray, Shown, covariance_root, framed, se3
+from lmeasure.kernels import (
+    CABLE,
+    KIND,
+    PARAMETERS,
+    length_gradients,
+    pose_twists,
+    solve_pose,
+    span_lengths,
+    span_rows_of,
+    twists as least_squares_twists,
+)
+from lmeasure.rig import FURTHER, TABLE, CalibrationRecord, Owner, Rig
 from lmeasure.sensors import (
+    ATTACHMENT,
+    CALIBRATION,
     OTHERS,
     PLAY,
+    REFERENCE_C,
+    RIG,
     Lengths,
     Taken,
     Unsolved,
+    Warmth,
+    Zero,
+    cable_covariance,
     count_variance,
+    effects_of,
     every_part,
+    exact,
+    further_solved,
     last_travel,
     length_variance,
+    solved_covariance,
     span_rows,
     stated,
+    taken_as_exact,
+    unsolved_columns,
+    width_of,
     zero_at,
 )
 from lmeasure.trajectory.reconstruction import reference
 from lmeasure.trajectory.reconstruction.corrections import Correction
 from lmeasure.trajectory.reconstruction.scheme import Scheme
-from lmeasure.trajectory.uncertainty import second_order
-from lmeasure.trajectory.uncertainty.pose_covariances import PoseCovariances
 from lmeasure.trajectory.uncertainty.sources import (
     ANYWHERE,
     NEAR_RAD,
@@ -44,8 +72,10 @@ from lmeasure.trajectory.uncertainty.sources import (
     PassClock,
     Situation,
     Source,
+    beyond_first,
     is_rough,
     own_lengths,
+    second_order_variables,
     unknown_start,
     unknown_zeros,
     variance_until_told,
@@ -53,16 +83,108 @@ from lmeasure.trajectory.uncertainty.sources import (
     zero_phase,
     zeros_of,
 )
-from lmeasure.trajectory.uncertainty.unstated_sizes import Exact
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.uncertainty.sources import Told
 
 
-from lmeasure.core import covariance_root
-from lmeasure.kernels import PARAMETERS, length_gradients
-from lmeasure.rig import FURTHER, TABLE, Owner
-from lmeasure.sensors import cable_covariance, further_solved, solved_covariance, unsolved_columns, width_of
+@dataclass(frozen=True, repr=False)
+class PoseCovariances(Shown):
+    """Errors of poses, delta = (rotation [rad]; tool origin [mm]), R_true = Exp(delta_rotation) R, base axes; NaN where there is no pose.
+
+    own (n, 6, m): the random error is own @ u, with u (m,) of unit variance for the counts of the m cables, new at every sample.
+    factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent variables of unit variance for the whole run, so
+    that factors[i] @ factors[j].T is its covariance between the samples i and j. sources (K,): what each stands for: "calibration",
+    "dimensions as stated", "start pose", "zero phase", "clock of pass 2", "place of pass 2", "temperature, stretch and sag", "run-out of
+    drums", "eccentric pulleys", "play of drums", "lengths of their own". uniform (K,): whether the variable is uniform, or normal; none is
+    by default.
+    """
+
+    own: FloatArray
+    factors: FloatArray
+    sources: tuple[str, ...]
+    uniform: tuple[bool, ...] = ()
+
+    def about(self) -> dict[str, str]:
+        """How many poses, how large the errors are at most, and what poses share."""
+        random, shared = (np.sqrt(np.einsum("nii->ni", c)) for c in (self.random, self.systematic))
+        largest = {name: np.nanmax(u[:, 3:], initial=0.0) for name, u in (("random u", random), ("shared u", shared))}
+        sources = {source: self.sources.count(source) for source in self.sources}
+        return {
+            "poses": str(len(self.own)),
+            **{f"largest {name}": f"{value:.3g} mm" for name, value in largest.items()},
+            "shared by": ", ".join(f"{source} ({n})" for source, n in sources.items()) or "nothing",
+        }
+
+    def to_frame(self) -> DataFrame:
+        """Standard uncertainties of each pose, base axes: of what is its own, and of what all share."""
+        names = ("rx_rad", "ry_rad", "rz_rad", "x_mm", "y_mm", "z_mm")
+        parts = (("u", self.random), ("u_systematic", self.systematic))
+        return framed({f"{part}_{name}": np.sqrt(c[:, i, i]) for part, c in parts for i, name in enumerate(names)})
+
+    @property
+    def random(self) -> FloatArray:
+        """(n, 6, 6) covariance of what is independent from sample to sample."""
+        return np.asarray(self.own @ np.swapaxes(self.own, 1, 2))
+
+    @property
+    def systematic(self) -> FloatArray:
+        """(n, 6, 6) covariance of the systematic error at each sample."""
+        return np.asarray(self.factors @ np.swapaxes(self.factors, 1, 2))
+
+
+SAMPLED = 64
+"""Poses of a piece at which it is looked at."""
+
+
+class Exact:
+    """Of runs of a rig, whose counters begin at begun; temperature_c: at the start, None where nobody stated it."""
+
+    def __init__(
+        self, rig: Rig, scheme: Scheme, calibration: CalibrationRecord | None, *, temperature_c: float | None, begun: Zero
+    ) -> None:
+        self._rig, self._scheme, self._calibration = rig, scheme, calibration
+        self._temperature_c, self._begun = temperature_c, begun
+        # where the point itself is measured its place in the tool frame does not enter
+        self._variables = [
+            v
+            for v in exact(rig, None, () if calibration is None else calibration.names)
+            if scheme.point is None or v.kind is not ATTACHMENT
+        ]
+
+    def at(self, poses: FloatArray, lengths: Lengths, twists: Callable[[FloatArray, FloatArray], FloatArray]) -> tuple[Taken, ...]:
+        """At some of the (n, 7) poses of a piece of a run; twists (k, 6, m) of poses (k, 7) and true counts (k, m), per mm of each
+        length."""
+        known = np.flatnonzero(~np.isnan(poses[:, 0]))
+        if not len(known):
+            return ()
+        some = known[:: -(-len(known) // SAMPLED)]
+        few = np.ascontiguousarray(poses[some])
+        if self._scheme.point is not None:
+            few[:, 3:] = (0.0, 0.0, 0.0, 1.0)
+        counts, drawn = lengths.counts[some], slice(0, len(self._rig.cable))
+        return taken_as_exact(
+            self._rig,
+            self._variables,
+            self._scheme.rows[drawn],
+            self._begun,
+            poses=few,
+            counts=counts[:, drawn],
+            twists=twists(few, counts)[:, :, drawn],
+            warmth=self._warmth(lengths),
+        )
+
+    def _warmth(self, lengths: Lengths) -> Warmth:
+        """What is known of the run's temperature: at its start and at these samples."""
+        rig, record = self._rig, self._calibration
+        at_start = np.nan if self._temperature_c is None else self._temperature_c
+        seen = np.append(at_start, () if lengths.temperature_c is None else lengths.temperature_c)
+        seen = seen[np.isfinite(seen)]
+        of_rig = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
+        reference = of_rig if record is None else record.temperature_c
+        effects = effects_of(rig)
+        low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
+        return Warmth(reference, low, high, effects is not None and effects.thermal, RIG if record is None else CALIBRATION)
 
 
 class ParameterErrors:
@@ -125,7 +247,7 @@ def _entering(scheme: Scheme, *, wide: bool) -> BoolArray:
     return np.tile([scheme.point is None or p.owner is not Owner.ATTACHMENT for p in table], len(scheme.rows))
 
 
-CALIBRATION = "calibration"
+BY_CALIBRATION = "calibration"
 RESTORED = "restored origin"
 RESTORED_ORIGIN = "cause.restored"
 """Of the cause of a sample that uses a channel whose origin was restored."""
@@ -197,7 +319,7 @@ class Budget:
         of_drums = self.unsolved.sources + self.unsolved.play_sources + ("play of drums",) * int(np.count_nonzero(self._played_mm))
         self._exact = Exact(rig, scheme, calibration, temperature_c=temperature_c, begun=self._begun)
         self._phase = zero_phase(rig)
-        parameters = (CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
+        parameters = (BY_CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
         moved = (
             Source(parameters, (DIMENSIONS,) * bool(dimensions), lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel)),
             Source(("start pose",) * self._start_lengths.shape[1], ("the start pose",), lambda _: self._start_lengths),
@@ -221,7 +343,7 @@ class Budget:
         """All sources of systematic error, the origins last."""
         self.supposed = np.zeros(len(self.origin_names))
         """(o,) what the variables of the origins are taken for until a run has told them."""
-        bends = second_order.variables(self._rough.shape[1])
+        bends = second_order_variables(self._rough.shape[1])
         self.sources = (*(name for source in self.every for name in source.names), *(ZERO,) * bends)
         self.uniform = (*(source.uniform for source in self.every for _ in source.names), *(False,) * bends)
         self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
@@ -407,7 +529,7 @@ class Budget:
         if not self._rough.shape[1]:
             return factors
         rows = self.scheme.rows
-        beyond = second_order.beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] != CABLE)
+        beyond = beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] != CABLE)
         return np.concatenate([factors, beyond], axis=2)
 
     def _pass_lengths(self, at: Situation) -> FloatArray:

@@ -12,8 +12,7 @@ from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence
 from lmeasure.trajectory.files.trajectory import NAMES, Trajectory
 from lmeasure.trajectory.reconstruction.preparation import prepared
 from lmeasure.trajectory.time.passes import Alignment, align
-from lmeasure.trajectory.uncertainty.budget import RESTORED_ORIGIN, Budget
-from lmeasure.trajectory.uncertainty.pose_covariances import PoseCovariances
+from lmeasure.trajectory.uncertainty.budget import RESTORED_ORIGIN, Budget, PoseCovariances
 
 
 def covariances(
