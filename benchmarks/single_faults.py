@@ -28,7 +28,7 @@ from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.text import is_of
 from lmeasure.trajectory import RESTORED_ORIGIN, Reconstruction, Redundancy, Trajectory, reconstruct
 from lmeasure.trajectory.faults.consistency import JUDGED, SIGNIFICANCE
-from lmeasure.trajectory.faults.redundancy import Reliability, reliability
+from lmeasure.trajectory.faults.reliability import Reliability, reliability
 
 FloatArray = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results" / "single_faults.md"

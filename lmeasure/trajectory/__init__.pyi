@@ -1,9 +1,11 @@
 from .faults.consistency import collected as collected
 from .faults.doubts import SETTLED as SETTLED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder, shifted as shifted
-from .faults.redundancy import Epochs as Epochs, Faults as Faults, Redundancy as Redundancy, faults_shown as faults_shown
+from .faults.redundancy import Epochs as Epochs, Redundancy as Redundancy
+from .faults.reliability import Faults as Faults, faults_shown as faults_shown
 from .faults.rest_evidence import SUSPECTED as SUSPECTED
 from .files.foreign_trajectory import Stated as Stated, kind_of as kind_of, read_trajectory as read_trajectory
-from .files.trajectory import Summary as Summary, Trajectory as Trajectory, write_trajectory as write_trajectory
+from .files.trajectory import Summary as Summary, Trajectory as Trajectory
+from .files.write import write_trajectory as write_trajectory
 from .motion.attained_poses import (
     LAG_S as LAG_S,
     LEAST_S as LEAST_S,

@@ -9,7 +9,7 @@ from test_truth import AUTHORITY
 from lmeasure.recording import read_run
 from lmeasure.text import plain
 from lmeasure.trajectory import Epochs, align, collected, prepared
-from lmeasure.trajectory.faults.redundancy import SHIFT, of_run, reliability, said, said_apart
+from lmeasure.trajectory.faults.reliability import SHIFT, of_run, reliability, said, said_apart
 
 
 @pytest.mark.parametrize(("name", "samples", "channels"), [("eight-run", 300, 8), ("swivel-run", 200, 12)])

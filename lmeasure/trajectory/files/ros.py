@@ -5,16 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.core import FileFormatError, FloatArray, IntArray, TrajectoryError, how_to_install
 from lmeasure.io import files, open_regular
-
-if TYPE_CHECKING:
-    from lmeasure.trajectory.files.trajectory import Trajectory
+from lmeasure.trajectory.files.trajectory import Trajectory
 
 TOPIC = "/lmeasure/pose"
 FRAME = "base"
@@ -50,7 +48,7 @@ _MESSAGE = np.dtype(
 _ORDER = np.array([3, 4, 5, 0, 1, 2])  # of (rotation; tool origin) in ROS, which has the position first
 
 
-def messages(trajectory: "Trajectory") -> tuple[IntArray, NDArray[Any]]:
+def messages(trajectory: Trajectory) -> tuple[IntArray, NDArray[Any]]:
     """(k,) times [ns] and (k,) messages of the poses that are known whole."""
     known = ~np.isnan(trajectory.poses).any(axis=1)
     nanoseconds = np.rint(trajectory.time_s[known] * 1e9).astype(np.int64)
@@ -66,7 +64,7 @@ def messages(trajectory: "Trajectory") -> tuple[IntArray, NDArray[Any]]:
 
 
 @contextmanager
-def mcap_writer(path: Path, covers: str) -> Iterator[Callable[["Trajectory"], None]]:
+def mcap_writer(path: Path, covers: str) -> Iterator[Callable[[Trajectory], None]]:
     """Write a trajectory in pieces as messages on `TOPIC`, whole or not at all; metadata `lmeasure` keeps what the uncertainties cover.
 
     TrajectoryError when the package mcap is not installed, or a time lies before 0, which no stamp can tell.
@@ -82,7 +80,7 @@ def mcap_writer(path: Path, covers: str) -> Iterator[Callable[["Trajectory"], No
         channel = writer.register_channel(topic=TOPIC, message_encoding="cdr", schema_id=schema)
         writer.add_metadata("lmeasure", {"uncertainty_covers": covers})
 
-        def write(piece: "Trajectory") -> None:
+        def write(piece: Trajectory) -> None:
             times, packed = messages(piece)
             if len(times) and times[0] < 0:
                 raise TrajectoryError(f"{path}: time_s = {float(piece.time_s[0])!r} lies before 0, which no time stamp of ROS can tell")

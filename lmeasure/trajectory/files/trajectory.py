@@ -1,12 +1,8 @@
-"""The trajectory: poses over time with their status and uncertainty.
-
-Files of a trajectory: tables, poses alone, messages of ROS 2.
-"""
+"""The trajectory: poses over time with their status and uncertainty."""
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,16 +14,13 @@ from lmeasure.core import (
     QUATERNION_COLUMNS,
     WORDS,
     BoolArray,
-    DataFrame,
     FileFormatError,
     FloatArray,
     IntArray,
-    Shown,
     Status,
     TextArray,
     angles_from_rotation,
     convention,
-    framed,
     se3,
     words,
 )
@@ -35,11 +28,11 @@ from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS
 from lmeasure.sensors import Taken, worst
 from lmeasure.text import Finding, from_file, in_english
-from lmeasure.trajectory.files.ros import mcap_writer
 from lmeasure.trajectory.time.passes import stamps_of
 
 if TYPE_CHECKING:
     import xarray as xr
+from lmeasure.core import DataFrame, Shown, framed
 
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
 COLUMNS_OF_OURS = (
@@ -261,48 +254,3 @@ def _variances(covariance: FloatArray) -> FloatArray:
 def diagonal(variances: FloatArray) -> FloatArray:
     """(n, 6, 6) covariances with (n, 6) variances in the order of `UNCERTAINTY_COLUMNS`."""
     return np.asarray(variances[:, _PLACES, None] * np.eye(6))
-
-
-@contextmanager
-def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Iterator[Callable[[Trajectory], None]]:
-    """Write a trajectory in pieces, whole or not at all: .parquet or .csv with the columns of the contract, and the angles of a convention
-    when one is named; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, only what is known); .mcap with ROS 2
-    messages of poses and covariances (`ros.mcap_writer`). Parquet keeps `covers` in its metadata."""
-    if Path(path).suffix.lower() == ".mcap":
-        with mcap_writer(path, covers) as write_messages:
-            yield write_messages
-        return
-    if Path(path).suffix.lower() == ".tum":
-        with files.whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as out:
-
-            def write_lines(piece: Trajectory) -> None:
-                known = ~np.isnan(piece.poses).any(axis=1)
-                rows = np.column_stack([piece.time_s, piece.poses[:, :3] / 1000.0, piece.poses[:, 3:]])[known]
-                out.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
-
-            yield write_lines
-        return
-    if Path(path).suffix.lower() not in {".csv", ".parquet"}:
-        raise FileFormatError(f"{path}: the name must end in .parquet, .csv, .tum or .mcap")
-    with files.table_writer(path, {"uncertainty_covers": covers}) as write:
-        yield lambda piece: write(piece.columns(angles))
-
-
-def write_trajectory(path: Path, trajectory: Trajectory, angles: str | None = None) -> None:
-    """Write a trajectory as .csv or .parquet, complete or not at all.
-
-    Parameters
-    ----------
-    path
-        File to write.
-    trajectory
-        Trajectory to write.
-    angles
-        Convention of additional angle columns.
-
-    Examples
-    --------
-    >>> lm.write_trajectory(Path("trajectory.parquet"), trajectory)
-    """
-    with trajectory_writer(path, trajectory.covers, angles) as write:
-        write(trajectory)

@@ -12,7 +12,8 @@ from lmeasure.sensors import Lengths
 from lmeasure.text import Finding, finding
 from lmeasure.trajectory.faults.consistency import IN_TIME, collected, consistent
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
-from lmeasure.trajectory.faults.redundancy import Epochs, of_run, said, said_apart
+from lmeasure.trajectory.faults.redundancy import Epochs
+from lmeasure.trajectory.faults.reliability import of_run, said, said_apart
 from lmeasure.trajectory.origin.origins import Slip, learn, moved, slip
 from lmeasure.trajectory.origin.start import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction

@@ -15,7 +15,8 @@ from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts, rate_n
 from lmeasure.text import Finding, finding
 from lmeasure.trajectory.faults.doubts import Doubts
 from lmeasure.trajectory.faults.rest_evidence import Evidence, EvidenceFinder
-from lmeasure.trajectory.files.trajectory import Summary, Trajectory, trajectory_writer
+from lmeasure.trajectory.files.trajectory import Summary, Trajectory
+from lmeasure.trajectory.files.write import trajectory_writer
 from lmeasure.trajectory.reconstruction.preparation import prepare
 from lmeasure.trajectory.reconstruction.runs import Judge, covered, with_evidence
 
