@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from lmeasure.report import Figure
     from lmeasure.simulation import Scenario, Simulated, SimulatedCampaign, SimulatedRun
     from lmeasure.structure import Described, Linkage, Workspace
-    from lmeasure.text import Finding
+    from lmeasure.text import Message
     from lmeasure.trajectory import Alignment, ErrorModel, Reconstruction, Trajectory
 
 File = Path | str
@@ -158,7 +158,7 @@ def reconstruct(
     )
 
 
-def explained(reconstruction: "Reconstruction") -> "tuple[Finding, ...]":
+def explained(reconstruction: "Reconstruction") -> "tuple[Message, ...]":
     """`procedures.intermediate_check.explanation.explained`, which is loaded only where channels can contradict each other."""
     if reconstruction.redundancy is None:
         return ()

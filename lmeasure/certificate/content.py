@@ -12,7 +12,7 @@ from lmeasure.certificate.versions import METHOD
 from lmeasure.core import Status
 from lmeasure.iso9283 import SCHEMA
 from lmeasure.recording import Program
-from lmeasure.text import LANGUAGES as LANGUAGES, Finding, recognised
+from lmeasure.text import LANGUAGES as LANGUAGES, Message, recognised
 from lmeasure.trajectory import AttainedPose
 
 ID_DIGITS = 16
@@ -80,7 +80,7 @@ def _findings(measured: Measured) -> list[dict[str, Any]]:
     evaluation = measured.evaluation
     told = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.findings]
     told += [c.note for c in evaluation.characteristics if c.note is not None]
-    found = (text if isinstance(text, Finding) else recognised(text) for text in dict.fromkeys(told))
+    found = (text if isinstance(text, Message) else recognised(text) for text in dict.fromkeys(told))
     return [f.stated() for f in found if f is not None]
 
 

@@ -18,7 +18,7 @@ from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate, undeci
 from lmeasure.recording import POSITION_COLUMNS, Program, Run, read_program, read_run, read_run_head
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import OTHERS, stated as unsolved_stated
-from lmeasure.text import Finding
+from lmeasure.text import Message
 from lmeasure.trajectory import ErrorsOfRun, Stated, Trajectory, align, read_trajectory, reconstruct
 
 Progress = Callable[[int, int], None]
@@ -173,7 +173,7 @@ class Measured:
     rig: Rig | None = None
     calibration: CalibrationRecord | None = None
     systematic_sha256: str | None = None
-    notes: tuple[Finding | str, ...] = ()
+    notes: tuple[Message | str, ...] = ()
     logo: Logo | None = None
 
 
@@ -210,7 +210,7 @@ def _measured(inputs: Inputs, program: Program, settings: CertificationSettings,
         _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    notes: tuple[Finding | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))
+    notes: tuple[Message | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 

@@ -138,7 +138,7 @@ def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
 
 def _status(word: str) -> str:
     """What a sample is that has no pose, in the words of who reads."""
-    return texts("trajectory", of_terminal()).get(f"status.{word}", said("the start is not known yet"))
+    return texts(of_terminal(), "trajectory").get(f"status.{word}", said("the start is not known yet"))
 
 
 def captured(session: "Session") -> None:

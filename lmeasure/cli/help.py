@@ -7,8 +7,11 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from lmeasure.cli.text import as_typed, said
-from lmeasure.workflows import JOBS
+from lmeasure.cli.text import as_typed, word
+from lmeasure.text import Message, of_terminal as language
+from lmeasure.workflows import COMMANDS, JOBS, command_help, help_of, job_name, panel_of
+
+_PIECES = {"[OPTIONS]": "cli.options_word", "COMMAND [ARGS]...": "cli.command_word"}
 
 
 def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
@@ -18,16 +21,17 @@ def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
         record = one.get_help_record(ctx)
         if record is None:
             continue
-        group = "Arguments" if one.param_type_name == "argument" else one.rich_help_panel or "Options"
+        kind = "cli.arguments" if one.param_type_name == "argument" else "cli.options"
+        group = panel_of(one.rich_help_panel).text(language()) if getattr(one, "rich_help_panel", None) else word(kind)
         name, text = record
-        if group == "Arguments":
+        if one.param_type_name == "argument":
             name = name.partition(" ")[0]  # without the kind of value behind its name
         # what stands in brackets behind the text is typer's
         help_text = one.help or ""
         behind = text.removeprefix(help_text)
-        for word in ("required", "default"):
-            behind = behind.replace(f"[{word}", f"[{said(word)}").replace(f"; {word}", f"; {said(word)}")
-        found.setdefault(group, []).append((name, said(help_text) + behind))
+        for mark in ("required", "default"):
+            behind = behind.replace(f"[{mark}", f"[{word(f'cli.{mark}')}").replace(f"; {mark}", f"; {word(f'cli.{mark}')}")
+        found.setdefault(group, []).append((name, help_of(ctx.command.name, one.name, help_text).text(language()) + behind))
     return found
 
 
@@ -39,18 +43,20 @@ class _InWords:
     def format_usage(self, ctx: Any, formatter: Any) -> None:
         """The line of usage."""
         pieces: Any = self
-        formatter.write_usage(ctx.command_path, " ".join(said(piece) for piece in pieces.collect_usage_pieces(ctx)), said("Usage: "))
+        words = (_PIECES.get(piece, piece) for piece in pieces.collect_usage_pieces(ctx))
+        formatter.write_usage(ctx.command_path, " ".join(word(one) if one.startswith("cli.") else one for one in words), word("cli.usage"))
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:
         """What it does."""
         formatter.write_paragraph()
         with formatter.indentation():
-            formatter.write_text(said(self.help or ""))
+            known = f"cli.{ctx.command.name}.help" if ctx.command.name in COMMANDS else "cli.help"
+            formatter.write_text(Message(known, template=self.help or "").text(language()))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, options, and groups of options."""
         for group, records in _records(self, ctx).items():
-            with formatter.section(said(group)):
+            with formatter.section(group):
                 formatter.write_dl(records)
 
 
@@ -78,8 +84,8 @@ class Group(_InWords, TyperGroup):
         """Names and first paragraphs, without a look at what they stand for."""
         width = max(len(name) for commands in JOBS.values() for name in commands)
         for job, commands in JOBS.items():
-            with formatter.section(said(job)):
-                formatter.write_dl([(f"{name:{width}}", said(text).split("\n")[0]) for name, text in commands.items()])
+            with formatter.section(job_name(job).text(language())):
+                formatter.write_dl([(f"{name:{width}}", command_help(name).text(language()).split("\n")[0]) for name in commands])
 
 
 def wrong_use(error: typer.TyperException) -> str:
@@ -87,9 +93,9 @@ def wrong_use(error: typer.TyperException) -> str:
     lines = []
     ctx = getattr(error, "ctx", None)
     if ctx is not None:
-        hint = said("Try '{command} {option}' for help.", command=ctx.command_path, option=ctx.help_option_names[0])
+        hint = word("cli.try_help", command=ctx.command_path, option=ctx.help_option_names[0])
         lines = [ctx.get_usage(), hint, ""]
-    return "\n".join([*lines, f"{said('Error')}: {as_typed(in_plain_words(error))}"])
+    return "\n".join([*lines, f"{word('cli.error')}: {as_typed(in_plain_words(error))}"])
 
 
 def in_plain_words(error: typer.TyperException) -> str:

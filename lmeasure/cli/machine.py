@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lmeasure.core import Shown
-from lmeasure.text import Finding
+from lmeasure.text import Message
 from lmeasure.workflows import COMMANDS, Result
 
 SCHEMA = "lmeasure.result/1"
@@ -53,7 +53,7 @@ def _document(command: str, exit_code: int, error: str | None, **given: Any) -> 
 
 def _notes(made: Any) -> list[dict[str, str]]:
     """What must be known of what was made, each by its code, where it says so."""
-    return [{"code": note.code, "text": str(note)} for note in getattr(made, "notes", ()) if isinstance(note, Finding)]
+    return [{"code": note.code, "text": str(note)} for note in getattr(made, "notes", ()) if isinstance(note, Message)]
 
 
 def _made(result: Result[Any]) -> Any:

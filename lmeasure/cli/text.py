@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from functools import partial
 
-from lmeasure.text import DECIMAL_MARK, of_terminal as language, retold as told, signs, texts
+from lmeasure.text import Message, legacy, of_terminal as language, retold as told, signs, texts
 
 DOMAIN = "cli"
 COLUMNS = "  "
@@ -19,7 +19,7 @@ BETWEEN = "; ", ", "
 def said(text: str, /, **values: object) -> str:
     """A text, or a template with its values, in the words of the terminal; as it is where the catalogue has none."""
     own = "en" if not text else language()
-    found = text if own == "en" else texts(DOMAIN, own).get(text, text)
+    found = text if own == "en" else legacy(DOMAIN, own).get(text, text)
     return found.format(**values) if values else found
 
 
@@ -29,7 +29,7 @@ def retold(message: str) -> str:
     several stand in a row, and columns stay where they are. Numbers have the language's decimal mark, but for what may be
     typed again, and signs are those that people write."""
     own = language()
-    return signs(message if own == "en" else marked(_in(own, message), DECIMAL_MARK[own]))
+    return signs(message if own == "en" else marked(_in(own, message), texts(own)["number.decimal_mark"]))
 
 
 def as_typed(message: str) -> str:
@@ -100,12 +100,12 @@ def _part(own: str, value: str) -> str:
 
 
 def _of_pages(own: str, text: str) -> str | None:
-    from lmeasure.text import PAGES, TOLD, Say, powers
+    from lmeasure.text import TOLD, Say, pages, powers
 
-    found = _each(text, partial(told, TOLD, own, inner=Say(own).told), BETWEEN[:1])
+    found = _each(text, partial(told, TOLD, own, inner=Say(own).message), BETWEEN[:1])
     counted = re.fullmatch(r"(.+?)( \(?\d+\)?)", text)
-    if found is None and counted is not None and counted[1] in texts(PAGES, own):
-        return texts(PAGES, own)[counted[1]] + counted[2]
+    if found is None and counted is not None and counted[1] in pages(own):
+        return pages(own)[counted[1]] + counted[2]
     return None if found is None else powers(found)
 
 
@@ -114,3 +114,8 @@ def _finding(own: str, text: str) -> str | None:
 
     found = recognised(text)
     return None if found is None else found.text(own)
+
+
+def word(code: str, /, **values: object) -> str:
+    """Return the text of an id with its values in the words of the terminal."""
+    return Message(code, values).text(language())

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, conventions
 from lmeasure.iso9283.formulas import pose as iso
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 PLAIN = "fanuc-wpr"
 """Turns about the fixed X, Y and Z: the standard's a, b, c, where a controller's own angles are singular."""
@@ -35,11 +35,11 @@ def singular(name: str, rotation: Rotation) -> bool:
     return bool(np.linalg.norm(rates, axis=(-2, -1)).max() > SINGULAR_DEG_PER_DEG)
 
 
-def convention_at(angles: str, rotation: Rotation, part: object, *, stated: bool) -> tuple[str | None, tuple[Finding, ...]]:
+def convention_at(angles: str, rotation: Rotation, part: object, *, stated: bool) -> tuple[str | None, tuple[Message, ...]]:
     """The convention in which angles at these rotations tell something, None where there is none, and what is to be said of it. stated:
     angles were asked for, and are not replaced by others."""
     if not singular(angles, rotation):
         return angles, ()
     if stated or singular(PLAIN, rotation):
-        return None, (finding("angles.none", part=part, angles=angles),)
-    return PLAIN, (finding("angles.other", part=part, angles=angles, instead=PLAIN),)
+        return None, (message("angles.none", part=part, angles=angles),)
+    return PLAIN, (message("angles.other", part=part, angles=angles, instead=PLAIN),)

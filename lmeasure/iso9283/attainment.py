@@ -14,7 +14,7 @@ from lmeasure.iso9283.motion_readings import Stretch
 from lmeasure.iso9283.paths import LEAST_PLANES, Crossings, crossings
 from lmeasure.iso9283.settings import CertificationSettings
 from lmeasure.recording import Program, Windows
-from lmeasure.text import Finding
+from lmeasure.text import Message
 from lmeasure.trajectory import AttainedPose, Frame, Stamps, Trajectory, attain, window, worst_angle
 
 ELSEWHERE = 3.0
@@ -22,7 +22,7 @@ ELSEWHERE = 3.0
 LARGEST_MISS = 0.05
 """Of a program's size: farther off is not a robot that misses poses."""
 
-Convention = tuple[str | None, tuple[Finding, ...]]
+Convention = tuple[str | None, tuple[Message, ...]]
 """In which component-wise angles are told, None where they tell nothing, and what is to be said of it."""
 
 

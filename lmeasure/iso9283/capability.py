@@ -10,7 +10,7 @@ from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, C
 from lmeasure.iso9283.settings import CertificationSettings
 from lmeasure.iso9283.uncertainty import NORMAL_95
 from lmeasure.recording import Tolerance
-from lmeasure.text import finding
+from lmeasure.text import message
 
 
 def conformity(value: float, u95: float, tolerance: Tolerance, rule: Rule) -> Conformity:
@@ -92,4 +92,4 @@ def with_vector_verdict(c: Characteristic, vector: Characteristic, fraction: flo
     c = replace(c, capable_alone=c.excluded is None and bool(c.u95 <= limit_of(c.value, None, fraction)))
     if c.conformity is not None or c.excluded is not None:
         return c
-    return replace(c, capable=vector.capable, limit_u95=vector.limit_u95, note=finding("verdict.of_vector", vector=vector.name))
+    return replace(c, capable=vector.capable, limit_u95=vector.limit_u95, note=message("verdict.of_vector", vector=vector.name))

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, NamedTuple
 
-from lmeasure.text import Finding
+from lmeasure.text import Message
 
 Verdict = Literal["conforms", "does not conform", "not decided"]
 Rule = Literal["simple", "guarded"]
@@ -96,8 +96,8 @@ class Characteristic:
     conformity: Conformity | None = None
     angles: str | None = None
     extension: bool = False
-    excluded: Finding | None = None
-    note: Finding | None = None
+    excluded: Message | None = None
+    note: Message | None = None
     stated: bool = True
 
     @property
@@ -125,5 +125,5 @@ class Characteristic:
         if self.conformity is not None:
             out["conformity"] = {k: v for k, v in vars(self.conformity).items() if v is not None}
         del out["stated"]
-        told = {k: str(v) if isinstance(v, Finding) else v for k, v in out.items() if v is not None}
+        told = {k: str(v) if isinstance(v, Message) else v for k, v in out.items() if v is not None}
         return told if self.stated else told | {"u95": None, "capable": None}

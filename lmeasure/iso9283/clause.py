@@ -20,7 +20,7 @@ from lmeasure.iso9283.figure import Figure, Subject
 from lmeasure.iso9283.motion_readings import Motion
 from lmeasure.iso9283.uncertainty import Part
 from lmeasure.recording import Windows
-from lmeasure.text import Finding
+from lmeasure.text import Message
 from lmeasure.trajectory import PoseErrors
 
 SampleErrors = Callable[[IntArray], PoseErrors]
@@ -31,7 +31,7 @@ class Read(NamedTuple):
     """Characteristics read from a motion, and what is to be said of those that cannot be."""
 
     characteristics: Sequence[Characteristic] = ()
-    findings: Sequence[Finding] = ()
+    findings: Sequence[Message] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class IsoTest:
     windows: Windows = ()
     angle_deg: float = math.nan
     needs: tuple[Subject, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Message, ...] = ()
 
     def samples(self) -> IntArray:
         """(n,) samples of the trajectory at whose errors it looks."""

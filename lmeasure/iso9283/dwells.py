@@ -8,7 +8,7 @@ import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray
 from lmeasure.recording import CommandedPath, CommandedPose, Program
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory import LEAST_S, Frame, Trajectory, rests, settled
 
 NEAR = 0.4
@@ -16,7 +16,7 @@ NEAR = 0.4
 FARTHEST_MM = 20.0
 
 
-def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[Finding, ...]]:
+def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[Message, ...]]:
     """The program with windows found in the trajectory, where it states no time of anything, and what is to be said of them.
 
     A dwell is the second half of a rest near a commanded pose, up to `LAG_S` before the robot leaves it; a run of a path is what lies
@@ -41,7 +41,7 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
             "ended early or a rest was not seen, state windows_s of the cycles that are whole"
         )
     paths = tuple(_with_runs(p, seen) for p in program.path)
-    note = finding("windows.found", rests=len(found), least_s=LEAST_S, still_mm=still_mm)
+    note = message("windows.found", rests=len(found), least_s=LEAST_S, still_mm=still_mm)
     data = program.model_dump(by_alias=True, exclude_none=True)
     data["pose"] = [p.model_dump(by_alias=True, exclude_none=True) for p in poses]
     data["path"] = [p.model_dump(by_alias=True, exclude_none=True) for p in paths]

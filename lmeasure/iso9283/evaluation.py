@@ -26,7 +26,7 @@ from lmeasure.iso9283.paths import LEAST_PLANES, Crossings
 from lmeasure.iso9283.settings import CertificationSettings, CertificationSettings as Settings
 from lmeasure.iso9283.uncertainty import Spread, propagate
 from lmeasure.recording import Program, Run
-from lmeasure.text import Finding, finding, recognised, within
+from lmeasure.text import Message, message, recognised, within
 from lmeasure.trajectory import (
     SUSPECTED,
     AttainedPose,
@@ -48,13 +48,13 @@ ORDER = ("pose", "path", "compliance", "settling", "posing")
 class Exclusions(NamedTuple):
     """Why parts get no verdict, and what could not be held against the zone."""
 
-    reasons: Mapping[Subject, Finding]
-    findings: tuple[Finding, ...] = ()
+    reasons: Mapping[Subject, Message]
+    findings: tuple[Message, ...] = ()
 
-    def reason(self, needs: Sequence[Subject]) -> Finding | None:
+    def reason(self, needs: Sequence[Subject]) -> Message | None:
         """Why a figure of these parts gets no verdict."""
         first = next((s for s in self.reasons if s in needs), None)
-        return None if first is None else finding("excluded.part", part=first.said, reason=self.reasons[first])
+        return None if first is None else message("excluded.part", part=first.said, reason=self.reasons[first])
 
 
 def exclusions(
@@ -63,19 +63,19 @@ def exclusions(
     """Of tests with windows, by the worst pressure angle met and the radius that holds 95 % of a position by any of the laws of errors, and
     by samples that hang on counts suspected lost."""
     held = sorted((t for t in tests if t.windows), key=lambda t: ORDER.index(t.subject.kind))
-    reasons: dict[Subject, Finding] = {}
+    reasons: dict[Subject, Message] = {}
     findings = []
     limit, radius = settings.limit_angle_deg, settings.limit_u95_mm
     for test in held:
         if limit is not None and test.angle_deg > limit:
-            reasons[test.subject] = finding("zone.angle", angle_deg=test.angle_deg, limit_deg=limit)
+            reasons[test.subject] = message("zone.angle", angle_deg=test.angle_deg, limit_deg=limit)
         elif limit is not None and np.isnan(test.angle_deg):
-            findings.append(finding("zone.unknown", part=test.subject.said))
+            findings.append(message("zone.unknown", part=test.subject.said))
     for test in held:
         errors = [] if radius is None or test.subject in reasons else [test.excludable(law) for law in laws]
         u95 = next((u for e in errors if e is not None and (u := largest_radius_95(e)) > (radius or 0.0)), None)
         if u95 is not None:
-            reasons[test.subject] = finding("zone.radius", u95_mm=u95, limit_mm=radius)
+            reasons[test.subject] = message("zone.radius", u95_mm=u95, limit_mm=radius)
     reasons = {subject: reasons[subject] for subject in sorted(reasons, key=[t.subject for t in held].index)}
     suspected = {cause: found for cause in set(trajectory.cause.tolist()) if (found := within(cause, SUSPECTED)) is not None}
     for test in held if suspected else ():
@@ -84,7 +84,7 @@ def exclusions(
         if seen:
             # sealed folders hold the values as they are printed
             step = str(suspected[min(seen, key=str)].values["step"])
-            reasons[test.subject] = finding(SUSPECTED, step=recognised(step) or step)
+            reasons[test.subject] = message(SUSPECTED, step=recognised(step) or step)
     return Exclusions(reasons, tuple(findings))
 
 
@@ -104,7 +104,7 @@ class Excluded:
 
     kind: str
     name: str
-    reason: Finding
+    reason: Message
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,9 @@ class Evaluation(Shown):
     paths: tuple[AttainedPath, ...]
     base_from_program: FloatArray | None
     angles: str
-    covers: Finding | str
+    covers: Message | str
     settings: Settings
-    findings: tuple[Finding | str, ...] = field(default=())
+    findings: tuple[Message | str, ...] = field(default=())
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -222,7 +222,7 @@ def evaluate(
         covers=laws[0].covers,
         settings=settings,
         findings=(
-            *((finding("uncertainty.unstated", what=trajectory.absent),) if unstated else ()),
+            *((message("uncertainty.unstated", what=trajectory.absent),) if unstated else ()),
             *stamps.notes,
             *found_windows,
             *(said for test in tests for said in test.findings),
@@ -238,7 +238,7 @@ class _Law:
 
     samples: IntArray
     errors: PoseErrors
-    covers: Finding | str
+    covers: Message | str
 
     @classmethod
     def of(cls, model: ErrorModel, trajectory: Trajectory, samples: IntArray, frame: Frame) -> "_Law":

@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283.characteristic import CharacteristicKey
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 ANGLES = ("a", "b", "c")
 AXES = ("x", "y", "z")
@@ -20,9 +20,9 @@ class Subject(NamedTuple):
     number: int = 0
 
     @property
-    def said(self) -> Finding:
+    def said(self) -> Message:
         """In words: pose P1."""
-        return finding(f"subject.{self.kind}", name=self.name)
+        return message(f"subject.{self.kind}", name=self.name)
 
 
 States = Mapping[Subject, Any]

@@ -19,7 +19,7 @@ from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray, s
 from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey
 from lmeasure.iso9283.settings import CertificationSettings
 from lmeasure.iso9283.uncertainty import COVERAGE, NORMAL_95, reduction
-from lmeasure.text import Finding
+from lmeasure.text import Message
 from lmeasure.trajectory import Frame, PoseErrors, Stamps, Trajectory, phases, roundings, window
 
 FINE_S = 2.5e-4
@@ -181,7 +181,7 @@ class Told:
         return float(np.hypot(max(out), lost.max()))
 
     def characteristic(
-        self, i: int, key: CharacteristicKey, *, clause: str, unit: str, note: Finding, over: Callable[..., FloatArray] = np.mean,
+        self, i: int, key: CharacteristicKey, *, clause: str, unit: str, note: Message, over: Callable[..., FloatArray] = np.mean,
         above: float = -np.inf
     ) -> Characteristic:  # fmt: skip
         """Figure i taken over the cycles, of which those above a value are alike; another run errs anew."""

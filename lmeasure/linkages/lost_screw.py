@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 SHIFT_RAD_PER_MM = 1e-6  # a screw that turns less than this per mm is a shift: its axis would be a kilometre away
 
@@ -29,15 +29,15 @@ class Screw:
     mm_per_mm: float
 
     @property
-    def said(self) -> Finding:
+    def said(self) -> Message:
         """What is said of it."""
         along = tuple(float(x) for x in self.direction)
         if np.isinf(self.pitch_mm):
-            return finding("screw.shift", along=along)
+            return message("screw.shift", along=along)
         at = tuple(float(x) for x in self.point)
         if abs(self.pitch_mm) < 0.5:
-            return finding("screw.turn", at=at, along=along)
-        return finding("screw", at=at, along=along, mm=self.pitch_mm)
+            return message("screw.turn", at=at, along=along)
+        return message("screw", at=at, along=along, mm=self.pitch_mm)
 
 
 class Split:

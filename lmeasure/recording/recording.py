@@ -8,7 +8,7 @@ from typing import Any
 
 from lmeasure.core import FileFormatError
 from lmeasure.io import files
-from lmeasure.text import Finding, finding, recognised
+from lmeasure.text import Message, message, recognised
 
 HARMLESS = ("duplicate", "duplicate_sync", "reordered", "wrap", "stamp", "clock_wrap", "unanswered")
 """Faults after which the counts are what they would have been without."""
@@ -29,15 +29,15 @@ class Recorded:
     closure_counts: Mapping[str, float] = field(default_factory=dict)
     sha256: Mapping[str, str] = field(default_factory=dict)
 
-    def notes(self) -> list[Finding]:
+    def notes(self) -> list[Message]:
         """What a reader of poses must know."""
         out = []
         if self.early:
             early = {"number": self.passage}
-            out.append(finding("recording.early.why", **early, why=self.why) if self.why else finding("recording.early", **early))
+            out.append(message("recording.early.why", **early, why=self.why) if self.why else message("recording.early", **early))
         told = [f"{n} {kind}" for kind, n in sorted(self.faults.items()) if n and kind not in HARMLESS]
         if told:
-            out.append(finding("recording.faults", number=self.passage, faults=tuple(recognised(one) or one for one in told)))
+            out.append(message("recording.faults", number=self.passage, faults=tuple(recognised(one) or one for one in told)))
         return out
 
 
@@ -98,6 +98,6 @@ def check_digests(recorded: tuple[Recorded, ...], counts: Mapping[str, Path], pa
                 raise FileFormatError(f"{counts[name]}: is not the file that was recorded: {path} has another SHA-256 for it")
 
 
-def notes_of(recorded: tuple[Recorded, ...]) -> tuple[Finding, ...]:
+def notes_of(recorded: tuple[Recorded, ...]) -> tuple[Message, ...]:
     """What a reader of poses must know of the recording."""
     return tuple(note for entry in recorded for note in entry.notes())

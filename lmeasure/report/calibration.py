@@ -17,19 +17,19 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
     body = [
         *verdict(record, calibration.refused, say),
         *_moved(comparison, say),
-        html.heading(say("The rig")),
-        html.paragraph(say("Observation points with the cables at the first reference pose, and the reference poses. Drag to turn.")),
+        html.heading(say("page.rig")),
+        html.paragraph(say("calibration.observation_points_cables_first")),
         html.figure(rig_figure(calibration, say), "rig", first=True, language=language),
         *_silence(record, say),
         *_residuals(calibration, say),
         *_predicted(calibration, say),
         *_validation(record, say),
         *_observability(record, say),
-        html.heading(say("Values")),
-        html.paragraph(say("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value.")),
+        html.heading(say("page.values")),
+        html.paragraph(say("calibration.u_standard_uncertainty_where")),
         *_region(record, say),
         html.table(
-            (say("value"), say("result"), "u", "U95", say("prior u")),
+            (say("page.value"), say("page.result"), "u", "U95", say("calibration.prior_u")),
             (
                 (
                     p.name,
@@ -50,47 +50,47 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
     ]
     if record.inputs:
         body += [
-            html.heading(say("Inputs")),
-            html.table((say("file"), "SHA-256"), ((i.file, i.sha256) for i in record.inputs), "text hashes"),
+            html.heading(say("page.inputs")),
+            html.table((say("page.file"), "SHA-256"), ((i.file, i.sha256) for i in record.inputs), "text hashes"),
         ]
-    html.write_page(path, say("Calibration of rig {rig}", rig=record.rig), body, language)
+    html.write_page(path, say("calibration.calibration_rig", rig=record.rig), body, language)
 
 
 def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) -> list[str]:
     """Whether the rig may be used, how good it is, and what to know of it first."""
     if refused is not None:
-        kind, told = "verdict bad", say("Not to be used: {why}.", why=say.told(refused))
+        kind, told = "verdict bad", say("calibration.not_used", why=say.message(refused))
     elif record.unobservable or any(w.code not in HARMLESS for w in record.warnings):
-        kind, told = "verdict doubt", say("Calibrated, with reservations: read what is marked below.")
+        kind, told = "verdict doubt", say("calibration.calibrated_reservations_read_marked")
     else:
-        kind, told = "verdict", say("Calibrated: nothing contradicts it.")
+        kind, told = "verdict", say("calibration.calibrated_nothing_contradicts")
     rows = [
-        (say("reference poses compared with the zero pose"), str(len({r.pose for r in record.residuals}))),
-        (say("residuals"), say("{mm:.3g} mm rms", mm=settled(record.noise["residual_rms_mm"]))),
+        (say("calibration.reference_poses_compared_zero"), str(len({r.pose for r in record.residuals}))),
+        (say("calibration.residuals_2"), say("calibration.mm_rms", mm=settled(record.noise["residual_rms_mm"]))),
     ]
     if "position_rms_mm" in record.predicted:
-        place = say("{mm:.3g} mm rms", mm=record.predicted["position_rms_mm"])
+        place = say("calibration.mm_rms", mm=record.predicted["position_rms_mm"])
         if "position_worst_mm" in record.predicted:
-            place += "; " + say("{mm:.3g} mm at worst", mm=record.predicted["position_worst_mm"])
-        rows.append((say("the tool's place over the workspace, by the calibration alone, u"), place))
+            place += "; " + say("calibration.mm_worst", mm=record.predicted["position_worst_mm"])
+        rows.append((say("calibration.tools_place_over_workspace"), place))
     if "against_nominal" in record.validation:
         against = record.validation["against_nominal"]
-        told_of = say("{mm:.3g} mm rms; by the drawing {nominal:.3g} mm rms", mm=against["rms_mm"], nominal=against["nominal_mm"])
-        rows.append((say("lengths at poses left out"), told_of))
+        told_of = say("calibration.mm_rms_drawing_mm", mm=against["rms_mm"], nominal=against["nominal_mm"])
+        rows.append((say("calibration.lengths_poses_left_out"), told_of))
     if "held_out" in record.validation:
-        rows.append((say("lengths at poses held out"), say("{mm:.3g} mm rms", mm=record.validation["held_out"]["rms_mm"])))
+        rows.append((say("calibration.lengths_poses_held_out"), say("calibration.mm_rms", mm=record.validation["held_out"]["rms_mm"])))
     freedom = record.noise["degrees_of_freedom"]
     if not freedom:
-        chi = say("none: no equation is left over")
+        chi = say("calibration.none_no_equation_left")
     elif freedom == 1:
-        chi = say("{chi:.4g} with 1 degree of freedom", chi=record.noise["chi_squared"])
+        chi = say("calibration.1_degree_freedom", chi=record.noise["chi_squared"])
     else:
-        chi = say("{chi:.4g} with {freedom:.0f} degrees of freedom", chi=record.noise["chi_squared"], freedom=freedom)
+        chi = say("calibration.degrees_freedom", chi=record.noise["chi_squared"], freedom=freedom)
     rows += [
-        (say("equations, unknowns, directions that the counts determine"), f"{record.equations}, {record.unknowns}, {record.rank}"),
-        (say("chi-squared"), chi),
+        (say("calibration.equations_unknowns_directions_counts"), f"{record.equations}, {record.unknowns}, {record.rank}"),
+        (say("calibration.chi_squared"), chi),
     ]
-    warnings = [html.warning(say.told(w.text), w.code) for w in record.warnings]
+    warnings = [html.warning(say.message(w.text), w.code) for w in record.warnings]
     return [html.paragraph(told, kind), *warnings, html.table((), rows, "text")]
 
 
@@ -100,10 +100,10 @@ HARMLESS = ("assumed_rotation", "assumed_position", "taken_as_exact")
 
 def _residuals(calibration: Calibration, say: Say) -> list[str]:
     record = calibration.record
-    parts = [html.heading(say("Residuals")), html.paragraph(say("Measured less modelled change of each cable since its zero pose."))]
+    parts = [html.heading(say("calibration.residuals")), html.paragraph(say("calibration.measured_less_modelled_change"))]
     if not any(settled(r.mm) for r in record.residuals):
         # a drawing would show how the arithmetic was rounded
-        told = say("All are zero: the counts tell as many directions as there are equations, and what fits them says nothing of errors.")
+        told = say("calibration.all_zero_counts_tell")
         return [*parts, html.paragraph(told)]
     figure = residuals_figure(record, calibration.campaign.rig, say)
     return [*parts, html.figure(figure, "residuals", first=False, language=say.language)]
@@ -113,11 +113,9 @@ def _region(record: CalibrationRecord, say: Say) -> list[str]:
     """What the joint region of the values is."""
     if not record.region:
         return []
-    counts = say("whole counts, whose rounding is uniform") if record.region["whole_counts"] else say("counts with Gaussian noise")
+    counts = say("calibration.whole_counts_whose_rounding") if record.region["whole_counts"] else say("calibration.counts_gaussian_noise")
     told = say(
-        "U95 is the half width of each value's own interval of {percent:.0f} %; all values together lie within {factor:.3g} standard "
-        "uncertainties of their joint covariance, from {counts}. The model's curvature adds {bend:.2g} standard uncertainties to the "
-        "linear ones in the direction where it is largest; lengths and poses hardly feel it and inherit the linear covariance.",
+        "calibration.u95_half_width_each",
         percent=100 * record.region["probability"],
         factor=record.region["factor"],
         counts=counts,
@@ -129,11 +127,11 @@ def _region(record: CalibrationRecord, say: Say) -> list[str]:
 def _silence(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.unobservable:
         return []
-    told = say("Each is a motion by one prior standard uncertainty that changes no count. More and wider spread poses cure it.")
+    told = say("calibration.each_motion_one_prior")
     return [
-        html.heading(say("What the counts cannot tell")),
+        html.heading(say("calibration.counts_cannot_tell")),
         html.paragraph(told),
-        "<ul>" + "".join(f"<li>{html.kept(say.told(u.text))}</li>" for u in record.unobservable) + "</ul>",
+        "<ul>" + "".join(f"<li>{html.kept(say.message(u.text))}</li>" for u in record.unobservable) + "</ul>",
     ]
 
 
@@ -142,14 +140,8 @@ def _observability(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.spectrum:
         return []
     return [
-        html.heading(say("What the counts see")),
-        html.paragraph(
-            say(
-                "Every combination of values that the counts can tell apart, coloured by the point it is mostly made of. Below the line "
-                "the counts know it better than the nominal rig; crosses are left to the prior. A value is a mixture of all of them, so "
-                "that one weak direction spoils several values without spoiling a length."
-            )
-        ),
+        html.heading(say("calibration.counts_see")),
+        html.paragraph(say("calibration.every_combination_values_counts")),
         html.figure(spectrum_figure(record, say), "spectrum", first=False, language=say.language),
         html.figure(narrowed_figure(record, say), "narrowed", first=False, language=say.language),
     ]
@@ -159,31 +151,42 @@ def _moved(comparison: Comparison | None, say: Say) -> list[str]:
     if comparison is None:
         return []
     number = say.number
-    verdict = say("Something moved beyond the uncertainties.") if comparison.moved else say("Nothing moved beyond the uncertainties.")
+    verdict = (
+        say("calibration.something_moved_beyond_uncertainties")
+        if comparison.moved
+        else say("calibration.nothing_moved_beyond_uncertainties")
+    )
     every = (*comparison.points, comparison.together)
-    moved, by_chance = say("moved"), say("by chance")
+    moved, by_chance = say("page.moved"), say("page.chance")
     return [
-        html.heading(say("Since the calibration {source}", source=comparison.source)),
+        html.heading(say("calibration.since_calibration", source=comparison.source)),
         html.paragraph(verdict, "warning" if comparison.moved else ""),
-        *(html.paragraph(say("Note: {note}", note=say.told(note))) for note in comparison.notes),
-        html.paragraph(say("All values of a point jointly, in the directions of which both calibrations' counts tell something.")),
+        *(html.paragraph(say("calibration.note", note=say.message(note))) for note in comparison.notes),
+        html.paragraph(say("calibration.all_values_point_jointly")),
         _marked(
-            (say("point"), say("shift, mm"), say("chi-squared"), say("directions"), by_chance, ""),
+            (
+                say("calibration.point"),
+                say("calibration.shift_mm"),
+                say("calibration.chi_squared"),
+                say("calibration.directions"),
+                by_chance,
+                "",
+            ),
             [
                 (
-                    say("all") if p is comparison.together else p.point,
+                    say("calibration.all") if p is comparison.together else p.point,
                     number(p.distance_mm, ".4f"),
                     number(p.chi_squared, ".4g"),
-                    say("{n} of {of}", n=p.freedom, of=p.values),
+                    say("page.of", n=p.freedom, of=p.values),
                     _chance(p.probability, say),
                     moved if p.moved else "",
                 )
                 for p in every
             ],
         ),
-        html.paragraph(say("What the two make of the same counts, over the workspace of the reference poses.")),
+        html.paragraph(say("calibration.two_make_same_counts")),
         _marked(
-            (say("cable"), say("rms, mm"), say("worst, mm"), say("u there, mm"), by_chance, ""),
+            (say("page.cable"), say("calibration.rms_mm"), say("calibration.worst_mm"), say("calibration.u_there_mm"), by_chance, ""),
             [
                 (
                     c.cable,
@@ -197,7 +200,7 @@ def _moved(comparison: Comparison | None, say: Say) -> list[str]:
             ],
         ),
         html.table(
-            (say("value"), say("before"), say("now"), say("change"), say("u of the change")),
+            (say("page.value"), say("page.before"), say("calibration.now"), say("calibration.change"), say("calibration.u_change")),
             ((v.name, *(number(x, ".4f") for x in (v.old, v.new, v.change)), number(v.u, ".3g")) for v in comparison.values),
         ),
     ]
@@ -218,21 +221,15 @@ def _predicted(calibration: Calibration, say: Say) -> list[str]:
     entry = calibration.record.predicted
     rows = [(e["cable"], say.number(e["rms_mm"], ".4f"), say.number(e["worst_mm"], ".4f")) for e in entry["lengths"]]
     parts = [
-        html.heading(say("Predicted standard uncertainty from this calibration")),
-        html.paragraph(
-            say(
-                "Change of each cable since the zero pose, at {poses} poses in the box of the reference poses. This is what the instrument "
-                "inherits; an observation point may be known ten times worse than the lengths it predicts.",
-                poses=entry["poses"],
-            )
-        ),
-        html.table((say("cable"), say("rms, mm"), say("worst, mm")), rows),
+        html.heading(say("calibration.predicted_standard_uncertainty_from")),
+        html.paragraph(say("calibration.change_each_cable_since", poses=entry["poses"])),
+        html.table((say("page.cable"), say("calibration.rms_mm"), say("calibration.worst_mm")), rows),
     ]
     if "position_rms_mm" in entry:
         parts.append(
             html.paragraph(
                 say(
-                    "Tool position {mm:.4f} mm rms, {worst:.4f} mm at worst; rotation {deg:.5f}° rms, {worst_deg:.5f}° at worst.",
+                    "calibration.tool_position_mm_rms",
                     mm=entry["position_rms_mm"],
                     worst=entry["position_worst_mm"],
                     deg=entry["rotation_rms_deg"],
@@ -241,7 +238,7 @@ def _predicted(calibration: Calibration, say: Say) -> list[str]:
             )
         )
     figure = html.figure(worst_figure(calibration, say), "predicted", first=False, language=say.language)
-    return [*parts, html.paragraph(say("Worst cable at each pose:")), figure]
+    return [*parts, html.paragraph(say("calibration.worst_cable_each_pose")), figure]
 
 
 def _validation(record: CalibrationRecord, say: Say) -> list[str]:
@@ -250,27 +247,19 @@ def _validation(record: CalibrationRecord, say: Say) -> list[str]:
         told = record.validation["held_out"]
         kept = [(p["pose"], p["channel"], number(p["error_mm"], "+.4f"), number(p["u_mm"], ".4f")) for p in told["poses"]]
         parts += [
-            html.heading(say("Poses held out")),
+            html.heading(say("calibration.poses_held_out")),
             html.paragraph(
-                say(
-                    "They took no part in the fit. Their lengths were predicted to {mm:.4g} mm rms; {expected:.4g} mm were to be expected, "
-                    "and {percent:.0f} % lie within their limits of 95 %.",
-                    mm=told["rms_mm"],
-                    expected=told["expected_mm"],
-                    percent=100 * told["within_95"],
-                )
+                say("calibration.they_took_no_part", mm=told["rms_mm"], expected=told["expected_mm"], percent=100 * told["within_95"])
             ),
-            html.table((say("pose"), say("channel"), say("error, mm"), say("u, mm")), kept),
+            html.table((say("page.pose"), say("page.channel"), say("page.error_mm"), say("calibration.u_mm")), kept),
         ]
     if "against_nominal" in record.validation:
         told = record.validation["against_nominal"]
         parts += [
-            html.heading(say("Against the drawing")),
+            html.heading(say("calibration.against_drawing")),
             html.paragraph(
                 say(
-                    "Each of {poses} poses was predicted from all others: by this rig to {mm:.4g} mm rms, by the nominal one to "
-                    "{nominal:.4g} mm. Errors as large as these, if this rig is no worse, have the probability {p:.2g}; below {least:g} it "
-                    "is not delivered.",
+                    "calibration.each_poses_was_predicted",
                     poses=told["poses"],
                     mm=told["rms_mm"],
                     nominal=told["nominal_mm"],
@@ -282,30 +271,25 @@ def _validation(record: CalibrationRecord, say: Say) -> list[str]:
     if record.u_length_mm:
         rows = [(cable, number(u, ".4f")) for cable, u in record.u_length_mm.items()]
         parts += [
-            html.heading(say("Lengths that err on their own")),
-            html.paragraph(say("As the residuals show; in the uncertainties of everything measured with this rig.")),
-            html.table((say("cable"), say("u, mm")), rows),
+            html.heading(say("calibration.lengths_err_their_own")),
+            html.paragraph(say("calibration.residuals_show_uncertainties_everything")),
+            html.table((say("page.cable"), say("calibration.u_mm")), rows),
         ]
     if "poses" in record.validation:
         rows = [(p["pose"], number(p["rms_mm"], ".4f")) for p in record.validation["poses"]]
         left_out = record.validation["left_out_rms_mm"]
         parts += [
-            html.heading(say("Each pose predicted by the others")),
-            html.paragraph(
-                say(
-                    "A fit without a pose misses its lengths by {mm:.4g} mm rms, less what all poses tell of the zero pose's own error: "
-                    "residuals hold it and may be larger.",
-                    mm=left_out,
-                )
-            ),
-            html.table((say("pose left out"), say("rms, mm")), rows),
+            html.heading(say("calibration.each_pose_predicted_others")),
+            html.paragraph(say("calibration.fit_without_pose_misses", mm=left_out)),
+            html.table((say("calibration.pose_left_out"), say("calibration.rms_mm")), rows),
         ]
     if record.correlations:
         parts += [
-            html.heading(say("Values that cannot be told apart")),
-            html.paragraph(say("Correlations beyond {limit:g}: quote such values together, or not at all.", limit=0.95)),
+            html.heading(say("calibration.values_cannot_told_apart")),
+            html.paragraph(say("calibration.correlations_beyond_quote_such", limit=0.95)),
             html.table(
-                (say("value"), say("with"), say("correlation")), ((c["a"], c["b"], number(c["value"], "+.4f")) for c in record.correlations)
+                (say("page.value"), say("calibration.with"), say("calibration.correlation")),
+                ((c["a"], c["b"], number(c["value"], "+.4f")) for c in record.correlations),
             ),
         ]
     return parts
@@ -316,13 +300,12 @@ def _robust(record: CalibrationRecord, say: Say) -> list[str]:
         return []
     rows = [(w["pose"], say.number(w["weight"], ".3f")) for w in sorted(record.robust["weights"], key=lambda w: float(w["weight"]))]
     told = say(
-        "{loss} (constant {constant:g}) at {scale:.3g} times the stated noise: a pose that the others contradict counts less, one with "
-        "weight 0 not at all.",
-        loss=say.told(record.robust["loss"]),
+        "calibration.constant_times_stated_noise",
+        loss=say.message(record.robust["loss"]),
         constant=record.robust["constant"],
         scale=record.robust["scale"],
     )
-    return [html.heading(say("Robust loss")), html.paragraph(told), html.table((say("pose"), say("weight")), rows)]
+    return [html.heading(say("calibration.robust_loss")), html.paragraph(told), html.table((say("page.pose"), say("page.weight")), rows)]
 
 
 def _ranges(record: CalibrationRecord, say: Say) -> list[str]:
@@ -331,16 +314,16 @@ def _ranges(record: CalibrationRecord, say: Say) -> list[str]:
     rows = (
         (
             r["point"],
-            *(say("{low:.1f} to {high:.1f}", low=low, high=high) for low, high in zip(r["low_mm"], r["high_mm"], strict=True)),
-            say("{n} of {of}", n=r["fitting"], of=r["tried"]),
+            *(say("calibration.to", low=low, high=high) for low, high in zip(r["low_mm"], r["high_mm"], strict=True)),
+            say("page.of", n=r["fitting"], of=r["tried"]),
         )
         for r in record.ranges
     )
-    told = say("Each point was solved again with its assumed values held at sets drawn from their whole range: all these places fit.")
+    told = say("calibration.each_point_was_solved")
     return [
-        html.heading(say("Result over the range of what nobody measured")),
+        html.heading(say("calibration.result_over_range_nobody")),
         html.paragraph(told),
-        html.table((say("point"), say("x, mm"), say("y, mm"), say("z, mm"), say("sets that fit")), rows),
+        html.table((say("calibration.point"), say("page.x_mm"), say("page.y_mm"), say("page.z_mm"), say("calibration.sets_fit")), rows),
     ]
 
 
@@ -348,11 +331,24 @@ def _coarse(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.coarse:
         return []
     number = say.number
-    roots = {True: say("chosen"), False: say("possible"), None: say("not physical").replace(" ", "\u00a0")}
+    roots = {
+        True: say("calibration.chosen"),
+        False: say("calibration.possible"),
+        None: say("calibration.not_physical").replace(" ", "\u00a0"),
+    }
     rows = (
         (c["point"], c["channel"], *(number(x, ".3f") for x in c["position_mm"]), number(c["first_length_mm"], ".3f"),
          number(settled(c["rms_mm"]), ".3g"), roots[bool(c["chosen"]) if c["chosen"] or c["physical"] else None])
         for c in record.coarse
     )  # fmt: skip
-    columns = (say("point"), say("channel"), say("x, mm"), say("y, mm"), say("z, mm"), say("first length, mm"), say("rms, mm"), say("root"))
-    return [html.heading(say("Coarse solutions: straight cables, both roots")), html.table(columns, rows)]
+    columns = (
+        say("calibration.point"),
+        say("page.channel"),
+        say("page.x_mm"),
+        say("page.y_mm"),
+        say("page.z_mm"),
+        say("calibration.first_length_mm"),
+        say("calibration.rms_mm"),
+        say("calibration.root"),
+    )
+    return [html.heading(say("calibration.coarse_solutions_straight_cables")), html.table(columns, rows)]

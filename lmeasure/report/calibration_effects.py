@@ -12,18 +12,25 @@ def effects(record: CalibrationRecord, say: Say) -> list[str]:
     number = say.number
     rows = (
         (e.owner, e.effect, number(e.value, ".4g"), number(e.u, ".2g"), e.unit, number(e.probability, ".2g"), number(e.bits, ".1f"))
-        + (say("found") if e.found else say("not told") if e.bits < 1.0 else say("not found"),)
+        + (say("calibration.found") if e.found else say("page.not_told") if e.bits < 1.0 else say("calibration.not_found"),)
         for e in record.effects
     )
     return [
-        html.heading(say("Physical effects")),
-        html.paragraph(
-            say(
-                "By how much each differs from what the rig stated, how likely chance is to look like it, and what the counts told of it: "
-                "under one bit its law is that of something else that was solved."
-            )
+        html.heading(say("calibration.physical_effects")),
+        html.paragraph(say("calibration.how_much_each_differs")),
+        html.table(
+            (
+                say("calibration.point"),
+                say("calibration.effect"),
+                say("calibration.size"),
+                "u",
+                say("page.unit"),
+                "p",
+                say("calibration.bits"),
+                "",
+            ),
+            rows,
         ),
-        html.table((say("point"), say("effect"), say("size"), "u", say("unit"), "p", say("bits"), ""), rows),
     ]
 
 
@@ -35,16 +42,11 @@ def effects_shown(record: CalibrationRecord, say: Say) -> list[str]:
     if not kinds:
         return []
     number = say.number
-    rows = ((say.told(kind), number(min(own), ".2g"), number(max(own), ".2g"), say.told(unit)) for (kind, unit), own in kinds.items())
+    rows = ((say.message(kind), number(min(own), ".2g"), number(max(own), ".2g"), say.message(unit)) for (kind, unit), own in kinds.items())
     return [
-        html.heading(say("Physical effects that the residuals would show")),
-        html.paragraph(
-            say(
-                "How large each must be to be named in the warnings with a probability of 80 %, of the channel that shows it best and of "
-                "the one that shows it least. What is far larger than such things are is not told by these poses."
-            )
-        ),
-        html.table((say("effect"), say("best"), say("least"), say("unit")), rows),
+        html.heading(say("calibration.physical_effects_residuals_would")),
+        html.paragraph(say("calibration.how_large_each_must")),
+        html.table((say("calibration.effect"), say("calibration.best"), say("calibration.least"), say("page.unit")), rows),
     ]
 
 
@@ -54,25 +56,17 @@ def dimensions(record: CalibrationRecord, say: Say) -> list[str]:
     if record.dimensions:
         rows = ((d.name, number(d.value, ".7g"), number(d.u, ".3g"), number(d.prior_u, ".3g")) for d in record.dimensions)
         parts += [
-            html.heading(say("Dimensions stated to be uncertain")),
-            html.paragraph(
-                say("They were not solved. The residuals correct them as far as they tell, and the rig has the corrected values.")
-            ),
-            html.table((say("value"), say("corrected"), "u", say("stated u")), rows),
+            html.heading(say("calibration.dimensions_stated_uncertain")),
+            html.paragraph(say("calibration.they_were_not_solved")),
+            html.table((say("page.value"), say("calibration.corrected"), "u", say("calibration.stated_u")), rows),
         ]
     if record.taken_as_exact:
         of_place = "position_rms_mm" in record.predicted
-        whose = say("the tool's place in a run") if of_place else say("the lengths together in a run")
-        usual = ((say.told(str(t["text"])), say.told(str(t["usual"])), number(t["mm"], ".3g")) for t in record.taken_as_exact)
+        whose = say("calibration.tools_place_run") if of_place else say("calibration.lengths_together_run")
+        usual = ((say.message(str(t["text"])), say.message(str(t["usual"])), number(t["mm"], ".3g")) for t in record.taken_as_exact)
         parts += [
-            html.heading(say("Taken as exact, not stated")),
-            html.paragraph(
-                say(
-                    "What the rig does not state and nothing has solved is in no uncertainty here. What a usual size of it would add to "
-                    "{whose}, at worst over the workspace, by itself; the keys that state it are in docs/budget.md.",
-                    whose=whose,
-                )
-            ),
-            html.table((say("what"), say("usual size"), say("mm")), usual),
+            html.heading(say("calibration.taken_exact_not_stated")),
+            html.paragraph(say("calibration.rig_does_not_state", whose=whose)),
+            html.table((say("calibration.what"), say("calibration.usual_size"), say("page.mm")), usual),
         ]
     return parts

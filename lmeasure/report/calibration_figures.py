@@ -30,8 +30,8 @@ def residuals_figure(record: CalibrationRecord, rig: Rig | None, say: Say = ENGL
     for channel in Counter(r.channel for r in record.residuals):
         own = [r for r in record.residuals if r.channel == channel]
         figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.label(channel))
-    title = say("residual, mm; of angles, mrad") if angles else say("residual, mm")
-    axes_of = {"xaxis": {"title": say("reference pose"), "type": "category"}, "yaxis": {"title": title}}
+    title = say("calibration.residual_mm_angles_mrad") if angles else say("calibration.residual_mm")
+    axes_of = {"xaxis": {"title": say("calibration.reference_pose"), "type": "category"}, "yaxis": {"title": title}}
     return figure.update_layout(height=420, margin={"t": 20}, **axes_of)
 
 
@@ -51,11 +51,13 @@ def rig_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
     names = [html.label(p.name) for p in points]
     figure.add_scatter3d(
         x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 4, "color": "black"},
-        name=say("observation points"),
+        name=say("page.observation_points"),
     )  # fmt: skip
     x, y, z = campaign.poses.rows[:, :3].T
     names = [html.label(n) for n in campaign.poses.names]
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, marker={"size": 3, "color": "gray"}, name=say("reference poses"))
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="markers", text=names, marker={"size": 3, "color": "gray"}, name=say("calibration.reference_poses")
+    )
     figure.update_layout(height=640, margin={"t": 10}, scene=axes(say))
     return figure
 
@@ -64,12 +66,12 @@ def worst_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
     """Standard uncertainty of the worst cable's length at poses of the workspace."""
     worst = calibration.predicted.length_mm.max(axis=1)
     x, y, z = calibration.predicted.rows[:, :3].T
-    unit = say("mm")
+    unit = say("page.mm")
     marker = {
         "size": 4,
         "color": worst,
         "colorscale": "Viridis",
-        "colorbar": {"title": {"text": say("u of the length, mm"), "side": "top"}} | html.BAR,
+        "colorbar": {"title": {"text": say("calibration.u_length_mm"), "side": "top"}} | html.BAR,
     }
     told = f"%{{marker.color:.4f}} {unit}<br>%{{x:.0f}}, %{{y:.0f}}, %{{z:.0f}}<extra></extra>"
     figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=told))
@@ -86,19 +88,21 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
             x=[i for i, _ in own],
             y=[d["left"] for _, d in own],
             mode="markers",
-            name=html.label(say.told(point)),
+            name=html.label(say.message(point)),
             marker={"symbol": symbols, "size": 8},
         )
     figure.add_hline(y=1.0, line={"dash": "dash"})
     # on a logarithmic axis an annotation lies at the logarithm; above the line at the left, where directions are known, there is nothing
     at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "bottom", "showarrow": False}
-    figure.add_annotation(text=say("prior as good"), **at)
+    figure.add_annotation(text=say("calibration.prior_good"), **at)
     # the names take a line each on a telephone
-    figure.update_layout(height=300 + 19 * len(figure.data), margin={"t": 20}, xaxis={"title": say("direction, best seen first")})
+    figure.update_layout(
+        height=300 + 19 * len(figure.data), margin={"t": 20}, xaxis={"title": say("calibration.direction_best_seen_first")}
+    )
     left = [float(d["left"]) for d in record.spectrum]
     # a mark for each power of ten, or for every other one; room for what is written above the line
     powers = 1 if max(left) / max(min(left), 1e-300) < POWERS else 2
-    return figure.update_yaxes(title=say("u left, in prior u"), type="log", dtick=powers, autorangeoptions={"include": 6.0})
+    return figure.update_yaxes(title=say("calibration.u_left_prior_u"), type="log", dtick=powers, autorangeoptions={"include": 6.0})
 
 
 def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
@@ -107,13 +111,15 @@ def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
     names = [html.label(p.name) for p in record.parameters]
     priors = [p.prior_u for p in record.parameters]
     line = {"symbol": "line-ns-open", "size": 9, "line": {"width": 2}}
-    figure.add_scatter(y=names, x=priors, mode="markers", name=say("prior"), marker=line | {"color": BEFORE})
-    figure.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibrated"), marker={"color": AFTER})
+    figure.add_scatter(y=names, x=priors, mode="markers", name=say("calibration.prior"), marker=line | {"color": BEFORE})
+    figure.add_scatter(
+        y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibration.calibrated"), marker={"color": AFTER}
+    )
     # a row for each name: they never stand in each other's way
     figure.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10})
     every = priors + [p.u for p in record.parameters]
     marks = ticks(min(v for v in every if v > 0.0) / 3.0, 3.0 * max(every)) if any(v > 0.0 for v in every) else [1.0]
     # powers of ten, and 2 and 5 times them where these are few; some beyond what is drawn, as that has a margin
     marks = [v for v in marks if f"{v:e}".startswith("1")] if len(marks) > FEW else marks
-    figure.update_xaxes(title=say("u, mm or °"), type="log", tickvals=marks, ticktext=[say.number(v, ".3g") for v in marks])
+    figure.update_xaxes(title=say("calibration.u_mm_2"), type="log", tickvals=marks, ticktext=[say.number(v, ".3g") for v in marks])
     return figure.update_yaxes(autorange="reversed", dtick=1, automargin=True)

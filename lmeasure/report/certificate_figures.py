@@ -11,8 +11,8 @@ from lmeasure.core import FloatArray
 from lmeasure.iso9283 import AttainedPath, Evaluation
 from lmeasure.report import certificate_text as say, html
 from lmeasure.report.certificate_pictures import MOST_CYCLES
-from lmeasure.report.text import THOUSANDS, unit, word
-from lmeasure.text import DECIMAL_MARK, number
+from lmeasure.report.text import unit, word
+from lmeasure.text import number, texts
 from lmeasure.trajectory import AttainedPose
 
 SCALE = "Viridis"
@@ -35,7 +35,7 @@ def figures(language: str, measured: Measured) -> list[str]:
         drawn.append(("speed", word(language, "speed.text"), _speed(language, evaluation)))
     out = []
     for i, (name, text, figure) in enumerate(drawn):
-        figure.update_layout(separators=DECIMAL_MARK[language] + THOUSANDS[language])
+        figure.update_layout(separators=texts(language)["number.decimal_mark"] + texts(language)["number.thousands"])
         out += [
             html.heading(word(language, name), 3),
             *([html.paragraph(text)] if text else []),
@@ -123,7 +123,7 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
     figure = go.Figure()
     x, y, z = np.round(way(measured.trajectory), 4).T
     figure.add_scatter3d(
-        x=x, y=y, z=z, mode="lines", line={"color": "#c8ccd4", "width": 1}, name=word(language, "measured path"), hoverinfo="skip"
+        x=x, y=y, z=z, mode="lines", line={"color": "#c8ccd4", "width": 1}, name=word(language, "measured_path"), hoverinfo="skip"
     )
     worst = max((float(np.nanmax(p.deviation_mm, initial=0.0)) for p in measured.evaluation.paths), default=0.0)
     poses = measured.evaluation.poses

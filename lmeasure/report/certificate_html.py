@@ -14,7 +14,7 @@ def certificate_html(certificate: dict[str, Any], measured: Measured) -> str:
     excluded = (
         html.table((word(language, "column.part"), word(language, "column.reason")), say.excluded(certificate), "text")
         if certificate["excluded"]
-        else html.paragraph(word(language, "nothing excluded"))
+        else html.paragraph(word(language, "nothing_excluded"))
     )
     closer = figures(language, measured)
     sections = {
@@ -57,7 +57,7 @@ def _summary(certificate: dict[str, Any]) -> list[str]:
     shown = pictures.figures(certificate)
     parts = [facts]
     if shown:
-        head = [html.indexed(word(language, f"column.{key}")) for key in ("characteristic", "value with u95", "bar", "verdict")]
+        head = [html.indexed(word(language, f"column.{key}")) for key in ("characteristic", "value_with_u95", "bar", "verdict")]
         rows = [
             (
                 html.Ready(f"{html.pieces(say.symbol_pieces(f.result.symbol))} {html.kept(f.result.name)}{_small(f.where)}"),
@@ -92,9 +92,9 @@ def _results(certificate: dict[str, Any], measured: Measured) -> list[str]:
     language = certificate["language"]
     groups = say.results(certificate)
     if not groups:
-        return [html.paragraph(word(language, "no results"))]
+        return [html.paragraph(word(language, "no_results"))]
     drawn = pictures.beside(language, measured.evaluation)
-    head = [html.indexed(word(language, f"column.{key}")) for key in ("characteristic", "value with u95", "verdict")]
+    head = [html.indexed(word(language, f"column.{key}")) for key in ("characteristic", "value_with_u95", "verdict")]
     parts = [html.paragraph(word(language, "bullseye.text"))] if measured.evaluation.poses else []
     for key, place, rows in groups:
         table = html.table(head, [_row(language, row) for row in rows], "text results")

@@ -50,7 +50,7 @@ def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
         "id": certificate["id"],
         "language": language,
         "date": [int(part) for part in certificate["created"][:10].split("-")],
-        "only": word(language, "only item"),
+        "only": word(language, "only_item"),
         "page": word(language, "page"),
         "of": word(language, "of"),
         "logo": None if logo is None else {"format": logo.kind, "bytes": list(logo.content)},
@@ -59,7 +59,7 @@ def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
         "summary": _summary(certificate),
         "about": say.about(certificate),
         "header": [
-            with_indices(word(language, f"column.{key}")) for key in ("characteristic", "clause", "value with u95", "k", "n", "verdict")
+            with_indices(word(language, f"column.{key}")) for key in ("characteristic", "clause", "value_with_u95", "k", "n", "verdict")
         ],
         "results": _results(certificate, measured),
         "commanded": say.commanded(certificate),
@@ -71,8 +71,8 @@ def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
         "authoriser": say.authoriser(certificate),
         "words": {
             **{key: word(language, f"section.{key}") for key in sections},
-            "none": word(language, "no results"),
-            "nothing": word(language, "nothing excluded"),
+            "none": word(language, "no_results"),
+            "nothing": word(language, "nothing_excluded"),
             "commanded_header": say.commanded_header(language),
             "excluded_header": [word(language, "column.part"), word(language, "column.reason")],
             "inputs_header": [word(language, "column.file"), "SHA-256"],
@@ -101,7 +101,7 @@ def _summary(certificate: dict[str, Any]) -> dict[str, Any]:
         }
         for f in pictures.figures(certificate)
     ]
-    columns = ("characteristic", "value with u95", "k", "bar", "verdict")
+    columns = ("characteristic", "value_with_u95", "k", "bar", "verdict")
     return {
         "facts": summary.facts(certificate),
         "counted": summary.counted(certificate),

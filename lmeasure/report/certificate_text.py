@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from lmeasure.certificate import with_u95 as with_u95
 from lmeasure.iso9283 import quantity_of
-from lmeasure.report.text import DOMAIN, unit, word
-from lmeasure.text import BETWEEN_NUMBERS, decimal, from_stated, number, numbers, recognised, settled, signs, texts
+from lmeasure.report.text import unit, word
+from lmeasure.text import decimal, from_stated, number, numbers, recognised, settled, signs, texts
 
 Rows = list[tuple[str, ...]]
 
@@ -34,7 +34,7 @@ def about(certificate: dict[str, Any]) -> Rows:
         return None if here is None else visible(here)
 
     def row(key: str, value: str | None) -> tuple[str, str]:
-        return word(language, key), value if value is not None else word(language, "not stated")
+        return word(language, key), value if value is not None else word(language, "not_stated")
 
     measured = [d for d in (stated("dates", "measured_from"), stated("dates", "measured_to")) if d is not None]
     rows: Rows = [
@@ -67,7 +67,7 @@ def about(certificate: dict[str, Any]) -> Rows:
         rows.append(row("accreditation", "; ".join(told)))
     if details.get("show_not_stated"):
         return rows
-    missing = word(language, "not stated")
+    missing = word(language, "not_stated")
     lacking = [key for key, value in rows if value == missing]
     rows = [row for row in rows if row[1] != missing]
     return [*rows, (missing, "; ".join(lacking))] if lacking else rows
@@ -77,7 +77,7 @@ def authoriser(certificate: dict[str, Any]) -> str:
     """Who answers for the report, or that nobody is stated to."""
     stated = certificate["details"].get("authoriser", {})
     told = ", ".join(visible(stated[key]) for key in ("name", "role") if key in stated)
-    return told or word(certificate["language"], "not stated")
+    return told or word(certificate["language"], "not_stated")
 
 
 def instrument(certificate: dict[str, Any]) -> list[str]:
@@ -138,7 +138,7 @@ def characteristic_name(language: str, name: str) -> str:
     known = quantity_of(name)
     if known is None:
         return ""
-    return texts(DOMAIN, language).get(f"name.{known.symbol}") or known.labels.get(language, known.label)
+    return texts(language, "certificate").get(f"name.{known.symbol}") or known.labels.get(language, known.label)
 
 
 def symbol_pieces(name: str) -> list[tuple[str, str]]:
@@ -201,10 +201,10 @@ def verdict(language: str, figure: Mapping[str, Any]) -> str:
     if figure.get("excluded"):
         return word(language, "excluded")
     if figure["capable"] is None:
-        return word(language, "no verdict")
-    told = word(language, "capable" if figure["capable"] else "not capable")
+        return word(language, "no_verdict")
+    told = word(language, "capable" if figure["capable"] else "not_capable")
     alone = figure.get("capable_alone", figure["capable"])
-    return told if alone == figure["capable"] else f"{told}; {word(language, 'alone capable' if alone else 'alone not capable')}"
+    return told if alone == figure["capable"] else f"{told}; {word(language, 'alone_capable' if alone else 'alone_not_capable')}"
 
 
 def rules(certificate: dict[str, Any]) -> set[str]:
@@ -226,7 +226,7 @@ def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bo
     )
     rule = f", {word(language, 'rule.' + conformity['rule'])}" if name_rule else ""
     probability = decimal(language, _percent(conformity["probability"]))
-    return decimal(language, limits), f"{word(language, conformity['verdict'])} ({probability}{rule})"
+    return decimal(language, limits), f"{word(language, conformity['verdict'].replace(' ', '_'))} ({probability}{rule})"
 
 
 def _percent(probability: float) -> str:
@@ -256,9 +256,9 @@ def commanded(certificate: dict[str, Any]) -> Rows:
             speed = f"{part['speed_mm_s']:g}\u00a0{unit(language, 'mm/s')}" if "speed_mm_s" in part else ""
             load = part.get("load_kg", program["load_kg"])
             loaded = "" if load is None else decimal(language, f"{load:g}\u00a0{unit(language, 'kg')}")
-            said = [BETWEEN_NUMBERS[language].join(decimal(language, s) for s in (speed, percent) if s), loaded]
+            said = [texts(language)["number.between"].join(decimal(language, s) for s in (speed, percent) if s), loaded]
             name = f"{word(language, f'kind.{kind}')} {visible(part['name'])}"
-            rows.append((name, told(language, part), *(s or word(language, "not stated") for s in said)))
+            rows.append((name, told(language, part), *(s or word(language, "not_stated") for s in said)))
     return rows
 
 
@@ -342,7 +342,7 @@ def notes(certificate: dict[str, Any]) -> list[str]:
             ok=span["ok"],
             **{k: number(language, span[f"{k}_s"], "g") for k in ("start", "end")},
         ),
-        word(language, "no run" if instrument is None else "with run"),
+        word(language, "no_run" if instrument is None else "with_run"),
     ]
     if instrument is not None and not instrument["calibrated"]:
         out.append(word(language, "calibration.none"))
@@ -353,7 +353,7 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     else:
         out.append(word(language, "frame.fitted", frame=f"[{numbers(language, frame, '.9g')}]"))
     if any(settings["tool_offset_mm"]):
-        out.append(word(language, "tool offset", offset=numbers(language, settings["tool_offset_mm"], "g")))
+        out.append(word(language, "tool_offset", offset=numbers(language, settings["tool_offset_mm"], "g")))
     if any(c.get("angles") for c in figures):
         out.append(word(language, "angles", angles=visible(certificate["angles"])))
     if any(c.get("extension") for c in figures):
@@ -378,8 +378,8 @@ def phrase(certificate: dict[str, Any], text: str) -> str:
 def statements(certificate: dict[str, Any]) -> list[str]:
     """What must stand on every report."""
     language = certificate["language"]
-    out = [word(language, "only item"), word(language, "in full")]
-    return out if "accreditation" in certificate["details"] else [*out, word(language, "not accredited")]
+    out = [word(language, "only_item"), word(language, "in_full")]
+    return out if "accreditation" in certificate["details"] else [*out, word(language, "not_accredited")]
 
 
 def inputs(certificate: dict[str, Any]) -> Rows:
@@ -389,6 +389,6 @@ def inputs(certificate: dict[str, Any]) -> Rows:
 
 def program(certificate: dict[str, Any]) -> str:
     """Versions in one line."""
-    words = texts(DOMAIN, certificate["language"])
+    words = texts(certificate["language"], "certificate")
     named = ((words.get(f"environment.{key}", visible(key)), visible(value)) for key, value in certificate["environment"].items())
     return "; ".join(f"{key} {value}" for key, value in named)

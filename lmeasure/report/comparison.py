@@ -37,11 +37,11 @@ def write_comparison_page(
         body += _improved(better, say, language)
     for pair in found.pairs:
         body += _pair(pair, say, several=len(found.pairs) > 1)
-    body += [html.paragraph(say("note: {note}", note=say.told(note))) for note in found.notes]
+    body += [html.paragraph(say("comparison.note", note=say.message(note))) for note in found.notes]
     rows = [(name, content["id"], content["created"][:10], len(content["characteristics"])) for name, content in certificates]
-    header = (say("certificate"), say("number"), say("written"), say("figures"))
-    body += [html.heading(say("Certificates")), html.table(header, rows, "text")]
-    html.write_page(path, say("Certificates side by side"), body, language)
+    header = (say("comparison.certificate"), say("comparison.number"), say("comparison.written"), say("comparison.figures"))
+    body += [html.heading(say("comparison.certificates")), html.table(header, rows, "text")]
+    html.write_page(path, say("comparison.certificates_side_side"), body, language)
 
 
 def told(better: Improvement) -> list[str]:
@@ -63,29 +63,21 @@ def told(better: Improvement) -> list[str]:
 def _improved(better: Improvement, say: Say, language: str) -> list[str]:
     low, high = better.factor_95
     values = {"before": better.before_mm[0], "after": better.after_mm[0], "factor": better.factor, "low": low, "high": high}
-    told = say(
-        "The robot stood {before:.3f} mm from where it was sent, in the mean over the poses; corrected it stands {after:.3f} mm off.",
-        **values,
-    )
-    if math.isfinite(high):
-        nearer = say("That is {factor:.3g} times nearer ({low:.3g} to {high:.3g}, at 95 %).", **values)
-    else:
-        nearer = say("That is {factor:.3g} times nearer ({low:.3g} or more, at 95 %).", **values)
+    told = say("comparison.robot_stood_mm_from", **values)
+    nearer = say("comparison.times_nearer_95" if math.isfinite(high) else "comparison.times_nearer_more_95", **values)
     floor = {"floor": better.floor_mm}
     if better.after_mm[0] <= AT_THE_FLOOR * better.floor_mm:
-        at = say("A robot without any error but these would show {floor:.3f} mm: nothing is left to correct by this instrument.", **floor)
+        at = say("comparison.robot_without_any_error", **floor)
     else:
-        at = say(
-            "A robot without any error but these would show {floor:.3f} mm: it errs in more than was identified, or has changed.", **floor
-        )
+        at = say("comparison.robot_without_any_error_but", **floor)
     vectors, times = vectors_figure(better, say)
-    enlarged = say("Errors of the attained means at each pose, {times:.3g} times enlarged, before and after.", times=times)
+    enlarged = say("comparison.errors_attained_means_each", times=times)
     return [
         html.paragraph(f"{told} {nearer}", "verdict" if low > 1.0 else "verdict doubt"),
-        html.heading(say("What limits it")),
-        html.table((say("of an attained mean"), say("standard uncertainty, mm")), _parts(better, say), "text"),
+        html.heading(say("comparison.limits")),
+        html.table((say("comparison.attained_mean"), say("comparison.standard_uncertainty_mm")), _parts(better, say), "text"),
         html.paragraph(at),
-        html.heading(say("Before and after")),
+        html.heading(say("comparison.before_after")),
         html.figure(distances_figure(better, say), "distances", first=True, language=language),
         html.paragraph(enlarged),
         html.figure(vectors, "vectors", first=False, language=language),
@@ -95,24 +87,24 @@ def _improved(better: Improvement, say: Say, language: str) -> list[str]:
 def _parts(better: Improvement, say: Say) -> list[tuple[str, str]]:
     parts = better.parts
     rows = [
-        (say("the instrument"), parts.instrument_mm),
-        (say("the robot's scatter over the root of its cycles"), parts.scatter_mm),
-        (say("what identification left"), parts.identified_mm),
+        (say("comparison.instrument"), parts.instrument_mm),
+        (say("comparison.robots_scatter_over_root"), parts.scatter_mm),
+        (say("comparison.identification_left"), parts.identified_mm),
     ]
-    return [(name, say("not stated") if value is None else say.number(value, ".4f")) for name, value in rows]
+    return [(name, say("comparison.not_stated") if value is None else say.number(value, ".4f")) for name, value in rows]
 
 
 def distances_figure(better: Improvement, say: Say = ENGLISH) -> go.Figure:
     """Distance of each attained mean from its commanded pose, before and after, and the noise floor."""
     names = [html.label(name) for name in better.poses]
     figure = go.Figure()
-    for name, colour, errors in ((say("before"), BEFORE, better.before), (say("after"), AFTER, better.after)):
+    for name, colour, errors in ((say("page.before"), BEFORE, better.before), (say("comparison.after"), AFTER, better.after)):
         figure.add_bar(x=names, y=np.linalg.norm(errors, axis=1), name=name, marker={"color": colour})
     figure.add_scatter(
-        x=names, y=[better.floor_mm] * len(names), mode="lines", name=say("noise floor"), line={"color": FLOOR, "dash": "dash"}
+        x=names, y=[better.floor_mm] * len(names), mode="lines", name=say("comparison.noise_floor"), line={"color": FLOOR, "dash": "dash"}
     )
     figure.update_layout(height=420, barmode="group")
-    return figure.update_xaxes(type="category").update_yaxes(title=say("AP, mm"), rangemode="tozero")
+    return figure.update_xaxes(type="category").update_yaxes(title=say("comparison.ap_mm"), rangemode="tozero")
 
 
 def vectors_figure(better: Improvement, say: Say = ENGLISH) -> tuple[go.Figure, float]:
@@ -122,39 +114,40 @@ def vectors_figure(better: Improvement, say: Say = ENGLISH) -> tuple[go.Figure, 
     largest = max(float(np.linalg.norm(e, axis=1).max()) for e in (better.before, better.after))
     times = ARROWS * extent / max(largest, 1e-9)
     figure = go.Figure()
-    for name, colour, errors in ((say("before"), BEFORE, better.before), (say("after"), AFTER, better.after)):
+    for name, colour, errors in ((say("page.before"), BEFORE, better.before), (say("comparison.after"), AFTER, better.after)):
         line = np.stack([places, places + times * errors, np.full_like(places, np.nan)], axis=1).reshape(-1, 3)
         figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=name, line={"color": colour, "width": 6})
     x, y, z = places.T
     names = [html.label(name) for name in better.poses]
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, name=say("commanded"), marker={"size": 3, "color": "#444444"})
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="markers+text", text=names, name=say("comparison.commanded"), marker={"size": 3, "color": "#444444"}
+    )
     figure.update_layout(scene=axes(say), height=640)
     return figure, times
 
 
 def _pair(pair: Pair, say: Say, *, several: bool) -> list[str]:
-    title = say("{later} against {first}", later=pair.later, first=pair.first) if several else say("Figures side by side")
-    shared = (
-        say("Both were measured by one calibration: its errors cancel.")
-        if pair.shared
-        else say("The two have no calibration in common: the systematic errors of both count.")
-    )
+    title = say("comparison.against", later=pair.later, first=pair.first) if several else say("comparison.figures_side_side")
+    shared = say("comparison.both_were_measured_one") if pair.shared else say("comparison.two_have_no_calibration")
     rows = []
     for c in pair.changes:
         first, later, change = (with_u95(v, c.u95)[0] for v in (c.first, c.later, c.later - c.first))
         u95 = with_u95(0.0, c.u95)[1]
         cells = (decimal(say.language, v) for v in (first, later, change, u95))
         symbol, _, where = c.figure.partition(" of ")
-        name = say("{figure} of {pose}", figure=symbol, pose=where) if where else c.figure
-        rows.append((html.indexed(name), *cells, unit(say.language, c.unit), say("yes") if c.beyond else ""))
-    header = (say("figure"), say("before"), say("after"), say("difference"), "U95", say("unit"), say("beyond U95"))
-    beyond, many = sum(c.beyond for c in pair.changes), len(pair.changes)
-    chance = say(
-        "{beyond} of {many} figures differ by more than the instrument's U95; {chance:.1f} would by chance.",
-        beyond=beyond,
-        many=many,
-        chance=0.05 * many,
+        name = say("comparison.of", figure=symbol, pose=where) if where else c.figure
+        rows.append((html.indexed(name), *cells, unit(say.language, c.unit), say("page.yes") if c.beyond else ""))
+    header = (
+        say("page.figure"),
+        say("page.before"),
+        say("comparison.after"),
+        say("comparison.difference"),
+        "U95",
+        say("page.unit"),
+        say("comparison.beyond_u95"),
     )
+    beyond, many = sum(c.beyond for c in pair.changes), len(pair.changes)
+    chance = say("comparison.figures_differ_more_than", beyond=beyond, many=many, chance=0.05 * many)
     return [html.heading(title), html.paragraph(shared), *_moved(pair, say), html.paragraph(chance), html.table(header, rows, "changes")]
 
 
@@ -163,13 +156,10 @@ def _moved(pair: Pair, say: Say) -> list[str]:
     rows = []
     for s in pair.shifts:
         if s.probability is None:
-            verdict, chance = say("too few cycles to tell"), ""
+            verdict, chance = say("comparison.too_few_cycles_tell"), ""
         else:
-            verdict, chance = say("moved") if s.moved else say("not shown to have moved"), number(s.probability, ".2g")
+            verdict, chance = say("page.moved") if s.moved else say("comparison.not_shown_have_moved"), number(s.probability, ".2g")
         rows.append((s.pose, number(s.distance_mm, ".4f"), number(s.u95_mm, ".4f"), chance, verdict))
-    header = (say("pose"), say("shift of the mean, mm"), "U95", say("probability by chance"), say("verdict"))
-    told = say(
-        "A pose is said to have moved where as much at any pose would come by chance in less than {percent:.0f} % of comparisons.",
-        percent=100.0 * SIGNIFICANT,
-    )
+    header = (say("page.pose"), say("comparison.shift_mean_mm"), "U95", say("comparison.probability_chance"), say("comparison.verdict"))
+    told = say("comparison.pose_said_have_moved", percent=100.0 * SIGNIFICANT)
     return [html.table(header, rows, "text moved"), html.paragraph(told)] if rows else []

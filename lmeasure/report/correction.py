@@ -26,33 +26,27 @@ def write_correction_page(
     done = found.done
     body = [html.paragraph(*_verdict(found, listing, say)), html.table((), _figures(found, say), "text")]
     if done:
-        told = say(
-            "How far the robot, as it is known, would have been from each target, how far it is now, and the radius that holds 95 % of "
-            "where it goes: how well it is known, and how well it repeats."
-        )
+        told = say("correction.how_far_robot_known")
         space, times = space_figure(done, say)
-        enlarged = say(
-            "By how much the controller is told another pose than the program told it, {times:.3g} times enlarged, in the robot's base.",
-            times=times,
-        )
-        body += [html.heading(say("Errors before and after")), html.paragraph(told)]
+        enlarged = say("correction.how_much_controller_told", times=times)
+        body += [html.heading(say("correction.errors_before_after")), html.paragraph(told)]
         body += [html.figure(errors_figure(done, say), "errors", first=True, language=language)]
-        body += [html.heading(say("Corrections in space")), html.paragraph(enlarged)]
+        body += [html.heading(say("correction.corrections_space")), html.paragraph(enlarged)]
         body += [html.figure(space, "space", first=False, language=language)]
     body += _targets(found, say)
     if listing.unread:
-        lines = "".join(f"<li>{html.kept(say.told(str(u)))}</li>" for u in listing.unread)
-        body += [html.heading(say("Positions that were not read")), f"<ul>{lines}</ul>"]
-    body += [html.heading(say("Inputs")), html.table((say("file"), "SHA-256"), inputs, "text hashes")]
-    html.write_page(path, say("Corrected program: {name}", name=", ".join(source.name for source in listing.sources)), body, language)
+        lines = "".join(f"<li>{html.kept(say.message(str(u)))}</li>" for u in listing.unread)
+        body += [html.heading(say("correction.positions_were_not_read")), f"<ul>{lines}</ul>"]
+    body += [html.heading(say("page.inputs")), html.table((say("page.file"), "SHA-256"), inputs, "text hashes")]
+    html.write_page(path, say("correction.corrected_program", name=", ".join(source.name for source in listing.sources)), body, language)
 
 
 def _verdict(found: Corrected, listing: Listing, say: Say) -> tuple[str, str]:
     left = len(found.outcomes) - found.changed
     if left or listing.unread:
-        told = say("{left} targets were left as they are, {unread} positions were not read.", left=left, unread=len(listing.unread))
+        told = say("correction.targets_were_left_they", left=left, unread=len(listing.unread))
         return told, "verdict doubt" if found.changed else "verdict bad"
-    return say("Every target is corrected."), "verdict"
+    return say("correction.every_target_corrected"), "verdict"
 
 
 def _whole(said: str) -> str:
@@ -61,24 +55,24 @@ def _whole(said: str) -> str:
 
 
 def _figures(found: Corrected, say: Say) -> list[tuple[str, str]]:
-    rows = [(say("targets corrected"), _whole(say("{n} of {of}", n=found.changed, of=len(found.outcomes))))]
+    rows = [(say("correction.targets_corrected"), _whole(say("page.of", n=found.changed, of=len(found.outcomes))))]
     done = found.done
     if done:
         corrections = [o.correction for o in done if o.correction is not None]
         u95 = max(o.u95_mm for o in done)
         rows += [
-            (say("largest correction"), _whole(say("{mm:.3f} mm", mm=max(c.size_mm for c in corrections)))),
-            (say("largest error before, of those corrected"), _whole(say("{mm:.3f} mm", mm=max(c.was_mm for c in corrections)))),
-            (say("largest error left, of those corrected"), _whole(say("{mm:.3f} mm", mm=max(c.left_mm for c in corrections)))),
+            (say("correction.largest_correction"), _whole(say("correction.mm", mm=max(c.size_mm for c in corrections)))),
+            (say("correction.largest_error_before_those"), _whole(say("correction.mm", mm=max(c.was_mm for c in corrections)))),
+            (say("correction.largest_error_left_those"), _whole(say("correction.mm", mm=max(c.left_mm for c in corrections)))),
             (
-                say("largest U95 of where it goes now, of those corrected"),
-                _whole(say("{mm:.3f} mm", mm=u95)) if np.isfinite(u95) else say("cannot be told"),
+                say("correction.largest_u95_where_goes"),
+                _whole(say("correction.mm", mm=u95)) if np.isfinite(u95) else say("correction.cannot_told"),
             ),
         ]
     # what nobody corrected is as wrong as before; without this the page looks as if nothing were wrong any more
     stays = [o.correction.was_mm for o in found.outcomes if o.left and o.correction is not None]
     if stays:
-        rows.append((say("largest error of those left as they are"), _whole(say("{mm:.3f} mm", mm=max(stays)))))
+        rows.append((say("correction.largest_error_those_left"), _whole(say("correction.mm", mm=max(stays)))))
     return rows
 
 
@@ -86,8 +80,8 @@ def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
     """Error of each target before, and on a scale of their own below what is left and the U95 of where the robot goes."""
     names = [html.label(o.target.name) for o in done]
     columns = (
-        (1, say("before"), BEFORE, "circle", [o.correction.was_mm for o in done if o.correction is not None]),
-        (2, say("left"), AFTER, "circle", [o.correction.left_mm for o in done if o.correction is not None]),
+        (1, say("page.before"), BEFORE, "circle", [o.correction.was_mm for o in done if o.correction is not None]),
+        (2, say("correction.left"), AFTER, "circle", [o.correction.left_mm for o in done if o.correction is not None]),
         (2, "U95", U95, "line-ew-open", [o.u95_mm for o in done]),
     )
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.08)
@@ -96,8 +90,8 @@ def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
         look = {"color": colour, "size": 7, "symbol": symbol}
         figure.add_scatter(x=place, y=values, text=names, mode="markers", name=name, marker=look, row=row, col=1)
     figure.update_layout(height=520, margin={"t": 20})
-    figure.update_xaxes(title=say("corrected target, in the program's order"), row=2)
-    return figure.update_yaxes(title=say("mm"), rangemode="tozero")
+    figure.update_xaxes(title=say("correction.corrected_target_programs_order"), row=2)
+    return figure.update_yaxes(title=say("page.mm"), rangemode="tozero")
 
 
 def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure, float]:
@@ -111,9 +105,11 @@ def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure
     names = [html.label(o.target.name) for o in done]
     line = np.stack([places, places + times * change, np.full_like(places, np.nan)], axis=1).reshape(-1, 3)
     figure = go.Figure()
-    figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=say("correction"), line={"color": BEFORE, "width": 5})
+    figure.add_scatter3d(
+        x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=say("correction.correction"), line={"color": BEFORE, "width": 5}
+    )
     x, y, z = places.T
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, name=say("targets"), marker={"size": 3, "color": AFTER})
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, name=say("correction.targets"), marker={"size": 3, "color": AFTER})
     figure.update_layout(scene=axes(say), height=640, margin={"t": 10, "b": 10})
     return figure, times
 
@@ -126,17 +122,17 @@ def _targets(found: Corrected, say: Say) -> list[str]:
         c = o.correction
         sizes = ("", "", "") if c is None else (number(c.size_mm, ".3f"), number(np.degrees(c.size_rad), ".4f"), number(c.was_mm, ".3f"))
         u95 = number(o.u95_mm, ".3f") if np.isfinite(o.u95_mm) else ""
-        left = say("shortened") if c is not None and c.clipped and not o.left else say.told(o.left)
+        left = say("correction.shortened") if c is not None and c.clipped and not o.left else say.message(o.left)
         rows.append((o.target.name, f"{o.file}:{o.target.line}", *sizes, u95, left))
     header = (
-        say("target"),
-        say("line"),
-        say("correction, mm"),
-        say("correction, °"),
-        say("error before, mm"),
-        say("U95, mm"),
-        say("remark"),
+        say("correction.target"),
+        say("correction.line"),
+        say("correction.correction_mm"),
+        say("correction.correction_2"),
+        say("correction.error_before_mm"),
+        say("page.u95_mm"),
+        say("correction.remark"),
     )
     more = len(found.outcomes) - len(rows)
-    note = [html.paragraph(say("{n} more are in corrections.json.", n=more))] if more else []
-    return [html.heading(say("Targets")), html.table(header, rows, "targets"), *note]
+    note = [html.paragraph(say("correction.more_corrections_json", n=more))] if more else []
+    return [html.heading(say("correction.targets_2")), html.table(header, rows, "targets"), *note]

@@ -228,7 +228,7 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
     if scene or one_scale:
         # on a telephone less high than wide, or the sides of a scene would be cut off, and one scale for both axes leaves the rest empty
         drawing.layout.height = None
-    known = texts("report", language)
+    known = texts(language, "certificate")
     buttons = {key.removeprefix("plot."): text for key, text in known.items() if key.startswith("plot.")}
     config = {
         "responsive": True,

@@ -11,7 +11,6 @@ from lmeasure.procedures import Cause, Checked, Closure, Trend, said
 from lmeasure.report import html
 from lmeasure.text import number, texts
 
-DOMAIN = "interim"
 FINE, FAILED = "#009e73", "#c1272d"
 
 
@@ -19,18 +18,18 @@ def write_check_page(
     path: Path, found: Checked, trend: Trend | None, *, inputs: Sequence[tuple[str, str]], language: str = "en", when: str = ""
 ) -> None:
     """Write a self-contained HTML page of the check, whole or not at all; inputs: files with their SHA-256."""
-    words = texts(DOMAIN, language)
+    words = texts(language, "interim")
     body = [
         html.paragraph(verdict(found, language), "verdict" if found.passed else "verdict bad"),
         html.paragraph(words["when"].format(when=_when(when), stops=len(found.stops), tests=len(found.closures))) if when else "",
         html.heading(words["closures"]),
-        html.paragraph(words["closures.told"].format(limit=number(language, 100 * found.limit, ".2g"))),
+        html.paragraph(words["closures.text"].format(limit=number(language, 100 * found.limit, ".2g"))),
         html.figure(closures_figure(found, language), "closures", first=True, language=language),
         html.table([words[f"column.{c}"] for c in ("kind", "name", "value", "u95", "probability")], _rows(found, language)),
         *_agreement(found, language),
     ]
     if trend is not None:
-        body += [html.heading(words["trend"]), html.paragraph(words["trend.told"])]
+        body += [html.heading(words["trend"]), html.paragraph(words["trend.text"])]
         body.append(html.figure(trend_figure(trend, language), "trend", first=False, language=language))
     if found.notes:
         body += [html.heading(words["notes"]), *(html.paragraph(note) for note in said(found, language))]
@@ -40,7 +39,7 @@ def write_check_page(
 
 def verdict(found: Checked, language: str) -> str:
     """The verdict in a sentence of the language."""
-    words = texts(DOMAIN, language)
+    words = texts(language, "interim")
     if found.passed:
         return words["passed"]
     if found.astray_mm:
@@ -56,7 +55,7 @@ def verdict(found: Checked, language: str) -> str:
 
 def cause_text(c: Cause, language: str) -> str:
     """What may have changed, and by how much."""
-    words = texts(DOMAIN, language)
+    words = texts(language, "interim")
     size, u = (number(language, value, ".2g") for value in (c.size, c.u))
     return words[f"cause.{c.kind}"].format(name=c.name, size=size, u=u, unit=_unit(c, language))
 
@@ -79,12 +78,12 @@ def _of(closure: Closure) -> str:
 
 def _unit(c: Cause, language: str) -> str:
     """Its unit, behind its number."""
-    unit = texts(DOMAIN, language)[f"unit.{c.unit}"]
+    unit = texts(language, "interim")[f"unit.{c.unit}"]
     return unit if unit == "°" else f"\u00a0{unit}"
 
 
 def _rows(found: Checked, language: str) -> list[tuple[str, ...]]:
-    words = texts(DOMAIN, language)
+    words = texts(language, "interim")
     return [
         (
             words[f"kind.{c.kind}"],
@@ -99,7 +98,7 @@ def _rows(found: Checked, language: str) -> list[tuple[str, ...]]:
 
 def closures_figure(found: Checked, language: str) -> go.Figure:
     """Each closure over its U95."""
-    words, figure = texts(DOMAIN, language), go.Figure()
+    words, figure = texts(language, "interim"), go.Figure()
     names = [html.label(f"{words['kind.' + c.kind]} {_of(c)}") for c in found.closures]
     part = [abs(c.value_mm) / c.u95_mm for c in found.closures]
     colour = [FAILED if c in found.failed else FINE for c in found.closures]
@@ -117,7 +116,7 @@ def closures_figure(found: Checked, language: str) -> go.Figure:
 
 def trend_figure(trend: Trend, language: str) -> go.Figure:
     """The largest closure of each kind over its U95, check by check."""
-    words, figure = texts(DOMAIN, language), go.Figure()
+    words, figure = texts(language, "interim"), go.Figure()
     times = list(dict.fromkeys(trend.time))
     for kind in dict.fromkeys(trend.kind):
         own = [[p for t, k, p in zip(trend.time, trend.kind, trend.part, strict=True) if t == time and k == kind] for time in times]
@@ -130,7 +129,7 @@ def trend_figure(trend: Trend, language: str) -> go.Figure:
 
 
 def _agreement(found: Checked, language: str) -> list[str]:
-    words, told = texts(DOMAIN, language), found.agreement
+    words, told = texts(language, "interim"), found.agreement
     if told is None:
         return []
     values = {
@@ -149,7 +148,7 @@ def _agreement(found: Checked, language: str) -> list[str]:
     ]
     return [
         html.heading(words["agreement"]),
-        html.paragraph(words["agreement.told"].format(**values)),
+        html.paragraph(words["agreement.text"].format(**values)),
         html.table(header, rows),
-        html.paragraph(words["causes.told"]),
+        html.paragraph(words["causes.text"]),
     ]

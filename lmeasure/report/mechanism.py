@@ -23,63 +23,60 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
     say = Say(language)
     pose = np.array([*record["position_mm"], *record["quaternion_xyzw"]])
     many = {"freedoms": record["freedoms"], "parameters": record["parameters"]}
-    told = (
-        say("1 freedom, {parameters} parameters", **many)
-        if many["freedoms"] == 1
-        else say("{freedoms} freedoms, {parameters} parameters", **many)
-    )
-    near = say("distance from a singular pose, smallest over largest singular value: {near:.3g}", near=record["nearness"])
-    body = [html.paragraph(told), html.paragraph(near), html.heading(say("In space"))]
+    told = say("mechanism.1_freedom_parameters", **many) if many["freedoms"] == 1 else say("mechanism.freedoms_parameters", **many)
+    near = say("mechanism.distance_from_singular_pose", near=record["nearness"])
+    body = [html.paragraph(told), html.paragraph(near), html.heading(say("page.space"))]
     body.append(html.figure(space_figure(file, pose, grid, say), "space", first=True, language=language))
     rows = [
         (name, say.number(v, ".3f"), *(say.number(w, "g") for w in record["joint_limits"][name])) for name, v in record["joints"].items()
     ]
-    body += [html.heading(say("Joints")), html.table((say("joint"), say("value"), say("lowest"), say("highest")), rows)]
+    body += [
+        html.heading(say("mechanism.joints")),
+        html.table((say("page.joint"), say("page.value"), say("mechanism.lowest"), say("mechanism.highest")), rows),
+    ]
     if "ranges" in record:
-        body += [html.heading(say("How far it goes from there, one coordinate at a time"))]
-        units = {name: "°" if name.startswith("r") else say("mm") for name in record["ranges"]}
+        body += [html.heading(say("mechanism.how_far_goes_from"))]
+        units = {name: "°" if name.startswith("r") else say("page.mm") for name in record["ranges"]}
         rows = [(f"{n}, {units[n]}", *(say.number(v, ".2f") for v in ends)) for n, ends in record["ranges"].items()]
-        body.append(html.table((say("coordinate"), say("lowest"), say("highest")), rows))
+        body.append(html.table((say("mechanism.coordinate"), say("mechanism.lowest"), say("mechanism.highest")), rows))
     if "leg_turns_deg" in record:
         rows = [(name, say.number(v, ".3f")) for name, v in record["leg_turns_deg"].items()]
-        body += [html.heading(say("By how much legs turn about themselves")), html.table((say("leg"), "°"), rows)]
+        body += [html.heading(say("mechanism.how_much_legs_turn")), html.table((say("mechanism.leg"), "°"), rows)]
     if grid is not None:
-        body += [html.heading(say("Workspace")), html.paragraph(workspace_words(grid, say))]
+        body += [html.heading(say("mechanism.workspace")), html.paragraph(workspace_words(grid, say))]
         if grid.found.inside.any():
             body.append(html.figure(slices_figure(grid.found, say), "slices", first=False, language=language))
-    html.write_page(path, say("Mechanism {name}", name=file.name), body, language)
+    html.write_page(path, say("mechanism.mechanism", name=file.name), body, language)
 
 
 def workspace_words(grid: Grid, say: Say = ENGLISH) -> str:
     """Its volume, extent, and what ends it."""
     found = grid.found
     if not found.inside.any():
-        return say("no place of the grid is inside")
-    words = say(
-        "{volume:.4g} litres, {nodes} places of {of}", volume=found.volume_mm3 / 1e6, nodes=int(found.inside.sum()), of=found.inside.size
-    )
+        return say("mechanism.no_place_grid_inside")
+    words = say("mechanism.litres_places", volume=found.volume_mm3 / 1e6, nodes=int(found.inside.sum()), of=found.inside.size)
     out = [words]
     for i, name in enumerate("xyz"):
         held = found[i][found.inside.any(axis=tuple(k for k in range(3) if k != i))]
-        out.append(say("{name} from {low:g} to {high:g} mm", name=name, low=held[0], high=held[-1]))
+        out.append(say("mechanism.from_mm", name=name, low=held[0], high=held[-1]))
     if grid.yaw_free:
-        out.append(say("at any turn about the vertical"))
+        out.append(say("mechanism.any_turn_about_vertical"))
     if grid.ended_by:
         most, named = sorted(grid.ended_by.items(), key=lambda one: -one[1]), limit_words(say)
-        out.append(say("ended by {limits}", limits=", ".join(f"{named[name]} ({n})" for name, n in most)))
+        out.append(say("mechanism.ended", limits=", ".join(f"{named[name]} ({n})" for name, n in most)))
     return "; ".join(out)
 
 
 def limit_words(say: Say = ENGLISH) -> dict[str, str]:
     """What each limit of a workspace is called."""
     return {
-        "reached": say("reach of the legs"),
-        "joints": say("limits of joints"),
-        "gaps": say("gaps of carriages"),
-        "base_cone": say("angle to the axis of the base"),
-        "platform_cone": say("angle to the axis of the platform"),
-        "regular": say("nearness of a singular pose"),
-        "stands": say("standing"),
+        "reached": say("mechanism.reach_legs"),
+        "joints": say("mechanism.limits_joints"),
+        "gaps": say("mechanism.gaps_carriages"),
+        "base_cone": say("mechanism.angle_axis_base"),
+        "platform_cone": say("mechanism.angle_axis_platform"),
+        "regular": say("mechanism.nearness_singular_pose"),
+        "stands": say("mechanism.standing"),
     }
 
 
@@ -92,20 +89,24 @@ def space_figure(file: ParallelFile, pose: FloatArray, grid: Grid | None = None,
             x, y, z = rows.T
             figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": width, "color": ink}, name=name, hoverinfo="skip")
     x, y, z = found.hinges.T
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", marker={"size": 3, "color": PLATFORM}, text=found.names, name=say("hinges"))
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="markers", marker={"size": 3, "color": PLATFORM}, text=found.names, name=say("mechanism.hinges")
+    )
     if grid is not None and grid.found.inside.any():
         at = np.argwhere(_rim(grid.found))
         x, y, z = (axis[at[:, i]] for i, axis in enumerate(grid.found[:3]))
-        figure.add_scatter3d(x=x, y=y, z=z, mode="markers", marker={"size": 2, "color": INSIDE, "opacity": 0.5}, name=say("workspace"))
+        figure.add_scatter3d(
+            x=x, y=y, z=z, mode="markers", marker={"size": 2, "color": INSIDE, "opacity": 0.5}, name=say("mechanism.workspace_2")
+        )
     return figure.update_layout(height=640, margin={"t": 20, "b": 10, "l": 0, "r": 0}, scene=axes(say))
 
 
 def _parts(found: Drawn, say: Say) -> list[tuple[list[FloatArray], str, int, str]]:
     return [
-        (found.base, BASE, 4, say("base")),
-        (found.arms, ARM, 6, say("cranks and arms")),
-        (found.legs, LEG, 4, say("legs")),
-        ([found.platform], PLATFORM, 6, say("platform")),
+        (found.base, BASE, 4, say("page.base")),
+        (found.arms, ARM, 6, say("mechanism.cranks_arms")),
+        (found.legs, LEG, 4, say("mechanism.legs")),
+        ([found.platform], PLATFORM, 6, say("mechanism.platform")),
     ]
 
 
@@ -130,8 +131,8 @@ def slices_figure(found: Workspace, say: Say = ENGLISH) -> go.Figure:
         figure.add_contour(
             x=x, y=y, z=inside[:, :, level].T.astype(float),
             contours={"start": 0.5, "end": 0.5, "coloring": "lines"}, line={"color": colour, "width": 2, "smoothing": 0}, showscale=False,
-            name=say("z = {z:g} mm", z=found.z_mm[level]), showlegend=True, colorscale=[[0.0, colour], [1.0, colour]], hoverinfo="skip",
+            name=say("mechanism.z_mm", z=found.z_mm[level]), showlegend=True, colorscale=[[0.0, colour], [1.0, colour]], hoverinfo="skip",
         )  # fmt: skip
-    figure.update_xaxes(title_text=say("X, mm"), scaleanchor="y", constrain="domain")
-    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain")
+    figure.update_xaxes(title_text=say("page.x_mm"), scaleanchor="y", constrain="domain")
+    figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain")
     return figure.update_layout(height=560, margin={"t": 20})

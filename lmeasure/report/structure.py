@@ -32,47 +32,48 @@ def write_structure_page(
     body = [html.paragraph(typeset(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
     if len(linkage.base) == LINKS:
         body.append(svg(incidence(linkage.base, linkage.platform).structure))
-        body.append(html.paragraph(say("Platform above, base below; a dot is larger where more links meet.")))
-    figures = [(say("In space"), space_figure(linkage, record, pose, say), _space_words(record, say))]
+        body.append(html.paragraph(say("structure.platform_above_base_below")))
+    figures = [(say("page.space"), space_figure(linkage, record, pose, say), _space_words(record, say))]
     if "way" in record:
-        words = say(
-            "The determinant, whose size depends on units, above; below what a user can judge by: how far the platform's rim moves by "
-            "lengths that are off by 1 mm together, and the largest pressure angle. Dotted lines are singular poses."
-        )
-        figures.append((say("On the way"), way_figure(record["way"], say), words))
+        words = say("structure.determinant_whose_size_depends")
+        figures.append((say("structure.way"), way_figure(record["way"], say), words))
     if record.get("boundary", {}).get("slices"):
-        words = say(
-            "The boundary at each level, coloured by the limit that is met there; the dot is the pose. Point at a line to read its level."
-        )
-        figures.append((say("Boundary of the workspace"), slices_figure(record["boundary"], pose, say), words))
+        words = say("structure.boundary_each_level_coloured")
+        figures.append((say("structure.boundary_workspace"), slices_figure(record["boundary"], pose, say), words))
     for number, (title, figure, words) in enumerate(figures):
         body += [html.heading(title), html.paragraph(words)]
         body.append(html.figure(figure, f"figure{number}", first=number == 0, language=language))
-    place = (say("x, mm"), say("y, mm"), say("z, mm"))
+    place = (say("page.x_mm"), say("page.y_mm"), say("page.z_mm"))
     header: tuple[str, ...]
     if record.get("assemblies"):
-        header = ("", *place, say("quaternion x, y, z, w"), say("proved"))
-        body += [html.heading(say("Assemblies")), html.table(header, _rows(record, say))]
+        header = ("", *place, say("structure.quaternion_x_y_z"), say("structure.proved"))
+        body += [html.heading(say("structure.assemblies")), html.table(header, _rows(record, say))]
     if "rank" in record:
-        body += [html.heading(say("At the pose")), html.table((say("figure"), say("value")), _at_pose(record, say), "text")]
+        body += [html.heading(say("structure.pose")), html.table((say("page.figure"), say("page.value")), _at_pose(record, say), "text")]
     if "design" in record:
         made = record["design"]
         rows = [(n, *(say.number(v, ".4f") for v in (*made["given"][n], *made["free"][n]))) for n in made["given"]]
-        header = (say("link"), say("given from, mm"), say("to, mm"), say("free from, mm"), say("to, mm"))
-        body += [html.heading(say("Lengths within which nothing is singular")), html.table(header, rows)]
-    header = (say("link"), say("from"), *place, say("to"), *place)
-    body += [html.heading(say("The links")), html.table(header, _links(linkage, say))]
-    html.write_page(path, say("Structure of {name}", name=name), body, language)
+        header = (
+            say("structure.link"),
+            say("structure.given_from_mm"),
+            say("structure.mm_2"),
+            say("structure.free_from_mm"),
+            say("structure.mm_2"),
+        )
+        body += [html.heading(say("structure.lengths_within_nothing_singular")), html.table(header, rows)]
+    header = (say("structure.link"), say("page.from"), *place, say("page.to"), *place)
+    body += [html.heading(say("structure.links")), html.table(header, _links(linkage, say))]
+    html.write_page(path, say("structure.structure", name=name), body, language)
 
 
 def _space_words(record: dict[str, Any], say: Say) -> str:
-    words = [say("Drag to turn, scroll to come nearer, click in the legend to show and hide. Black is the base, blue the platform.")]
+    words = [say("structure.drag_turn_scroll_come")]
     if record.get("assemblies"):
-        words.append(say("The buttons show one assembly after the other."))
+        words.append(say("structure.buttons_show_one_assembly"))
     if record.get("closed_form"):
-        words.append(say("Coloured bodies are the tetrahedra by which the assemblies are found."))
+        words.append(say("structure.coloured_bodies_tetrahedra_assemblies"))
     if "rank" in record:
-        words.append(say("Violet is the axis of the screw that the lengths see least, green that of the determinant's gradient."))
+        words.append(say("structure.violet_axis_screw_lengths"))
     return " ".join(words)
 
 
@@ -80,37 +81,35 @@ def _rows(record: dict[str, Any], say: Say) -> list[tuple[str, ...]]:
     out = []
     for i, one in enumerate(record["assemblies"], 1):
         place = (say.number(v, ".4f") for v in one["position_mm"])
-        out.append((str(i), *place, say.numbers(one["quaternion_xyzw"], ".6f"), say("yes") if one["certified"] else say("no")))
+        out.append((str(i), *place, say.numbers(one["quaternion_xyzw"], ".6f"), say("page.yes") if one["certified"] else say("page.no")))
     return out
 
 
 def _at_pose(record: dict[str, Any], say: Say) -> list[tuple[str, str]]:
     rows = [
-        (say("determinant, mm³"), _figure(record["determinant"], say)),
-        (say("rank"), str(record["rank"])),
-        (say("condition"), _figure(record["condition"], say)),
-        (say("rim by lengths off by 1 mm together, mm"), _figure(record["mm_per_mm"], say)),
-        (say("U95 of the position, each length uncertain by 1 mm, mm"), _figure(record["u95_mm_per_mm"], say)),
+        (say("structure.determinant_mm"), _figure(record["determinant"], say)),
+        (say("structure.rank"), str(record["rank"])),
+        (say("structure.condition"), _figure(record["condition"], say)),
+        (say("structure.rim_lengths_off_1"), _figure(record["mm_per_mm"], say)),
+        (say("structure.u95_position_each_length"), _figure(record["u95_mm_per_mm"], say)),
     ]
     if "wrapped" in record:
-        rows.append((say("U95 of the position by counts of ±1/2, mm"), _figure(record["wrapped"]["u95_position_mm"], say)))
-    rows.append((say("pressure angles, °"), say.numbers(record["pressure_angles_deg"], ".1f")))
+        rows.append((say("structure.u95_position_counts_1"), _figure(record["wrapped"]["u95_position_mm"], say)))
+    rows.append((say("structure.pressure_angles"), say.numbers(record["pressure_angles_deg"], ".1f")))
     if record["gradient"] is not None:
-        rows.append((say("gradient (ω; v)"), say.numbers(record["gradient"], ".4g")))
+        rows.append((say("structure.gradient_v"), say.numbers(record["gradient"], ".4g")))
     screw = record["least_seen_screw"]
     axis = say(
-        "axis through ({point}) mm along ({direction})",
-        point=say.numbers(screw["point_mm"], ".4g"),
-        direction=say.numbers(screw["direction"], ".3f"),
+        "structure.axis_through_mm_along", point=say.numbers(screw["point_mm"], ".4g"), direction=say.numbers(screw["direction"], ".3f")
     )
-    pitch = say("a shift") if screw["pitch_mm"] is None else say("{mm:.4g} mm per turn", mm=screw["pitch_mm"])
-    motion = say("{mm:.3g} mm per mm", mm=screw["mm_per_mm"])
-    rows.append((say("screw seen least"), f"{axis}, {pitch}, {motion}"))
+    pitch = say("structure.shift") if screw["pitch_mm"] is None else say("structure.mm_per_turn", mm=screw["pitch_mm"])
+    motion = say("structure.mm_per_mm", mm=screw["mm_per_mm"])
+    rows.append((say("structure.screw_seen_least"), f"{axis}, {pitch}, {motion}"))
     return rows
 
 
 def _figure(value: float | None, say: Say) -> str:
-    return say("none") if value is None else say.number(value, ".5g")
+    return say("page.none") if value is None else say.number(value, ".5g")
 
 
 def _places(at: FloatArray, say: Say) -> tuple[str, ...]:
@@ -126,13 +125,13 @@ def _links(linkage: Linkage, say: Say) -> list[tuple[str, ...]]:
 def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | None, say: Say = ENGLISH) -> go.Figure:
     """Base, platform and links at the pose and at every assembly, with tetrahedra, screws and boundary slices where they are known."""
     figure = go.Figure()
-    figure.add_trace(_outline(linkage.base, BASE_INK, say("base"), [name for _, name, _ in linkage.names]))
+    figure.add_trace(_outline(linkage.base, BASE_INK, say("page.base"), [name for _, name, _ in linkage.names]))
     fixed = 1
-    shown: list[tuple[str, FloatArray]] = [(say("pose"), pose)] if pose is not None else []
+    shown: list[tuple[str, FloatArray]] = [(say("page.pose"), pose)] if pose is not None else []
     for i, one in enumerate(record.get("assemblies", []), 1):
-        shown.append((say("assembly {i}", i=i), np.array([*one["position_mm"], *one["quaternion_xyzw"]])))
+        shown.append((say("structure.assembly_2", i=i), np.array([*one["position_mm"], *one["quaternion_xyzw"]])))
     if not shown:
-        figure.update_layout(title=say("The base alone: with a pose or lengths the platform is drawn too"), title_font_size=13)
+        figure.update_layout(title=say("structure.base_alone_pose_lengths"), title_font_size=13)
     groups = []
     for n, (name, at) in enumerate(shown):
         traces = _platform(linkage, at, name, say) + _tetrahedra(linkage, at, say)
@@ -146,7 +145,7 @@ def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | No
     for piece in record.get("boundary", {}).get("slices", []):
         x, y, z = _closed(piece).T
         figure.add_scatter3d(
-            x=x, y=y, z=z, mode="lines", line={"width": 4, "color": GRADIENT}, name=say("boundary, {mm:g} mm", mm=piece["level_mm"])
+            x=x, y=y, z=z, mode="lines", line={"width": 4, "color": GRADIENT}, name=say("structure.boundary_mm", mm=piece["level_mm"])
         )
     after = len(record.get("boundary", {}).get("slices", []))
     buttons = []
@@ -194,8 +193,8 @@ def _platform(linkage: Linkage, pose: FloatArray, name: str, say: Say) -> list[A
     ways = np.full((len(points), 4, 3), np.nan)
     ways[:, 0], ways[:, 1], ways[:, 2] = linkage.base, starts, points
     x, y, z = ways.reshape(-1, 3).T
-    links = go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4, "color": LINK_INK}, name=say("links"), hoverinfo="skip")
-    platform = _outline(points, PLATFORM_INK, say("platform, {name}", name=name), [p for _, _, p in linkage.names])
+    links = go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4, "color": LINK_INK}, name=say("structure.links_2"), hoverinfo="skip")
+    platform = _outline(points, PLATFORM_INK, say("structure.platform", name=name), [p for _, _, p in linkage.names])
     if np.ptp(linkage.platform, axis=0).max() < SMALL * np.ptp(linkage.base, axis=0).max():
         platform.update(mode="lines+markers", hoverinfo="x+y+z+text")
     return [platform, links]
@@ -215,8 +214,8 @@ def _tetrahedra(linkage: Linkage, pose: FloatArray, say: Say) -> list[Any]:
         x, y, z = points.T
         i_, j_, k_ = FACES
         mesh = go.Mesh3d(
-            x=x, y=y, z=z, i=i_, j=j_, k=k_, opacity=0.35, color=TETRAHEDRA[(n - 1) % len(TETRAHEDRA)], name=say("tetrahedron {n}", n=n),
-            showlegend=True,
+            x=x, y=y, z=z, i=i_, j=j_, k=k_, opacity=0.35, color=TETRAHEDRA[(n - 1) % len(TETRAHEDRA)],
+            name=say("structure.tetrahedron", n=n), showlegend=True,
         )  # fmt: skip
         mesh.visible = "legendonly"
         out.append(mesh)
@@ -227,14 +226,14 @@ def _screws(linkage: Linkage, record: dict[str, Any], pose: FloatArray, say: Say
     """Axes of the screw that is seen least, and of the determinant's gradient."""
     size = 1.5 * rim_mm(linkage.platform)
     screw = record["least_seen_screw"]
-    out = [_axis(np.array(screw["point_mm"]), np.array(screw["direction"]), pose[:3], size, SCREW, say("screw seen least"), say)]
+    out = [_axis(np.array(screw["point_mm"]), np.array(screw["direction"]), pose[:3], size, SCREW, say("structure.screw_seen_least"), say)]
     if record["gradient"] is not None and np.any(record["gradient"]):
         omega, v = np.split(np.array(record["gradient"]), 2)
         turn = float(np.linalg.norm(omega))
         shift = turn * size <= 1e-6 * float(np.linalg.norm(v))
         direction = v / np.linalg.norm(v) if shift else omega / turn
         point = pose[:3] if shift else np.cross(omega, v) / turn**2
-        out.append(_axis(point, direction, pose[:3], size, GRADIENT, say("gradient of the determinant"), say))
+        out.append(_axis(point, direction, pose[:3], size, GRADIENT, say("structure.gradient_determinant"), say))
     return out
 
 
@@ -242,7 +241,7 @@ def _axis(point: FloatArray, direction: FloatArray, near: FloatArray, size: floa
     """A piece of an axis beside a place, or a piece through the place where the axis is far away."""
     foot = point + direction * float((near - point) @ direction)
     if float(np.linalg.norm(foot - near)) > 10.0 * size:
-        foot, name = near, say("{name} (its axis is far away)", name=name)
+        foot, name = near, say("structure.axis_far_away", name=name)
     x, y, z = np.array([foot - size * direction, foot + size * direction]).T
     return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 6, "color": ink, "dash": "dash"}, name=name)
 
@@ -252,16 +251,16 @@ def way_figure(way: dict[str, Any], say: Say = ENGLISH) -> go.Figure:
     figure = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.05)
     percent = [100.0 * share for share in way["share"]]
     rows = (
-        ("determinant", say("determinant, mm³"), False),
-        ("mm_per_mm", say("rim, mm per mm"), True),
-        ("worst_pressure_angle_deg", say("angle, °"), False),
+        ("determinant", say("structure.determinant_mm"), False),
+        ("mm_per_mm", say("structure.rim_mm_per_mm"), True),
+        ("worst_pressure_angle_deg", say("structure.angle"), False),
     )
     for row, (key, title, log) in enumerate(rows, 1):
         figure.add_scatter(x=percent, y=way[key], mode="lines", line={"color": PLATFORM_INK}, showlegend=False, row=row, col=1)
         figure.update_yaxes(title_text=title, type="log" if log else "linear", row=row, col=1)
         for share in way["singular_at_share"]:
             figure.add_vline(x=100.0 * share, line={"dash": "dot", "color": LINK_INK}, row=row, col=1)
-    figure.update_xaxes(title_text=say("of the way, %"), row=3, col=1)
+    figure.update_xaxes(title_text=say("structure.way_2"), row=3, col=1)
     return figure.update_layout(height=620, margin={"t": 20})
 
 
@@ -278,20 +277,20 @@ def slices_figure(workspace: dict[str, Any], pose: FloatArray | None, say: Say =
             keep = np.array([x == limit for x in limits])
             reach = keep | np.append(False, keep[:-1])
             x, y = np.where(reach, places[:, a], np.nan), np.where(reach, places[:, b], np.nan)
-            how = say("closed") if piece["closed"] else say("open")
+            how = say("page.closed") if piece["closed"] else say("page.open")
             colour = html.PALETTE[met.index(limit) % len(html.PALETTE)]
-            label = say("{mm:g} mm, {how}: {limit}", mm=piece["level_mm"], how=how, limit=say.told(limit))
+            label = say("structure.mm_3", mm=piece["level_mm"], how=how, limit=say.message(limit))
             figure.add_scatter(
-                x=x, y=y, mode="lines", line={"color": colour}, name=html.label(say.told(limit)),
+                x=x, y=y, mode="lines", line={"color": colour}, name=html.label(say.message(limit)),
                 text=[label] * len(x),
-                hovertemplate=f"%{{x:.2f}}, %{{y:.2f}} {say('mm')}<br>%{{text}}<extra></extra>", legendgroup=limit,
+                hovertemplate=f"%{{x:.2f}}, %{{y:.2f}} {say('page.mm')}<br>%{{text}}<extra></extra>", legendgroup=limit,
                 showlegend=limit not in told_of,
             )  # fmt: skip
             told_of.add(limit)
     if pose is not None:
-        figure.add_scatter(x=[pose[a]], y=[pose[b]], mode="markers", marker={"color": BASE_INK, "size": 9}, name=say("pose"))
-    figure.update_xaxes(title_text=say(f"{'XYZ'[a]}, mm"), scaleanchor="y", constrain="domain")
-    figure.update_yaxes(title_text=say(f"{'XYZ'[b]}, mm"), constrain="domain")
+        figure.add_scatter(x=[pose[a]], y=[pose[b]], mode="markers", marker={"color": BASE_INK, "size": 9}, name=say("page.pose"))
+    figure.update_xaxes(title_text=say(f"page.{'xyz'[a]}_mm"), scaleanchor="y", constrain="domain")
+    figure.update_yaxes(title_text=say(f"page.{'xyz'[b]}_mm"), constrain="domain")
     return figure.update_layout(height=620, margin={"t": 20})
 
 
@@ -301,16 +300,16 @@ def write_list_page(path: Path, every: list[dict[str, Any]], language: str = "en
     cards, classes = [], {one["class"] for one in every}
     for one in every:
         (structure,) = parse(one["notation"])
-        how = say("determines no pose") if one["degenerate"] else say("closed form") if one["closed_form"] else say("homotopy")
+        how = (
+            say("structure.determines_no_pose")
+            if one["degenerate"]
+            else say("structure.closed_form")
+            if one["closed_form"]
+            else say("structure.homotopy")
+        )
         title, words = one["notation"].split(":")
         cards.append(
             f"<div {CARD}>{svg(structure)}<br><b>{title}</b><br>{words}<br>{one['koliskor']}: {one['complex_assemblies']}, {how}</div>"
         )
-    told = say(
-        "{number} structures of six links, platform and base told apart, in {classes} classes by how many links meet in each point, "
-        "platform first. Platform above, base below; under each drawing the base points of each platform point, Koliskor's notation and "
-        "the number of complex assemblies: a platform of it has no more real poses with given lengths.",
-        number=len(structures()),
-        classes=len(classes),
-    )
-    html.write_page(path, say("Structures of six links"), [html.paragraph(told), *cards], language)
+    told = say("structure.structures_six_links_platform", number=len(structures()), classes=len(classes))
+    html.write_page(path, say("structure.structures_six_links"), [html.paragraph(told), *cards], language)

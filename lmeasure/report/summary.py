@@ -56,12 +56,17 @@ def counted(certificate: Mapping[str, Any]) -> list[str]:
     not_capable = len(figures) - capable - excluded - unjudged
     number = {"figures": len(figures), "capable": capable, "not_capable": not_capable, "excluded": excluded}
     told = word(language, "counted", **number)
-    lines = [f"{told}, {word(language, 'no verdict')} {unjudged}" if unjudged else told]
+    lines = [f"{told}, {word(language, 'no_verdict')} {unjudged}" if unjudged else told]
     held = [f["conformity"]["verdict"] for f in figures if "conformity" in f]
     if held:
         counts = ((v, held.count(v)) for v in ("conforms", "does not conform", "not decided"))
         lines.append(
-            word(language, "tolerances counted", number=len(held), told=", ".join(f"{word(language, v)}: {n}" for v, n in counts if n))
+            word(
+                language,
+                "tolerances_counted",
+                number=len(held),
+                told=", ".join(f"{word(language, v.replace(' ', '_'))}: {n}" for v, n in counts if n),
+            )
         )
     return lines
 
@@ -72,7 +77,7 @@ def robot(certificate: Mapping[str, Any]) -> str:
     parts = [say.visible(item[key]) for key in ("maker", "model", "description") if key in item]
     if "serial" in item:
         parts.append(f"{word(certificate['language'], 'item.serial')} {say.visible(item['serial'])}")
-    return ", ".join(parts) or word(certificate["language"], "not stated")
+    return ", ".join(parts) or word(certificate["language"], "not_stated")
 
 
 def facts(certificate: dict[str, Any]) -> say.Rows:

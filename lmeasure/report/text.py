@@ -1,21 +1,14 @@
-"""The words of a certificate in the languages it can be printed in, `locale/*/report.po`; names, numbers and units as each writes them."""
+"""The words of a certificate in the languages it can be printed in; names, numbers and units as each writes them."""
 
 import re
 from typing import Any
 
 from lmeasure.text import Say, texts
 
-DOMAIN = "report"
-THOUSANDS = {"en": ",", "ru": "\u00a0"}
-UNITS = {
-    "ru": {"kg": "кг", "mm": "мм", "deg": "°", "s": "с", "%": "%", "mm/s": "мм/с", "mm/N": "мм/Н", "Hz": "Гц", "rad": "рад", "ms": "мс"},
-    "en": {"deg": "°"},
-}
-
 
 def word(language: str, key: str, **values: Any) -> str:
     """The text of a key in a language, with values put in as they are."""
-    text = texts(DOMAIN, language)[key]
+    text = texts(language)[f"certificate.{key}"]
     return text.format(**values) if values else text
 
 
@@ -34,9 +27,9 @@ def with_indices(text: str) -> list[tuple[str, str]]:
 
 def axes(say: Say) -> dict[str, Any]:
     """Of a drawing in the base frame."""
-    return {"xaxis_title": say("X, mm"), "yaxis_title": say("Y, mm"), "zaxis_title": say("Z, mm"), "aspectmode": "data"}
+    return {"xaxis_title": say("page.x_mm"), "yaxis_title": say("page.y_mm"), "zaxis_title": say("page.z_mm"), "aspectmode": "data"}
 
 
 def unit(language: str, symbol: str) -> str:
     """A unit as the language writes it."""
-    return UNITS[language].get(symbol, symbol)
+    return texts(language).get(f"certificate.unit.{symbol}", symbol)

@@ -18,7 +18,6 @@ from lmeasure.rig import Rig
 from lmeasure.text import Cause, Say, decimal, is_of, number, settled, signs, texts
 from lmeasure.trajectory import RESTORED_ORIGIN, Trajectory, Vibration
 
-DOMAIN = "trajectory"
 MOST_LINES = 100
 """Of stretches in the table; the pictures show all."""
 MARKS = 200
@@ -39,10 +38,10 @@ def write_trajectory_page(
     path: Path, name: str, found: Along, rig: Rig | None, *, inputs: Sequence[tuple[str, str]], language: str = "en"
 ) -> None:
     """Write a self-contained HTML page of the trajectory called name, whole or not at all; inputs: files with their SHA-256."""
-    words = texts(DOMAIN, language)
-    shown = {"space.told": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
+    words = texts(language, "trajectory")
+    shown = {"space.text": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
     over_time = {
-        "time.bands": _banded(found.trajectory), "time.told": True, "time.turns": not np.isnan(found.rotation_deg).all(),
+        "time.bands": _banded(found.trajectory), "time.text": True, "time.turns": not np.isnan(found.rotation_deg).all(),
         "time.thinned": len(found.rows) < len(found.u95_mm),
     }  # fmt: skip
     body = [
@@ -66,7 +65,7 @@ def write_trajectory_page(
 
 def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
     """One sentence that says whether anything is missing."""
-    words = texts(DOMAIN, language)
+    words = texts(language, "trajectory")
     samples = len(found.u95_mm)
     bad = sum(s.samples for s in found.stretches if not s.ok)
     if bad:
@@ -82,7 +81,7 @@ def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
 
 def trajectory_summary(found: Along, language: str) -> list[tuple[str, str]]:
     """Names and figures that matter, the first ones of a page or a terminal."""
-    words = texts(DOMAIN, language)
+    words = texts(language, "trajectory")
 
     def own(value: float, form: str = ".4g") -> str:
         return number(language, settled(value), form)
@@ -102,11 +101,11 @@ def trajectory_summary(found: Along, language: str) -> list[tuple[str, str]]:
         at = words["at"].format(time=own(time_s[i], ".6g"), place=say.numbers(trajectory.poses[i, :3], ".1f"))
         rows.append((words["worst.place"], f"{own(1e3 * found.u95_mm[i])} {words['um']}{at}"))
     else:
-        rows.append((words["worst.place"], words["not stated"]))
+        rows.append((words["worst.place"], words["not_stated"]))
     if not np.isnan(found.u95_rad).all():
         rows.append((words["worst.turn"], f"{own(np.degrees(np.nanmax(found.u95_rad)))}°"))
     elif np.isnan(trajectory.poses[:, 3]).all():
-        rows.append((words["worst.turn"], words["no turn"]))
+        rows.append((words["worst.turn"], words["no_turn"]))
     if not np.isnan(trajectory.worst_pressure_angle_deg).all():
         rows.append((words["angle"], f"{own(np.nanmax(trajectory.worst_pressure_angle_deg), '.1f')}°"))
     if found.motion is not None:
@@ -116,7 +115,7 @@ def trajectory_summary(found: Along, language: str) -> list[tuple[str, str]]:
         rows.append((words["path"], f"{own(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
         rows.extend((words["vibration"].format(axis=v.axis.upper()), _vibration(v, language)) for v in found.motion.vibration)
     else:
-        rows.append((words["speed"], words["no speed"].format(why=found.no_motion)))
+        rows.append((words["speed"], words["no_speed"].format(why=found.no_motion)))
     return rows
 
 
@@ -128,12 +127,12 @@ def _vibration(v: Vibration, language: str) -> str:
         "speed": (v.speed_mm_s, v.u95_speed_mm_s),
     }
     values = {name: " ± ".join(decimal(language, one) for one in with_u95(*pair)) for name, pair in pairs.items()}
-    return texts(DOMAIN, language)["vibration.value"].format(**values)
+    return texts(language, "trajectory")["vibration.value"].format(**values)
 
 
 def _left_out(found: Along, language: str) -> list[str]:
     """What has no pose, or was measured without a cable, by cause."""
-    words, say = texts(DOMAIN, language), Say(language)
+    words, say = texts(language, "trajectory"), Say(language)
     if not found.stretches:
         return []
     kinds: dict[tuple[int, Cause, str], list[Stretch]] = {}
@@ -146,7 +145,7 @@ def _left_out(found: Along, language: str) -> list[str]:
         rows.append(
             (
                 _state(own[0], language),
-                say.told(cause),
+                say.message(cause),
                 cable,
                 str(sum(s.samples for s in own)),
                 str(len(own)),
@@ -156,7 +155,7 @@ def _left_out(found: Along, language: str) -> list[str]:
         )
     header = [words[f"column.{key}"] for key in ("status", "cause", "cable", "samples", "stretches", "first", "longest")]
     more = [html.paragraph(words["more"].format(more=len(kinds) - len(rows)))] if len(kinds) > len(rows) else []
-    heading = words["left out or restored" if any(map(_restored, found.stretches)) else "left out"]
+    heading = words["left_out_or_restored" if any(map(_restored, found.stretches)) else "left_out"]
     return [html.heading(heading), html.table(header, rows, "kinds"), *more]
 
 
@@ -172,13 +171,13 @@ def _restored(s: Stretch) -> bool:
 
 def _state(s: Stretch, language: str) -> str:
     """What the samples of a stretch are, in words."""
-    return texts(DOMAIN, language)["restored" if _restored(s) else f"status.{WORDS[s.status]}"]
+    return texts(language, "trajectory")["restored" if _restored(s) else f"status.{WORDS[s.status]}"]
 
 
 def _known(found: Along, language: str) -> Iterable[str]:
     """What the uncertainties hold, and what else must be known."""
-    words, trajectory, say = texts(DOMAIN, language), found.trajectory, Say(language)
-    yield words["covers"].format(covers=say.told(trajectory.covers))
+    words, trajectory, say = texts(language, "trajectory"), found.trajectory, Say(language)
+    yield words["covers"].format(covers=say.message(trajectory.covers))
     yield from (signs(note.text(language)) for note in trajectory.notes)
     yield from (taken.said.text(language) for taken in trajectory.taken_as_exact)
     if found.motion is not None:
@@ -192,7 +191,7 @@ def _known(found: Along, language: str) -> Iterable[str]:
 
 def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figure:
     """The path coloured by the 95 % radius, where it broke off, and the rig."""
-    words, say = texts(DOMAIN, language), Say(language)
+    words, say = texts(language, "trajectory"), Say(language)
     number = say.number
     poses, rows = found.trajectory.poses, found.rows
     figure = go.Figure()
@@ -272,12 +271,12 @@ def _shown(stretches: Sequence[Stretch], found: Along) -> list[Stretch]:
 def about_stretch(s: Stretch, language: str) -> str:
     """Status, samples, cause and cable of a stretch in words."""
     samples = f"{s.first}–{s.last}" if s.last > s.first else str(s.first)
-    return ", ".join(part for part in (_state(s, language), samples, Say(language).told(s.cause), s.cable) if part)
+    return ", ".join(part for part in (_state(s, language), samples, Say(language).message(s.cause), s.cable) if part)
 
 
 def time_figure(found: Along, language: str = "en") -> go.Figure:
     """Place, rotation, their uncertainty, pressure angle and speed, one under the other, with every stretch that was left out."""
-    words = texts(DOMAIN, language)
+    words = texts(language, "trajectory")
     trajectory, rows = found.trajectory, found.rows
     time_s, u = trajectory.time_s[rows], trajectory.u[rows]
     lanes: list[tuple[str, list[tuple[str, FloatArray, FloatArray | None]]]] = [
@@ -299,7 +298,7 @@ def time_figure(found: Along, language: str = "en") -> go.Figure:
         lanes.append((words["lane.speed"], [(words["speed.one"], found.motion.speed_mm_s[rows], u_speed)]))
     kinds = list(dict.fromkeys((_mark(s), s.status) for s in found.stretches))
     heights = [1.0] * len(lanes) + ([0.16 + 0.14 * len(kinds)] if kinds else [])
-    status = words["lane.status or restored" if any(map(_restored, found.stretches)) else "lane.status"]
+    status = words["lane.status_or_restored" if any(map(_restored, found.stretches)) else "lane.status"]
     titles = [title for title, _ in lanes] + ([status] if kinds else [])
     high = 210.0 * sum(heights)
     figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=TITLE / high, row_heights=heights)
@@ -351,7 +350,7 @@ def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[str, 
     """Every stretch as a bar on the line of its mark and status, however short."""
     for key, status in kinds:
         own = _shown([s for s in found.stretches if (_mark(s), s.status) == (key, status)], found)
-        name = texts(DOMAIN, language)[f"status.{WORDS[status]}" if key == "broke" else f"lane.{key}"]
+        name = texts(language, "trajectory")[f"status.{WORDS[status]}" if key == "broke" else f"lane.{key}"]
         figure.add_scatter(
             x=[t for s in own for t in (s.begin_s, s.end_s, None)], y=[name, name, None] * len(own), mode="lines+markers",
             line={"width": 9, "color": COLOURS[key]}, marker={"size": 7, "symbol": "line-ns-open", "color": COLOURS[key]},

@@ -14,18 +14,14 @@ def faults(zone: xr.Dataset, say: Say) -> list[str]:
     """Table and map; nothing where they were not asked for, or no place is in the zone."""
     if VARIABLES[0] not in zone or not zone["in_zone"].values.any():
         return []
-    about = say(
-        "Smallest fault of a channel that a single sample shows (significance 0.1 %, power 80 %), smallest that is told apart from one of "
-        "any other channel, and what one that is just not found does to the tool: each the worst over the orientations, from the best to "
-        "the worst place of the zone. Over several samples smaller ones are found."
-    )
-    header = say("channel"), say("smallest that is found"), say("smallest told apart"), say("effect on the tool, mm")
+    about = say("zone.smallest_fault_channel_single")
+    header = say("page.channel"), say("zone.smallest_found"), say("zone.smallest_told_apart"), say("zone.effect_tool_mm")
     return [
-        html.heading(say("Which faults would show")),
+        html.heading(say("zone.faults_would_show")),
         html.paragraph(about),
         html.table(header, _rows(zone, say)),
         # a title of the figure's own would be cut off on a telephone
-        html.heading(say("Effect of a fault that is just not found, level Z = {z:g} mm", z=float(zone["z"].values[_level(zone)])), 3),
+        html.heading(say("zone.effect_fault_just_not", z=float(zone["z"].values[_level(zone)])), 3),
         html.figure(_map(zone, say), "faults", first=False, language=say.language),
     ]
 
@@ -34,7 +30,7 @@ def _rows(zone: xr.Dataset, say: Say) -> list[tuple[str, ...]]:
     inside = zone["in_zone"].values.astype(bool)
     rows = []
     for k, name in enumerate(zone["channel"].values):
-        unit = "°" if zone["channel_unit"].values[k] == "degree" else say(" mm")
+        unit = "°" if zone["channel_unit"].values[k] == "degree" else say("zone.mm")
         values = [zone[v].values[inside][:, k] for v in VARIABLES]
         rows.append((str(name), *(_span(v, u, say) for v, u in zip(values, (unit, unit, ""), strict=True))))
     return rows
@@ -43,9 +39,9 @@ def _rows(zone: xr.Dataset, say: Say) -> list[tuple[str, ...]]:
 def _span(values: np.ndarray, unit: str, say: Say) -> str:
     low, high = float(values.min()), float(values.max())
     if not np.isfinite(low):
-        return say("none")
+        return say("page.none")
     best = say.number(low, ".3g")
-    return f"{best}\u00a0… {say.number(high, '.3g')}{unit}" if np.isfinite(high) else say("{best} or none", best=best + unit)
+    return f"{best}\u00a0… {say.number(high, '.3g')}{unit}" if np.isfinite(high) else say("zone.none", best=best + unit)
 
 
 def _level(zone: xr.Dataset) -> int:
@@ -61,14 +57,14 @@ def _map(zone: xr.Dataset, say: Say) -> go.Figure:
     low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.01, 1.0)
     high = max(high, 1.01 * low)
     figure = go.Figure()
-    names = [say("worst channel"), *map(str, zone["channel"].values)]
+    names = [say("zone.worst_channel"), *map(str, zone["channel"].values)]
     for n, values in enumerate([effect.max(axis=2), *np.moveaxis(effect, 2, 0)]):
         shown = np.where(np.isfinite(values) & (values > 0.0), values, np.nan)
         figure.add_trace(
             go.Heatmap(
                 x=x, y=y, z=np.float32(np.log10(shown).T), customdata=np.float32(values.T), visible=n == 0, colorscale="Viridis_r",
-                zmin=np.log10(low), zmax=np.log10(high), colorbar={"title": say("mm")} | log_colours(low, high, say),
-                hovertemplate=f"x %{{x}} y %{{y}} {say('mm')}<br>%{{customdata:.3g}} {say('mm')}<extra></extra>",
+                zmin=np.log10(low), zmax=np.log10(high), colorbar={"title": say("page.mm")} | log_colours(low, high, say),
+                hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>%{{customdata:.3g}} {say('page.mm')}<extra></extra>",
             )
         )  # fmt: skip
     buttons = [
@@ -80,6 +76,6 @@ def _map(zone: xr.Dataset, say: Say) -> go.Figure:
         height=530,
         margin={"t": 70, "b": 20},
     )
-    figure.update_xaxes(title_text=say("X, mm"), constrain="domain", scaleanchor="y")
-    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain")
+    figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain", scaleanchor="y")
+    figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain")
     return figure

@@ -50,25 +50,25 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
     figure = go.Figure()
     levels = _shown_levels(len(z))
     first = len(levels) // 2
-    bar = {"title": {"text": say("worst angle, °"), "side": "top"}} | html.BAR
+    bar = {"title": {"text": say("zone.worst_angle"), "side": "top"}} | html.BAR
     for n, k in enumerate(levels):
         figure.add_surface(
             x=x, y=y, z=np.full((len(y), len(x)), z[k]), surfacecolor=np.float32(angle[:, :, k].T), cmin=0, cmax=90, colorscale=SCALE,
-            colorbar=bar, opacity=0.9, visible=n == first, name=say("level {mm:g} mm", mm=float(z[k])),
-            hovertemplate=f"x %{{x}} y %{{y}} z %{{z}} {say('mm')}<br>%{{surfacecolor:.1f}}°<extra></extra>",
+            colorbar=bar, opacity=0.9, visible=n == first, name=say("zone.level_mm", mm=float(z[k])),
+            hovertemplate=f"x %{{x}} y %{{y}} z %{{z}} {say('page.mm')}<br>%{{surfacecolor:.1f}}°<extra></extra>",
         )  # fmt: skip
     if inside.any() and not inside.all():
         grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
         figure.add_isosurface(
             x=grid[:, 0], y=grid[:, 1], z=grid[:, 2], value=np.float32(_margin(coarse).ravel()),
             isomin=0, isomax=90, surface_count=1, opacity=0.35,
-            colorscale=[[0, EDGE], [1, EDGE]], showscale=False, hoverinfo="skip", name=say("edge of the zone"),
+            colorscale=[[0, EDGE], [1, EDGE]], showscale=False, hoverinfo="skip", name=say("zone.edge_zone"),
             caps={"x_show": True, "y_show": True, "z_show": True}, showlegend=True,
         )  # fmt: skip
     for n, piece in enumerate(followed):
         x, y, z = np.append(piece.places, piece.places[: int(piece.closed)], axis=0).T
         figure.add_scatter3d(
-            x=x, y=y, z=z, mode="lines", line={"width": 3, "color": EDGE}, name=say("edge, followed"), legendgroup="followed",
+            x=x, y=y, z=z, mode="lines", line={"width": 3, "color": EDGE}, name=say("zone.edge_followed_2"), legendgroup="followed",
             showlegend=n == 0,
         )  # fmt: skip
     rows = rig.cable_rows()
@@ -77,12 +77,12 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
     ways = [np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]) for j in range(len(rows))]
     along = np.concatenate([np.concatenate([way, gap]) for way in ways]).T
     look = {"width": 4, "color": CABLES}
-    figure.add_scatter3d(x=along[0], y=along[1], z=along[2], mode="lines", line=look, name=say("cables"), hoverinfo="skip")
+    figure.add_scatter3d(x=along[0], y=along[1], z=along[2], mode="lines", line=look, name=say("zone.cables"), hoverinfo="skip")
     points = np.array([p.position_mm for p in rig.observation_point])
     figure.add_scatter3d(
         x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text",
         text=[html.label(p.name) for p in rig.observation_point],
-        marker={"size": 4, "color": "black"}, name=say("observation points"),
+        marker={"size": 4, "color": "black"}, name=say("page.observation_points"),
     )  # fmt: skip
     others = [True] * (len(figure.data) - len(levels))
     steps = [
@@ -90,7 +90,9 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
         for n, k in enumerate(levels)
     ]
     figure.update_layout(
-        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps, "pad": {"t": 84}}],
+        sliders=[
+            {"active": first, "currentvalue": {"prefix": say("zone.level_z"), "suffix": say("zone.mm")}, "steps": steps, "pad": {"t": 84}}
+        ],
         scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}, "center": html.CAMERA["center"]}},
         height=760,
         margin={"t": 10, "b": 10, "l": 10, "r": 10},
@@ -113,10 +115,10 @@ def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
     span = (np.log10(low), np.log10(max(top, 1.01 * low)))
     maps = (
         (zone["worst_pressure_angle_deg"].values, (0.0, 90.0), 0.44, {"title": "°"}, "%{z:.2f} °"),
-        (u95, span, 1.01, {"title": say("mm")} | log_colours(low, max(top, 1.01 * low), say), f"%{{customdata:.4f}} {say('mm')}"),
+        (u95, span, 1.01, {"title": say("page.mm")} | log_colours(low, max(top, 1.01 * low), say), f"%{{customdata:.4f}} {say('page.mm')}"),
     )
     figure = make_subplots(
-        1, 2, subplot_titles=(say("worst pressure angle, °"), say("95 % radius of the position, mm")), horizontal_spacing=0.14
+        1, 2, subplot_titles=(say("zone.worst_pressure_angle"), say("zone.95_radius_position_mm")), horizontal_spacing=0.14
     )
     for n, k in enumerate(levels):
         for column, (values, ends, place, bar, told) in enumerate(maps, 1):
@@ -124,7 +126,7 @@ def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
                 go.Heatmap(
                     x=x, y=y, z=np.float32(values[:, :, k].T), zmin=ends[0], zmax=ends[1], colorscale=SCALE, visible=n == first,
                     customdata=np.float32(radius[:, :, k].T), colorbar={"x": place} | bar,
-                    hovertemplate=f"x %{{x}} y %{{y}} {say('mm')}<br>{told}<extra></extra>",
+                    hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>{told}<extra></extra>",
                 ), 1, column,
             )  # fmt: skip
             figure.add_trace(
@@ -139,13 +141,15 @@ def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
         for n, k in enumerate(levels)
     ]
     figure.update_layout(
-        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps, "pad": {"t": 50}}],
+        sliders=[
+            {"active": first, "currentvalue": {"prefix": say("zone.level_z"), "suffix": say("zone.mm")}, "steps": steps, "pad": {"t": 50}}
+        ],
         height=560,
         margin={"t": 40, "b": 20},
         showlegend=False,
     )
-    figure.update_xaxes(title_text=say("X, mm"), constrain="domain")
-    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain")
+    figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain")
+    figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain")
     figure.update_yaxes(scaleanchor="x", row=1, col=1)
     figure.update_yaxes(scaleanchor="x2", row=1, col=2)
     return figure

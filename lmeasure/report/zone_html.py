@@ -31,17 +31,11 @@ def write_zone_page(
     exact = "".join(html.paragraph(line, "small") for line in zone_text.taken_as_exact(zone, say))
     body = [
         *(html.paragraph(line) for line in zone_text.findings(zone, found, say)),
-        html.heading(say("The zone in space")),
+        html.heading(say("zone.zone_space")),
         html.paragraph(_in_space(zone_text.has_edge(zone), say)),
         html.figure(space_figure(zone, rig, say, followed), "space", first=True, language=language),
-        html.heading(say("Level by level")),
-        html.paragraph(
-            say(
-                "The white line is the edge of the zone within the limits of the sliders. Click a place: below stand its figures, the "
-                "ellipsoid that holds 95 % of its measured positions, and the direction of the cable with the largest pressure angle "
-                "(orange)."
-            )
-        ),
+        html.heading(say("zone.level_level")),
+        html.paragraph(say("zone.white_line_edge_zone")),
         *maps(zone, rig, calibration, say),
         *_edge(followed, say),
         *faults(zone, say),
@@ -50,9 +44,9 @@ def write_zone_page(
             for title, header, rows in zone_text.tables(zone, found, rig, say)
             for part in (html.heading(title), html.table(header, rows))
         ),
-        *([html.heading(say("Not in the 95 % radius")), exact] if exact else []),
+        *([html.heading(say("zone.not_95_radius")), exact] if exact else []),
         *(
-            html.paragraph(say("Nobody measured these values: {names}.", names=", ".join(rig.assumed)), "warning")
+            html.paragraph(say("zone.nobody_measured_these_values", names=", ".join(rig.assumed)), "warning")
             for _ in range(bool(rig.assumed))
         ),
     ]
@@ -62,14 +56,8 @@ def write_zone_page(
 def _in_space(edge: bool, say: Say) -> str:
     """What is seen of the zone in space, with its edge or without."""
     if edge:
-        return say(
-            "Drag to turn, scroll to come nearer. The orange surface is the edge of the zone; the slider moves a plane through it, "
-            "coloured by the worst pressure angle. Lines are the cables with the tool in the middle of the box."
-        )
-    return say(
-        "Drag to turn, scroll to come nearer. The slider moves a plane through the box, coloured by the worst pressure angle. Lines are "
-        "the cables with the tool in the middle of the box."
-    )
+        return say("zone.drag_turn_scroll_come_nearer")
+    return say("zone.drag_turn_scroll_come")
 
 
 def _edge(followed: Sequence[Piece], say: Say) -> list[str]:
@@ -80,12 +68,12 @@ def _edge(followed: Sequence[Piece], say: Say) -> list[str]:
     for piece in followed:
         limits = [limit.split(" in orientation")[0] for limit in piece.limits]
         drawn.append(piece.as_dict() | {"limits": limits})
-        size = say("open") if piece.area_mm2 is None else f"{say('closed')}, {piece.area_mm2 / 1e6:.4g}"
-        rows.append((f"{piece.level_mm:g}", size, ", ".join(say.told(limit) for limit in dict.fromkeys(limits))))
-    words = say("Followed, not read off the nodes: each line is on the limit to rounding, in the colour of the limit that is met there.")
+        size = say("page.open") if piece.area_mm2 is None else f"{say('page.closed')}, {piece.area_mm2 / 1e6:.4g}"
+        rows.append((f"{piece.level_mm:g}", size, ", ".join(say.message(limit) for limit in dict.fromkeys(limits))))
+    words = say("zone.followed_not_read_off")
     return [
-        html.heading(say("The edge, followed")),
+        html.heading(say("zone.edge_followed")),
         html.paragraph(words),
         html.figure(slices_figure({"plane": "xy", "slices": drawn}, None, say), "followed", first=False, language=say.language),
-        html.table((say("level, mm"), say("edge, m²"), say("limits met")), rows),
+        html.table((say("zone.level_mm_2"), say("zone.edge_m"), say("zone.limits_met")), rows),
     ]

@@ -15,7 +15,7 @@ from lmeasure.accuracy import REASONS, ellipsoids
 from lmeasure.core import FloatArray
 from lmeasure.report import html
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.text import DECIMAL_MARK, ENGLISH, Say
+from lmeasure.text import ENGLISH, Say, texts
 
 SCRIPT = Path(__file__).with_name("zone.js")
 # perceptually even, and readable without colour vision
@@ -36,18 +36,18 @@ def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say:
     # the middle where the zone is there, else where there is most of it
     middle = len(held) // 2
     level = middle if held[middle] or not held.any() else int(np.argmax(held))
-    data = _data(seen, zone, rig, calibration) | {"words": _words(say), "mark": DECIMAL_MARK[say.language]}
+    data = _data(seen, zone, rig, calibration) | {"words": _words(say), "mark": texts(say.language)["number.decimal_mark"]}
     angle, u95 = data["limit_deg"], data["limit_u95"]
     controls = (
-        _slider("level", say("Level Z"), 0, len(data["z"]) - 1, level, 1)
-        + _slider("angle", say("Largest pressure angle"), 0, 90, angle, 0.5)
+        _slider("level", say("zone.level_z_2"), 0, len(data["z"]) - 1, level, 1)
+        + _slider("angle", say("zone.largest_pressure_angle"), 0, 90, angle, 0.5)
         # its position is on a logarithmic scale, as the colours are
-        + _slider("u95", say("Largest 95 % radius of the position"), 0, 1000, round(1000 * _part(u95, data)), 1)
+        + _slider("u95", say("zone.largest_95_radius_position"), 0, 1000, round(1000 * _part(u95, data)), 1)
     )
     angles = _map(data, [0.0, 90.0], say)
     radii = _map(data, list(np.log10(data["range_u95"])), say, log=True)
-    figures = _titled(say("Worst pressure angle, °"), angles, "map-angle", say)
-    figures += _titled(say("95 % radius of the position, mm"), radii, "map-u95", say)
+    figures = _titled(say("zone.worst_pressure_angle_2"), angles, "map-angle", say)
+    figures += _titled(say("zone.95_radius_position_mm"), radii, "map-u95", say)
     ellipsoid = html.figure(_ellipsoid(say), "ellipsoid", first=False, language=say.language)
     return [
         f'<div class="controls">{controls}</div>',
@@ -62,19 +62,19 @@ def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say:
 def _words(say: Say) -> dict[str, str]:
     """What the page's script says."""
     return {
-        "mm": say(" mm").replace(" ", "\u00a0"),
-        "any": say("any"),
-        "yes": say("yes"),
-        "no": say("no"),
-        "place": say("place"),
-        "inside": say("in the zone"),
-        "angle": say("worst pressure angle, over the orientations"),
-        "u95": say("95 % radius of the position, worst over them"),
-        "weakest": say("weakest cable, in the middle orientation"),
-        "cable": say("[name]: pressure angle [angle]°"),
-        "unknown": say("not told"),
-        "stuck": say("a cable cannot run"),
-        "left": say("Within these limits: [inside] of [of] drawn places, [volume] m³."),
+        "mm": say("zone.mm").replace(" ", "\u00a0"),
+        "any": say("zone.any"),
+        "yes": say("page.yes"),
+        "no": say("page.no"),
+        "place": say("zone.place"),
+        "inside": say("zone.zone"),
+        "angle": say("zone.worst_pressure_angle_over"),
+        "u95": say("zone.95_radius_position_worst"),
+        "weakest": say("zone.weakest_cable_middle_orientation"),
+        "cable": say("zone.name_pressure_angle_angle"),
+        "unknown": say("page.not_told"),
+        "stuck": say("zone.cable_cannot_run"),
+        "left": say("zone.within_these_limits_inside"),
     }
 
 
@@ -165,8 +165,8 @@ def _map(data: dict[str, Any], span: list[float], say: Say, *, log: bool = False
         ]
     )  # fmt: skip
     figure.update_layout(height=450, margin={"t": 28, "b": 48, "l": 60, "r": 8}, showlegend=False)
-    figure.update_xaxes(title_text=say("X, mm"), constrain="domain")
-    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain", scaleanchor="x")
+    figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain")
+    figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain", scaleanchor="x")
     return figure
 
 
@@ -179,6 +179,6 @@ def _ellipsoid(say: Say) -> go.Figure:
             go.Scatter3d(x=none, y=none, z=none, mode="lines", line={"width": 6, "color": "#e4572e"}, hoverinfo="skip"),
         ]
     )
-    axes = {f"{axis}axis": {"title": say(f"{axis.upper()}, mm")} for axis in "xyz"}
+    axes = {f"{axis}axis": {"title": say(f"page.{axis}_mm")} for axis in "xyz"}
     figure.update_layout(height=420, margin={"t": 0, "b": 0, "l": 0, "r": 0}, showlegend=False, scene=axes | {"aspectmode": "data"})
     return figure

@@ -26,13 +26,13 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
     """Write the PDF (A4, PDF/A-2b): findings, slices, figures, reasons, the rig's drawing; whole or not at all."""
     found, say = extent(zone), Say(language)
     limit = f"{say.number(zone.attrs['limit_deg'], 'g')}°"
-    sides = [(say("{right} to the right, {up} up", right=h.upper(), up=v.upper()), lines) for h, v, lines in views(zone, rig)]
+    sides = [(say("zone.right_up", right=h.upper(), up=v.upper()), lines) for h, v, lines in views(zone, rig)]
     content: dict[str, Any] = {
         "language": language,
         "title": zone_text.title(rig, say),
         "findings": zone_text.findings(zone, found, say),
         "exact": zone_text.taken_as_exact(zone, say),
-        "slices": [{"level": say("Z = {mm:g} mm", mm=level), "svg": svg} for level, svg in _slices(zone)],
+        "slices": [{"level": say("zone.z_mm", mm=level), "svg": svg} for level, svg in _slices(zone)],
         "scale": _scale(float(zone.attrs["limit_deg"])),
         "limit": float(zone.attrs["limit_deg"]) / 90.0,
         "views": [{"axes": axes, "svg": _drawing(lines)} for axes, lines in sides],
@@ -43,15 +43,15 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
         ],
         "digest": str(zone.attrs["result_sha256"]),
         "words": {
-            "result": say("result"),
-            "page": say("page"),
-            "of": say("of"),
-            "levels": say("Level by level"),
+            "result": say("page.result"),
+            "page": say("zone.page"),
+            "of": say("zone.of"),
+            "levels": say("zone.level_level"),
             "levels told": _levels_told(zone_text.has_edge(zone), say),
-            "limit": say("limit {angle}", angle=limit),
-            "scale": say("colour scale, 0 to 90 degrees"),
-            "sides": say("The rig, seen along its axes"),
-            "sides told": say("Green: the scanned box. Red: observation points. The tool stands in the middle of the box."),
+            "limit": say("zone.limit", angle=limit),
+            "scale": say("zone.colour_scale_0_90"),
+            "sides": say("zone.rig_seen_along_axes"),
+            "sides told": say("zone.green_scanned_box_red"),
         },
     }
     pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(html.on_paper(content))}, pdf_standards=["a-2b"])
@@ -61,8 +61,8 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
 
 def _levels_told(edge: bool, say: Say) -> str:
     if edge:
-        return say("Worst pressure angle over the orientations; the white line is the edge of the zone. X to the right, Y up.")
-    return say("Worst pressure angle over the orientations. X to the right, Y up.")
+        return say("zone.worst_pressure_angle_over_orientations")
+    return say("zone.worst_pressure_angle_over_orientations_x")
 
 
 def _colour(fraction: float) -> str:

@@ -15,7 +15,7 @@ Rows = list[tuple[str, ...]]
 
 def title(rig: Rig, say: Say) -> str:
     """Of page and PDF."""
-    return say("Accuracy zone of {rig}", rig=rig.name)
+    return say("zone.accuracy_zone", rig=rig.name)
 
 
 def has_edge(zone: xr.Dataset) -> bool:
@@ -29,33 +29,16 @@ def findings(zone: xr.Dataset, found: Extent, say: Say) -> list[str]:
     attrs = zone.attrs
     total, inside = zone["in_zone"].size, attrs["nodes_in_zone"]
     ends = [(name.upper(), float(zone[name].values[0]), float(zone[name].values[-1])) for name in "xyz"]
-    box = ", ".join(say("{name} {low:g} to {high:g}", name=name, low=low, high=high) for name, low, high in ends)
-    lines = [
-        say(
-            "Scanned: {box} mm, {total} places with {turns} orientations of the tool each. A place belongs to the zone when every "
-            "orientation keeps every pressure angle within {limit:g}° and every other limit asked for.",
-            box=box,
-            total=total,
-            turns=zone.sizes["orientation"],
-            limit=attrs["limit_deg"],
-        )
-    ]
+    box = ", ".join(say("zone.to", name=name, low=low, high=high) for name, low, high in ends)
+    lines = [say("zone.scanned_mm_places_orientations", box=box, total=total, turns=zone.sizes["orientation"], limit=attrs["limit_deg"])]
     if not inside:
         best = float(zone["worst_pressure_angle_deg"].min())
-        lines.append(
-            say(
-                "No place lies in the zone. The best one has a worst pressure angle of {best:.1f}°. Move the observation points (lmeasure "
-                "place), or ask for less.",
-                best=best,
-            )
-        )
+        lines.append(say("zone.no_place_lies_zone", best=best))
     else:
         u95 = zone["u95_position_mm"].values[zone["in_zone"].values.astype(bool)]
         lines.append(
             say(
-                "The zone holds {inside} of them: {volume:.4g} m³ with a grid error of {error:.2g} m³. There a measured position lies "
-                "within {worst:.3g} mm of the true one in 95 of 100 cases at the worst place and orientation, within {best:.3g} mm at "
-                "the best place.",
+                "zone.zone_holds_them_m",
                 inside=inside,
                 volume=found.volume_mm3 / 1e9,
                 error=found.volume_error_mm3 / 1e9,
@@ -64,30 +47,30 @@ def findings(zone: xr.Dataset, found: Extent, say: Say) -> list[str]:
             )
         )
     if any(zone["in_zone"].isel({name: end}).values.any() for name in "xyz" for end in (0, -1)):
-        lines.append(
-            say("The zone reaches faces of the scanned box and may go on beyond them; the volume counts half a step beyond each such face.")
-        )
+        lines.append(say("zone.zone_reaches_faces_scanned"))
     if attrs["assemblies_in_zone"] > 1:
-        lines.append(say("The zone holds more than one assembly: between its parts the cables do not determine the pose."))
-    return [*lines, say("The 95 % radius covers {covers}.", covers=say.told(attrs["u95_covers"]))]
+        lines.append(say("zone.zone_holds_more_than"))
+    return [*lines, say("zone.95_radius_covers", covers=say.message(attrs["u95_covers"]))]
 
 
 def taken_as_exact(zone: xr.Dataset, say: Say) -> list[str]:
     """What nobody stated and nothing has solved, a sentence each."""
-    told = map(say.told, str(zone.attrs.get("taken_as_exact", "")).splitlines())
+    told = map(say.message, str(zone.attrs.get("taken_as_exact", "")).splitlines())
     return [f"{line[:1].upper()}{line[1:]}." for line in told]
 
 
 def tables(zone: xr.Dataset, found: Extent, rig: Rig, say: Say) -> list[tuple[str, tuple[str, ...], Rows]]:
     """(title, header, rows) of all tables."""
-    place = (say("x, mm"), say("y, mm"), say("z, mm"))
-    out: list[tuple[str, tuple[str, ...], Rows]] = [(say("Figures"), (say("figure"), say("value")), figures(zone, found, say))]
+    place = (say("page.x_mm"), say("page.y_mm"), say("page.z_mm"))
+    out: list[tuple[str, tuple[str, ...], Rows]] = [
+        (say("zone.figures"), (say("page.figure"), say("page.value")), figures(zone, found, say))
+    ]
     if found.cube_points:
-        out.append((say("Test cube of ISO 9283 in the zone"), *iso_table(found, say)))
+        out.append((say("zone.test_cube_iso_9283"), *iso_table(found, say)))
     out += [
-        (say("Both criteria side by side"), (say("criterion"), say("nodes"), say("volume, m³")), criteria(zone, say)),
-        (say("Why nodes are not in the zone"), (say("reason"), say("nodes"), say("share")), rejected(zone, say)),
-        (say("The rig"), (say("cable"), say("from"), *place, say("pulley radius, mm"), say("to")), rig_rows(rig, say)),
+        (say("zone.both_criteria_side_side"), (say("zone.criterion"), say("zone.nodes"), say("zone.volume_m")), criteria(zone, say)),
+        (say("zone.why_nodes_not_zone"), (say("zone.reason"), say("zone.nodes"), say("zone.share")), rejected(zone, say)),
+        (say("page.rig"), (say("page.cable"), say("page.from"), *place, say("zone.pulley_radius_mm"), say("page.to")), rig_rows(rig, say)),
     ]
     return out
 
@@ -96,29 +79,29 @@ def figures(zone: xr.Dataset, found: Extent, say: Say) -> Rows:
     """Table of the zone's figures."""
     inside = zone["in_zone"].values.astype(bool)
     rows: Rows = [
-        (say("volume"), say("{m3:.5g} m³", m3=found.volume_mm3 / 1e9)),
-        (say("grid error of the volume"), say("{m3:.2g} m³", m3=found.volume_error_mm3 / 1e9)),
+        (say("zone.volume"), say("zone.m", m3=found.volume_mm3 / 1e9)),
+        (say("zone.grid_error_volume"), say("zone.m_2", m3=found.volume_error_mm3 / 1e9)),
     ]
     if found.box is not None:
         low, high = found.box
         size = " × ".join(say.number(v, "g") for v in high - low)
-        rows.append((say("largest box"), say("{size} mm, from {low} to {high}", size=size, low=_place(low, say), high=_place(high, say))))
+        rows.append((say("zone.largest_box"), say("zone.mm_from", size=size, low=_place(low, say), high=_place(high, say))))
     if found.cube is not None:
-        rows.append((say("largest cube"), say("{mm:g} mm about {place}", mm=found.cube[1], place=_place(found.cube[0], say))))
+        rows.append((say("zone.largest_cube"), say("zone.mm_about", mm=found.cube[1], place=_place(found.cube[0], say))))
     if found.ball is not None:
-        about = say("radius {mm:.4g} mm about {place}", mm=found.ball[1], place=_place(found.ball[0], say))
-        rows.append((say("largest ball"), about))
+        about = say("zone.radius_mm_about", mm=found.ball[1], place=_place(found.ball[0], say))
+        rows.append((say("zone.largest_ball"), about))
     for name, label, unit in (
-        ("worst_pressure_angle_deg", say("worst pressure angle in the zone"), "°"),
-        ("u95_position_mm", say("95 % radius of the tool origin in the zone"), say(" mm")),
-        ("u95_rotation_deg", say("95 % radius of the orientation in the zone"), "°"),
-        ("u95_attachment_mm", say("95 % radius of the worst attachment point in the zone"), say(" mm")),
-        ("clearance_mm", say("clearance of the cables in the zone"), say(" mm")),
-        ("singularity_distance", say("distance to a singular pose in the zone"), ""),
+        ("worst_pressure_angle_deg", say("zone.worst_pressure_angle_zone"), "°"),
+        ("u95_position_mm", say("zone.95_radius_tool_origin"), say("zone.mm")),
+        ("u95_rotation_deg", say("zone.95_radius_orientation_zone"), "°"),
+        ("u95_attachment_mm", say("zone.95_radius_worst_attachment"), say("zone.mm")),
+        ("clearance_mm", say("zone.clearance_cables_zone"), say("zone.mm")),
+        ("singularity_distance", say("zone.distance_singular_pose_zone"), ""),
     ):
         if name in zone and inside.any():
             values = zone[name].values[inside]
-            rows.append((label, say("{low:.4g} to {high:.4g}", low=float(values.min()), high=float(values.max())) + unit))
+            rows.append((label, say("zone.to_2", low=float(values.min()), high=float(values.max())) + unit))
     return rows + _limits(zone.attrs, say)
 
 
@@ -127,18 +110,18 @@ def _limits(attrs: dict[str, Any], say: Say) -> Rows:
     rows: Rows = []
     if "limit_length_mm" in attrs:
         low, high = np.asarray(attrs["limit_length_mm"], dtype=np.float64).tolist()
-        rows.append((say("limit of the cables' lengths"), say("{low:.4g} to {high:.4g}", low=low, high=high) + say(" mm")))
+        rows.append((say("zone.limit_cables_lengths"), say("zone.to_2", low=low, high=high) + say("zone.mm")))
     for name, label, unit in (
-        ("u95_mm", say("limit of the 95 % radius of the position"), say(" mm")),
-        ("u95_rotation_deg", say("limit of the 95 % radius of the orientation"), "°"),
-        ("u95_attachment_mm", say("limit of the 95 % radius of the worst attachment point"), say(" mm")),
-        ("wrap_deg", say("limit of the angle wrapped around a pulley"), "°"),
-        ("clearance_mm", say("least clearance of the cables"), say(" mm")),
-        ("singularity", say("least distance to a singular pose"), ""),
+        ("u95_mm", say("zone.limit_95_radius_position"), say("zone.mm")),
+        ("u95_rotation_deg", say("zone.limit_95_radius_orientation"), "°"),
+        ("u95_attachment_mm", say("zone.limit_95_radius_worst"), say("zone.mm")),
+        ("wrap_deg", say("zone.limit_angle_wrapped_around"), "°"),
+        ("clearance_mm", say("zone.least_clearance_cables"), say("zone.mm")),
+        ("singularity", say("zone.least_distance_singular_pose"), ""),
     ):
         if f"limit_{name}" in attrs:
             rows.append((label, say.number(float(attrs[f"limit_{name}"]), "g") + unit))
-    return [*rows, *([(say("one assembly alone"), say("yes"))] if attrs.get("limit_one_assembly") else [])]
+    return [*rows, *([(say("zone.one_assembly_alone"), say("page.yes"))] if attrs.get("limit_one_assembly") else [])]
 
 
 def _place(at: FloatArray, say: Say) -> str:
@@ -148,14 +131,14 @@ def _place(at: FloatArray, say: Say) -> str:
 def iso_table(found: Extent, say: Say) -> tuple[tuple[str, ...], Rows]:
     """Header and rows of P1 to P5 of the largest cube."""
     names = {
-        "worst_pressure_angle_deg": say("pressure angle, °"),
-        "u95_position_mm": say("U95 position, mm"),
-        "u95_rotation_deg": say("U95 orientation, °"),
-        "u95_attachment_mm": say("U95 attachment, mm"),
+        "worst_pressure_angle_deg": say("zone.pressure_angle"),
+        "u95_position_mm": say("zone.u95_position_mm"),
+        "u95_rotation_deg": say("zone.u95_orientation"),
+        "u95_attachment_mm": say("zone.u95_attachment_mm"),
     }
     kept = [key for key in names if key in found.cube_points[0]]
     rows = [(p["name"], _place(np.array(p["position_mm"]), say), *(say.number(p[key], ".4g") for key in kept)) for p in found.cube_points]
-    return (say("pose"), say("position, mm"), *(names[key] for key in kept)), rows
+    return (say("page.pose"), say("zone.position_mm"), *(names[key] for key in kept)), rows
 
 
 def criteria(zone: xr.Dataset, say: Say) -> Rows:
@@ -166,17 +149,17 @@ def criteria(zone: xr.Dataset, say: Say) -> Rows:
     asked = zone.attrs.get("limit_u95_mm")
     within_angle = angle <= zone.attrs["limit_deg"]
     if asked is not None:
-        radius, by_radius = float(asked), say("95 % radius within {mm:.3g} mm", mm=float(asked))
+        radius, by_radius = float(asked), say("zone.95_radius_within_mm", mm=float(asked))
     elif within_angle.any():
         radius = float(u95[within_angle].max())
-        by_radius = say("95 % radius within {mm:.3g} mm (the largest within the angle)", mm=radius)
+        by_radius = say("zone.95_radius_within_mm_largest", mm=radius)
     else:
         radius = float(np.nanmedian(u95))
-        by_radius = say("95 % radius within {mm:.3g} mm (the median)", mm=radius)
+        by_radius = say("zone.95_radius_within_mm_median", mm=radius)
     masks = (
-        (say("pressure angle within {deg:g}°", deg=zone.attrs["limit_deg"]), within_angle),
+        (say("zone.pressure_angle_within", deg=zone.attrs["limit_deg"]), within_angle),
         (by_radius, u95 <= radius),
-        (say("all limits"), zone["in_zone"].values == 1),
+        (say("zone.all_limits"), zone["in_zone"].values == 1),
     )
     return [(name, str(int(mask.sum())), say.number(mask.sum() * cell, ".5g")) for name, mask in masks]
 
@@ -184,22 +167,22 @@ def criteria(zone: xr.Dataset, say: Say) -> Rows:
 def rejected(zone: xr.Dataset, say: Say) -> Rows:
     """How many nodes each reason takes from the zone; a node may have several."""
     words = {
-        "cable_cannot_run": say("a cable cannot run"),
-        "singular": say("singular"),
-        "pressure_angle": say("pressure angle"),
-        "cable_too_short": say("a cable is too short"),
-        "cable_too_long": say("a cable is too long"),
-        "u95_position": say("95 % radius of the position"),
-        "u95_rotation": say("95 % radius of the orientation"),
-        "u95_attachment": say("95 % radius of an attachment point"),
-        "wrap": say("angle wrapped around a pulley"),
-        "clearance": say("clearance"),
-        "other_assembly": say("another assembly"),
-        "near_singular": say("near a singular pose"),
+        "cable_cannot_run": say("zone.cable_cannot_run"),
+        "singular": say("zone.singular"),
+        "pressure_angle": say("zone.pressure_angle_2"),
+        "cable_too_short": say("zone.cable_too_short"),
+        "cable_too_long": say("zone.cable_too_long"),
+        "u95_position": say("zone.95_radius_position"),
+        "u95_rotation": say("zone.95_radius_orientation"),
+        "u95_attachment": say("zone.95_radius_attachment_point"),
+        "wrap": say("zone.angle_wrapped_around_pulley"),
+        "clearance": say("zone.clearance"),
+        "other_assembly": say("zone.another_assembly"),
+        "near_singular": say("zone.near_singular_pose"),
     }
     total = zone["in_zone"].size
     rows: Rows = [(words[reason], str(n), f"{say.number(100 * n / total, '.1f')} %") for reason, n in reasons(zone).items() if n]
-    return rows or [(say("none"), "0", "0 %")]
+    return rows or [(say("page.none"), "0", "0 %")]
 
 
 def rig_rows(rig: Rig, say: Say) -> Rows:

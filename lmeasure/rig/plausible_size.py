@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from itertools import combinations
 from typing import Any
 
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 SMALLEST_CELL_MM = 30.0
 """Between the observation points that are farthest apart; in metres no cell has more."""
@@ -14,7 +14,7 @@ SMALLEST_ROUND_MM = 2.0
 UNITS_MM = {"metres": 1000.0, "inches": 25.4}
 
 
-def unlikely_size(rig: Mapping[str, Any], source: str) -> Finding | None:
+def unlikely_size(rig: Mapping[str, Any], source: str) -> Message | None:
     """What is unlikely about the sizes of a rig, the content of its file, and in which unit they would be usual; None where nothing is, or
     where it is no rig. source names the file."""
     try:
@@ -37,5 +37,5 @@ def _radius_mm(drum: Mapping[str, Any]) -> float:
     return float(drum["counts_per_revolution"]) * float(drum["count_length_mm"]) / math.tau
 
 
-def _said(what: str, unit: str, mm: float, source: str) -> Finding:
-    return finding(f"rig.size.{what}", file=source, mm=mm, unit=finding(f"unit.{unit}"), real_mm=mm * UNITS_MM[unit])
+def _said(what: str, unit: str, mm: float, source: str) -> Message:
+    return message(f"rig.size.{what}", file=source, mm=mm, unit=message(f"unit.{unit}"), real_mm=mm * UNITS_MM[unit])

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike
 from lmeasure.core import FloatArray
 from lmeasure.kernels import RADIUS, TRAVEL, TURN_COUNTS
 from lmeasure.sensors.wrap import Drum, Span, drum_of
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 
 class Acted(NamedTuple):
@@ -63,16 +63,16 @@ class CableEffect:
     key: str
     text: str
     code: str
-    size: Finding
+    size: Message
     typical: float
     of: str | None = None
     parameter: str | None = None
     adds: Callable[[Acted], FloatArray] | None = None
 
     @property
-    def said(self) -> Finding:
+    def said(self) -> Message:
         """What it is called, in every language."""
-        return finding(f"exact.{self.code}")
+        return message(f"exact.{self.code}")
 
 
 def _of_count_length(at: Acted) -> FloatArray:
@@ -119,18 +119,18 @@ def _of_attachment(at: Acted) -> FloatArray:
 
 
 def _mm(typical: float) -> dict[str, Any]:
-    return {"size": finding("size.mm", mm=typical), "typical": typical}
+    return {"size": message("size.mm", mm=typical), "typical": typical}
 
 
 def _band(half: float) -> dict[str, Any]:
-    return {"size": finding("size.band", counts=round(2.0 * half)), "typical": half}
+    return {"size": message("size.band", counts=round(2.0 * half)), "typical": half}
 
 
 COUNT_LENGTH = CableEffect(
     "u_count_length_mm",
     "count length",
     "count_length",
-    finding("size.percent", percent=0.05),
+    message("size.percent", percent=0.05),
     5e-4,
     "count_length_mm",
     "scale",

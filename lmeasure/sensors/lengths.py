@@ -33,7 +33,7 @@ from lmeasure.rig import AngleEncoder, Cable, Drum, Observed, Rig, Swivel
 from lmeasure.sensors.cable_effects import effects_of, zero_at
 from lmeasure.sensors.rejected_samples import Reasons, on_time_base, other_times, rate_notes, reasons_of
 from lmeasure.sensors.stated_errors import last_travel
-from lmeasure.text import Finding, finding, from_file, in_english
+from lmeasure.text import Message, from_file, in_english, message
 
 POSE = 7
 """Numbers of a pose."""
@@ -58,7 +58,7 @@ class Lengths(Shown):
     flags: IntArray
     cause: TextArray
     cable: TextArray
-    notes: tuple[Finding, ...] = ()
+    notes: tuple[Message, ...] = ()
     u_time_s: FloatArray | None = None
     """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
     temperature_c: FloatArray | None = None
@@ -362,7 +362,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     n, m = len(time_s), len(observed)
     gone_on = np.full((n, m), np.nan)
     reasons: list[Reasons] = []
-    notes: list[Finding] = []
+    notes: list[Message] = []
     believed: dict[str, dict[str, tuple[Drum | AngleEncoder, float]]] = {p.source: {} for p in run.passes}
     missed_mm = np.zeros((n, m))
     others: dict[int, OtherTimes | None] = {}
@@ -383,7 +383,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             codes=drum.codes,
         )
         if counter.inferred_bits is not None:
-            notes.append(finding("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
+            notes.append(message("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
         if counter.believed_rate is not None and state is None:
             believed[counts.source][c.channel] = drum, counter.believed_rate
         values = counter.counts * drum.count_sign / drum.scale

@@ -10,7 +10,7 @@ from lmeasure.core import BoolArray, FloatArray, OtherTimes, Status
 from lmeasure.kernels import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.recording import Unwrapped
 from lmeasure.rig import AngleEncoder, Drum
-from lmeasure.text import Cause, Finding, finding
+from lmeasure.text import Cause, Message, message
 
 SLACK_S = 0.5  # a cable that lost the tool is taut again before
 HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
@@ -37,32 +37,32 @@ def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time
     """Why samples of a channel, at times (n,), are not used."""
     speed = _speed(drum, drum.rate)
     in_pauses = _speed(drum, counter.believed_rate or drum.rate)
-    foreign = finding("cause.foreign.bits", channel=channel, bits=drum.counter_bits)
+    foreign = message("cause.foreign.bits", channel=channel, bits=drum.counter_bits)
     if drum.codes is not None:
-        foreign = finding("cause.foreign.codes", channel=channel, codes=drum.codes)
+        foreign = message("cause.foreign.codes", channel=channel, codes=drum.codes)
     every = [
-        Reason(counter.what == JUMPED, Status.JUMP, finding("cause.jumped", channel=channel, **speed)),
-        Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, finding("cause.went_on", channel=channel)),
+        Reason(counter.what == JUMPED, Status.JUMP, message("cause.jumped", channel=channel, **speed)),
+        Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, message("cause.went_on", channel=channel)),
         Reason(counter.what == FOREIGN, Status.JUMP, foreign),
-        Reason(counter.what == UNSURE, Status.GAP, finding("cause.wrapped", channel=channel, **in_pauses)),
-        Reason(counter.what == EMPTY, Status.GAP, finding("cause.no_count", channel=channel)),
+        Reason(counter.what == UNSURE, Status.GAP, message("cause.wrapped", channel=channel, **in_pauses)),
+        Reason(counter.what == EMPTY, Status.GAP, message("cause.no_count", channel=channel)),
     ]
     if isinstance(drum, Drum) and drum.max_cable_acceleration_mm_s2 is not None:
         limit = drum.max_cable_acceleration_mm_s2
         values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) / drum.scale
         slack = slack_samples(values, time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
-        every.append(Reason(slack, Status.SLACK, finding("cause.slack", channel=channel, limit=limit)))
+        every.append(Reason(slack, Status.SLACK, message("cause.slack", channel=channel, limit=limit)))
     return tuple(reason for reason in every if reason.mask.any())
 
 
-def rate_notes(source: str, believed: Mapping[str, tuple[Drum | AngleEncoder, float]]) -> list[Finding]:
+def rate_notes(source: str, believed: Mapping[str, tuple[Drum | AngleEncoder, float]]) -> list[Message]:
     """That rates [1/s] of the counters of these channels were taken from their motion: a note for each of the keys that nobody stated."""
     found: dict[str, tuple[list[str], float]] = {}
     for channel, (drum, rate) in believed.items():
         key, limit = _speed(drum, rate).values()
         channels, most = found.get(key, ([], 0.0))
         found[key] = [*channels, channel], max(most, limit)
-    return [finding("counts.rate", source=source, channels=", ".join(c), key=key, limit=most) for key, (c, most) in found.items()]
+    return [message("counts.rate", source=source, channels=", ".join(c), key=key, limit=most) for key, (c, most) in found.items()]
 
 
 def _speed(drum: Drum | AngleEncoder, rate: float) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def on_time_base(
     out, missed = times.read(values, good, 1.0 / drum.scale, SMOOTH_MM / mm)
     moved = (
         *(Reason(times.either(mask), flag, said) for mask, flag, said in reasons),
-        Reason(times.outside, Status.GAP, finding("cause.pass.outside", passage=passage)),
-        Reason(times.in_hole, Status.GAP, finding("cause.pass.hole", passage=passage)),
+        Reason(times.outside, Status.GAP, message("cause.pass.outside", passage=passage)),
+        Reason(times.in_hole, Status.GAP, message("cause.pass.hole", passage=passage)),
     )
     return out, missed, moved

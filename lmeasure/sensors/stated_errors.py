@@ -25,13 +25,13 @@ from lmeasure.sensors.effect_laws import (
     CableEffect,
 )
 from lmeasure.sensors.wrap import Span, arms, drum_of, spans
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 EXPANSION_PER_K = 11.5e-6  # of steel
 WARMER_K = 5.0
 ALIKE_K = 0.5  # temperatures that are not told apart
 BAND = 2.5  # recorded counts
-TEMPERATURE = finding("exact.temperature")
+TEMPERATURE = message("exact.temperature")
 CALIBRATION, RIG, CAMPAIGN = "calibration", "rig", "campaign"
 """Whose temperature a run is held against."""
 
@@ -41,8 +41,8 @@ class Taken:
     """What is taken as exact because nobody stated it: what it is, a usual size of it, and the standard uncertainty of the tool's place
     [mm] that this size would add, the largest over the poses that were asked for. stated: it is no usual size but what was stated."""
 
-    what: Finding
-    size: Finding
+    what: Message
+    size: Message
     mm: float
     stated: bool = False
 
@@ -57,11 +57,11 @@ class Taken:
         return str(self.size)
 
     @property
-    def said(self) -> Finding:
+    def said(self) -> Message:
         """A sentence for a person."""
         if self.stated:
-            return finding(f"expansion.{self.size.code.rpartition('.')[2]}", **self.size.values, mm=self.mm)
-        return finding("exact", what=self.what, size=self.size, mm=self.mm)
+            return message(f"expansion.{self.size.code.rpartition('.')[2]}", **self.size.values, mm=self.mm)
+        return message("exact", what=self.what, size=self.size, mm=self.mm)
 
     def row(self) -> dict[str, object]:
         """As a calibration record has it."""
@@ -70,7 +70,7 @@ class Taken:
 
 def worst(taken: Iterable[Taken]) -> tuple[Taken, ...]:
     """The same things taken as exact by several pieces of a run, each where it is worst."""
-    out: dict[tuple[Finding, bool], Taken] = {}
+    out: dict[tuple[Message, bool], Taken] = {}
     for t in taken:
         if (t.what, t.stated) not in out or t.mm > out[t.what, t.stated].mm:
             out[t.what, t.stated] = t
@@ -277,15 +277,15 @@ def _of_temperature(warmth: Warmth, scale: float, drift: float) -> list[Taken]:
     if warmth.expands and warmth.lowest_c is not None:
         return []
     if warmth.reference_c is None or warmth.lowest_c is None or warmth.highest_c is None:
-        size = finding("size.kelvin", kelvin=WARMER_K)
+        size = message("size.kelvin", kelvin=WARMER_K)
         if warmth.of == CALIBRATION and warmth.reference_c is not None:
-            size = finding("size.kelvin_calibrated", kelvin=WARMER_K, at_deg_c=warmth.reference_c)
+            size = message("size.kelvin_calibrated", kelvin=WARMER_K, at_deg_c=warmth.reference_c)
         return [Taken(TEMPERATURE, size, WARMER_K * drift)]
     off = max(abs(warmth.lowest_c - warmth.reference_c), abs(warmth.highest_c - warmth.reference_c))
     if off < ALIKE_K:
         return []
     mm = off * scale + (warmth.highest_c - warmth.lowest_c) * drift
-    size = finding(f"size.off.{warmth.of}", kelvin=off, at_deg_c=warmth.reference_c)
+    size = message(f"size.off.{warmth.of}", kelvin=off, at_deg_c=warmth.reference_c)
     return [Taken(TEMPERATURE, size, mm, stated=True)]
 
 

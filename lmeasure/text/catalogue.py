@@ -1,39 +1,40 @@
-"""Texts by key in the languages that people read: gettext catalogues of this package, `locale/LANGUAGE/DOMAIN.po`."""
+"""Read the texts of each language by id from `locale/LANGUAGE.po`, and write numbers as the language does.
+
+A new language needs one file: `LANGUAGES` lists those that exist. English is complete; what another language lacks appears in English.
+"""
 
 import json
 import os
 import re
 import string
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache, partial
+from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-LANGUAGES = ("en", "ru")
 LOCALE = Path(__file__).parent / "locale"
-DECIMAL_MARK = {"en": ".", "ru": ","}  # GOST R 1.5
-BETWEEN_NUMBERS = {"en": ", ", "ru": "; "}
-NUMBER = r"[-+]?\d[-+\d.e]*|nan|[-+]?inf"
-WORD = "s"
-KINDS = {"": ".+", WORD: r"\S+"}
-"""What a value of a template may be, by its format; of any other it is a number."""
+LANGUAGES = tuple(sorted(path.stem for path in LOCALE.glob("*.po")))
 PLACES = "LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG"
-"""Variables of the environment that name a language; the first that is not empty counts."""
+"""Environment variables that name a language; the first that is not empty counts."""
 
 
 def of_terminal(environment: Mapping[str, str] | None = None) -> str:
-    """The language of the environment, English where it is none that has a catalogue."""
+    """Return the language of the environment, English where it names none that has a catalogue."""
     known = os.environ if environment is None else environment
     named = next((known[place] for place in PLACES if known.get(place)), "")
     # LANGUAGE may name several, de:ru
-    asked = (re.split(r"[._@]", one)[0].lower() for one in named.split(":"))
-    return next((one for one in asked if one in LANGUAGES), "en")
+    requested = (re.split(r"[._@]", one)[0].lower() for one in named.split(":"))
+    return next((one for one in requested if one in LANGUAGES), "en")
 
 
 @cache
-def texts(domain: str, language: str) -> Mapping[str, str]:
-    """Return all texts of a domain by their keys, in the order of the catalogue."""
-    return read_catalogue(LOCALE / language / f"{domain}.po")
+def texts(language: str, subject: str = "") -> Mapping[str, str]:
+    """Return the texts of a language by their ids; with a subject those of ids that begin with it, by the rest of their ids."""
+    if subject:
+        begin = f"{subject}."
+        return {key.removeprefix(begin): text for key, text in texts(language).items() if key.startswith(begin)}
+    own = read_catalogue(LOCALE / f"{language}.po")
+    return own if language == "en" else {**texts("en"), **own}
 
 
 _LINE = re.compile(r'(?:(msgid|msgstr) )?(".*")|#.*|\s*')
@@ -63,7 +64,7 @@ def read_catalogue(path: Path) -> dict[str, str]:
 
 
 def plain(text: str) -> str:
-    """A text whose numbers below ten million have no power of ten: 4380, not 4.38e+03; its digits stay as they were rounded."""
+    """Write numbers below ten million without a power of ten: 4380, not 4.38e+03; their digits stay as they were rounded."""
     return _POWER.sub(lambda found: f"{float(found[0]):.0f}", text) if "e+0" in text else text
 
 
@@ -71,13 +72,13 @@ _POWER = re.compile(r"(?<![\w.])\d(?:\.\d+)?e\+0[1-6](?!\d)")
 
 
 def signs(text: str) -> str:
-    """A text whose signs are those that people write, where files and keys have letters of any machine: mm/s², ±."""
+    """Write signs as people do where files and keys have letters of any machine: mm/s², ±."""
     return text.replace("mm/s2", "mm/s²").replace("+-", "±")
 
 
 def decimal(language: str, printed: str) -> str:
-    """A printed number with the decimal mark of the language."""
-    return plain(printed).replace(".", DECIMAL_MARK[language])
+    """Return a printed number with the decimal mark of the language."""
+    return plain(printed).replace(".", texts(language)["number.decimal_mark"])
 
 
 LAST_BITS = 1e-9
@@ -100,8 +101,8 @@ _SIGN = re.compile(r"^(?:.?[<>=^])?[-+ ]?")
 
 
 def numbers(language: str, values: Iterable[float], form: str) -> str:
-    """Return coordinates or angles in a row, between which the decimal mark of the language does not stand."""
-    return BETWEEN_NUMBERS[language].join(number(language, settled(v), form) for v in values)
+    """Return coordinates or angles in a row; the mark between them differs from the decimal mark of the language."""
+    return texts(language)["number.between"].join(number(language, settled(v), form) for v in values)
 
 
 def typed(values: Iterable[float]) -> str:
@@ -110,57 +111,24 @@ def typed(values: Iterable[float]) -> str:
 
 
 class Writer(string.Formatter):
-    """Puts values into the texts of a language: numbers get its decimal mark, values that have words of their own (`text`) those words, and
-    several of them stand in a row."""
+    """Put values into the texts of a language: numbers get its decimal mark, messages its words, and tuples of values stand in a row."""
 
     def __init__(self, language: str) -> None:
         self.language = language
 
     def format_field(self, value: Any, format_spec: str) -> str:
-        """See `string.Formatter`; a number that was read from a text comes as that text."""
+        """Return one value as text; a number that was read from a text comes as that text, and what is not known as a dash."""
         if isinstance(value, tuple):
-            return ", ".join(self.format_field(v, format_spec) for v in value)
+            several = [self.format_field(v, format_spec) for v in value]
+            return (texts(self.language)["number.between"] if _are_numbers(value) else ", ").join(several)
+        if value is None:
+            return "–"
         if hasattr(value, "text"):
             return str(value.text(self.language))
-        if format_spec in ("", WORD):
-            return str(value)
+        if format_spec in ("", "s") or format_spec[-1:] in "<>^" or format_spec.lstrip("<>^").isdigit():
+            return format(str(value), format_spec)
         return decimal(self.language, value) if isinstance(value, str) else number(self.language, value, format_spec)
 
 
-def retold(domain: str, language: str, message: str, inner: Callable[[str], str] = str) -> str | None:
-    """An English message as one of a domain's templates, whose keys are English, has it in a language; None where none fits.
-
-    A value with the format s is one word, with any other format a number, which gets the language's decimal mark; one without a format may
-    be a message itself, which `inner` tells.
-    """
-    known = texts(domain, language)
-    if message in known:
-        return known[message]
-    for pattern, template, kinds in _patterns(domain, language):
-        found = pattern.fullmatch(message)
-        if found is not None and not any(_BROKEN.match(value) for value in found.groupdict().values()):
-            tell: dict[str, Callable[[str], str]] = {"": inner, WORD: str}
-            values = {name: tell.get(kinds[name], partial(decimal, language))(value) for name, value in found.groupdict().items()}
-            return Writer(language).vformat(known[template], (), values)
-    return None
-
-
-_BROKEN = re.compile(r"[^(]*\).*\(", re.DOTALL)
-"""No value of a template: it begins within brackets and ends within others, two values of a list with what stands between them."""
-
-
-@cache
-def _patterns(domain: str, language: str) -> tuple[tuple[re.Pattern[str], str, Mapping[str, str]], ...]:
-    """What each template with values looks like when it is filled in, the most wordy first."""
-    out = []
-    for key in texts(domain, language):
-        pattern, literal = "", 0
-        kinds: dict[str, str] = {}
-        for before, name, spec, _ in string.Formatter().parse(key):
-            pattern, literal = pattern + re.escape(before), literal + len(before)
-            if name is not None:
-                pattern += f"(?P<{name}>{KINDS.get(spec or '', NUMBER)})"
-                kinds[name] = spec or ""
-        if kinds:
-            out.append((literal, (re.compile(pattern, re.DOTALL), key, kinds)))
-    return tuple(each for _, each in sorted(out, key=lambda found: -found[0]))
+def _are_numbers(values: tuple[Any, ...]) -> bool:
+    return all(isinstance(value, float) for value in values)

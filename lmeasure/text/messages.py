@@ -1,112 +1,125 @@
-"""What a computation has to say of its data: a code with values. Its words come from the catalogues, at the end.
+"""Keep what a computation reports as an id and values, from its birth to the face that renders it in the reader's language.
 
-English is what files and certificates keep (`str`); pages are printed in their own language (`Finding.text`).
+Files, `--json` and certificates keep the English text; beside it `stated` and `table` keep ids and values, so that no text is read back.
 """
 
-import re
-import string
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from lmeasure.text.catalogue import Writer, texts
+from lmeasure.text.catalogue import Writer, plain, texts
 
-DOMAIN = "findings"
-_ONE = r"(?:[-+\d.e]+|nan|inf)"
-NUMBER = rf"{_ONE}(?:, {_ONE})*"
-"""A number as it is printed, or several."""
 JOINED = "joined"
-"""Two findings, one behind the other."""
+"""Two messages, one behind the other."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A code, a key of the catalogues `locale/*/findings.po`, and the values that its text names: numbers, texts, other findings or tuples
-    of these."""
+class Message(str):
+    """An English text that knows its id (`code`) and values, and so its words in every language.
+
+    It is a string, so that files, JSON and scripts have its English text without any conversion. Values are numbers, texts, other messages,
+    or tuples of these. `template` is the English text of messages whose id no catalogue has, such as those of plug-ins.
+    """
 
     code: str
     values: Mapping[str, Any]
+    template: str
 
-    def __hash__(self) -> int:
-        return hash((self.code, tuple(self.values.values())))
+    def __new__(cls, code: str, values: Mapping[str, Any] | None = None, template: str = "") -> "Message":
+        """Return the message of an id and values; KeyError where neither the catalogue nor the template has its text."""
+        known = values or {}
+        out = super().__new__(cls, plain(_filled("en", code, known, template)))
+        out.code, out.values, out.template = code, known, template
+        return out
 
     def text(self, language: str) -> str:
-        """In the words of a language."""
-        return Writer(language).vformat(texts(DOMAIN, language)[self.code], (), self.values)
-
-    def __str__(self) -> str:
-        return self.text("en")
+        """Return the message in the words of a language."""
+        return str(self) if language == "en" else _filled(language, self.code, self.values, self.template)
 
     def stated(self) -> dict[str, Any]:
-        """As certificate.json has it: the English text, the code and the values."""
-        return {"text": str(self), "code": self.code, "values": {key: _stated(value) for key, value in self.values.items()}}
+        """Return the English text, the id and the values, as JSON keeps them."""
+        own = {"template": self.template} if self.template else {}
+        return {"text": str(self), "code": self.code, "values": {key: _stated(value) for key, value in self.values.items()}, **own}
+
+    def __getnewargs__(self) -> tuple[str, Mapping[str, Any], str]:  # type: ignore[override]
+        return self.code, self.values, self.template
+
+    def __repr__(self) -> str:
+        return f"Message({self.code!r}, {dict(self.values)!r})"
 
 
-def finding(code: str, **values: Any) -> Finding:
-    """A finding of these values."""
-    return Finding(code, values)
+def _filled(language: str, code: str, values: Mapping[str, Any], template: str) -> str:
+    own = texts(language)
+    text = own.get(code, template) if template else own[code]
+    return Writer(language).vformat(text, (), values) if values else text
 
 
-def from_stated(stated: Mapping[str, Any]) -> Finding | None:
-    """What `Finding.stated` gave; None where it is something else, as of a code that another version knows."""
+def message(code: str, /, **values: Any) -> Message:
+    """Return the message of an id and values."""
+    return Message(code, values)
+
+
+def composed(template: str, /, **values: Any) -> Message:
+    """Return values put together without words of their own, the same in every language: `{where}: {what}`."""
+    return Message("", values, template)
+
+
+def joined(messages: Iterable[str]) -> str:
+    """Return messages one behind the other, with semicolons between them; empty where there are none."""
+    out = ""
+    for one in messages:
+        out = message(JOINED, first=out, then=one) if out else one
+    return out
+
+
+def from_stated(stated: Mapping[str, Any]) -> Message | None:
+    """Return the message of which `Message.stated` is; None for anything else, such as an id that another version knows."""
     try:
-        found = Finding(stated["code"], {key: _read(value) for key, value in stated["values"].items()})
+        values = {key: _read(value) for key, value in stated["values"].items()}
+        found = Message(stated["code"], values, stated.get("template", ""))
         return found if str(found) == stated["text"] else None
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
         return None
 
 
 def _stated(value: Any) -> Any:
-    if isinstance(value, Finding):
+    if isinstance(value, Message):
         return value.stated()
-    return [_stated(v) for v in value] if isinstance(value, tuple) else value
+    if hasattr(value, "item"):  # a number of numpy
+        return value.item()
+    return [_stated(v) for v in value] if isinstance(value, tuple | list) else value
 
 
 def _read(value: Any) -> Any:
     if isinstance(value, dict):
-        return from_stated(value) or recognised(value["text"]) or value["text"]
+        return from_stated(value) or value["text"]
     return tuple(_read(v) for v in value) if isinstance(value, list) else value
 
 
-def recognised(text: str) -> Finding | None:
-    """The finding of an English text that comes out of a file, or from where no codes are kept; None where the catalogue has no such text.
-
-    The patterns are made of the catalogue's own texts, the first that fits counts; numbers stay as they are printed.
-    """
-    # first, for a value of a text could hold a whole second one
-    for mark in re.finditer("; ", text):
-        first, then = recognised(text[: mark.start()]), recognised(text[mark.end() :])
-        if first is not None and then is not None:
-            return Finding(JOINED, {"first": first, "then": then})
-    for code, pattern, numbers in _patterns():
-        found = pattern.fullmatch(text)
-        if found is not None:
-            return Finding(code, {k: v if k in numbers else _value(v) for k, v in found.groupdict().items()})
-    return None
+def table(texts_of: Any) -> list[dict[str, Any]]:
+    """Return id and values of every message in a document of lists and dicts, once each, as a file keeps them beside its texts."""
+    return [one.stated() for one in {str(one): one for one in _messages(texts_of)}.values()]
 
 
-def _value(text: str) -> Finding | tuple[Finding, ...] | str:
-    """What stands in a text: several findings in a row, one, or as it is."""
-    parts = [recognised(part) for part in text.split(", ")]
-    several = tuple(part for part in parts if part is not None)
-    return several if len(several) == len(parts) > 1 else recognised(text) or text
+def restored(document: Any, stated: Iterable[Mapping[str, Any]]) -> Any:
+    """Return a document in which each text that a table (`table`) has is the message again; all others stay the text they are."""
+    return _replaced(document, {str(one): one for one in map(from_stated, stated) if one is not None})
 
 
-@cache
-def _patterns() -> tuple[tuple[str, re.Pattern[str], frozenset[str]], ...]:
-    """Codes, patterns of their English texts, and which of the values are numbers; what has no word of its own beside other texts cannot
-    be told."""
-    out = []
-    for code, text in texts(DOMAIN, "en").items():
-        pattern, literal = "", ""
-        numbers: dict[str, bool] = {}
-        for before, name, spec, conversion in string.Formatter().parse(text):
-            pattern, literal = pattern + re.escape(before), literal + before
-            if name is not None:
-                numbers[name] = bool(spec)
-                value = f"(?P<{name}>{NUMBER if spec else '.+'})"
-                pattern += f"'{value}'" if conversion else value
-        if all(numbers.values()) or any(map(str.isalpha, literal)):
-            out.append((code, re.compile(pattern), frozenset(name for name, number in numbers.items() if number)))
-    return tuple(out)
+def _messages(document: Any) -> Iterator[Message]:
+    if isinstance(document, Message):
+        yield document
+    elif isinstance(document, Mapping):
+        for value in document.values():
+            yield from _messages(value)
+    elif isinstance(document, list | tuple):
+        for value in document:
+            yield from _messages(value)
+
+
+def _replaced(document: Any, known: Mapping[str, Message]) -> Any:
+    if isinstance(document, str):
+        return known.get(document, document)
+    if isinstance(document, Mapping):
+        return {key: _replaced(value, known) for key, value in document.items()}
+    if isinstance(document, list | tuple):
+        return type(document)(_replaced(value, known) for value in document)
+    return document

@@ -1,24 +1,18 @@
-"""The words of a page in its language. English is the source: a text stands in the code where it is said, and is the key of the catalogues
-`locale/*/pages.po`; what a computation has said already, in English, is told again by the templates of `locale/*/told.po`."""
+"""Say the texts of a page in its language, by their ids; numbers and signs as people write them."""
 
 import re
 from typing import Any
 
-from lmeasure.text.catalogue import Writer, number, numbers, plain, retold, signs, texts
-from lmeasure.text.messages import Finding, recognised
-
-PAGES, TOLD = "pages", "told"
-BETWEEN = "; ", ". ", ", "
-"""What stands between parts that were told one by one."""
+from lmeasure.text.catalogue import Writer, number, numbers, signs, texts
 
 
 def powers(printed: str) -> str:
-    """Printed numbers with their powers of ten as people write them: 4.3·10⁻¹³ for 4.3e-13."""
+    """Write printed numbers with their powers of ten as people do: 4.3·10⁻¹³ for 4.3e-13."""
     return _EXPONENT.sub(lambda found: "·10" + (found[1].lstrip("+") + found[2]).translate(_RAISED), printed)
 
 
 def typeset(text: str) -> str:
-    """A line of a computation with signs as people write them: powers, mm/s², ±, m³."""
+    """Write a line of a computation with signs as people do: powers, mm/s², ±, m³."""
     return signs(powers(text)).replace("m^3", "m³")
 
 
@@ -27,52 +21,31 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Say:
-    """Says texts in a language: `say("Residuals")`, `say("{n} poses", n=7)`."""
+    """Says texts in a language: `say("page.residuals")`, `say("page.poses", n=7)`."""
 
     def __init__(self, language: str = "en") -> None:
         self.language = language
-        self._own = {} if language == "en" else texts(PAGES, language)
+        self._texts = texts(language)
         self._writer = Writer(language)
 
-    def __call__(self, text: str, /, **values: Any) -> str:
-        """A text of the code, or a template with its values; numbers with the language's decimal mark."""
-        said = self._own.get(text, text)
-        return powers(self._writer.vformat(said, (), values)) if values else said
+    def __call__(self, code: str, /, **values: Any) -> str:
+        """Return the text of an id with its values; numbers with the language's decimal mark."""
+        text = self._texts[code]
+        return powers(self._writer.vformat(text, (), values)) if values else text
 
     def number(self, value: float, form: str) -> str:
-        """A number by itself; a zero has no sign."""
+        """Return a number by itself; a zero has no sign."""
         return powers(number(self.language, value, form))
 
     def numbers(self, values: Any, form: str) -> str:
-        """Coordinates or angles in a row, between which the decimal mark does not stand."""
+        """Return coordinates or angles in a row; the mark between them differs from the decimal mark."""
         return powers(numbers(self.language, values, form))
 
-    def told(self, text: str | Finding) -> str:
-        """What a computation said; as it is where the language has no words for it."""
-        if isinstance(text, Finding):
-            return typeset(text.text(self.language))
-        text = plain(text)
-        if self.language == "en" or not text:
-            return typeset(text)
-        return typeset(self._known(text) or text)
+    def message(self, text: str) -> str:
+        """Return what a computation reported: a message in the language, any other text as it is."""
+        from lmeasure.text.legacy import known
 
-    def _known(self, text: str) -> str | None:
-        whole = retold(TOLD, self.language, text, self.told)
-        if whole is not None:
-            return whole
-        # a list of which each part is known, before what takes a whole list for one value
-        for mark in BETWEEN:
-            known = [self._known(part) for part in text.split(mark)] if mark in text else []
-            if known and all(said is not None for said in known):
-                return mark.join(said for said in known if said is not None)
-        found = recognised(text)
-        if found is not None:
-            return found.text(self.language)
-        for mark in BETWEEN:
-            parts = [(part, self._known(part)) for part in text.split(mark)] if mark in text else []
-            if any(said is not None for _, said in parts):
-                return mark.join(said or part for part, said in parts)
-        return None
+        return typeset(known(self.language, text))
 
 
 ENGLISH = Say()

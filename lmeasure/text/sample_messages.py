@@ -9,19 +9,20 @@ from typing import Any
 import numpy as np
 
 from lmeasure.core import TextArray
-from lmeasure.text.messages import JOINED, Finding, finding, recognised
+from lmeasure.text.messages import JOINED, Message, message
 
-Cause = Finding | str
+Cause = str
+"""A message, or the text of a file; empty where there is nothing to report."""
 
 
-def and_also(causes: TextArray, more: Finding) -> TextArray:
+def and_also(causes: TextArray, more: Message) -> TextArray:
     """(n,) causes with more said behind each."""
-    return _each(causes, lambda cause: finding(JOINED, first=cause, then=more), more)
+    return _each(causes, lambda cause: message(JOINED, first=cause, then=more), more)
 
 
 def without(causes: TextArray) -> TextArray:
     """(n,) what is said of samples that are good without the channels of which causes (n,) tell."""
-    return _each(causes, lambda cause: finding("cause.without", cause=cause), finding("cause.without", cause=""))
+    return _each(causes, lambda cause: message("cause.without", cause=cause), message("cause.without", cause=""))
 
 
 def in_english(causes: TextArray) -> TextArray:
@@ -31,13 +32,15 @@ def in_english(causes: TextArray) -> TextArray:
 
 def from_file(texts: TextArray) -> TextArray:
     """(n,) causes of the texts of a file."""
+    from lmeasure.text.legacy import recognised
+
     known = {text: recognised(text) or text for text in set(texts.tolist()) - {""}}
     return _each(texts, known.__getitem__, "")
 
 
 def said_first(cause: Cause) -> Cause:
     """Of several causes the first."""
-    while isinstance(cause, Finding) and cause.code == JOINED:
+    while isinstance(cause, Message) and cause.code == JOINED:
         cause = cause.values["first"]
     return cause
 
@@ -45,21 +48,28 @@ def said_first(cause: Cause) -> Cause:
 def is_of(cause: Cause, code: str) -> bool:
     """Whether a cause, or the first of several, has this code."""
     first = said_first(cause)
-    return isinstance(first, Finding) and first.code == code
+    return isinstance(first, Message) and first.code == code
 
 
-def within(cause: Cause, code: str) -> Finding | None:
+def within(cause: Cause, code: str) -> Message | None:
     """The finding of a code that a cause is, or holds."""
-    if not isinstance(cause, Finding):
+    if not isinstance(cause, Message):
         return None
     if cause.code == code:
         return cause
     return next((found for value in cause.values.values() if (found := within(value, code)) is not None), None)
 
 
+def common(n: int, cause: Cause) -> TextArray:
+    """Return the same cause for n samples, (n,); `np.full` and `np.where` would make a plain text of a single message."""
+    out = np.empty(n, dtype=np.object_)
+    out[:] = cause
+    return out
+
+
 def _each(causes: TextArray, made: Callable[[Any], Cause], of_nothing: Cause) -> TextArray:
     """What is made of each cause, once of those that are the same object, as those of many samples are."""
-    out = np.full(len(causes), of_nothing, dtype=np.object_)
+    out = common(len(causes), of_nothing)
     at = np.flatnonzero(causes != "")
     kept: dict[int, Cause] = {}
     for i, cause in zip(at.tolist(), causes[at].tolist(), strict=True):

@@ -150,7 +150,7 @@ def unread(request: Request, error: Exception) -> Response:
     """What is no file of the project is not found; what is there and cannot be read is said to be so, by its path in the project."""
     if isinstance(error, OutsideError):
         return lost(request, str(error))
-    return refused(request, 422, said(language_of(request), "It cannot be read"), within(bench_of(request).folder, error))
+    return refused(request, 422, said(language_of(request), "workbench.cannot_read"), within(bench_of(request).folder, error))
 
 
 def within(folder: Path, error: Exception) -> str:
@@ -161,7 +161,7 @@ def within(folder: Path, error: Exception) -> str:
 def lost(request: Request, text: str) -> Response:
     """Not found, and why in the reader's words where there are some."""
     language = language_of(request)
-    return refused(request, 404, said(language, "Not found"), said(language, text))
+    return refused(request, 404, said(language, "workbench.not_found"), said(language, text))
 
 
 def refused(request: Request, status: int, title: str, text: str) -> Response:

@@ -11,6 +11,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from lmeasure.core import LMeasureError, version_of
+from lmeasure.text import message
 from lmeasure.workbench import forms
 from lmeasure.workbench.answers import Bench, bench_of, job_of, page
 from lmeasure.workbench.project import OWN
@@ -123,25 +124,25 @@ def described() -> dict[str, Any]:
         "info": {"title": "lmeasure workbench", "version": version_of("lmeasure"), "description": __doc__},
         "security": [{"token": []}],
         "paths": {
-            "/api/project": {"get": {"summary": "what the project has", "responses": plain}},
-            "/api/commands": {"get": {"summary": "every command with its options", "responses": plain}},
+            "/api/project": {"get": {"summary": message("workbench.project_has"), "responses": plain}},
+            "/api/commands": {"get": {"summary": message("workbench.every_command_options"), "responses": plain}},
             "/api/jobs": {
-                "get": {"summary": "all jobs, the newest first", "responses": plain},
+                "get": {"summary": message("workbench.all_jobs_newest_first"), "responses": plain},
                 "post": {
-                    "summary": "begin a command",
+                    "summary": message("workbench.begin_command"),
                     "requestBody": body,
                     "responses": {"201": ok, "422": {"description": "refused, and why"}},
                 },
             },
             "/api/jobs/{number}": {
                 "parameters": [number],
-                "get": {"summary": "a job and all that it said", "responses": {"200": ok}},
-                "post": {"summary": "type a line", "requestBody": typed, "responses": plain},
-                "delete": {"summary": "end a job as Ctrl-C would", "responses": {"200": ok}},
+                "get": {"summary": message("workbench.job_all_said"), "responses": {"200": ok}},
+                "post": {"summary": message("workbench.type_line"), "requestBody": typed, "responses": plain},
+                "delete": {"summary": message("workbench.end_job_ctrl_c"), "responses": {"200": ok}},
             },
             "/api/jobs/{number}/live": {
                 "parameters": [number],
-                "get": {"summary": "WebSocket: every event of a job as JSON, a recording's live state among them", "responses": plain},
+                "get": {"summary": message("workbench.websocket_every_event_job"), "responses": plain},
             },
         },
         "components": {

@@ -47,7 +47,7 @@ def moved(request: Request) -> Response:
         values |= {"line": shlex.join(["lmeasure", "compare", old, new]), "chance": chance}
         try:
             found = _compared(bench, old, new)
-            values |= {"found": found, "values": shifts(found), "notes": [Say(language_of(request)).told(note) for note in found.notes]}
+            values |= {"found": found, "values": shifts(found), "notes": [Say(language_of(request)).message(note) for note in found.notes]}
         except (LMeasureError, OSError) as error:
             values["error"] = within(bench.folder, error)
     return page(request, "moved.html", 422 if values["error"] else 200, **values)

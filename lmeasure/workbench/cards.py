@@ -9,9 +9,9 @@ from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import read_regular
 from lmeasure.workbench import forms
 from lmeasure.workbench.project import LARGEST_TEXT, Project
-from lmeasure.workflows import COMMANDS
+from lmeasure.workflows import command_help
 
-MORE = "More options"
+MORE = "workbench.more_options"
 
 
 @dataclass(frozen=True)
@@ -25,36 +25,21 @@ class Page:
 
 
 PAGES = {
-    "check": Page(
-        "Connect and check",
-        "Which channel is which cable, which way it counts and how much it has to give: a person pulls, the counters tell.",
-        ("check", "play"),
-        ("rig",),
-    ),
-    "live": Page(
-        "Live", "See counts, speeds, faults and the pose as they come; record a pass of the motion.", ("watch", "record"), ("run",)
-    ),
+    "check": Page("workbench.connect_check", "workbench.channel_cable_way_counts", ("check", "play"), ("rig",)),
+    "live": Page("workbench.live", "workbench.see_counts_speeds_faults", ("watch", "record"), ("run",)),
     "calibrate": Page(
-        "Calibrate",
-        "Plan reference poses, read the counts at each, and find where the observation points are, with what the data can and cannot tell.",
+        "workbench.calibrate",
+        "workbench.plan_reference_poses_read",
         ("plan-poses", "capture", "calibrate"),
         ("poses", "calibration", "record"),
     ),
-    "zone": Page(
-        "Zone and place",
-        "Where in the cell the instrument can be believed, and where its points had better stand.",
-        ("zone", "place"),
-        ("zone",),
-    ),
+    "zone": Page("workbench.zone_place", "workbench.where_cell_instrument_can", ("zone", "place"), ("zone",)),
     "runs": Page(
-        "Runs",
-        "From recorded counts, or the log of another program, to a trajectory with its uncertainty.",
-        ("import", "reconstruct", "report", "motion"),
-        ("log", "run", "trajectory"),
+        "workbench.runs", "workbench.from_recorded_counts_log", ("import", "reconstruct", "report", "motion"), ("log", "run", "trajectory")
     ),
     "robot": Page(
-        "Robot and certificate",
-        "Write the test, certify what was measured, verify what was certified, find out what is wrong with the robot.",
+        "workbench.robot_certificate",
+        "workbench.write_test_certify_was",
         ("program", "simulate", "certify", "key", "verify", "compare", "identify", "correct"),
         ("program", "certificate", "identification", "robot"),
     ),
@@ -80,90 +65,90 @@ FIRST = {
     "demo": ("out", "robot", "correct", "seed"),
 }
 TITLES = {
-    "init": "Begin a rig",
-    "check": "Self-test",
-    "play": "A simulated cell on a bus",
-    "scan": "Adapters and who speaks",
-    "watch": "Watch without recording",
-    "record": "Record",
-    "plan-poses": "Plan reference poses",
-    "capture": "Capture the poses",
-    "calibrate": "Find the observation points",
-    "zone": "Accuracy zone",
-    "place": "Place the points",
-    "import": "Import logs",
-    "reconstruct": "Reconstruct the trajectory",
-    "report": "Page of a trajectory",
-    "motion": "Speed and acceleration",
-    "program": "Test program",
-    "simulate": "Simulate",
-    "certify": "Certify",
-    "verify": "Verify a certificate",
-    "compare": "Compare certificates",
-    "identify": "What is wrong with the robot",
-    "correct": "Correct a program",
-    "drum": "Drums from what was measured",
-    "demo": "A simulated cell",
-    "key": "A key to sign with",
-    "frames": "Base and tool",
-    "structure": "Structure",
-    "mechanism": "Mechanism",
-    "dyads": "Links for poses",
+    "init": "workbench.begin_rig",
+    "check": "workbench.self_test",
+    "play": "workbench.simulated_cell_bus",
+    "scan": "workbench.adapters_who_speaks",
+    "watch": "workbench.watch_without_recording",
+    "record": "workbench.record",
+    "plan-poses": "workbench.plan_reference_poses",
+    "capture": "workbench.capture_poses",
+    "calibrate": "workbench.find_observation_points",
+    "zone": "workbench.accuracy_zone",
+    "place": "workbench.place_points",
+    "import": "workbench.import_logs",
+    "reconstruct": "workbench.reconstruct_trajectory",
+    "report": "workbench.page_trajectory",
+    "motion": "workbench.speed_acceleration",
+    "program": "workbench.test_program",
+    "simulate": "workbench.simulate",
+    "certify": "workbench.certify",
+    "verify": "workbench.verify_certificate",
+    "compare": "workbench.compare_certificates",
+    "identify": "workbench.wrong_robot",
+    "correct": "workbench.correct_program",
+    "drum": "workbench.drums_from_was_measured",
+    "demo": "workbench.simulated_cell",
+    "key": "workbench.key_sign",
+    "frames": "workbench.base_tool",
+    "structure": "workbench.structure",
+    "mechanism": "workbench.mechanism",
+    "dyads": "workbench.links_poses",
 }
 VERBS = {
-    "init": "Write the rig",
-    "check": "Begin the self-test",
-    "play": "Play it",
-    "scan": "Listen",
-    "watch": "Watch",
-    "record": "Record",
-    "plan-poses": "Plan",
-    "capture": "Begin",
-    "calibrate": "Calibrate",
-    "zone": "Map the zone",
-    "import": "Import",
-    "certify": "Certify",
-    "verify": "Verify",
-    "drum": "Work them out",
-    "place": "Search",
+    "init": "workbench.write_rig",
+    "check": "workbench.begin_self_test",
+    "play": "workbench.play",
+    "scan": "workbench.listen",
+    "watch": "workbench.watch",
+    "record": "workbench.record",
+    "plan-poses": "workbench.plan",
+    "capture": "workbench.begin",
+    "calibrate": "workbench.calibrate",
+    "zone": "workbench.map_zone",
+    "import": "workbench.import",
+    "certify": "workbench.certify",
+    "verify": "workbench.verify",
+    "drum": "workbench.work_them_out",
+    "place": "workbench.search",
 }
 NEEDS = {
-    "check": ("rig", "There is no rig yet: begin one on the page Rig."),
-    "plan-poses": ("rig", "There is no rig yet: begin one on the page Rig."),
-    "play": ("rig", "There is no rig yet: begin one on the page Rig."),
-    "watch": ("rig", "There is no rig yet: begin one on the page Rig."),
-    "record": ("rig", "There is no rig yet: begin one on the page Rig."),
-    "capture": ("poses", "There are no poses yet: plan them first."),
-    "zone": ("rig", "There is no rig yet: begin one on the page Rig."),
-    "reconstruct": ("run", "There is no run yet: record or import one."),
-    "certify": ("trajectory", "There is no trajectory yet: reconstruct a run first."),
-    "verify": ("certificate", "There is no certificate yet."),
-    "compare": ("certificate", "There is no certificate yet."),
+    "check": ("rig", "workbench.there_no_rig_yet"),
+    "plan-poses": ("rig", "workbench.there_no_rig_yet"),
+    "play": ("rig", "workbench.there_no_rig_yet"),
+    "watch": ("rig", "workbench.there_no_rig_yet"),
+    "record": ("rig", "workbench.there_no_rig_yet"),
+    "capture": ("poses", "workbench.there_no_poses_yet"),
+    "zone": ("rig", "workbench.there_no_rig_yet"),
+    "reconstruct": ("run", "workbench.there_no_run_yet"),
+    "certify": ("trajectory", "workbench.there_no_trajectory_yet"),
+    "verify": ("certificate", "workbench.there_no_certificate_yet"),
+    "compare": ("certificate", "workbench.there_no_certificate_yet"),
 }
 ONWARD = {
-    "init": (("/rig", "Put in its dimensions"),),
-    "drum": (("/rig?file={out}", "Look at the rig"), ("/check", "Connect and check")),
-    "demo": (("/?tour=1", "Take the tour"), ("/zone", "Zone and place"), ("/robot", "Robot and certificate")),
+    "init": (("/rig", "workbench.put_dimensions"),),
+    "drum": (("/rig?file={out}", "workbench.look_rig"), ("/check", "workbench.connect_check")),
+    "demo": (("/?tour=1", "workbench.take_tour"), ("/zone", "workbench.zone_place"), ("/robot", "workbench.robot_certificate")),
     "simulate": (
-        ("/run/calibrate?folder={out}/calibration", "Find the observation points"),
-        ("/run/reconstruct?run={out}", "Reconstruct the trajectory"),
+        ("/run/calibrate?folder={out}/calibration", "workbench.find_observation_points"),
+        ("/run/reconstruct?run={out}", "workbench.reconstruct_trajectory"),
     ),
-    "check": (("/calibrate", "Calibrate"),),
-    "plan-poses": (("/calibrate#capture", "Capture the poses"),),
-    "capture": (("/calibrate#calibrate", "Find the observation points"),),
-    "calibrate": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"),),
-    "zone": (("/run/program?zone={out}", "Its largest cube as a test program"), ("/live", "Live"), ("/runs", "Runs")),
-    "place": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"), ("/rig?file={out}/rig.toml", "Look at the rig")),
-    "watch": (("/run/record?rig={rig}&bus={bus}&start={start}", "Record"),),
-    "record": (("/run/reconstruct?run={out}", "Reconstruct the trajectory"),),
-    "import": (("/start/{out}", "Start pose"), ("/run/reconstruct?run={out}", "Reconstruct the trajectory")),
+    "check": (("/calibrate", "workbench.calibrate"),),
+    "plan-poses": (("/calibrate#capture", "workbench.capture_poses"),),
+    "capture": (("/calibrate#calibrate", "workbench.find_observation_points"),),
+    "calibrate": (("/run/zone?rig={out}/rig.toml", "workbench.accuracy_zone"),),
+    "zone": (("/run/program?zone={out}", "workbench.largest_cube_test_program"), ("/live", "workbench.live"), ("/runs", "workbench.runs")),
+    "place": (("/run/zone?rig={out}/rig.toml", "workbench.accuracy_zone"), ("/rig?file={out}/rig.toml", "workbench.look_rig")),
+    "watch": (("/run/record?rig={rig}&bus={bus}&start={start}", "workbench.record"),),
+    "record": (("/run/reconstruct?run={out}", "workbench.reconstruct_trajectory"),),
+    "import": (("/start/{out}", "workbench.start_pose"), ("/run/reconstruct?run={out}", "workbench.reconstruct_trajectory")),
     "reconstruct": (
-        ("/trajectory/{out}", "Look at it over time"),
-        ("/run/report?measured={out}", "Page of a trajectory"),
-        ("/run/certify?trajectory={out}&run={run}", "Certify"),
+        ("/trajectory/{out}", "workbench.look_over_time"),
+        ("/run/report?measured={out}", "workbench.page_trajectory"),
+        ("/run/certify?trajectory={out}&run={run}", "workbench.certify"),
     ),
-    "key": (("/run/certify?key={out}", "Certify"),),
-    "certify": (("/run/verify?bundle={out}", "Verify a certificate"), ("/trend", "Certificates over time")),
+    "key": (("/run/certify?key={out}", "workbench.certify"),),
+    "certify": (("/run/verify?bundle={out}", "workbench.verify_certificate"), ("/trend", "workbench.certificates_over_time")),
 }
 """What comes after a command; in braces stands what it was asked."""
 
@@ -204,11 +189,11 @@ def card(
     kind, needs = NEEDS.get(command, ("", ""))
     whole = "" if wrong is not None and any(f.error for f in fields) else str(error or "")
     missing = _start(command, project) or (needs if kind and not project.of(kind) else "")
-    verb = VERBS.get(command, "Run it")
-    return Card(command, page, TITLES.get(command, command), COMMANDS[command], verb, first, list(panels.items()), missing, whole)
+    verb = VERBS.get(command, "workbench.run")
+    return Card(command, page, TITLES.get(command, command), command_help(command), verb, first, list(panels.items()), missing, whole)
 
 
-STARTLESS = "The start pose of this run is not stated: state it on the run's page, no step can do without it."
+STARTLESS = "workbench.start_pose_this_run"
 
 
 def hindered(command: str, given: Mapping[str, Any], folder: Path) -> str:
@@ -223,7 +208,7 @@ def hindered(command: str, given: Mapping[str, Any], folder: Path) -> str:
 def lacking(command: str, given: Mapping[str, Any]) -> tuple[str, str]:
     """The option that a form lacks beside those that are always needed, and what is told of it; two empty texts where it lacks none."""
     if command == "plan-poses" and not any(given.get(name) for name in ("box", "extend", "robot")):
-        return "box", "Say where the robot may go: a box, or a calibration that is extended."
+        return "box", "workbench.say_where_robot_may"
     return "", ""
 
 
@@ -238,7 +223,7 @@ def _start(command: str, project: Project) -> str:
         return ""
     if any(_started(project.folder / run) for run in runs):
         return ""
-    return "No run has its start pose: state it on the run's page, no step can do without it."
+    return "workbench.no_run_has_start"
 
 
 def _text(path: Path) -> str:

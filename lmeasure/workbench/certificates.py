@@ -111,7 +111,7 @@ def _certificate_in(folder: Path, name: str) -> Path:
 
 
 def _not_verified(request: Request, error: Exception) -> Response:
-    return refused(request, 422, said(language_of(request), "Not verified"), within(bench_of(request).folder, error))
+    return refused(request, 422, said(language_of(request), "workbench.not_verified"), within(bench_of(request).folder, error))
 
 
 class Point(NamedTuple):

@@ -25,51 +25,54 @@ class Entry(NamedTuple):
 
 
 FORM = {
-    "Laboratory": (
-        Entry("number", "", "Number of the report"),
+    "workbench.laboratory": (
+        Entry("number", "", "workbench.number_report"),
         Entry("laboratory.name", "laboratory"),
         Entry("laboratory.address", "laboratory.address", kind="long"),
         Entry("laboratory.contact", "laboratory.contact"),
         Entry("location", "location"),
-        Entry("logo", "", "Picture of its mark (.svg, .png, .jpg, beside the file)"),
+        Entry("logo", "", "workbench.picture_mark_svg_png"),
     ),
-    "Customer": (
+    "workbench.customer": (
         Entry("customer.name", "customer"),
         Entry("customer.address", "customer.address", kind="long"),
         Entry("customer.contact", "customer.contact"),
     ),
-    "Robot under test": (
-        Entry("item.maker", "item.maker", "Maker"),
+    "workbench.robot_under_test": (
+        Entry("item.maker", "item.maker", "workbench.maker"),
         Entry("item.model", "item.model"),
         Entry("item.serial", "item.serial"),
         Entry("item.controller", "item.controller"),
         Entry("item.condition", "item.condition", kind="long"),
-        Entry("item.description", "", "Anything else by which it is known"),
+        Entry("item.description", "", "workbench.anything_else_known"),
     ),
-    "Days": (
-        Entry("dates.received", "dates.received", "Day of receipt", "day"),
-        Entry("dates.measured_from", "dates.measured", "First day of measuring", "day"),
-        Entry("dates.measured_to", "dates.measured", "Last day of measuring", "day"),
-        Entry("dates.issued", "dates.issued", "Day of issue", "day"),
+    "workbench.days": (
+        Entry("dates.received", "dates.received", "workbench.day_receipt", "day"),
+        Entry("dates.measured_from", "dates.measured", "workbench.first_day_measuring", "day"),
+        Entry("dates.measured_to", "dates.measured", "workbench.last_day_measuring", "day"),
+        Entry("dates.issued", "dates.issued", "workbench.day_issue", "day"),
     ),
-    "Method and conditions": (
-        Entry("method", "", "Method, where it is not ISO 9283"),
+    "workbench.method_conditions": (
+        Entry("method", "", "workbench.method_where_not_iso"),
         Entry("deviations", "deviations", kind="long"),
         Entry("sampling", "sampling", kind="long"),
         Entry("traceability", "traceability", kind="long"),
-        Entry("conditions.temperature_c", "conditions", "Temperature [°C]", "number"),
-        Entry("conditions.temperature_range_c", "conditions", "Largest less smallest temperature [°C]", "number"),
-        Entry("conditions.humidity_percent", "conditions", "Relative humidity [%]", "number"),
-        Entry("conditions.text", "conditions", "Other conditions"),
-        Entry("supplied", "", "What the customer supplied", "long"),
-        Entry("external", "", "Results from others", "long"),
-        Entry("remarks", "", "Remarks", "long"),
+        Entry("conditions.temperature_c", "conditions", "workbench.temperature_c", "number"),
+        Entry("conditions.temperature_range_c", "conditions", "workbench.largest_less_smallest_temperature", "number"),
+        Entry("conditions.humidity_percent", "conditions", "workbench.relative_humidity", "number"),
+        Entry("conditions.text", "conditions", "workbench.other_conditions"),
+        Entry("supplied", "", "workbench.customer_supplied", "long"),
+        Entry("external", "", "workbench.results_from_others", "long"),
+        Entry("remarks", "", "workbench.remarks", "long"),
     ),
-    "Who answers for it": (Entry("authoriser.name", "authoriser", "Name"), Entry("authoriser.role", "authoriser", "Function")),
-    "Accreditation, only of an accredited laboratory": (
-        Entry("accreditation.statement", "", "Statement"),
-        Entry("accreditation.body", "", "Accreditation body"),
-        Entry("accreditation.number", "", "Registration number"),
+    "workbench.who_answers": (
+        Entry("authoriser.name", "authoriser", "workbench.name"),
+        Entry("authoriser.role", "authoriser", "workbench.function"),
+    ),
+    "workbench.accreditation_only_accredited_laboratory": (
+        Entry("accreditation.statement", "", "workbench.statement"),
+        Entry("accreditation.body", "", "workbench.accreditation_body"),
+        Entry("accreditation.number", "", "workbench.registration_number"),
     ),
 }
 ENTRIES = tuple(entry for entries in FORM.values() for entry in entries)

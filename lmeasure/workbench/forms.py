@@ -101,20 +101,20 @@ class FieldOf:
     error: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
 
-    def told(self, say: Callable[..., str]) -> str:
+    def help_text(self, say: Callable[..., str]) -> str:
         """The help, with the range; other options stand in it by their labels, as on the page."""
 
         def named(found: re.Match[str]) -> str:
             label = self.labels.get(found[0])
-            return found[0] if label is None else say("“{label}”", label=say(label))
+            return found[0] if label is None else say("workbench.quoted", label=say(label))
 
-        text = _WORD.sub(lambda found: say("“{label}”", label=found[1]), _FLAG.sub(named, say(self.option.help)))
+        text = _WORD.sub(lambda found: say("workbench.quoted", label=found[1]), _FLAG.sub(named, say(self.option.help)))
         low, high = self.option.minimum, self.option.maximum
         if low is None and high is None:
             return text
         if high is None:
-            return f"{text} {say('At least {low}.', low=f'{low:g}')}"
-        return f"{text} {say('{low} to {high}.', low='' if low is None else f'{low:g}', high=f'{high:g}')}"
+            return f"{text} {say('workbench.at_least', low=f'{low:g}')}"
+        return f"{text} {say('workbench.range', low='' if low is None else f'{low:g}', high=f'{high:g}')}"
 
 
 def fields(

@@ -20,21 +20,21 @@ from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lack
 from lmeasure.workbench.jobs import DONE, FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
 from lmeasure.workbench.text import said
-from lmeasure.workflows import COMMANDS, JOBS
+from lmeasure.workflows import COMMANDS, JOBS, command_help, job_name
 
 STEP_NAMES = {
-    "rig": "Rig",
-    "check": "Connect and check",
-    "plan": "Plan poses",
-    "calibrate": "Calibrate",
-    "zone": "Zone and place",
-    "measure": "Measure",
-    "certify": "Certify",
-    "verify": "Verify",
+    "rig": "workbench.rig",
+    "check": "workbench.connect_check",
+    "plan": "workbench.plan_poses",
+    "calibrate": "workbench.calibrate",
+    "zone": "workbench.zone_place",
+    "measure": "workbench.measure",
+    "certify": "workbench.certify",
+    "verify": "workbench.verify",
 }
 
 
-LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "Every dimension of the instrument, in plain files."}
+LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "workbench.every_dimension_instrument_plain"}
 LASTING = ("record", "watch", "capture", "play")
 """Commands whose end is somebody's wish: what they have written by then is kept."""
 OWN = ("runs", "robot", "zone", "check", "calibrate")
@@ -99,7 +99,7 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
     """Return the words of the job that a form asks for, or the page of the form."""
     name, bench = request.path_params["command"], bench_of(request)
     if name not in COMMANDS or name in forms.NOT_HERE:
-        return lost(request, said(language_of(request), "{name}: no command that runs from a page", name=name))
+        return lost(request, said(language_of(request), "workbench.no_command_runs_from", name=name))
     if form is None:
         query = {key: request.query_params.getlist(key) for key in request.query_params}
         given = forms.filled_in(name, query)
@@ -114,7 +114,7 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
         if why := hindered(name, given, bench.folder):
             raise SettingsError("run", said(language_of(request), why))
         if there := forms.existing(name, given, bench.folder):
-            text = "{file} exists: tick this to replace it, or give another name."
+            text = "workbench.exists_tick_this_replace"
             raise SettingsError("force", said(language_of(request), text, file=there))
         for folder in (Path(words_out).parent for words_out in _outputs(name, given)):
             _made(bench.folder / folder)
@@ -165,7 +165,7 @@ def job(request: Request) -> Response:
     """A job: what it says, and what it made."""
     found, bench = job_of(request), bench_of(request)
     if found is None:
-        return lost(request, "There is no such job.")
+        return lost(request, "workbench.there_no_such_job")
     files = _files(found, bench.folder)
     shown = [path for path in files if path.endswith(".html")][:2]
     again = f"/run/{found.command}?{urlencode(_query(found), doseq=True)}"
@@ -178,7 +178,7 @@ def _onward(job: Job) -> tuple[tuple[str, str], ...]:
     asked = _query(job)
     if job.command == "check" and job.state == FAILED and asked.get("write"):
         corrected = asked | {"rig": asked["write"], "write": ""}
-        return ((f"/run/check?{urlencode(corrected, doseq=True)}", "Take the corrected rig and check again"),)
+        return ((f"/run/check?{urlencode(corrected, doseq=True)}", "workbench.take_corrected_rig_check"),)
     if job.state == FAILED or (job.state != DONE and job.command not in LASTING):
         return ()
     given = defaultdict(str, {key: quote(value) for key, value in asked.items() if isinstance(value, str)})
@@ -207,7 +207,7 @@ async def events(request: Request) -> Response:
     """What a job says, as server-sent events."""
     found, bench = job_of(request), bench_of(request)
     if found is None:
-        return await run_in_threadpool(lost, request, "There is no such job.")
+        return await run_in_threadpool(lost, request, "workbench.there_no_such_job")
 
     async def stream() -> Any:
         async for event in bench.jobs.watch(found):
@@ -228,7 +228,7 @@ async def answer(request: Request) -> Response:
     """A line for a job that asks, or its end."""
     found, bench = job_of(request), bench_of(request)
     if found is None:
-        return await run_in_threadpool(lost, request, "There is no such job.")
+        return await run_in_threadpool(lost, request, "workbench.there_no_such_job")
     if request.scope["path"].endswith("/cancel"):
         await bench.jobs.cancel(found)
         return RedirectResponse(f"/jobs/{found.number}", 303)
@@ -239,7 +239,7 @@ async def answer(request: Request) -> Response:
 
 def all_commands(request: Request) -> Response:
     """Every command, by job."""
-    groups = {job: {n: t for n, t in names.items() if n not in forms.NOT_HERE} for job, names in JOBS.items()}
+    groups = {job_name(job): {n: command_help(n) for n in names if n not in forms.NOT_HERE} for job, names in JOBS.items()}
     return page(request, "commands.html", groups=groups)
 
 

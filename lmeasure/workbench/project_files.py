@@ -35,7 +35,7 @@ BELOW: tuple[tuple[str, str, Callable[[str], dict[str, str]]], ...] = (
 def raw(request: Request) -> Response:
     """A file of the project as it is."""
     path = file_of(request)
-    return lost(request, "There is no such file in the project.") if path is None else as_file(path)
+    return lost(request, "workbench.there_no_such_file") if path is None else as_file(path)
 
 
 def shown(request: Request) -> Response:
@@ -53,7 +53,7 @@ def look(request: Request) -> Response:
         return lost(request, str(error))
     here = path.relative_to(bench.folder.resolve()).as_posix()
     if not path.exists():
-        return lost(request, "There is no such file in the project.")
+        return lost(request, "workbench.there_no_such_file")
     values: dict[str, Any] = {
         "path": here,
         "raw": path.is_file(),
@@ -83,15 +83,18 @@ def look(request: Request) -> Response:
 def _uses(here: str, path: Path) -> list[tuple[str, str]]:
     """What may be done with a file."""
     if (path / "run.toml").is_file():
-        return [(f"/run/reconstruct?{urlencode({'run': here})}", "Reconstruct the trajectory"), (f"/start/{here}", "Start pose")]
+        return [
+            (f"/run/reconstruct?{urlencode({'run': here})}", "workbench.reconstruct_trajectory"),
+            (f"/start/{here}", "workbench.start_pose"),
+        ]
     if (path / "certificate.json").is_file():
-        return [(f"/run/verify?{urlencode({'bundle': here})}", "Verify a certificate")]
+        return [(f"/run/verify?{urlencode({'bundle': here})}", "workbench.verify_certificate")]
     if path.name == "rig.toml" or path.suffix == ".toml":
-        return [(f"/rig?{urlencode({'file': here})}", "Change its values")] if rig_form.kind_of(path) else []
+        return [(f"/rig?{urlencode({'file': here})}", "workbench.change_values")] if rig_form.kind_of(path) else []
     if path.suffix in (".parquet", ".tum", ".mcap") or (path.suffix == ".csv" and _head(path).startswith("time_s,x_mm")):
-        return [(f"/trajectory/{here}", "Look at it over time")]
+        return [(f"/trajectory/{here}", "workbench.look_over_time")]
     if path.suffix in log_suffixes():
-        return [(f"/run/import?{urlencode({'logs': here})}", "Import logs")]
+        return [(f"/run/import?{urlencode({'logs': here})}", "workbench.import_logs")]
     return []
 
 
@@ -140,8 +143,8 @@ def rig(request: Request, form: Form) -> Response:
         file = typed.get("_file", "")
     begin = card("init", project, page="rig")
     values: dict[str, Any] = {
-        "title": "Rig",
-        "lead": "Every dimension of the instrument, in plain files.",
+        "title": "workbench.rig",
+        "lead": "workbench.every_dimension_instrument_plain",
         "rigs": (*rigs, *others),
         "file": "",
     }

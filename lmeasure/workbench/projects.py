@@ -17,7 +17,7 @@ def begin(request: Request, form: Form) -> Response:
     """Begin a project and show it among the others; what is wrong with its name stands there too."""
     shelf = bench_of(request).shelf
     if shelf is None:
-        return lost(request, said(language_of(request), "This workbench was begun for one project."))
+        return lost(request, said(language_of(request), "workbench.this_workbench_was_begun"))
     name = form.get("name", [""])[-1].strip()
     try:
         shelf.begin(name)
@@ -30,7 +30,7 @@ def go(request: Request) -> Response:
     """Open a project, where it is not open yet, and go there. It may be asked for as often as one likes."""
     shelf = bench_of(request).shelf
     if shelf is None:
-        return lost(request, said(language_of(request), "This workbench was begun for one project."))
+        return lost(request, said(language_of(request), "workbench.this_workbench_was_begun"))
     try:
         path = shelf.path(request.path_params["name"])
         if not path.is_dir():

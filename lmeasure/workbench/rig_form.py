@@ -13,6 +13,7 @@ from lmeasure.accuracy import Limits, Placement, Scan, axis, box_around, map_zon
 from lmeasure.core import LMeasureError
 from lmeasure.io import checked, files
 from lmeasure.rig import DrumsFile, rig_from_dict
+from lmeasure.text import texts
 from lmeasure.workbench.project import LARGEST_TEXT, OutsideError, schema_of
 
 UNITS = {"_mm": "mm", "_deg": "deg", "_mm_s": "mm/s", "_rad": "rad", "_s": "s"}
@@ -21,94 +22,14 @@ ARROWS = {
     "guide_alpha_deg": "α",
     "guide_beta_deg": "u",
     "pulley_radius_mm": "R",
-    "tangent_length_mm": "tangent length",
+    "tangent_length_mm": "workbench.tangent_length_2",
     "axial_offset_mm": "axial(k)",
     "groove_pitch_mm": "axial(k)",
-    "count_length_mm": "drum with encoder: k counts",
-    "counts_per_revolution": "drum with encoder: k counts",
+    "count_length_mm": "workbench.drum_encoder_k_counts",
+    "counts_per_revolution": "workbench.drum_encoder_k_counts",
     "tool": "P",
 }
 """What of the drawing a value is."""
-HELP = {
-    "position_mm": "Where the swivel axis touches the pulley, in the base frame: tape or the robot's tip.",
-    "guide_alpha_deg": "Below the horizontal, of the way from B to the fixed pulley: an inclinometer on the cable.",
-    "guide_beta_deg": "From +Y to that way's horizontal projection, positive towards +X.",
-    "pulley_radius_mm": "To the middle of the cable: half the groove's diameter plus half the cable's; caliper.",
-    "tangent_length_mm": "From the drum to the fixed pulley, across the drum's axis: tape.",
-    "axial_offset_mm": "Along the drum's axis, from the fixed pulley's plane to the cable at count 0: caliper.",
-    "groove_pitch_mm": "Axial travel in a turn; positive when paying out lengthens it.",
-    "count_length_mm": "Cable of one count: a full wind's length over its counts.",
-    "counts_per_revolution": "Counts of the encoder in one turn of the drum.",
-    "fixed_pulley_radius_mm": "Caliper over the groove's bottom, halved, plus half the cable.",
-    "centre_distance_mm": "Between the axes of drum and fixed pulley, square to them.",
-    "pulley_plane_mm": "Along the drum's axis, from its end face to the middle plane of the fixed pulley.",
-    "cable_end_mm": "From the same end face to where the cable is fastened.",
-    "full_wind_counts": "Counts that wind the cable up from its end until it is taut to the robot at the zero pose.",
-    "count_sign": "1 when counts grow as cable is paid out, else -1; the self-test tells.",
-}
-NAMES = {
-    "name": "Name",
-    "angles": "Angles of the controller",
-    "position_mm": "Position",
-    "guide_alpha_deg": "Guide, angle α",
-    "guide_beta_deg": "Guide, angle β",
-    "pulley_radius_mm": "Pulley radius",
-    "u_position_mm": "Uncertainty of the position",
-    "u_guide_deg": "Uncertainty of the guide",
-    "u_pulley_radius_mm": "Uncertainty of the pulley radius",
-    "drum": "Drum",
-    "counts_per_revolution": "Counts in a turn",
-    "count_length_mm": "Cable of one count",
-    "groove_pitch_mm": "Groove pitch",
-    "tangent_length_mm": "Tangent length",
-    "axial_offset_mm": "Axial offset",
-    "count_sign": "Sign of the counts",
-    "zero_exact": "Zeroed exactly on a count",
-    "counter_bits": "Bits of the counter",
-    "max_cable_speed_mm_s": "Largest speed of the cable",
-    "scale": "Decoding factor",
-    "channel": "Channel",
-    "from": "From",
-    "to": "To",
-    "pass": "Pass",
-    "point": "Point",
-    "absolute": "Absolute",
-    "zero_deg": "Angle at count 0",
-    "u_zero_deg": "Uncertainty of that angle",
-    "fixed_pulley_radius_mm": "Radius of the fixed pulley",
-    "centre_distance_mm": "Distance of the axes",
-    "pulley_plane_mm": "Plane of the fixed pulley",
-    "cable_end_mm": "Fastening of the cable",
-    "full_wind_counts": "Counts of a full wind",
-    "objective": "What is made best",
-    "tolerance_mm": "Tolerance of mounting",
-    "low_mm": "From the least",
-    "high_mm": "To the largest",
-    "nodes": "Nodes",
-    "points": "Points",
-    "tilt_rad": "Tilt",
-    "tilt_steps": "Steps of tilt",
-    "observation_point": "Observation point",
-    "cable": "Cable",
-    "swivel": "Swivel encoder",
-    "inclination": "Inclinometer",
-    "mount": "Where points may be",
-    "tool": "Tool",
-    "task": "Task",
-}
-"""What values and tables are called; the others by their keys."""
-DRAWN = (
-    "swivel axis",
-    "swivel pulley",
-    "fixed pulley",
-    "drum with encoder: k counts",
-    "tangent length",
-    "free span, length t",
-    "attachment point",
-    "on the gripper",
-    "k · count length = [h(k) + Rφ + t] − [h(0) + Rφ₀ + t₀]",
-)
-"""Words of the drawing of a cable."""
 _NUMBER = re.compile(r"\d+")
 FIXED = ("schema", "assumed", "calibration")
 
@@ -215,12 +136,13 @@ def _leaf(key: str, words: tuple[str, str, str], value: Any, name: str, guesses:
         "mm" if known == "tool" else next((unit for end, unit in sorted(UNITS.items(), key=lambda e: -len(e[0])) if name.endswith(end)), "")
     )
     guess = f"{owner}.{name}" in guesses or f"{owner}.drum.{name}" in guesses
-    return Leaf(key, *words, text, kind, unit, ARROWS.get(known, ""), HELP.get(known, ""), guess)
+    about = f"rig_form.help.{known}"
+    return Leaf(key, *words, text, kind, unit, ARROWS.get(known, ""), about if about in texts("en") else "", guess)
 
 
 def _readable(name: str) -> str:
-    if name in NAMES:
-        return NAMES[name]
+    if f"rig_form.name.{name}" in texts("en"):
+        return f"rig_form.name.{name}"
     for end in sorted(UNITS, key=len, reverse=True):
         name = name.removesuffix(end)
     return name.replace("_", " ")

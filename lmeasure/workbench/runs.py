@@ -45,7 +45,7 @@ async def trajectory(request: Request) -> Response:
     """A trajectory over time: plots under one cursor, what is left out, and ways to take it elsewhere."""
     path = await run_in_threadpool(file_of, request)
     if path is None:
-        return await run_in_threadpool(lost, request, "There is no such file in the project.")
+        return await run_in_threadpool(lost, request, "workbench.there_no_such_file")
     try:
         found = await bench_of(request).reading.ask(trajectories.about, path, language_of(request))
     except (LMeasureError, OSError) as error:
@@ -80,7 +80,7 @@ async def export(request: Request) -> Response:
     """The samples of a span as .csv, all columns of a trajectory file."""
     path, reading = await run_in_threadpool(file_of, request), bench_of(request).reading
     if path is None:
-        return await run_in_threadpool(lost, request, "There is no such file in the project.")
+        return await run_in_threadpool(lost, request, "workbench.there_no_such_file")
     try:
         span = _span(request)
         text, row = await reading.ask(trajectories.rows, path, *span, 0)
@@ -105,7 +105,7 @@ def viewer(request: Request) -> Response:
     except (LMeasureError, OSError) as error:
         return unread(request, error)
     if found is None:
-        return lost(request, "There is no such file in the project.")
+        return lost(request, "workbench.there_no_such_file")
     kind, content = found
     origin = f"{request.url.scheme}://{request.headers['host']}{request.scope['at']}"
     policy = web_policy(f"{origin}/raw/ {origin}/viewer/") + "; frame-ancestors 'self'"

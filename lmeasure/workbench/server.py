@@ -85,14 +85,14 @@ async def _refused(request: Request, error: Exception) -> Response:
     code = error.status_code if isinstance(error, HTTPException) else 500
     text = str(getattr(error, "detail", error))
     if code == HTTPStatus.NOT_FOUND:
-        text = said(language_of(request), "{page}: there is no such page", page=request.scope["path"])
+        text = said(language_of(request), "workbench.there_no_such_page", page=request.scope["path"])
         return await run_in_threadpool(lost, request, text)
     return await run_in_threadpool(refused, request, code, str(code), text)
 
 
 async def _failed(request: Request, error: Exception) -> Response:
     """A fault of this program: said without a template, which may be what fails, and with the headers of every answer."""
-    text = said(language_of(request), "A fault of this program: {fault}. Its traceback is in the terminal.", fault=type(error).__name__)
+    text = said(language_of(request), "workbench.fault_this_program_traceback", fault=type(error).__name__)
     answer = PlainTextResponse(f"500\n{text}\n", 500)
     secured(answer.headers)
     return answer

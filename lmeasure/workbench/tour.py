@@ -16,66 +16,16 @@ class Stop(NamedTuple):
 
 
 STOPS = (
-    Stop(
-        "/",
-        "/",
-        ".way",
-        "This is the way, from left to right: each step says whether it is done, and the next one has a frame. "
-        "Nothing here is more than a folder of plain files.",
-    ),
-    Stop(
-        "/rig?file=cell/campaign/rig.toml",
-        "/rig",
-        "#cable",
-        "A rig is its dimensions. Go through the fields below: the arrow of each lights up in the drawing. Points "
-        "can be dragged in space, and the zone follows.",
-    ),
-    Stop(
-        "/check",
-        "/check",
-        "#check",
-        "On a real rig a person pulls one cable after the other, and the counters tell which is which. What is "
-        "wrong is red and mended by one click. The simulated cell was built right.",
-    ),
-    Stop(
-        "/calibrate",
-        "/calibrate",
-        "#calibrate",
-        "From counts at reference poses comes where the observation points really are, with the uncertainty of each.",
-    ),
-    Stop(
-        "/look/cell/calibration",
-        "/calibrate",
-        "iframe.report",
-        "The page of a calibration: the verdict first, then what the data can and cannot tell.",
-    ),
-    Stop(
-        "/zone",
-        "/zone",
-        "#zone",
-        "Where the instrument can be believed: within a largest pressure angle and a largest U95. Sliders on its "
-        "page show what other limits would leave.",
-    ),
-    Stop("/runs", "/runs", ".runs", "What was recorded. A run without its start pose goes no further: counters only tell differences."),
-    Stop(
-        "/trajectory/cell/trajectory.parquet",
-        "/runs",
-        "#along",
-        "Where the robot went, with bands that hold 95 %. Move the slider, come nearer, jump to gaps.",
-    ),
-    Stop(
-        "/robot",
-        "/robot",
-        "#certify",
-        "A test program and a trajectory make a certificate of ISO 9283: sealed, and signed where there is a key.",
-    ),
-    Stop(
-        "/look/cell/certificate",
-        "/robot",
-        "iframe.report",
-        "The certificate. Whoever gets it drops its folder or zip on the page before: every byte is looked at and "
-        "every figure computed again.",
-    ),
+    Stop("/", "/", ".way", "workbench.this_way_from_left"),
+    Stop("/rig?file=cell/campaign/rig.toml", "/rig", "#cable", "workbench.rig_dimensions_go_through"),
+    Stop("/check", "/check", "#check", "workbench.real_rig_person_pulls"),
+    Stop("/calibrate", "/calibrate", "#calibrate", "workbench.from_counts_reference_poses"),
+    Stop("/look/cell/calibration", "/calibrate", "iframe.report", "workbench.page_calibration_verdict_first"),
+    Stop("/zone", "/zone", "#zone", "workbench.where_instrument_can_believed"),
+    Stop("/runs", "/runs", ".runs", "workbench.was_recorded_run_without"),
+    Stop("/trajectory/cell/trajectory.parquet", "/runs", "#along", "workbench.where_robot_went_bands"),
+    Stop("/robot", "/robot", "#certify", "workbench.test_program_trajectory_make"),
+    Stop("/look/cell/certificate", "/robot", "iframe.report", "workbench.certificate_whoever_gets_drops"),
 )
 
 

@@ -37,7 +37,6 @@ class Settings(Writing):
             "Calibration folder: rig.toml (nominal), reference_poses.csv, counts.csv; with --self and --continue a run folder as well.",
             metavar="FOLDER",
             positional=True,
-            label="Calibration folder",
         ),
     ]
     out: Annotated[Path, option("Folder for rig.toml, calibration.json and report.html.")]
@@ -48,38 +47,17 @@ class Settings(Writing):
             "diameter, backlash, tilt; of one observation point alone as run-out:B3."
         ),
     ] = ("position", "guide")
-    neighbourhood_mm: Annotated[
-        float,
-        option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5, label="Search around the positions"),
-    ] = 100.0
-    neighbourhood_deg: Annotated[
-        float, option("Half width of the search around the nominal guide angles.", ge=1e-3, le=180, label="Search around the guide angles")
-    ] = 15.0
-    prior: Annotated[
-        bool, option("Use the nominal rig's priors in every direction, not only where data are silent.", label="Priors in every direction")
-    ] = False
-    robust: Annotated[
-        bool, option("Robust loss (Tukey's biweight) against reference poses that the others contradict.", label="Robust loss")
-    ] = False
-    hold_out: Annotated[
-        Names, option("Reference poses to keep out of the fit; they judge it.", metavar="POSE,POSE,...", label="Poses held out")
-    ] = ()
+    neighbourhood_mm: Annotated[float, option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5)] = 100.0
+    neighbourhood_deg: Annotated[float, option("Half width of the search around the nominal guide angles.", ge=1e-3, le=180)] = 15.0
+    prior: Annotated[bool, option("Use the nominal rig's priors in every direction, not only where data are silent.")] = False
+    robust: Annotated[bool, option("Robust loss (Tukey's biweight) against reference poses that the others contradict.")] = False
+    hold_out: Annotated[Names, option("Reference poses to keep out of the fit; they judge it.", metavar="POSE,POSE,...")] = ()
     seed: Annotated[int, option("Seed of the LP-search.", ge=0)] = 0
     self_calibration: Annotated[
-        bool,
-        option(
-            "Estimate the poses too and trust none: seven cables or more to a body, four to one point.",
-            flag="--self",
-            label="Without reference poses",
-        ),
+        bool, option("Estimate the poses too and trust none: seven cables or more to a body, four to one point.", flag="--self")
     ] = False
     continued: Annotated[
-        bool,
-        option(
-            "Refine the calibration that a run's rig links by that run, if the rig has not moved since.",
-            flag="--continue",
-            label="Go on from the linked calibration",
-        ),
+        bool, option("Refine the calibration that a run's rig links by that run, if the rig has not moved since.", flag="--continue")
     ] = False
     distance: Annotated[
         Distances,
@@ -94,10 +72,7 @@ class Settings(Writing):
         None
     )
     samples: Annotated[int, option("How many samples of a run, as far from each other as can be, calibrate.", ge=10, le=200)] = 40
-    frame: Annotated[
-        Literal["rig", "poses"],
-        option("What holds the frame with --self: rig (nominal) or poses (reference).", label="What holds the frame"),
-    ] = "rig"
+    frame: Annotated[Literal["rig", "poses"], option("What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig"
     u_position_mm: Annotated[
         float | None, option("Standard uncertainty of each coordinate of the reference poses, instead of their file's.", ge=0)
     ] = None
@@ -106,8 +81,7 @@ class Settings(Writing):
     ] = None
     columns: Annotated[str, COLUMNS] = ""
     compare: Annotated[
-        Path | None,
-        option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD", label="Compare with"),
+        Path | None, option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD")
     ] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None

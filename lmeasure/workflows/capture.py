@@ -45,25 +45,16 @@ class Settings(Asked):
         option(
             "key: Enter reads; rest: a rest of the robot reads; both: Enter reads the first, rests where the pose is expected the others.",
             panel=READING,
-            label="What reads a pose",
         ),
     ] = "both"
-    dwell_s: Annotated[float, option("How long counts are averaged.", ge=0.05, le=30, panel=READING, label="Averaging")] = 1.0
-    settle_s: Annotated[float, option("How long the robot must stand before.", ge=0, le=30, panel=READING, label="Rest before reading")] = (
-        0.3
-    )
-    closure: Annotated[
-        bool,
-        option(
-            "Read the first pose again at the end.", flag="--closure/--no-closure", panel=READING, label="Back to the first pose at the end"
-        ),
-    ] = True
+    dwell_s: Annotated[float, option("How long counts are averaged.", ge=0.05, le=30, panel=READING)] = 1.0
+    settle_s: Annotated[float, option("How long the robot must stand before.", ge=0, le=30, panel=READING)] = 0.3
+    closure: Annotated[bool, option("Read the first pose again at the end.", flag="--closure/--no-closure", panel=READING)] = True
     u_position_mm: Annotated[float | None, option(f"{QUESTIONS['u_position_mm'].removesuffix(' [mm]')}.", ge=0, panel=KNOWN)] = None
     u_rotation_deg: Annotated[float | None, option(f"{QUESTIONS['u_rotation_deg'].removesuffix(' [degrees]')}.", ge=0, panel=KNOWN)] = None
-    u_repeatability_mm: Annotated[
-        float | None,
-        option(f"{QUESTIONS['u_repeatability_mm'].removesuffix(' [mm]')}.", ge=0, panel=KNOWN, label="Repeatability at a pose (k = 1)"),
-    ] = None
+    u_repeatability_mm: Annotated[float | None, option(f"{QUESTIONS['u_repeatability_mm'].removesuffix(' [mm]')}.", ge=0, panel=KNOWN)] = (
+        None
+    )
     passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False

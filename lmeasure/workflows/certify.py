@@ -15,7 +15,7 @@ class Settings(Writing):
     """What `lmeasure certify` is asked; what is certified is chosen as in `lmeasure.CertificationSettings`."""
 
     trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
-    program: Annotated[Path, option("Commanded poses and paths with their windows.", metavar="program.toml", label="Test program")]
+    program: Annotated[Path, option("Commanded poses and paths with their windows.", metavar="program.toml")]
     out: Annotated[Path, option("Folder to write; --force replaces an earlier certificate.", metavar="DIR")]
     run: Annotated[Path | None, option("Run folder of the trajectory: its counts are certified and copied too.")] = None
     rig: Annotated[Path | None, option("Rig the trajectory was reconstructed with, if not the run's own.")] = None
@@ -24,38 +24,24 @@ class Settings(Writing):
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
-    details: Annotated[
-        Path | None, option("Laboratory, customer, item, dates, traceability ...", metavar="details.toml", label="Details of the report")
-    ] = None
+    details: Annotated[Path | None, option("Laboratory, customer, item, dates, traceability ...", metavar="details.toml")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
-    key: Annotated[Path | None, option("Sign with this private key (`lmeasure key`).", metavar="FILE", label="Key to sign with")] = None
-    dcc: Annotated[bool, option("Also write certificate.xml, a DCC 3.3.0.", label="Digital certificate (DCC)")] = False
-    xsd: Annotated[Path | None, option("Hold the DCC against this schema.", metavar="FILE.xsd", label="Schema of the DCC")] = None
-    zipped: Annotated[bool, option("Also pack the folder into DIR.zip, its digest beside it.", flag="--zip", label="Also as a zip")] = False
-    full: Annotated[bool, option("Tell every figure, not only those that matter most.", label="All figures")] = False
+    key: Annotated[Path | None, option("Sign with this private key (`lmeasure key`).", metavar="FILE")] = None
+    dcc: Annotated[bool, option("Also write certificate.xml, a DCC 3.3.0.")] = False
+    xsd: Annotated[Path | None, option("Hold the DCC against this schema.", metavar="FILE.xsd")] = None
+    zipped: Annotated[bool, option("Also pack the folder into DIR.zip, its digest beside it.", flag="--zip")] = False
+    full: Annotated[bool, option("Tell every figure, not only those that matter most.")] = False
     align: Annotated[bool, option("Fit the program's frame to the attained poses.", panel=CHOICES)] = False
-    tool_offset_mm: Annotated[Point, option("Point of the tool to certify.", metavar="X,Y,Z", panel=CHOICES, label="Point of the tool")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    tool_offset_mm: Annotated[Point, option("Point of the tool to certify.", metavar="X,Y,Z", panel=CHOICES)] = (0.0, 0.0, 0.0)
     angles: Annotated[
         str | None,
         option("Convention of component-wise angles, and of the file's where it has such; default the program's.", panel=CHOICES),
     ] = None
-    capability: Annotated[
-        float, option("Largest U95 as a part of a figure.", ge=0.0, le=1.0, panel=CHOICES, label="Largest part of uncertainty")
-    ] = 0.25
+    capability: Annotated[float, option("Largest U95 as a part of a figure.", ge=0.0, le=1.0, panel=CHOICES)] = 0.25
     limit_deg: Annotated[float, option("Pressure angle beyond which no verdict is given.", ge=0.0, le=90.0, panel=CHOICES)] = 60.0
-    limit_u95_mm: Annotated[
-        float | None, option("The same for the 95 % radius of a pose.", ge=0.0, panel=CHOICES, label="Largest 95 % radius")
-    ] = None
-    rule: Annotated[
-        Literal["simple", "guarded"], option("simple or guarded: decision on tolerances.", panel=CHOICES, label="Decision rule")
-    ] = "simple"
-    still_mm: Annotated[
-        float, option("Largest motion within a window of a pose.", ge=0.0, panel=CHOICES, label="Largest motion at rest")
-    ] = 0.2
+    limit_u95_mm: Annotated[float | None, option("The same for the 95 % radius of a pose.", ge=0.0, panel=CHOICES)] = None
+    rule: Annotated[Literal["simple", "guarded"], option("simple or guarded: decision on tolerances.", panel=CHOICES)] = "simple"
+    still_mm: Annotated[float, option("Largest motion within a window of a pose.", ge=0.0, panel=CHOICES)] = 0.2
     trials: Annotated[int, option("Trials of Monte Carlo.", ge=100, panel=CHOICES)] = 4000
     seed: Annotated[int, option("Its seed.", ge=0, panel=CHOICES)] = 0
 
@@ -116,13 +102,7 @@ def _strange(content: dict[str, Any]) -> list[str]:
     if not off or min(off) < TURNED_DEG:
         return []
     say = Say(content["language"])
-    return [
-        say(
-            "note: at every pose the tool is turned by at least {least:.0f} deg from where it was commanded: is the order of quaternions "
-            "x, y, z, w, and are program and measurement told of one tool frame?",
-            least=min(off),
-        )
-    ]
+    return [say("certify.note_every_pose_tool", least=min(off))]
 
 
 def _figures(content: dict[str, Any]) -> dict[str, float]:

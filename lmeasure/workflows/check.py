@@ -18,10 +18,8 @@ class Settings(Writing):
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, ...", metavar="INTERFACE:CHANNEL")]
     passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
-    turns: Annotated[bool, option("Count a turn of each drum too.", flag="--turns/--no-turns", label="Count drum turns too")] = True
-    write: Annotated[
-        Path | None, option("Write the rig with channels and signs as they are to this file.", metavar="RIG.toml", label="Corrected rig")
-    ] = None
+    turns: Annotated[bool, option("Count a turn of each drum too.", flag="--turns/--no-turns")] = True
+    write: Annotated[Path | None, option("Write the rig with channels and signs as they are to this file.", metavar="RIG.toml")] = None
 
     def paths(self) -> Paths:
         """A corrected rig, of a rig."""

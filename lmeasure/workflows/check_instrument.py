@@ -33,15 +33,9 @@ class Settings(Writing):
     repeatability_mm: Annotated[
         float | None, option("Standard deviation per axis with which the robot comes back to a place.", ge=0.0, le=10.0)
     ] = None
-    near_mm: Annotated[float, option("Stops nearer than this are visits of one place.", ge=0.01, le=1000.0, label="Same place within")] = (
-        2.0
-    )
-    false_alarm_percent: Annotated[
-        float, option("How many checks of a sound instrument may fail.", ge=0.001, le=50.0, unit="%", label="False alarms")
-    ] = 1.0
-    trend: Annotated[
-        Path | None, option("Table to which this check is appended; its page draws all of it.", metavar="FILE.csv", label="Table of checks")
-    ] = None
+    near_mm: Annotated[float, option("Stops nearer than this are visits of one place.", ge=0.01, le=1000.0)] = 2.0
+    false_alarm_percent: Annotated[float, option("How many checks of a sound instrument may fail.", ge=0.001, le=50.0, unit="%")] = 1.0
+    trend: Annotated[Path | None, option("Table to which this check is appended; its page draws all of it.", metavar="FILE.csv")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:

@@ -28,18 +28,12 @@ class Settings(Writing):
             "Files of one program: KRL .src and .dat, RAPID .mod, FANUC .ls, Universal Robots .script, .csv.",
             metavar="FILE...",
             positional=True,
-            label="Robot program",
         ),
     ]
     out: Annotated[Path, option("Folder for the corrected files, under their names, corrections.json and corrections.html.")]
-    identified: Annotated[Path | None, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER", label="Identification")] = None
+    identified: Annotated[Path | None, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER")] = None
     map: Annotated[
-        Path | None,
-        option(
-            "Measured errors over the region, where there is no model of the robot (docs/correction.md).",
-            metavar="FILE",
-            label="Map of errors",
-        ),
+        Path | None, option("Measured errors over the region, where there is no model of the robot (docs/correction.md).", metavar="FILE")
     ] = None
     columns: Annotated[
         str,
@@ -48,24 +42,12 @@ class Settings(Writing):
             metavar="NAME=COLUMN[UNIT],...",
         ),
     ] = ""
-    dialect: Annotated[
-        str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.", label="Robot language")
-    ] = ""
+    dialect: Annotated[str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.")] = ""
     frames: Annotated[
-        Path | None,
-        option(
-            "Frames and tools that the program names but does not state (docs/correction.md).",
-            metavar="FILE.toml",
-            label="Frames and tools",
-        ),
+        Path | None, option("Frames and tools that the program names but does not state (docs/correction.md).", metavar="FILE.toml")
     ] = None
     near: Annotated[
-        Numbers | None,
-        option(
-            "Joint values (deg, mm) near the first target, where several ways lead to it.",
-            metavar="Q1,Q2,...",
-            label="Joint values near the first target",
-        ),
+        Numbers | None, option("Joint values (deg, mm) near the first target, where several ways lead to it.", metavar="Q1,Q2,...")
     ] = None
     base: Annotated[
         Numbers | None,
@@ -82,13 +64,11 @@ class Settings(Writing):
             metavar="X,Y,Z,QX,QY,QZ,QW",
         ),
     ] = None
-    most_mm: Annotated[float, option("Largest correction of a place.", ge=0, label="Largest shift of a correction")] = 5.0
-    most_deg: Annotated[float, option("Largest correction of an orientation.", ge=0, label="Largest turn of a correction")] = 1.0
-    clip: Annotated[
-        bool, option("Shorten corrections that are larger, instead of leaving their targets.", label="Shorten large corrections")
-    ] = False
+    most_mm: Annotated[float, option("Largest correction of a place.", ge=0)] = 5.0
+    most_deg: Annotated[float, option("Largest correction of an orientation.", ge=0)] = 1.0
+    clip: Annotated[bool, option("Shorten corrections that are larger, instead of leaving their targets.")] = False
     keep_out: Annotated[Box | None, Spans(","), option("Box in the robot's base in which the tool must not be.", metavar=BOX)] = None
-    skip: Annotated[Names, option("Targets to leave as they are.", metavar="NAME,...", label="Targets left as they are")] = ()
+    skip: Annotated[Names, option("Targets to leave as they are.", metavar="NAME,...")] = ()
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:

@@ -19,20 +19,11 @@ class Settings(Writing):
         Path | None, option("Folder for all files; a new one without it, lmeasure-demo or lmeasure-robot-demo.", metavar="DIR")
     ] = None
     seed: Annotated[int, option("Which cell, reference poses and motion, or robot, are drawn.", ge=0)] = 0
-    robot: Annotated[
-        bool,
-        option(
-            "Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again.",
-            label="With a robot and its certificate",
-        ),
-    ] = False
+    robot: Annotated[bool, option("Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again.")] = (
+        False
+    )
     correct: Annotated[
-        bool,
-        option(
-            "With a robot: correct it and certify it again; without takes half as long.",
-            flag="--correct/--no-correct",
-            label="Correct the robot, and certify it again",
-        ),
+        bool, option("With a robot: correct it and certify it again; without takes half as long.", flag="--correct/--no-correct")
     ] = True
 
     def paths(self) -> Paths:

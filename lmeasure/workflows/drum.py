@@ -18,7 +18,7 @@ class Settings(Writing):
     ]
     rig: Annotated[Path, option("The rig whose drums these are.")]
     out: Annotated[Path, option("Rig file to write.")]
-    point: Annotated[tuple[str, ...], option("Only this observation point; may be repeated.", label="Observation points")] = ()
+    point: Annotated[tuple[str, ...], option("Only this observation point; may be repeated.")] = ()
 
     def paths(self) -> Paths:
         """A rig from a rig and measurements."""

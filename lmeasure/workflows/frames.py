@@ -16,14 +16,9 @@ class Settings(Writing):
     """What `lmeasure frames` is asked."""
 
     robot: Annotated[
-        Path,
-        option(
-            "Poses of the flange in the robot's base: pose, x_mm, y_mm, z_mm, angles or quaternions.", metavar="FILE", label="Flange poses"
-        ),
+        Path, option("Poses of the flange in the robot's base: pose, x_mm, y_mm, z_mm, angles or quaternions.", metavar="FILE")
     ]
-    measured: Annotated[
-        Path, option("Poses of the target in the instrument's frame, under the same names.", metavar="FILE", label="Measured poses")
-    ]
+    measured: Annotated[Path, option("Poses of the target in the instrument's frame, under the same names.", metavar="FILE")]
     out: Annotated[Path, option("Base and tool with their covariance.", metavar="FILE.json")]
     angles: Annotated[str, option("Convention of angle columns.")] = "puma-oat"
     columns: Annotated[

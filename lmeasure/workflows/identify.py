@@ -31,13 +31,8 @@ class Settings(Writing):
     joints: Annotated[
         Path | None, option("Joint values that stand elsewhere: of points by name, of rests by time or in order.", metavar="FILE")
     ] = None
-    predict: Annotated[
-        Path | None,
-        option("Joint values of which to predict the places, into predictions.csv.", metavar="FILE", label="Joint values to predict"),
-    ] = None
-    harmonics: Annotated[bool, option("Free the joints' errors once and twice per turn too.", label="Errors once and twice per turn")] = (
-        False
-    )
+    predict: Annotated[Path | None, option("Joint values of which to predict the places, into predictions.csv.", metavar="FILE")] = None
+    harmonics: Annotated[bool, option("Free the joints' errors once and twice per turn too.")] = False
     free: Annotated[
         Names,
         option(
@@ -53,22 +48,14 @@ class Settings(Writing):
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
     u_links_mm: Annotated[
         float | None,
-        option(
-            "How exactly lengths of links or legs were built to their drawing: standard uncertainty; absent: 3.",
-            ge=1e-6,
-            le=1000,
-            label="Uncertainty of the drawing's lengths (k = 1)",
-        ),
+        option("How exactly lengths of links or legs were built to their drawing: standard uncertainty; absent: 3.", ge=1e-6, le=1000),
     ] = None
-    u_links_deg: Annotated[
-        float | None, option("The same of angles; absent: 0.5.", ge=1e-6, le=180, label="Uncertainty of the drawing's angles (k = 1)")
-    ] = None
-    keep_outliers: Annotated[bool, option("Use rows that the others contradict, too.", label="Keep contradicting rows")] = False
+    u_links_deg: Annotated[float | None, option("The same of angles; absent: 0.5.", ge=1e-6, le=180)] = None
+    keep_outliers: Annotated[bool, option("Use rows that the others contradict, too.")] = False
     weights: Annotated[
         Literal["cut", "biweight"],
         option(
-            "How rows count that the others contradict: set aside or as all others, or each by Tukey's biweight of what the others say.",
-            label="How rows count",
+            "How rows count that the others contradict: set aside or as all others, or each by Tukey's biweight of what the others say."
         ),
     ] = "cut"
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None

@@ -24,20 +24,13 @@ class Settings(Writing):
     ]
     rig: Annotated[Path | None, option("rig.toml; its [can] table says which frames carry the counters.")] = None
     out: Annotated[Path | None, option("Run folder to write.", metavar="RUN")] = None
-    scan: Annotated[
-        bool,
-        option(
-            "List what the logs hold, and guess at the [can] table; nothing is written.", flag="--scan", label="Only look into the logs"
-        ),
-    ] = False
+    scan: Annotated[bool, option("List what the logs hold, and guess at the [can] table; nothing is written.", flag="--scan")] = False
     start: Annotated[Start | None, option(f"Start pose: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
-    position_mm: Annotated[
-        Point | None, option("Start position, with --quaternion-xyzw in place of --start.", metavar="X,Y,Z", label="Start position")
-    ] = None
-    quaternion_xyzw: Annotated[Quaternion | None, option("Start orientation.", metavar="X,Y,Z,W", label="Start orientation")] = None
-    dbc: Annotated[Path | None, option("DBC file that names the counters; default the rig's.", label="DBC file")] = None
+    position_mm: Annotated[Point | None, option("Start position, with --quaternion-xyzw in place of --start.", metavar="X,Y,Z")] = None
+    quaternion_xyzw: Annotated[Quaternion | None, option("Start orientation.", metavar="X,Y,Z,W")] = None
+    dbc: Annotated[Path | None, option("DBC file that names the counters; default the rig's.")] = None
     bus: Annotated[str | None, option("Read only this bus of the log.")] = None
-    parquet: Annotated[bool, option("Write the counts as .parquet instead of .csv.", label="As Parquet")] = False
+    parquet: Annotated[bool, option("Write the counts as .parquet instead of .csv.")] = False
     rerun: Annotated[Recording | None, RERUN] = None
 
     @model_validator(mode="after")

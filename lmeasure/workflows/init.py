@@ -34,10 +34,9 @@ class Settings(Writing):
         ),
     ] = Path()
     template: Annotated[
-        str | None,
-        option("Shape to begin with; without it questions are asked.", metavar="NAME", words="lmeasure.templates:TEMPLATES", label="Shape"),
+        str | None, option("Shape to begin with; without it questions are asked.", metavar="NAME", words="lmeasure.templates:TEMPLATES")
     ] = None
-    list: Annotated[bool, option("Only list the templates.", flag="--list", label="Only list")] = False
+    list: Annotated[bool, option("Only list the templates.", flag="--list")] = False
 
     def paths(self) -> Paths:
         """A rig, and what goes with it."""

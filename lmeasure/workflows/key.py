@@ -10,7 +10,7 @@ from lmeasure.workflows.settings import Paths, Writing, option
 class Settings(Writing):
     """What `lmeasure key` is asked."""
 
-    out: Annotated[Path, option("Private key to write; the public one becomes FILE.pub.", metavar="FILE", label="Key file")]
+    out: Annotated[Path, option("Private key to write; the public one becomes FILE.pub.", metavar="FILE")]
 
     def paths(self) -> Paths:
         """A private and a public key."""

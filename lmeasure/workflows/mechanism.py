@@ -36,18 +36,12 @@ class Settings(Writing):
     x: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     y: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     z: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
-    yaw_free: Annotated[
-        bool, option("Inside is what is inside at any turn about the vertical.", panel=WORKSPACE, label="At any turn about the vertical")
-    ] = False
+    yaw_free: Annotated[bool, option("Inside is what is inside at any turn about the vertical.", panel=WORKSPACE)] = False
     poses: Annotated[Path | None, option("Poses to take the platform to: x_mm, y_mm, z_mm, qx, qy, qz, qw.", panel=TABLE)] = None
     joints: Annotated[Path | None, option("Table to write: joint values at them.", metavar="FILE.csv", panel=TABLE)] = None
     complete: Annotated[
         KINDS | None,
-        option(
-            "The poses tell only this of the platform, and its first rods the rest: every completion is written.",
-            panel=TABLE,
-            label="What the poses tell",
-        ),
+        option("The poses tell only this of the platform, and its first rods the rest: every completion is written.", panel=TABLE),
     ] = None
     report: Annotated[Path | None, option("Write mechanism.html, with pictures, into this folder.", metavar="DIR")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None

@@ -42,7 +42,6 @@ class Settings(Writing):
         option(
             "Half width of the window of the local cubics. [chosen by the data, at most 0.02 or what the sampling needs]",
             within=(0.0, 60.0),
-            label="Half width of the window",
         ),
     ] = None
 

@@ -8,50 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, ge
 
 from annotated_types import Ge, Le
 
+from lmeasure.text import LANGUAGES, Message, texts
+from lmeasure.workflows.registry import COMMANDS
 from lmeasure.workflows.settings import Pose, Separated, said_of, unit_of
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
     from lmeasure.workflows.settings import Asked
-
-COMMON_LABELS = {
-    "align": "Fit the program's frame",
-    "angles": "Convention of angles",
-    "base": "Base in the instrument's frame",
-    "boundary": "Follow the edge",
-    "bus_option": "Options of the bus",
-    "clearance_mm": "Clearance of cables",
-    "columns": "Columns of the file",
-    "constraint": "What holds the tool",
-    "distance": "Known distances",
-    "fast": "As fast as possible",
-    "free": "What else is freed",
-    "joints": "Joint values",
-    "keep_out": "Forbidden box",
-    "language": "Language of what is written",
-    "length_mm": "Cable lengths",
-    "limit_deg": "Largest pressure angle",
-    "out": "Written to",
-    "passage": "Pass",
-    "position_mm": "Position",
-    "quaternion": "Orientation",
-    "repeatability_mm": "Repeatability of the robot",
-    "report": "Folder of the page",
-    "rerun": "Recording to look at",
-    "seconds": "Length of the recording",
-    "solve": "What is solved for",
-    "start": "Start pose",
-    "tip": "Flange link",
-    "tool": "Target on the flange",
-    "trials": "Monte Carlo trials",
-    "u_position_mm": "Uncertainty of a coordinate (k = 1)",
-    "u_rotation_deg": "Uncertainty of a rotation (k = 1)",
-    "x": "Along X",
-    "y": "Along Y",
-    "z": "Along Z",
-}
-"""What options are called that several commands have by one name and in one sense; others state their own (`option(label=...)`)."""
 
 
 class Written(NamedTuple):
@@ -160,9 +124,9 @@ class Option(NamedTuple):
     number, or text."""
 
     name: str
-    label: str
+    label: Message
     flag: str
-    help: str
+    help: Message
     unit: str
     panel: str
     kind: str
@@ -175,11 +139,39 @@ class Option(NamedTuple):
 
 
 def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
-    """All options of a command, in their order."""
-    return tuple(_option(name, field) for name, field in fields_of(settings).items())
+    """Return all options of a command, in their order."""
+    command = settings.__module__.rpartition(".")[2].replace("import_log", "import").replace("_", "-")
+    return tuple(_option(command, name, field) for name, field in fields_of(settings).items())
 
 
-def _option(name: str, field: "FieldInfo") -> Option:
+def help_of(command: str, name: str, text: str) -> Message:
+    """Return the help of an option: its own, or that of all options of its name."""
+    own = f"cli.{command}.{name}"
+    return Message(own if any(own in texts(language) for language in LANGUAGES) else f"cli.option.{name}", template=text)
+
+
+def command_help(command: str) -> Message:
+    """Return the help of a command."""
+    return Message(f"cli.{command}.help", template=COMMANDS[command])
+
+
+def job_name(text: str) -> Message:
+    """Return the name of a job, to which several commands belong."""
+    return Message(f"cli.job.{'_'.join(text.lower().split())}", template=text)
+
+
+def panel_of(text: str) -> Message:
+    """Return the name of a group of options."""
+    return Message(f"cli.panel.{'_'.join(text.lower().split())}", template=text)
+
+
+def _label(command: str, name: str) -> Message:
+    known = texts("en")
+    ids = (one for one in (f"label.{command}.{name}", f"label.{name}") if one in known)
+    return Message(next(ids, ""), template=name.replace("_", " ").capitalize())
+
+
+def _option(command: str, name: str, field: "FieldInfo") -> Option:
     form, said = written(field), said_of(field)
     kinds = {bool: "flag", Path: "path", int: "whole", float: "number"}
     kind = "list" if form.repeated else "choice" if form.choices else kinds.get(form.kind, "text")
@@ -189,11 +181,11 @@ def _option(name: str, field: "FieldInfo") -> Option:
         default = "on"
     return Option(
         name=name,
-        label=str(said.get("label") or COMMON_LABELS.get(name) or name.replace("_", " ").capitalize()),
+        label=_label(command, name),
         flag=flag_of(name, field),
-        help=field.description or "",
+        help=help_of(command, name, field.description or ""),
         unit=unit_of(name, field),
-        panel=str(said.get("panel", "")),
+        panel=panel_of(said["panel"]) if "panel" in said else "",
         kind=kind,
         choices=form.choices,
         minimum=limits_of(field)[0],

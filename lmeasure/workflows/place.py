@@ -18,7 +18,7 @@ class Settings(Writing):
     task: Annotated[Path, option("Task, mounting boxes, keep-outs, tolerance.", metavar="PLACEMENT.toml")]
     out: Annotated[Path, option("Folder for rig.toml and placement.json.", metavar="DIR")]
     seed: Annotated[int, option("Seed of the search.", ge=0)] = 0
-    generations: Annotated[int, option("Most generations of the global search.", ge=1, label="Generations of the search")] = 2000
+    generations: Annotated[int, option("Most generations of the global search.", ge=1)] = 2000
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:

@@ -25,68 +25,42 @@ class Settings(Writing):
             positional=True,
         ),
     ] = None
-    poses: Annotated[int, option("How many poses to choose; with --extend, how many more.", ge=1, label="Number of poses")]
+    poses: Annotated[int, option("How many poses to choose; with --extend, how many more.", ge=1)]
     out: Annotated[
         Path, option("The reference_poses.csv to write; its first pose is the zero pose. With --robot the table of joint values.")
     ]
     box: Annotated[
-        Box | None,
-        option("Where the tool origin may go [mm]; with --extend by default as it went.", metavar=BOX, unit="mm", label="Box of the poses"),
+        Box | None, option("Where the tool origin may go [mm]; with --extend by default as it went.", metavar=BOX, unit="mm")
     ] = None
-    tilt_deg: Annotated[float, option("Largest component of the tilt's rotation vector.", ge=0, le=90, label="Tilt")] = 15.0
+    tilt_deg: Annotated[float, option("Largest component of the tilt's rotation vector.", ge=0, le=90)] = 15.0
     quaternion: Annotated[UnitQuaternion | None, option("Orientation that is tilted.", metavar="X,Y,Z,W")] = None
-    zone_box: Annotated[
-        Box | None, option("Where lengths matter; by default the box.", metavar=BOX, unit="mm", label="Box where lengths matter")
-    ] = None
-    zone_tilt_deg: Annotated[
-        float | None, option("Tilt in the zone; by default that of the poses.", ge=0, le=90, label="Tilt in the zone")
-    ] = None
+    zone_box: Annotated[Box | None, option("Where lengths matter; by default the box.", metavar=BOX, unit="mm")] = None
+    zone_tilt_deg: Annotated[float | None, option("Tilt in the zone; by default that of the poses.", ge=0, le=90)] = None
     criterion: Annotated[
         Literal["G", "I", "D"], option("G: least worst variance over the zone; I: least mean variance; D: least determinant.")
     ] = "G"
-    extend: Annotated[
-        Path | None, option("Calibration folder already recorded: its counters go on.", metavar="FOLDER", label="Folder to extend")
-    ] = None
+    extend: Annotated[Path | None, option("Calibration folder already recorded: its counters go on.", metavar="FOLDER")] = None
     u_position_mm: Annotated[float | None, option(f"Standard uncertainty of a pose's coordinates; {STATED}.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option(f"Standard uncertainty of a pose's rotations; {STATED}.", ge=0)] = None
     solve: Annotated[Names, option("What the calibration will solve for, as `lmeasure calibrate` has it.")] = ("position", "guide")
-    passes: Annotated[
-        WholeNumbers, option("Whose cables are measured.", flag="--pass", metavar="N,...", label="Passes whose cables are measured")
-    ] = (1,)
-    max_wrap_deg: Annotated[
-        float, option("Largest angle wrapped on a swivel pulley.", ge=1, le=360, panel=LIMITS, label="Largest wrap")
-    ] = 170.0
-    min_span_mm: Annotated[float, option("Shortest free span from the pulley.", ge=0, panel=LIMITS, label="Shortest free span")] = 100.0
-    max_length_mm: Annotated[float, option("Longest cable from B to the attachment point.", ge=1, panel=LIMITS, label="Longest cable")] = (
-        1e6
-    )
+    passes: Annotated[WholeNumbers, option("Whose cables are measured.", flag="--pass", metavar="N,...")] = (1,)
+    max_wrap_deg: Annotated[float, option("Largest angle wrapped on a swivel pulley.", ge=1, le=360, panel=LIMITS)] = 170.0
+    min_span_mm: Annotated[float, option("Shortest free span from the pulley.", ge=0, panel=LIMITS)] = 100.0
+    max_length_mm: Annotated[float, option("Longest cable from B to the attachment point.", ge=1, panel=LIMITS)] = 1e6
     clearance_mm: Annotated[float, option("Between free spans, and to other pulleys.", ge=0, panel=LIMITS)] = 10.0
-    min_tension_n: Annotated[
-        float, option("Least tension at a drum whose tension the rig states.", ge=0, panel=LIMITS, label="Least tension")
-    ] = 0.0
-    singular_deg: Annotated[
-        float,
-        option("Least distance to where the rig's angles are not unique.", ge=0, le=45, panel=LIMITS, label="Distance to singular angles"),
-    ] = 2.0
-    further: Annotated[int, option("Poses beyond the plan to weigh in the table.", ge=0, le=50, label="Poses weighed beyond the plan")] = 3
+    min_tension_n: Annotated[float, option("Least tension at a drum whose tension the rig states.", ge=0, panel=LIMITS)] = 0.0
+    singular_deg: Annotated[float, option("Least distance to where the rig's angles are not unique.", ge=0, le=45, panel=LIMITS)] = 2.0
+    further: Annotated[int, option("Poses beyond the plan to weigh in the table.", ge=0, le=50)] = 3
     rounded: Annotated[
-        bool,
-        option(
-            "Plan poses that can be typed: 0.1 mm and 0.01 degrees in the rig's angles.",
-            flag="--rounded/--exact",
-            label="Poses that can be typed",
-        ),
+        bool, option("Plan poses that can be typed: 0.1 mm and 0.01 degrees in the rig's angles.", flag="--rounded/--exact")
     ] = True
-    quaternions: Annotated[bool, option("Write quaternions, not the rig's angles.", label="Write quaternions")] = False
+    quaternions: Annotated[bool, option("Write quaternions, not the rig's angles.")] = False
     seed: Annotated[int, option("Seed of candidates and starts.", ge=0)] = 0
     robot: Annotated[
         str | None, option("Plan poses of this robot for `identify`: a name, a robot.toml or a .urdf.", metavar="NAME_OR_FILE", panel=ROBOT)
     ] = None
     free: Annotated[Names, option("What else `identify` will free beside links and harmonics.", metavar="FAMILY,...", panel=ROBOT)] = ()
-    candidates: Annotated[
-        Path | None,
-        option("Joint values to choose from, by default all allowed.", metavar="FILE", panel=ROBOT, label="Joint values to choose from"),
-    ] = None
+    candidates: Annotated[Path | None, option("Joint values to choose from, by default all allowed.", metavar="FILE", panel=ROBOT)] = None
     columns: Annotated[
         str, option("Which column of the candidates is which, and its unit.", metavar="NAME=COLUMN[UNIT],...", panel=ROBOT)
     ] = ""

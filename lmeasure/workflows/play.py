@@ -31,30 +31,18 @@ class Settings(Asked):
         Path | None, option("Commands for `run`, as `program` writes them; else a motion of six stops.", metavar="commands.csv")
     ] = None
     at: Annotated[
-        Start | None,
-        option(
-            "Where the robot is at home, as --start of `record`; else the base frame's origin.",
-            metavar="X,Y,Z,O,A,T",
-            label="Where the robot is at home",
-        ),
+        Start | None, option("Where the robot is at home, as --start of `record`; else the base frame's origin.", metavar="X,Y,Z,O,A,T")
     ] = None
-    rate_hz: Annotated[float, option("Samples a second.", ge=1, le=2000, unit="Hz", label="Samples a second")] = 200.0
+    rate_hz: Annotated[float, option("Samples a second.", ge=1, le=2000, unit="Hz")] = 200.0
     passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
-    off_mm: Annotated[
-        float,
-        option("Observation points lie up to so far from where the rig says.", ge=0, le=500, panel=BUILT, label="Points beside the rig's"),
-    ] = 5.0
-    off_deg: Annotated[float, option("Guides are turned by up to as much.", ge=0, le=20, panel=BUILT, label="Guides beside the rig's")] = (
-        1.0
-    )
+    off_mm: Annotated[float, option("Observation points lie up to so far from where the rig says.", ge=0, le=500, panel=BUILT)] = 5.0
+    off_deg: Annotated[float, option("Guides are turned by up to as much.", ge=0, le=20, panel=BUILT)] = 1.0
     u_position_mm: Annotated[
         float, option("How well the robot takes a pose: standard deviation of each coordinate.", ge=0, le=50, panel=BUILT)
     ] = 0.02
     u_rotation_deg: Annotated[float, option("The same of its orientation, about each axis.", ge=0, le=10, panel=BUILT)] = 0.003
-    exchange: Annotated[
-        Names, option("Two channels whose encoders are exchanged.", metavar="CHANNEL,CHANNEL", panel=BUILT, label="Exchanged channels")
-    ] = ()
+    exchange: Annotated[Names, option("Two channels whose encoders are exchanged.", metavar="CHANNEL,CHANNEL", panel=BUILT)] = ()
     seed: Annotated[int, option("Which cell is drawn.", ge=0, panel=BUILT)] = 0
 
     def paths(self) -> Paths:

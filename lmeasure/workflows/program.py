@@ -24,58 +24,43 @@ class Settings(Writing):
     x: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
     y: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
     z: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
-    plane: Annotated[str, option("Diagonal plane of the cube that holds P1 to P5 and the paths.", label="Plane of the cube")] = (
-        "C1-C2-C7-C8"
-    )
+    plane: Annotated[str, option("Diagonal plane of the cube that holds P1 to P5 and the paths.")] = "C1-C2-C7-C8"
     quaternion: Annotated[Quaternion, option("Orientation of the tool, base_from_tool.", metavar="x,y,z,w")] = (0.0, 0.0, 0.0, 1.0)
     tests: Annotated[
         Names, option("Which: pose, approach, stabilisation, drift, path, reorientation, posing, compliance, weaving; or all.")
     ] = ("pose", "approach", "stabilisation", "path", "reorientation")
-    speed: Annotated[float, option("Rated speed between poses, mm/s.", unit="mm/s", label="Rated speed")] = 1000.0
-    path_speed: Annotated[float, option("Rated speed on paths, mm/s.", unit="mm/s", label="Rated speed on paths")] = 500.0
+    speed: Annotated[float, option("Rated speed between poses, mm/s.", unit="mm/s")] = 1000.0
+    path_speed: Annotated[float, option("Rated speed on paths, mm/s.", unit="mm/s")] = 500.0
     speeds: Annotated[Numbers, option("Of the rated speeds, percent; the first is that of all other tests.", unit="%")] = (
         100.0,
         50.0,
         10.0,
     )
     loads: Annotated[Numbers, option("Loads of pose and path tests, kg; the first is that of all other tests.", unit="kg")] = (0.0,)
-    cycles: Annotated[
-        str | None,
-        option("Other numbers of cycles than the standard's (pose=30, path=10, ...).", metavar="TEST=N,...", label="Cycles of the tests"),
-    ] = None
-    dwell: Annotated[float, option("Rest at a pose that is measured, s.", unit="s", label="Rest at a pose")] = 1.5
+    cycles: Annotated[str | None, option("Other numbers of cycles than the standard's (pose=30, path=10, ...).", metavar="TEST=N,...")] = (
+        None
+    )
+    dwell: Annotated[float, option("Rest at a pose that is measured, s.", unit="s")] = 1.5
     angles: Annotated[str | None, option("Convention in which angles are certified one by one; the rig's by default.")] = None
     limit_band: Annotated[
-        float,
-        option("Within which of a pose the robot has arrived, for stabilisation and posing time, mm.", unit="mm", label="Band of arrival"),
+        float, option("Within which of a pose the robot has arrived, for stabilisation and posing time, mm.", unit="mm")
     ] = 0.1
     ran: Annotated[
-        Path | None,
-        option(
-            "Only fill in when the robot ran the program.toml and commands.csv that --out holds.",
-            metavar="TRAJECTORY",
-            label="Only fill in the times",
-        ),
+        Path | None, option("Only fill in when the robot ran the program.toml and commands.csv that --out holds.", metavar="TRAJECTORY")
     ] = None
     columns: Annotated[str, COLUMNS] = ""
     align: Annotated[bool, option("With --ran: the trajectory is in a frame of its own; find the program's from its rests.")] = False
     loaded: Annotated[
-        Path | None,
-        option("With --ran: start_s, end_s of each force of the compliance test, in order.", metavar="FILE.csv", label="Times of forces"),
+        Path | None, option("With --ran: start_s, end_s of each force of the compliance test, in order.", metavar="FILE.csv")
     ] = None
     correct: Annotated[
         Path | None,
-        option(
-            "Instead: this program with every path led around the limits of --rig, ends kept.",
-            metavar="PROGRAM.toml",
-            panel=KEPT,
-            label="Program to lead around limits",
-        ),
+        option("Instead: this program with every path led around the limits of --rig, ends kept.", metavar="PROGRAM.toml", panel=KEPT),
     ] = None
     rig: Annotated[Path | None, option("With --correct: the rig.", metavar="RIG.toml", panel=KEPT)] = None
     limit_deg: Annotated[float, option("With --correct: largest pressure angle.", panel=KEPT, within=(0.0, 90.0))] = 60.0
     length_mm: Annotated[Pair | None, option("With --correct: cable lengths.", metavar="MIN:MAX", panel=KEPT)] = None
-    drift_hours: Annotated[float, option("How long the drift test lasts.", unit="h", label="Length of the drift test")] = 8.0
+    drift_hours: Annotated[float, option("How long the drift test lasts.", unit="h")] = 8.0
 
     def paths(self) -> Paths:
         """A program, perhaps from a zone. With --ran, program.toml gets its windows in its place and is no output."""

@@ -22,12 +22,11 @@ class Settings(Writing):
     constraint: Annotated[str | None, option("What holds the tool where cables are too few: planar or vertical-axis.")] = None
     repeatability_mm: Annotated[float, option("Standard deviation per axis of the robot between repeated passes.", ge=0.0)] = 0.0
     uncertainty: Annotated[
-        Literal["linear", "monte-carlo"],
-        option("linear, or monte-carlo: the run again and again with its inputs drawn (JCGM 101).", label="Method of uncertainty"),
+        Literal["linear", "monte-carlo"], option("linear, or monte-carlo: the run again and again with its inputs drawn (JCGM 101).")
     ] = "linear"
     trials: Annotated[int, option("Trials of monte-carlo.", ge=2)] = 400
     seed: Annotated[int, option("Seed of monte-carlo.")] = 0
-    angles: Annotated[bool, option("Add the angles of the rig's convention.", label="Angles beside quaternions")] = False
+    angles: Annotated[bool, option("Add the angles of the rig's convention.")] = False
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:

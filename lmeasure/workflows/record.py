@@ -28,10 +28,7 @@ class Settings(Writing):
     passage: Annotated[int, option("Which repetition of the motion; later ones join the same run folder.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
-    live: Annotated[
-        bool,
-        option("Show counts, speeds, the pose, faults and latency while recording; --rerun grows then too.", label="Show while recording"),
-    ] = False
+    live: Annotated[bool, option("Show counts, speeds, the pose, faults and latency while recording; --rerun grows then too.")] = False
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:

@@ -36,7 +36,6 @@ class Settings(Writing):
             "Run folder, trajectory as `reconstruct` writes it, or another instrument's: .csv, .parquet, .tum, EuRoC.",
             metavar="RUN_OR_TRAJECTORY",
             positional=True,
-            label="Run or trajectory",
         ),
     ]
     out: Annotated[Path, option("Folder for trajectory.html.", metavar="DIR")]

@@ -27,7 +27,7 @@ from lmeasure.io import complaints
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray
-    from lmeasure.text import Finding
+    from lmeasure.text import Message
     from lmeasure.trajectory import Stated
 
 START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
@@ -76,7 +76,6 @@ def _choices(field: FieldInfo) -> list[str]:
 def option(
     text: str,
     *,
-    label: str | None = None,
     flag: str | None = None,
     short: str | None = None,
     metavar: str | None = None,
@@ -88,12 +87,10 @@ def option(
     positional: bool = False,
     words: str | None = None,
 ) -> Any:
-    """What is said of an option beside its type and default: help; label, what it is called in forms and documents, else `COMMON_LABELS` or
-    the words of its name; flag, else `--` and its name; short, a second flag such as -f; metavar;
+    """What is said of an option beside its type and default: help; flag, else `--` and its name; short, a second flag such as -f; metavar;
     the panel or group of a form that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage
     itself checks; words: where the names are that it may be, as module:NAME, for who completes what is typed."""
     extra: dict[str, Any] = {
-        "label": label,
         "flag": flag,
         "short": short,
         "metavar": metavar,
@@ -110,9 +107,7 @@ def option(
 class Writing(Asked):
     """Settings of a command that writes files."""
 
-    force: Annotated[
-        bool, option("Replace files that exist; inputs and recordings never.", flag="--force", short="-f", label="Replace existing files")
-    ] = False
+    force: Annotated[bool, option("Replace files that exist; inputs and recordings never.", flag="--force", short="-f")] = False
 
 
 def unit_of(name: str, field: FieldInfo) -> str:
@@ -276,7 +271,7 @@ def stated_beside(settings: Any) -> "Stated":
     return Stated(columns_of(settings.columns), settings.u_position_mm, turn, angles=known_convention(settings.angles))
 
 
-def notes_of_file(notes: "Iterable[Finding]") -> tuple[tuple[str, ...], tuple[str, ...]]:
+def notes_of_file(notes: "Iterable[Message]") -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the lines that say how a file was read and what is wrong with it, and the latter alone."""
     lines = {f"note: {note}": note.code not in ("orientation.read", "time.of_day") for note in notes}
     return tuple(lines), tuple(line for line, wrong in lines.items() if wrong)

@@ -27,34 +27,15 @@ class Settings(Writing):
         option("rig.toml, robot.toml of a platform, or a table of points and links (docs/files.md).", metavar="FILE", positional=True),
     ] = None
     out: Annotated[Path | None, option("Also write all of it.", metavar="FILE.json")] = None
-    listed: Annotated[bool, option("All structures of six links instead of a file.", flag="--list", label="All structures")] = False
+    listed: Annotated[bool, option("All structures of six links instead of a file.", flag="--list")] = False
     lengths_mm: Annotated[
         Numbers | None,
-        option(
-            "Lengths, in the file's order: every assembly that they allow.",
-            metavar="L1,L2,...",
-            panel=LENGTHS,
-            unit="mm",
-            label="Lengths of the links",
-        ),
+        option("Lengths, in the file's order: every assembly that they allow.", metavar="L1,L2,...", panel=LENGTHS, unit="mm"),
     ] = None
     within_mm: Annotated[
-        float,
-        option(
-            "By how much seven and more lengths may contradict each other.",
-            panel=LENGTHS,
-            within=(0.0, math.inf),
-            label="Allowed contradiction",
-        ),
+        float, option("By how much seven and more lengths may contradict each other.", panel=LENGTHS, within=(0.0, math.inf))
     ] = 0.5
-    design: Annotated[
-        bool,
-        option(
-            "Cut the links' limits_mm until nothing within them is singular, and prove it.",
-            panel=LENGTHS,
-            label="Find limits without singular poses",
-        ),
-    ] = False
+    design: Annotated[bool, option("Cut the links' limits_mm until nothing within them is singular, and prove it.", panel=LENGTHS)] = False
     position_mm: Annotated[
         Point | None,
         option(
@@ -67,13 +48,7 @@ class Settings(Writing):
         None
     )
     to_mm: Annotated[
-        Point | None,
-        option(
-            "Another position: determinant and condition on the straight way to it.",
-            metavar="X,Y,Z",
-            panel=AT_A_POSE,
-            label="Another position",
-        ),
+        Point | None, option("Another position: determinant and condition on the straight way to it.", metavar="X,Y,Z", panel=AT_A_POSE)
     ] = None
     boundary: Annotated[
         Literal["xy", "xz", "yz"] | None, option("Follow the boundary of the workspace around the pose in this plane.", panel=AT_A_POSE)
@@ -84,12 +59,7 @@ class Settings(Writing):
     ] = None
     reach_mm: Annotated[
         float | None,
-        option(
-            "How far to either side of the pose is looked; default the rig's size.",
-            panel=AT_A_POSE,
-            within=(0.0, math.inf),
-            label="Reach around the pose",
-        ),
+        option("How far to either side of the pose is looked; default the rig's size.", panel=AT_A_POSE, within=(0.0, math.inf)),
     ] = None
     limit_deg: Annotated[
         float | None,

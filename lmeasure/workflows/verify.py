@@ -14,10 +14,8 @@ if TYPE_CHECKING:
 class Settings(Asked):
     """What `lmeasure verify` is asked."""
 
-    bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True, label="Certificate")]
-    public_key: Annotated[
-        Path | None, option("The signature must be by the owner of this key.", metavar="FILE", label="Owner's public key")
-    ] = None
+    bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True)]
+    public_key: Annotated[Path | None, option("The signature must be by the owner of this key.", metavar="FILE")] = None
 
 
 @workflow

@@ -14,12 +14,7 @@ class Settings(Asked):
 
     recording: Annotated[Path, option("Recording that a stage wrote with --rerun, or the demo.", metavar="FILE.rrd", positional=True)]
     web: Annotated[
-        bool,
-        option(
-            "Serve rerun's web viewer to browsers of this machine, which needs no display here; Ctrl-C ends it.",
-            flag="--web",
-            label="In a browser",
-        ),
+        bool, option("Serve rerun's web viewer to browsers of this machine, which needs no display here; Ctrl-C ends it.", flag="--web")
     ] = False
     port: Annotated[int | None, option("Port of 127.0.0.1 for --web; 0 takes a free one. [9090]", ge=0, le=65535)] = None
 

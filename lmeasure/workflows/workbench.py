@@ -28,16 +28,10 @@ class Serve(Protocol):
 class Settings(Asked):
     """What `lmeasure workbench` is asked."""
 
-    folder: Annotated[
-        Path, option("Project folder; made where it is not there.", metavar="FOLDER", positional=True, label="Project folder")
-    ] = Path()
-    within: Annotated[
-        Path | None, option("Folder of projects: Home begins others in it, and opens them.", metavar="FOLDER", label="Folder of projects")
-    ] = None
+    folder: Annotated[Path, option("Project folder; made where it is not there.", metavar="FOLDER", positional=True)] = Path()
+    within: Annotated[Path | None, option("Folder of projects: Home begins others in it, and opens them.", metavar="FOLDER")] = None
     port: Annotated[int, option("Port of 127.0.0.1; 0 takes a free one.", ge=0, le=65535)] = 0
-    browser: Annotated[
-        bool, option("Open the page in this machine's browser.", flag="--browser/--no-browser", label="Open the browser")
-    ] = True
+    browser: Annotated[bool, option("Open the page in this machine's browser.", flag="--browser/--no-browser")] = True
     language: Annotated[Literal["en", "ru"], option("Of what jobs print; pages follow the browser.")] = "en"
 
 

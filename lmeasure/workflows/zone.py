@@ -33,73 +33,37 @@ class Settings(Writing):
     ] = None
     y: Annotated[Range | None, option("The same along Y.", metavar=RANGE, unit="mm")] = None
     z: Annotated[Range | None, option("The same along Z.", metavar=RANGE, unit="mm")] = None
-    tilt_rad: Annotated[float, option("Largest component of the rotation vector [rad].", within=(0.0, math.pi), label="Tilt")] = 0.0
-    tilt_steps: Annotated[int, option("Equal steps from -tilt to +tilt; 1 means no tilt.", ge=1, label="Steps of the tilt")] = 3
+    tilt_rad: Annotated[float, option("Largest component of the rotation vector [rad].", within=(0.0, math.pi))] = 0.0
+    tilt_steps: Annotated[int, option("Equal steps from -tilt to +tilt; 1 means no tilt.", ge=1)] = 3
     quaternion: Annotated[UnitQuaternion | None, option("Orientation that is tilted.", metavar="X,Y,Z,W")] = None
-    o: Annotated[
-        Range | None, option("Angle O of the thesis [deg], with --a and --t, instead of tilts.", metavar=RANGE, unit="deg", label="Angle O")
-    ] = None
-    a: Annotated[Range | None, option("Angle A [deg].", metavar=RANGE, unit="deg", label="Angle A")] = None
-    t: Annotated[Range | None, option("Angle T [deg].", metavar=RANGE, unit="deg", label="Angle T")] = None
+    o: Annotated[Range | None, option("Angle O of the thesis [deg], with --a and --t, instead of tilts.", metavar=RANGE, unit="deg")] = None
+    a: Annotated[Range | None, option("Angle A [deg].", metavar=RANGE, unit="deg")] = None
+    t: Annotated[Range | None, option("Angle T [deg].", metavar=RANGE, unit="deg")] = None
     limit_deg: Annotated[float, option("Largest pressure angle.", panel=LIMITS, within=(0.0, 90.0))] = 60.0
     length_mm: Annotated[Pair | None, option("Cable lengths.", metavar="MIN:MAX", panel=LIMITS)] = None
-    u95_mm: Annotated[
-        float | None, option("95 % radius of the position.", panel=LIMITS, within=MORE_THAN_0, label="95 % radius of the position")
-    ] = None
-    u95_rotation_deg: Annotated[
-        float | None, option("95 % radius of the orientation.", panel=LIMITS, within=MORE_THAN_0, label="95 % radius of the orientation")
-    ] = None
-    u95_attachment_mm: Annotated[
-        float | None,
-        option("95 % radius of the worst attachment point.", panel=LIMITS, within=MORE_THAN_0, label="95 % radius of attachment points"),
-    ] = None
-    wrap_deg: Annotated[
-        float | None, option("Angle wrapped around a pulley.", panel=LIMITS, within=MORE_THAN_0, label="Wrap on a pulley")
-    ] = None
+    u95_mm: Annotated[float | None, option("95 % radius of the position.", panel=LIMITS, within=MORE_THAN_0)] = None
+    u95_rotation_deg: Annotated[float | None, option("95 % radius of the orientation.", panel=LIMITS, within=MORE_THAN_0)] = None
+    u95_attachment_mm: Annotated[float | None, option("95 % radius of the worst attachment point.", panel=LIMITS, within=MORE_THAN_0)] = (
+        None
+    )
+    wrap_deg: Annotated[float | None, option("Angle wrapped around a pulley.", panel=LIMITS, within=MORE_THAN_0)] = None
     clearance_mm: Annotated[
         float | None, option("Least distance of cables from each other and bodies.", panel=LIMITS, within=MORE_THAN_0)
     ] = None
-    bodies: Annotated[
-        Path | None, option("Bodies the cables must not touch.", metavar="FILE.toml", panel=LIMITS, label="Bodies in the way")
-    ] = None
+    bodies: Annotated[Path | None, option("Bodies the cables must not touch.", metavar="FILE.toml", panel=LIMITS)] = None
     one_assembly: Annotated[bool, option("Keep the determinant's sign.", panel=LIMITS)] = False
-    singularity: Annotated[
-        float | None, option("Least distance to a singular pose.", panel=LIMITS, within=MORE_THAN_0, label="Distance to singular poses")
-    ] = None
-    full: Annotated[
-        bool, option("Map orientation and attachment points too.", panel=COMPUTING, label="Orientation and attachment points too")
-    ] = False
+    singularity: Annotated[float | None, option("Least distance to a singular pose.", panel=LIMITS, within=MORE_THAN_0)] = None
+    full: Annotated[bool, option("Map orientation and attachment points too.", panel=COMPUTING)] = False
     reliability: Annotated[
-        bool,
-        option(
-            "Map which faults of single channels would show, and what one that does not does to the tool.",
-            panel=COMPUTING,
-            label="Map least faults",
-        ),
+        bool, option("Map which faults of single channels would show, and what one that does not does to the tool.", panel=COMPUTING)
     ] = False
     refine: Annotated[
-        float | None,
-        option(
-            "Refine the edge until the volume changes by less.",
-            metavar="RELATIVE",
-            panel=COMPUTING,
-            within=(0.0, 1.0),
-            label="Refine until",
-        ),
+        float | None, option("Refine the edge until the volume changes by less.", metavar="RELATIVE", panel=COMPUTING, within=(0.0, 1.0))
     ] = None
-    workers: Annotated[int | None, option("Threads; default all cores.", panel=COMPUTING, ge=1, label="Threads")] = None
-    scheduler: Annotated[
-        str | None, option("dask scheduler to use.", metavar="tcp://HOST:PORT", panel=COMPUTING, label="dask scheduler")
-    ] = None
-    checkpoint: Annotated[
-        Path | None, option("Keep chunks here; go on after a kill.", metavar="DIR", panel=COMPUTING, label="Folder of what is done")
-    ] = None
-    path: Annotated[
-        Path | None,
-        option(
-            "Hold a robot program against the zone; writes OUT.path.csv too.", metavar="PROGRAM.toml", label="Program held against the zone"
-        ),
-    ] = None
+    workers: Annotated[int | None, option("Threads; default all cores.", panel=COMPUTING, ge=1)] = None
+    scheduler: Annotated[str | None, option("dask scheduler to use.", metavar="tcp://HOST:PORT", panel=COMPUTING)] = None
+    checkpoint: Annotated[Path | None, option("Keep chunks here; go on after a kill.", metavar="DIR", panel=COMPUTING)] = None
+    path: Annotated[Path | None, option("Hold a robot program against the zone; writes OUT.path.csv too.", metavar="PROGRAM.toml")] = None
     boundary: Annotated[
         bool, option("Follow the zone's edge at every level, for angle and lengths; writes OUT.boundary.csv too.", panel=COMPUTING)
     ] = False

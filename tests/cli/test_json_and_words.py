@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import string
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +18,7 @@ from lmeasure.cli.progress import told_of_compiling
 from lmeasure.cli.text import retold, said
 from lmeasure.io import FILE_KINDS
 from lmeasure.kernels import compilation
-from lmeasure.text import of_terminal as language, texts
+from lmeasure.text import of_terminal as language
 from lmeasure.workflows import COMMANDS, JOBS, Result
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
@@ -197,19 +196,6 @@ def test_a_command_ends_when_it_has_said_its_last_line(tmp_path: Path) -> None:
         assert done.returncode == expected, done.stderr
         assert "taken apart" not in done.stdout
         assert done.stdout or expected
-
-
-def test_every_text_of_the_help_is_said_in_russian() -> None:
-    known = texts("cli", "ru")
-    asked = {text for parts in JOBS.items() for text in (parts[0], *parts[1].values())}
-    for name in COMMANDS:
-        for one in command(name).params:
-            asked |= {text for text in (getattr(one, "help", None), getattr(one, "rich_help_panel", None)) if text}
-    assert sorted(asked - set(known)) == [], "add them to lmeasure/text/locale/ru/cli.po"
-    for english, russian in known.items():
-        names = [sorted(name for _, name, _, _ in string.Formatter().parse(text) if name) for text in (english, russian) if "{" in english]
-        assert not names or names[0] == names[1], english
-        assert sorted(re.findall(r"--[a-z][a-z-]+", russian)) == sorted(re.findall(r"--[a-z][a-z-]+", english)), english
 
 
 def test_help_and_errors_in_russian() -> None:

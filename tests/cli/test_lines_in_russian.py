@@ -175,10 +175,6 @@ SAID = [
         "говорит",
     ),
     (
-        "warning duplicate: row 90 (line 111): the copy of row 90 (line 11), and used once",
-        "предупреждение duplicate: строка 90 (номер в файле 111): то же, что строка 90 (номер в файле 11); учтена один раз",
-    ),
-    (
         "left as it was: pick.dat:2: XP1: the frame BASE_DATA[2] is not stated",
         "оставлено как было: pick.dat:2: XP1: система координат BASE_DATA[2] не указана",
     ),
@@ -208,10 +204,6 @@ SAID = [
         "оставлено как было: prog.script:3: movej строки 3: поправка 2,642 мм и 0,696°; предел 0,1 мм и 1°",
     ),
     ("gradient (omega; v): 2253060, 1.23129·10⁷, -1030830, -959.368", "градиент (ω; v): 2253060; 1,23129·10⁷; -1030830; -959,368"),
-    (
-        "warning unmatched: row 150 (line 17): no measured point has this name; it is left out",
-        "предупреждение unmatched: строка 150 (номер в файле 17): точки с этим именем не измерено; строка не учтена",
-    ),
     (
         "warning unmatched: pose 'P12' stands in my/robot.csv alone; it is left out",
         "предупреждение unmatched: поза 'P12' есть только в my/robot.csv; она не учтена",
@@ -404,6 +396,6 @@ def test_signs_are_those_that_people_write() -> None:
 )
 def test_what_uncertainties_cover_is_told_whatever_comes_last(last: str) -> None:
     for end in (": the rig links no calibration", ""):
-        told = Say("ru").told(f"counts of half a unit, the passes and {last}{end}")
+        told = Say("ru").message(f"counts of half a unit, the passes and {last}{end}")
         assert "дискретность отсчётов, проходы и " in told
         assert not re.search("[a-z]", told), told

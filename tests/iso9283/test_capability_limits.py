@@ -11,7 +11,7 @@ from lmeasure.iso9283 import CertificationSettings, undecided
 from lmeasure.iso9283.capability import conformity, limit_of, tolerance_of, with_verdict, with_verdicts
 from lmeasure.iso9283.characteristic import Characteristic
 from lmeasure.recording import Tolerance
-from lmeasure.text import finding
+from lmeasure.text import message
 
 
 def tolerance(lower: float | None = None, upper: float | None = None, **more: Any) -> Tolerance:
@@ -106,7 +106,7 @@ def test_a_figure_is_stated_where_u95_is_small_beside_it(u95: float, capable: bo
     assert (unsigned.capable, unsigned.limit_u95) == (capable, 0.5)
     assert unsigned.conformity is not None
     assert (unsigned.conformity.verdict, unsigned.conformity.rule) == ("conforms", "guarded")
-    excluded = with_verdict(figure(u95=0.01, excluded=finding("time.end")), limits, SETTINGS, signed=True)
+    excluded = with_verdict(figure(u95=0.01, excluded=message("time.end")), limits, SETTINGS, signed=True)
     assert (excluded.capable, excluded.limit_u95, excluded.conformity) == (False, None, None)
 
 
@@ -134,13 +134,13 @@ def test_a_component_takes_the_verdict_of_its_vector() -> None:
         "AP_z": (True, 1.0, True),
         "AV": (True, 1.0, None),
     }
-    assert found["AP_x"].note == found["AP_z"].note == finding("verdict.of_vector", vector="AP_p")
+    assert found["AP_x"].note == found["AP_z"].note == message("verdict.of_vector", vector="AP_p")
     assert found["AP_y"].note is None
     # of an instrument too coarse for the vector none is stated
     assert not judged((replace(vector, u95=1.1), *given[1:]))["AP_z"].capable
     # without its vector a component has its own
     assert not judged((near_zero, alone))["AP_x"].capable
-    excluded = judged((vector, replace(far, excluded=finding("time.end"))))["AP_z"]
+    excluded = judged((vector, replace(far, excluded=message("time.end"))))["AP_z"]
     assert (excluded.capable, excluded.capable_alone, excluded.note) == (False, False, None)
     assert judged((vector, replace(far, u95=3.9 * 0.25), alone))["AP_z"].capable_alone
     assert not judged((vector, replace(far, u95=math.nextafter(3.9 * 0.25, 9.0)), alone))["AP_z"].capable_alone

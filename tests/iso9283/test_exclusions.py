@@ -12,7 +12,7 @@ from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.clause import IsoTest, SampleErrors
 from lmeasure.iso9283.evaluation import Exclusions, exclusions, largest_radius_95
 from lmeasure.iso9283.figure import Subject
-from lmeasure.text import finding
+from lmeasure.text import message
 from lmeasure.trajectory import PoseErrors
 
 TRAJECTORY = trajectory_of(np.arange(100) / 10.0, np.zeros((100, 3)))
@@ -84,7 +84,7 @@ def test_reasons_stand_in_the_order_of_certificates_whatever_they_are() -> None:
 def test_a_figure_has_the_first_reason_of_what_it_needs() -> None:
     one, other = Subject("pose", "A"), Subject("pose", "B")
     found = Exclusions(
-        {one: finding("zone.angle", angle_deg=70.0, limit_deg=60.0), other: finding("zone.radius", u95_mm=1.0, limit_mm=0.1)}
+        {one: message("zone.angle", angle_deg=70.0, limit_deg=60.0), other: message("zone.radius", u95_mm=1.0, limit_mm=0.1)}
     )
     assert str(found.reason((other, one))) == "pose A: worst pressure angle 70.0 deg; the zone ends at 60 deg"
     assert str(found.reason((other,))) == "pose B: U95 of a position 1 mm; the zone ends at 0.1 mm"
@@ -95,9 +95,9 @@ def test_a_figure_has_the_first_reason_of_what_it_needs() -> None:
 def test_what_hangs_on_counts_that_may_be_lost_gets_no_verdict() -> None:
     """Whatever its angle is; where no sample of its windows does, it gets one."""
     cause = TRAJECTORY.cause.copy()
-    lost = finding("counts.suspected", step="about 200 counts of ch3")
-    cause[50:] = finding("cause.without", cause=lost)
-    cause[:5] = finding("cause.without", cause="")
+    lost = message("counts.suspected", step="about 200 counts of ch3")
+    cause[50:] = message("cause.without", cause=lost)
+    cause[:5] = message("cause.without", cause="")
     trajectory = type(TRAJECTORY)(**{**vars(TRAJECTORY), "cause": cause})
     tests = held("pose", "A", start=1.0), held("pose", "B", start=4.5), held("pose", "C", 70.0, start=6.0), held("pose", "D", start=3.85)
     found = asked(*tests, trajectory=trajectory)

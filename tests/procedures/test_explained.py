@@ -16,7 +16,7 @@ from lmeasure.procedures import explained
 from lmeasure.recording import Run, write_run
 from lmeasure.rig import Rig, rig_from_dict, write_calibration_record, write_rig
 from lmeasure.simulation import Leg, simulate_run, smooth_path
-from lmeasure.text import Finding, recognised
+from lmeasure.text import Message, recognised
 from lmeasure.trajectory import reconstruct
 
 WORN: dict[str, tuple[str, dict[str, Any]]] = {
@@ -49,7 +49,7 @@ def run_of(true: Rig, seed: int, *, linked: bool = True, legs: int = 5) -> Run:
     return replace(run, rig=rig, calibration=record) if linked else replace(run, rig=true_rig(), calibration=None)
 
 
-def said(run: Run) -> list[Finding]:
+def said(run: Run) -> list[Message]:
     return [note for note in reconstruct(run, judge=explained).notes if note.code.startswith("effects.named")]
 
 

@@ -191,7 +191,7 @@ def test_russian_has_no_english_left_of_ours(russian: tuple[Path, dict[str, Any]
     assert pages[0].startswith("Протокол испытаний")
     assert f"страница 1 из {len(pages)}" in pages[0]
     text = flat(" ".join(pages))
-    for key in ("only item", "not accredited", "section.results", "uncertainty.signed", "not stated", "capable", "end"):
+    for key in ("only_item", "not_accredited", "section.results", "uncertainty.signed", "not_stated", "capable", "end"):
         assert flat(word("ru", key)) in text
         assert flat(word("en", key)) not in text
     assert '<html lang="ru">' in (russian[0] / "report.html").read_text(encoding="utf-8")

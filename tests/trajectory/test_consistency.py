@@ -17,7 +17,7 @@ from test_truth import AUTHORITY
 from lmeasure.core import BoolArray, FloatArray, Status
 from lmeasure.rig import read_rig
 from lmeasure.sensors.stated_errors import BAND
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory import Epochs, collected
 from lmeasure.trajectory.faults import consistency
 from lmeasure.trajectory.faults.consistency import Consistency, EpochFinder, consistent
@@ -113,7 +113,7 @@ def alarm_at(chi_squared: float, at: Sequence[int] = (200,), channels: int = 4) 
 
 
 def test_sound_channels_are_in_no_doubt() -> None:
-    before = Doubts((Doubt(1, 0.5, 0.6, Status.GAP, finding("contradiction")),), (finding("rig.uncalibrated"),))
+    before = Doubts((Doubt(1, 0.5, 0.6, Status.GAP, message("contradiction")),), (message("rig.uncalibrated"),))
     found = judged(with_errors(), before=before)
     assert (found.every, found.notes) == (before.every, before.notes)
 
@@ -409,7 +409,7 @@ def test_one_that_nothing_controls_is_left_out_without_a_size() -> None:
 
 def test_doubts_are_in_order_of_time_and_of_channels() -> None:
     before = Doubts(
-        (Doubt(3, 3.5, 3.6, Status.GAP, finding("contradiction")), Doubt(0, 0.99, 1.0, Status.JUMP, finding("contradiction.none")))
+        (Doubt(3, 3.5, 3.6, Status.GAP, message("contradiction")), Doubt(0, 0.99, 1.0, Status.JUMP, message("contradiction.none")))
     )
     found = judged(with_errors((2, 100, 120, 0.2), (2, 250, 270, 0.2)), before=before)
     assert [(d.cable, d.after_s) for d in found.every] == [(0, 0.99), (2, 0.99), (2, 2.49), (3, 3.5)]
@@ -423,10 +423,10 @@ def lost_origin(by_mm: float, u: Sequence[float] = (U,) * 4, *, settled: bool = 
     epochs.change_mm[201:, 1] = np.nan
     if settled:
         epochs.gone_on_mm[201:, 1] = np.nan
-    said = finding("rig.uncalibrated")
+    said = message("rig.uncalibrated")
     doubt = Doubt(1, 2.0, np.inf, Status.ORIGIN_LOST, said)
-    told = finding("channels.contradict", what=said, begin=1, end=2, said="x")
-    before = Doubts((doubt,), (said, finding("passes.not_repeated"), told))
+    told = message("channels.contradict", what=said, begin=1, end=2, said="x")
+    before = Doubts((doubt,), (said, message("passes.not_repeated"), told))
     return judged(epochs, Readings(u), before=before), epochs, before
 
 
@@ -461,7 +461,7 @@ def test_an_origin_is_proved_only_by_a_channel_that_agrees_everywhere() -> None:
     def found(factor: float) -> tuple[Doubt, ...]:
         epochs = with_errors((1, 300, 301, factor * U * np.sqrt(4.0 / 3.0)))
         epochs.change_mm[201:, 1] = np.nan
-        doubt = Doubt(1, 2.0, np.inf, Status.ORIGIN_LOST, finding("rig.uncalibrated"))
+        doubt = Doubt(1, 2.0, np.inf, Status.ORIGIN_LOST, message("rig.uncalibrated"))
         return judged(epochs, before=Doubts((doubt,)), samples=1).every
 
     assert not found(4.999)
@@ -472,10 +472,10 @@ def test_an_origin_is_proved_only_by_a_channel_that_agrees_everywhere() -> None:
 def test_nothing_but_the_lost_origin_of_one_channel_is_proved(cable: int, status: Status) -> None:
     epochs = with_errors()
     epochs.change_mm[201:, 1] = np.nan
-    before = Doubts((Doubt(cable, 2.0, np.inf, status, finding("rig.uncalibrated")),))
+    before = Doubts((Doubt(cable, 2.0, np.inf, status, message("rig.uncalibrated")),))
     assert judged(epochs, before=before).every == before.every
     # one that is about no epoch, neither
-    later = Doubts((Doubt(1, 90.0, np.inf, Status.ORIGIN_LOST, finding("rig.uncalibrated")),))
+    later = Doubts((Doubt(1, 90.0, np.inf, Status.ORIGIN_LOST, message("rig.uncalibrated")),))
     assert judged(epochs, before=later).every == later.every
 
 
@@ -483,7 +483,7 @@ def test_an_origin_says_nothing_where_everything_is_in_doubt() -> None:
     """Of two pairs that differ nobody knows which are right, so that neither proves the fifth."""
     epochs = with_errors((0, 150, N, 0.2), (2, 150, N, 0.2), channels=5)
     epochs.change_mm[100:, 1] = np.nan
-    before = Doubts((Doubt(1, 2.5, np.inf, Status.ORIGIN_LOST, finding("rig.uncalibrated")),))
+    before = Doubts((Doubt(1, 2.5, np.inf, Status.ORIGIN_LOST, message("rig.uncalibrated")),))
     found = judged(epochs, before=before)
     assert [(d.cable, d.status) for d in found.every] == [(EVERY, Status.INCONSISTENT), (1, Status.ORIGIN_LOST)]
 
@@ -491,7 +491,7 @@ def test_an_origin_says_nothing_where_everything_is_in_doubt() -> None:
 def test_an_origin_is_proved_by_the_last_epoch_before_everything_is_in_doubt() -> None:
     epochs = with_errors((2, 100, 130, 0.2))
     epochs.change_mm[90:250, [0, 3]] = np.nan
-    before = Doubts((Doubt(0, 0.985, 0.99, Status.ORIGIN_LOST, finding("rig.uncalibrated")),))
+    before = Doubts((Doubt(0, 0.985, 0.99, Status.ORIGIN_LOST, message("rig.uncalibrated")),))
     assert spans_of(judged(epochs, before=before)) == [(EVERY, 0.99, 1.29, "contradiction.among")]
 
 
@@ -605,7 +605,7 @@ def said(epochs: Epochs, *, calibrated: bool = True, one_motion: bool = False, b
     return consistent(one, pieces, before)
 
 
-def codes(notes: tuple[Finding, ...]) -> list[str]:
+def codes(notes: tuple[Message, ...]) -> list[str]:
     return [n.code for n in notes]
 
 
@@ -622,6 +622,6 @@ def test_what_is_said_beside_contradictions() -> None:
     assert codes(said(fresh(left_out), one_motion=True).notes) == ["cables.left_out", "passes.not_repeated"]
     both = said(fresh(contradict), calibrated=False, one_motion=True)
     assert codes(both.notes) == ["cables.contradict", "rig.uncalibrated", "passes.not_repeated"]
-    before = Doubts(notes=(finding("origin.shown", what="x"),))
+    before = Doubts(notes=(message("origin.shown", what="x"),))
     assert said(fresh(sound), calibrated=False, one_motion=True, before=before) is before
     assert said(fresh(left_out), before=before, readings=False) is before

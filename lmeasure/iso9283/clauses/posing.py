@@ -13,7 +13,7 @@ from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.formulas import time as iso9283_time
 from lmeasure.iso9283.instants import of_duration
 from lmeasure.iso9283.motion_readings import Motion, Reading, distance, longest_s
-from lmeasure.text import finding
+from lmeasure.text import message
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +44,8 @@ class PosingTest(IsoTest):
         for cycle, ((start, end), reached) in enumerate(zip(self.windows, told.reached, strict=True), 1):
             if not reached:
                 where = {"posing": name, "cycle": cycle, "band_mm": band, "start_s": start, "end_s": end}
-                return Read(findings=(finding("posing.not_reached", **where),))
-        note = finding("posing.band", band_mm=band)
+                return Read(findings=(message("posing.not_reached", **where),))
+        note = message("posing.band", band_mm=band)
         found = told.characteristic(0, CharacteristicKey("t_min", name), clause="9", unit="s", note=note)
         return Read((of_duration(found, motion.stamps),))
 

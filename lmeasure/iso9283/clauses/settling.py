@@ -17,7 +17,7 @@ from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.formulas import time as iso9283_time
 from lmeasure.iso9283.instants import of_duration
 from lmeasure.iso9283.motion_readings import Motion, Reading, distance, longest_s
-from lmeasure.text import finding
+from lmeasure.text import message
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +52,8 @@ class SettlingTest(IsoTest):
         for cycle, ((start, end), reached) in enumerate(zip(self.windows, told.reached, strict=True), 1):
             if not reached:
                 where = {"pose": name, "cycle": cycle, "band_mm": band, "start_s": start, "end_s": end}
-                return Read(findings=(finding("settling.not_reached", **where),))
-        note = finding("settling.band" if self.limit_band_mm else "settling.band_repeatability", band_mm=band)
+                return Read(findings=(message("settling.not_reached", **where),))
+        note = message("settling.band" if self.limit_band_mm else "settling.band_repeatability", band_mm=band)
         time = told.characteristic(0, CharacteristicKey("t_s", name), clause="7.4", unit="s", note=note)
         overshoot = told.characteristic(1, CharacteristicKey("OV", name), clause="7.5", unit="mm", note=note, over=largest, above=band)
         if overshoot.u95 >= band:

@@ -17,7 +17,7 @@ from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.formulas import path as iso9283_path
 from lmeasure.iso9283.motion_readings import MARGIN, Motion, Reading, Stretch, distance
 from lmeasure.iso9283.paths import Cycle
-from lmeasure.text import finding
+from lmeasure.text import message
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +48,9 @@ class StabilisationTest(IsoTest):
         for number, reached in enumerate(told.reached, 1):
             if not reached:
                 where = {"path": self.subject.name, "cycle": number, "corner": corner.number, "limit_mm": limit}
-                return Read(findings=(finding("stabilisation.not_reached", **where),))
+                return Read(findings=(message("stabilisation.not_reached", **where),))
         key = CharacteristicKey("SPL", path=self.subject.name, part=f"corner {corner.number}")
-        return Read((told.characteristic(0, key, clause="8.5", unit="mm", note=finding("stabilisation.limit", limit_mm=limit)),))
+        return Read((told.characteristic(0, key, clause="8.5", unit="mm", note=message("stabilisation.limit", limit_mm=limit)),))
 
 
 def tests(attained: Attainment) -> Iterator[StabilisationTest]:

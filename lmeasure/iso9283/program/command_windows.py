@@ -20,7 +20,7 @@ from lmeasure.iso9283.dwells import FARTHEST_MM
 from lmeasure.iso9283.program.command_files import read_commands
 from lmeasure.recording import Program
 from lmeasure.robots import Command
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory import Trajectory, rests, settled
 
 SETTLED = 0.5
@@ -74,7 +74,7 @@ class _Expected:
 
 def windows_from_rests(
     program: Program, commands: Path, trajectory: Trajectory, *, still_mm: float = 0.2, loaded: Path | None = None, align: bool = False
-) -> tuple[Program, tuple[Finding, ...]]:
+) -> tuple[Program, tuple[Message, ...]]:
     """Return the program with the windows of a trajectory that ran the commands of a commands.csv, all of them and in their order, and what
     is to be said of the run.
 
@@ -132,7 +132,7 @@ def windows_from_rests(
         for kind, window in ways[every[i].role].items() if target else ():
             windows.setdefault((kind, target), []).append(window)
         before = end
-    notes = () if PACE[0] <= pace <= PACE[1] else (finding("ran.pace", percent=100.0 * pace),)
+    notes = () if PACE[0] <= pace <= PACE[1] else (message("ran.pace", percent=100.0 * pace),)
     return program.with_windows(windows), notes
 
 

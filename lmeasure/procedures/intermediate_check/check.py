@@ -165,7 +165,7 @@ def _cause(c: Cause) -> dict[str, Any]:
 
 def said(found: Checked, language: str = "en") -> list[str]:
     """The notes in the words of a language."""
-    words = texts("interim", language)
+    words = texts(language, "interim")
     return [words[f"note.{key}"].format(mm=decimal(language, f"{ASSUMED_MM:g}")) for key in found.notes]
 
 

@@ -22,7 +22,7 @@ from lmeasure.estimation import Parameters, Remainder, fall_test
 from lmeasure.procedures.intermediate_check.moved_parts import Together
 from lmeasure.recording import Poses
 from lmeasure.sensors import changes_from_counts
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory import FREEDOMS, Epochs, Reconstruction, shifted
 
 SAMPLES = 40
@@ -49,7 +49,7 @@ LAWS = {
 """What each is called in the catalogues."""
 
 
-def explained(reconstruction: Reconstruction) -> tuple[Finding, ...]:
+def explained(reconstruction: Reconstruction) -> tuple[Message, ...]:
     """What is to be said of a run that is prepared: nothing where it has one channel for each unknown, several passes, a part of the motion
     held, or temperature, stretch and sag to be taken off."""
     redundancy, thinned, told = reconstruction.redundancy, reconstruction.thinned, reconstruction.budget.told
@@ -73,7 +73,7 @@ def explained(reconstruction: Reconstruction) -> tuple[Finding, ...]:
         budget.use(told)
 
 
-def _named(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) -> Iterator[Finding]:
+def _named(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) -> Iterator[Message]:
     redundancy, budget = reconstruction.redundancy, reconstruction.budget
     assert redundancy is not None
     campaign = _campaign(reconstruction, epochs, poses)
@@ -93,7 +93,7 @@ def _named(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) ->
         elif kind != "drum":
             tried.append(Effect(kind, name, together.columns(errors), unit, factor, ""))
     slips, places = together.columns(_slips(epochs)), math.log(len(epochs))
-    out: list[Finding] = []
+    out: list[Message] = []
     while len(out) < MOST:
         judged = sorted(tested(left, tried), key=lambda pair: pair[0])
         if not judged or judged[0][0] + math.log(len(judged)) > math.log(CHANCE):
@@ -110,13 +110,13 @@ def _named(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) ->
         yield from out
 
 
-def _said(left: Remainder, near: list[Effect], tried: int, p: float) -> Finding:
-    laws = tuple(finding(f"effect.{LAWS[e.kind]}", channel=e.channel, size=size_of(left, e)) for e in near[:4])
+def _said(left: Remainder, near: list[Effect], tried: int, p: float) -> Message:
+    laws = tuple(message(f"effect.{LAWS[e.kind]}", channel=e.channel, size=size_of(left, e)) for e in near[:4])
     of = {"laws": laws, "p": p, "tried": tried}
     key = near[0].key
     if ":" in key:
-        return finding("effects.named.solve", **of, key=key)
-    return finding("effects.named.state", **of, key=key) if key else finding("effects.named", **of)
+        return message("effects.named.solve", **of, key=key)
+    return message("effects.named.state", **of, key=key) if key else message("effects.named", **of)
 
 
 def _campaign(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) -> Campaign:

@@ -18,7 +18,7 @@ from lmeasure.robots.identification.problem import LEAST_MM, LEAST_RAD, Fit, Noi
 from lmeasure.robots.identification.stays import Stays, agreeing, read_at_stays, stays_of
 from lmeasure.robots.identification.unknowns import R, State, Unknowns
 from lmeasure.robots.parallel.model import Parallel, legs_at
-from lmeasure.text import finding
+from lmeasure.text import message
 
 FOREIGN = 0.01
 """Of the spread of the places: errors left after identification from which on they are not those of this robot."""
@@ -444,6 +444,6 @@ def _doubted(found: Identified[R]) -> list[Noted]:
     weight = found.weight
     few = np.flatnonzero(found.kept & (weight < HALF))
     rows = tuple(
-        finding("identify.row_weight", row=found.rows.subject(i), weight=float(weight[i])) for i in few[np.argsort(weight[few])].tolist()
+        message("identify.row_weight", row=found.rows.subject(i), weight=float(weight[i])) for i in few[np.argsort(weight[few])].tolist()
     )
     return [noted("down-weighted", "down_weighted", value=float(len(few)), count=len(few), rows=rows)] if len(few) else []

@@ -13,7 +13,7 @@ from lmeasure.robots.identification.measurements import Measurements, measured, 
 from lmeasure.robots.identification.notes import Noted, noted
 from lmeasure.robots.identification.read_measurements import joints_of, names_of
 from lmeasure.robots.model import RobotModel
-from lmeasure.text import Finding
+from lmeasure.text import Message
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Commanded:
     def __len__(self) -> int:
         return len(self.names)
 
-    def subject(self, row: int) -> Finding:
+    def subject(self, row: int) -> Message:
         """A row for a person."""
         return measured(self.joints[row : row + 1], names=self.names[row : row + 1]).of_lines(self.lines[row : row + 1]).subject(0)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 COMPONENTS = 6
 ROTATION, POSITION = slice(0, 3), slice(3, 6)
@@ -48,11 +48,11 @@ class Measurements:
         """A row for a person: its name, and its line in the file."""
         return str(self.subject(row))
 
-    def subject(self, row: int) -> Finding:
+    def subject(self, row: int) -> Message:
         """The same in words of every language."""
         if self.lines:
-            return finding("subject.row.line", name=self.names[row], line=self.lines[row])
-        return finding("subject.row", name=self.names[row])
+            return message("subject.row.line", name=self.names[row], line=self.lines[row])
+        return message("subject.row", name=self.names[row])
 
     def __len__(self) -> int:
         return len(self.names)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 
 @dataclass(frozen=True)
@@ -11,7 +11,7 @@ class Noted:
     """One line: code as in identified.json, what it says, what it is of, if anything, and the value that it is judged by."""
 
     code: str
-    said: Finding
+    said: Message
     of: str = ""
     value: float | None = None
 
@@ -27,4 +27,4 @@ class Noted:
 
 def noted(code: str, words: str, of: str = "", value: float | None = None, **values: Any) -> Noted:
     """A note in the words of the catalogue's `identify.WORDS` with these values."""
-    return Noted(code, finding(f"identify.{words}", **values), of, value)
+    return Noted(code, message(f"identify.{words}", **values), of, value)

@@ -8,7 +8,7 @@ from lmeasure.core import BoolArray
 from lmeasure.estimation import by_few
 from lmeasure.robots.identification.problem import Fit
 from lmeasure.robots.identification.unknowns import R
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 DETERMINED = 0.3
 """Of its prior's: standard uncertainty up to which a parameter counts as determined by the measurements."""
@@ -26,7 +26,7 @@ class Silent:
     uncertainty of the first."""
 
     direction: dict[str, float]
-    said: Finding
+    said: Message
 
     @property
     def text(self) -> str:
@@ -60,13 +60,13 @@ def silent_directions(fit: Fit[R]) -> list[Silent]:
         change = row * width[:free]
         moved = (follow @ row) * width[free:]
         with_it = sorted({names[free + i].split(".")[0] for i in np.flatnonzero((np.abs(moved) > PLACED) & ~shared)})
-        parts = tuple(finding("identify.moved", name=names[i], by=float(change[i])) for i in sorted(strong, key=lambda i: (i != pivot, i)))
+        parts = tuple(message("identify.moved", name=names[i], by=float(change[i])) for i in sorted(strong, key=lambda i: (i != pivot, i)))
         if with_it:
             frames_said = tuple(_plain(name) for name in with_it)
-            why = finding("identify.silent.frames" if len(frames_said) > 1 else "identify.silent.frame", frames=frames_said)
+            why = message("identify.silent.frames" if len(frames_said) > 1 else "identify.silent.frame", frames=frames_said)
         else:
-            why = finding("identify.silent.alone" if len(strong) == 1 else "identify.silent.together")
-        out.append(Silent({names[i]: float(change[i]) for i in strong}, finding("identify.silent", moves=parts, why=why)))
+            why = message("identify.silent.alone" if len(strong) == 1 else "identify.silent.together")
+        out.append(Silent({names[i]: float(change[i]) for i in strong}, message("identify.silent", moves=parts, why=why)))
     return sorted(out, key=lambda s: len(s.direction))
 
 
@@ -75,17 +75,17 @@ def unknown_frames(fit: Fit[R]) -> list[Silent]:
     unknowns = fit.problem.unknowns
     free, sigma = len(unknowns.freed), np.sqrt(np.diag(fit.covariance))
     loose = [i for i in range(free, unknowns.asked) if sigma[i] > DETERMINED * fit.problem.width[i]]
-    out = [Silent({unknowns.names[i]: float(sigma[i])}, finding("identify.untold", name=unknowns.names[i])) for i in loose]
+    out = [Silent({unknowns.names[i]: float(sigma[i])}, message("identify.untold", name=unknowns.names[i])) for i in loose]
     if not unknowns.based:
-        out.append(Silent({}, finding("identify.untold.base")))
+        out.append(Silent({}, message("identify.untold.base")))
     if not unknowns.turned.any():
-        out.append(Silent({}, finding("identify.untold.turn")))
+        out.append(Silent({}, message("identify.untold.turn")))
     return out
 
 
-def _plain(owner: str) -> Finding:
+def _plain(owner: str) -> Message:
     """What a frame is called."""
     if owner in ("base", "tool", "instrument"):
-        return finding(f"identify.frame.{owner}")
+        return message(f"identify.frame.{owner}")
     kind, _, name = owner.partition("_")
-    return finding(f"identify.frame.{kind}", name=name)
+    return message(f"identify.frame.{kind}", name=name)

@@ -21,7 +21,7 @@ from lmeasure.robots.inverse_kinematics import reach_mm
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.robot import AnyRobot, Revolute, Robot
-from lmeasure.text import finding
+from lmeasure.text import message
 
 SUSPECT_MM, SUSPECT_PART = 8.0, 0.004
 """Misfit, absolutely and in parts of how far the measured places spread, from which slips are looked for."""
@@ -140,7 +140,7 @@ def _swapped(what: str, one: str, other: str) -> Noted:
 
 def _units(what: str, unit: str, of: str) -> Noted:
     """of what: joints, robot or measurements."""
-    return noted("units", f"units.{what}", of, unit=finding(f"unit.{unit}"))
+    return noted("units", f"units.{what}", of, unit=message(f"unit.{unit}"))
 
 
 def _lengths_times(factor: float) -> _Slip:

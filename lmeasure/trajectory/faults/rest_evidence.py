@@ -15,7 +15,7 @@ from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.recording import Recorded
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.continuity import ContinuityFinder
 from lmeasure.trajectory.faults.doubts import LEAST_CABLES, NONE, Doubts, RestFinder, Rests, judged, unseen
 
@@ -59,10 +59,10 @@ class Step:
     length_mm: float
 
     @property
-    def said(self) -> Finding:
+    def said(self) -> Message:
         """What is said of it."""
         by = {"counts": self.counts, "mm": self.length_mm}
-        return finding("counts.stepped", channel=self.channel, cable=self.name, **by, after_s=self.after_s, before_s=self.before_s)
+        return message("counts.stepped", channel=self.channel, cable=self.name, **by, after_s=self.after_s, before_s=self.before_s)
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,10 @@ class Evidence:
     closure_mm: FloatArray
     first_s: float = 0.0
     last_s: float = 0.0
-    notes: tuple[Finding, ...] = ()
+    notes: tuple[Message, ...] = ()
     doubts: Doubts = NONE
     """Channels that stepped while the robot moved, or stood: not used at all."""
-    unseen: Finding | None = None
+    unseen: Message | None = None
     """What steps the run would not have shown."""
 
     @property
@@ -103,9 +103,9 @@ class Evidence:
             out[:, j, k * TERMS : (k + 1) * TERMS] = self.closure_mm[j] * series
         return out
 
-    def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, Finding]]:
+    def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, Message]]:
         """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
-        return [((time_s > step.after_s) & ~unused[:, step.cable], finding(SUSPECTED, step=step.said)) for step in self.steps]
+        return [((time_s > step.after_s) & ~unused[:, step.cable], message(SUSPECTED, step=step.said)) for step in self.steps]
 
 
 class EvidenceFinder:
@@ -142,7 +142,7 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), dou
         for j, i, k, by in _steps(rests, count_mm)
         if not doubts.about(j, float(rests.begin_s[k]))
     )
-    notes = [finding("counts.suspected.note", step=step.said) for step in steps]
+    notes = [message("counts.suspected.note", step=step.said) for step in steps]
     limit = np.maximum(np.maximum(CLOSED_COUNTS * count_mm, CLOSED_MM), CLOSED_SCATTERS * np.sqrt(2.0) * _scatter(rests, steps))
     whole = (float(rests.begin_s[0]), float(rests.end_s[-1])) if len(rests) else (0.0, 0.0)
     back = [(_without(steps, difference, between), between) for difference, between in _returns(rests)]
@@ -155,11 +155,11 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), dou
             closure, span = np.where(lost, difference, closure), between
     for j in np.flatnonzero(closure):
         by = {"counts": float(closure[j] * per_mm[j]), "mm": float(closure[j])}
-        notes.append(finding("counts.not_closed", channel=rig.cable[j].channel, **by))
+        notes.append(message("counts.not_closed", channel=rig.cable[j].channel, **by))
     several = np.flatnonzero((np.abs(back[0][0]) > limit) & (closure == 0.0)) if _returns(rests) and not doubts.every else ()
     if len(several) > 1:
         told = ", ".join(f"{rig.cable[j].channel} {back[0][0][j] * per_mm[j]:+.1f}" for j in several)
-        notes.append(finding("counts.not_closed.several", channels=told))
+        notes.append(message("counts.not_closed.several", channels=told))
     return Evidence(steps, closure, *span, tuple(notes))
 
 

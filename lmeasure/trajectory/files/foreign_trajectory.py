@@ -26,7 +26,7 @@ from lmeasure.core import (
     se3,
 )
 from lmeasure.io import TIMES, UNIT_TOLERANCE, Column, ForeignTable, columns_of, decoded, files, headed, open_regular, text_of
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, common, message
 from lmeasure.trajectory.files.markers import LEAST, Marked, body_of, is_of_markers, read_markers
 from lmeasure.trajectory.files.ros import read_messages
 from lmeasure.trajectory.files.trajectory import COLUMNS_OF_OURS, SYSTEMATIC_COLUMNS, UNCERTAINTY_COLUMNS, Trajectory, diagonal, read_own
@@ -123,7 +123,7 @@ def read_trajectory(
             return read_own(path)
     kind = kind_of(path)
     if kind == "mcap":
-        return _checked(path, _of_messages(path, stated), [], [finding("orientation.read", how="ROS message (m): quaternion x, y, z, w")])
+        return _checked(path, _of_messages(path, stated), [], [message("orientation.read", how="ROS message (m): quaternion x, y, z, w")])
     if kind in ("table", "parquet") or (stated.columns and _is_named(path, kind, stated.columns)):
         return _of_table(path, stated)
     if stated.columns and not stated.of_others and set(stated.columns) != {"body"}:
@@ -162,11 +162,11 @@ def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None =
         given.nothing_else()
     notes = []
     if given.read_as:
-        notes.append(finding("orientation.read", how=given.read_as))
+        notes.append(message("orientation.read", how=given.read_as))
     elif given.unread:
-        notes.append(finding("orientation.unread", columns=given.unread))
+        notes.append(message("orientation.unread", columns=given.unread))
     if given.day:
-        notes.append(finding("time.of_day", day=given.day))
+        notes.append(message("time.of_day", day=given.day))
     return _checked(path, _trajectory(time_s, position, quaternion, random, systematic, absent, status), given.lines, notes)
 
 
@@ -239,7 +239,7 @@ def _trajectory(
     codes = known if status is None else np.where((status == Status.OK) & lost, Status.GAP, status).astype(np.int64)
     poses[codes != Status.OK] = np.nan
     empty = np.full(n, "", dtype=np.object_)
-    cause = np.where(codes == Status.OK, empty, np.full(n, finding("cause.not_in_file"), dtype=np.object_))
+    cause = np.where(codes == Status.OK, empty, common(n, message("cause.not_in_file")))
     covers = "as the file says" if not absent else f"not stated for the {' and the '.join(absent)}"
     nothing = np.full(n, np.nan)
     return Trajectory(
@@ -302,7 +302,7 @@ def _of_lines(path: Path, stated: Stated) -> Trajectory:
         raise FileFormatError(f"{path}: has no rows")
     table = np.array(rows)
     found = _trajectory(table[:, 0], 1e3 * table[:, 1:4], table[:, 4:], *_same(len(table), stated, oriented=True))
-    return _checked(path, found, lines, [finding("orientation.read", how="TUM (s, m): quaternion x, y, z, w")])
+    return _checked(path, found, lines, [message("orientation.read", how="TUM (s, m): quaternion x, y, z, w")])
 
 
 def _of_euroc(path: Path, stated: Stated) -> Trajectory:
@@ -365,7 +365,7 @@ def _of_messages(path: Path, stated: Stated) -> Trajectory:
     return _trajectory(read.time_s, read.poses[:, :3], read.poses[:, 3:], random, systematic, absent)
 
 
-def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Finding] | None = None) -> Trajectory:
+def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Message] | None = None) -> Trajectory:
     """The trajectory with quaternions of unit length, and without rows that repeat the stamp of the one before, which notes say.
 
     FileFormatError names the row of a time that goes back, or a number that is none.
@@ -389,7 +389,7 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Findin
             refuse(np.isin(np.arange(len(steps)), again[apart]), why)
         first = int(again[0])
         number = lines[first] if lines else first + 1
-        notes.append(finding("time.repeated", rows=len(again), at_s=float(found.time_s[first]), line=number, moved=int(apart.sum())))
+        notes.append(message("time.repeated", rows=len(again), at_s=float(found.time_s[first]), line=number, moved=int(apart.sum())))
         kept = np.ones(len(steps), np.bool_)
         kept[again] = False
         found, lines = _rows_of(found, kept), [line for line, keep in zip(lines, kept, strict=True) if keep] if lines else []

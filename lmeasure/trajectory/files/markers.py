@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FileFormatError, FloatArray, IntArray, se3
 from lmeasure.io import text_of
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 
 LEAST = 3
 """Markers of a frame from which a pose follows."""
@@ -48,7 +48,7 @@ class Body:
     poses: FloatArray
     covariance: FloatArray
     u_marker_mm: float
-    notes: tuple[Finding, ...]
+    notes: tuple[Message, ...]
 
 
 def is_of_markers(text: str) -> bool:
@@ -72,7 +72,7 @@ def body_of(marked: Marked, path: Path) -> Body:
         raise FileFormatError(f"{path}: no frame shows {LEAST} of its markers ({', '.join(names)}): they give no pose")
     whole = np.flatnonzero(seen.sum(axis=1) == seen.sum(axis=1).max())
     shape = _first_shape(path, places[whole[0]] if len(whole) == 1 else places[_usual(places, whole)])
-    notes: list[Finding] = []
+    notes: list[Message] = []
     for _ in range(ROUNDS):
         turns, middles, left = _fitted(places, shape)
         back = np.einsum("nij,nmi->nmj", turns, places - middles[:, None])
@@ -85,17 +85,17 @@ def body_of(marked: Marked, path: Path) -> Body:
     turns, middles, left = _fitted(places, shape)
     for (a, b), frames in swaps.items():
         at_s = float(marked.time_s[frames[0]])
-        notes.append(finding("markers.swapped", one=names[a], other=names[b], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
+        notes.append(message("markers.swapped", one=names[a], other=names[b], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
     for k, frames in strays.items():
         at_s = float(marked.time_s[frames[0]])
-        notes.append(finding("markers.stray", marker=names[k], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
+        notes.append(message("markers.stray", marker=names[k], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
     fits = (seen.sum(axis=1) >= LEAST) & (left <= WORSE * usual)
     wrong = (seen.sum(axis=1) >= LEAST) & ~fits
     if wrong.any():
         i = int(np.argmax(wrong))
-        notes.append(finding("markers.no_body", frames=int(wrong.sum()), at_s=float(marked.time_s[i]), line=marked.lines[i]))
+        notes.append(message("markers.no_body", frames=int(wrong.sum()), at_s=float(marked.time_s[i]), line=marked.lines[i]))
     missing = [(name, int((~s).sum())) for name, s in zip(names, _seen(marked.places).T, strict=True) if not s.all()]
-    notes += [finding("markers.missing", marker=name, frames=count, of=len(places)) for name, count in missing]
+    notes += [message("markers.missing", marker=name, frames=count, of=len(places)) for name, count in missing]
     first = int(whole[0])
     shape = shape @ turns[first].T if not np.isnan(turns[first]).any() else shape
     turns, middles, left = _fitted(np.where(fits[:, None, None], places, np.nan), shape)
@@ -104,7 +104,7 @@ def body_of(marked: Marked, path: Path) -> Body:
     poses[fits] = se3.pose(middles[fits], Rotation.from_matrix(turns[fits]))
     if np.isnan(u):
         raise FileFormatError(f"{path}: {int(fits.sum())} frames of {len(names)} markers are too few to tell how exact the markers are")
-    notes.append(finding("markers.body", markers=len(names), u_mm=u, frames=int(fits.sum()), of=len(places)))
+    notes.append(message("markers.body", markers=len(names), u_mm=u, frames=int(fits.sum()), of=len(places)))
     return Body(poses, _covariances(shape, turns, seen, fits) * u**2, u, tuple(notes))
 
 

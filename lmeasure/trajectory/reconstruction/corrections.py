@@ -9,7 +9,7 @@ from lmeasure.core import FloatArray
 from lmeasure.kernels import COMPLIANCE
 from lmeasure.rig import Rig
 from lmeasure.sensors import MAX_ROUNDS, Effects, Lengths, Zero, effects_of, zero_at, zero_temperature
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.reconstruction.scheme import Scheme
 
 SETTLED_MM = 1e-10
@@ -22,10 +22,10 @@ class Correction:
         self._effects, self._scheme, self._start = effects, scheme, start
         self._temperature_c = temperature_c
 
-    def notes(self) -> tuple[Finding, ...]:
+    def notes(self) -> tuple[Message, ...]:
         """What is to be said of it."""
         if self._effects.thermal and self._temperature_c is None:
-            return (finding("temperature.not_stated", reference_c=self._effects.reference_c),)
+            return (message("temperature.not_stated", reference_c=self._effects.reference_c),)
         return ()
 
     def corrected(self, lengths: Lengths, solve: Callable[[FloatArray], FloatArray]) -> Lengths:

@@ -9,7 +9,7 @@ from lmeasure.core import FloatArray, Status
 from lmeasure.recording import Run, RunHead
 from lmeasure.rig import Cable, Rig
 from lmeasure.sensors import Lengths
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.consistency import IN_TIME, collected, consistent
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
 from lmeasure.trajectory.faults.redundancy import Epochs
@@ -154,7 +154,7 @@ def _untold(reconstruction: Reconstruction, doubts: Doubts) -> list[Doubt]:
     for cable, after_s, until_s, _, u in reconstruction.budget.restored_origins():
         covered = any(d.cable == cable and d.after_s <= after_s and d.until_s >= until_s for d in doubts.every)
         if _is_untold(reconstruction, cable, u) and not covered:
-            said = finding(UNTOLD, what=_what(reconstruction, cable), after_s=after_s)
+            said = message(UNTOLD, what=_what(reconstruction, cable), after_s=after_s)
             out.append(Doubt(cable, after_s, until_s, Status.ORIGIN_LOST, said))
     return out
 
@@ -164,10 +164,10 @@ def _is_untold(reconstruction: Reconstruction, channel: int, u: float) -> bool:
     return u > HARDLY * (UNKNOWN_MM if isinstance(reconstruction.rig.observed[channel], Cable) else ANYWHERE)
 
 
-def _what(reconstruction: Reconstruction, channel: int) -> Finding:
+def _what(reconstruction: Reconstruction, channel: int) -> Message:
     """A channel by its kind and name."""
     o = reconstruction.rig.observed[channel]
-    return finding(f"channel.{'cable' if isinstance(o, Cable) else type(o.encoder).__name__.lower()}", name=o.name)
+    return message(f"channel.{'cable' if isinstance(o, Cable) else type(o.encoder).__name__.lower()}", name=o.name)
 
 
 def _without_contradictions(doubts: Doubts) -> Doubts:
@@ -199,7 +199,7 @@ def _restored(reconstruction: Reconstruction, doubts: Doubts) -> Doubts:
     return replace(doubts, every=tuple(d for d in doubts.every if d not in once))
 
 
-def _told(reconstruction: Reconstruction, shifts: tuple[Shift, ...]) -> list[Finding]:
+def _told(reconstruction: Reconstruction, shifts: tuple[Shift, ...]) -> list[Message]:
     """What is said of restored channels in a summary."""
     out = []
     for cable, after_s, _, left, u in reconstruction.budget.restored_origins():
@@ -207,11 +207,11 @@ def _told(reconstruction: Reconstruction, shifts: tuple[Shift, ...]) -> list[Fin
         by = left + sum(s.counts for s in shifts if (s.cable, s.after_s) == (cable, after_s)) * reconstruction.rig.counter(o).per_count
         what = _what(reconstruction, cable)
         if _is_untold(reconstruction, cable, u):
-            out.append(finding(UNTOLD, what=what, after_s=after_s))
+            out.append(message(UNTOLD, what=what, after_s=after_s))
         elif isinstance(o, Cable):
-            out.append(finding(RESTORED[0], what=what, after_s=after_s, mm=by, u_mm=u))
+            out.append(message(RESTORED[0], what=what, after_s=after_s, mm=by, u_mm=u))
         else:
-            out.append(finding(RESTORED[1], what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
+            out.append(message(RESTORED[1], what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
     return out
 
 
@@ -258,12 +258,12 @@ def _since(doubts: Doubts, cable: int, name: str, from_s: float) -> Doubts:
         ):
             if note.values["end"].code != "time.end":
                 continue
-            note = finding(note.code, **{**note.values, "begin": finding("time.at", s=from_s)})
+            note = message(note.code, **{**note.values, "begin": message("time.at", s=from_s)})
         notes.append(note)
     return replace(doubts, every=tuple(sorted(every, key=lambda d: (d.after_s, d.cable))), notes=tuple(notes))
 
 
-def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, said: Finding) -> Doubts:
+def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, said: Message) -> Doubts:
     """The doubts and one of the time within which a channel slipped, nobody knows when exactly."""
     if not after_s > from_s:
         return doubts
@@ -271,24 +271,24 @@ def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, said: 
     return replace(doubts, every=tuple(sorted((*doubts.every, new), key=lambda d: (d.after_s, d.cable))))
 
 
-def _said(channel: int, by: float, u: float, rig: Rig) -> Finding:
+def _said(channel: int, by: float, u: float, rig: Rig) -> Message:
     if isinstance(rig.observed[channel], Cable):
-        return finding("slip.length", mm=by, u_mm=u)
-    return finding("slip.angle", deg=float(np.degrees(by)), u_deg=float(np.degrees(u)))
+        return message("slip.length", mm=by, u_mm=u)
+    return message("slip.angle", deg=float(np.degrees(by)), u_deg=float(np.degrees(u)))
 
 
 def _with(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
     """The doubts and what a slip adds: its channel is not used behind it, or no sample where others explain the readings as well."""
-    observed, when = rig.observed, {"begin": finding("time.at", s=slipped.from_s), "end": finding("time.end")}
+    observed, when = rig.observed, {"begin": message("time.at", s=slipped.from_s), "end": message("time.end")}
     if slipped.others:
         cable = EVERY
-        said = finding("slip.among", names=", ".join(observed[j].name for j in (slipped.channel, *slipped.others)))
-        note = finding("channels.contradict", **when, said=said)
+        said = message("slip.among", names=", ".join(observed[j].name for j in (slipped.channel, *slipped.others)))
+        note = message("channels.contradict", **when, said=said)
     else:
         cable, o = slipped.channel, observed[slipped.channel]
         said = _said(cable, slipped.by, slipped.u, rig)
         kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
-        note = finding("channel.left_out", **when, what=finding(f"channel.{kind}", name=o.name), said=said)
+        note = message("channel.left_out", **when, what=message(f"channel.{kind}", name=o.name), said=said)
     new = Doubt(cable, slipped.from_s, np.inf, Status.INCONSISTENT, said)
     every = tuple(sorted((*doubts.every, new), key=lambda d: (d.after_s, d.cable)))
     return replace(doubts, every=every, notes=(*doubts.notes, note))

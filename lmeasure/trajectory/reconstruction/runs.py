@@ -9,7 +9,7 @@ from lmeasure.core import Status
 from lmeasure.kernels import KIND
 from lmeasure.recording import Run, RunHead, notes_of
 from lmeasure.sensors import Lengths
-from lmeasure.text import Finding, and_also, finding
+from lmeasure.text import Message, and_also, message
 from lmeasure.trajectory.faults.rest_evidence import Evidence
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
@@ -19,7 +19,7 @@ from lmeasure.trajectory.time.passes import Alignment, align
 from lmeasure.trajectory.uncertainty.budget import CHUNK
 from lmeasure.trajectory.uncertainty.run_covariances import closure_factors, left_out
 
-Judge = Callable[[Reconstruction], tuple[Finding, ...]]
+Judge = Callable[[Reconstruction], tuple[Message, ...]]
 
 
 def reconstruct(
@@ -54,7 +54,7 @@ def reconstruct(
     trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run=run, covariances=covariances)
     notes = (*trajectory.notes, *said, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
-        notes = (*notes, finding("passes.repeatability"))
+        notes = (*notes, message("passes.repeatability"))
     return replace(trajectory, time_s=aligned.stamp_s, notes=notes)
 
 
@@ -87,16 +87,16 @@ def with_evidence(
     return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
 
 
-def said_of_redundancy(reconstruction: Reconstruction) -> Finding:
+def said_of_redundancy(reconstruction: Reconstruction) -> Message:
     """What the number of cables lets a run tell of its own faults."""
     scheme = reconstruction.scheme
     of: dict[str, int] = {"cables": len(scheme.rows), "unknowns": len(scheme.free)}
     channels = ".channels" if scheme.rows[:, KIND].any() else ""
     if scheme.redundancy == 0:
-        return finding(f"redundancy.none{channels}", **of)
+        return message(f"redundancy.none{channels}", **of)
     if scheme.redundancy == 1:
-        return finding(f"redundancy.one{channels}", **of)
-    return finding(f"redundancy.more{channels}", spare=scheme.redundancy, **of)
+        return message(f"redundancy.one{channels}", **of)
+    return message(f"redundancy.more{channels}", spare=scheme.redundancy, **of)
 
 
 def covered(covers: str, evidence: Evidence) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, se3, symmetric_root
 from lmeasure.recording import Run
-from lmeasure.text import Finding, finding, recognised
+from lmeasure.text import Message, message, recognised
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.time.passes import Alignment
@@ -107,7 +107,7 @@ class ErrorModel(Protocol):
     the columns of its root are `shared`. `PoseErrors.covariance_of` gives what follows for a mean or another weighted sum.
     """
 
-    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Message | str]:
         """Errors of the tool origin at samples (n,) of the trajectory, and what they hold, in words."""
         ...
 
@@ -121,7 +121,7 @@ class ErrorsOfRun:
     def __init__(self, run: Run | Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
         self._run, self._constraint, self._repeatability_mm = run, constraint, repeatability_mm
 
-    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Message | str]:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
         errors = PoseErrors.of(
@@ -131,8 +131,8 @@ class ErrorsOfRun:
             uniform=found.uniform,
             counted=tuple(s in OF_COUNTERS for s in found.sources),
         )
-        sources = finding("source.counts"), *(recognised(s) or s for s in dict.fromkeys(found.sources))
-        return errors, finding("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
+        sources = message("source.counts"), *(recognised(s) or s for s in dict.fromkeys(found.sources))
+        return errors, message("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
 
 
 class ErrorsOfFile:
@@ -145,7 +145,7 @@ class ErrorsOfFile:
     def __init__(self, together: bool) -> None:
         self.together = together
 
-    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Message | str]:
         """See `ErrorModel`."""
         n = len(samples)
         random, systematic = (np.nan_to_num(c[samples]) for c in (trajectory.random, trajectory.systematic))
@@ -153,7 +153,7 @@ class ErrorsOfFile:
         own, local = (
             (shared, symmetric_root(random + systematic)) if self.together else (symmetric_root(random), symmetric_root(systematic))
         )
-        return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), finding("covers.file")
+        return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), message("covers.file")
 
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:
