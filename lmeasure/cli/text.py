@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from functools import partial
 
-from lmeasure.text import Message, legacy, of_terminal as language, retold as told, signs, texts
+from lmeasure.text import Message, of_terminal as language, old_texts, retold as told, signs, texts
 
 DOMAIN = "cli"
 COLUMNS = "  "
@@ -19,7 +19,7 @@ BETWEEN = "; ", ", "
 def said(text: str, /, **values: object) -> str:
     """A text, or a template with its values, in the words of the terminal; as it is where the catalogue has none."""
     own = "en" if not text else language()
-    found = text if own == "en" else legacy(DOMAIN, own).get(text, text)
+    found = text if own == "en" else old_texts(DOMAIN, own).get(text, text)
     return found.format(**values) if values else found
 
 

@@ -10,11 +10,13 @@ from .catalogue import (
     texts as texts,
     typed as typed,
 )
-from .legacy import TOLD as TOLD, known as known, legacy as legacy, pages as pages, recognised as recognised, retold as retold
+from .legacy import TOLD as TOLD, known as known, old_texts as old_texts, pages as pages, recognised as recognised, retold as retold
 from .messages import (
     JOINED as JOINED,
+    Finding as Finding,
     Message as Message,
     composed as composed,
+    finding as finding,
     from_stated as from_stated,
     joined as joined,
     message as message,

@@ -15,7 +15,7 @@ TOLD = "told"
 
 
 @cache
-def legacy(domain: str, language: str) -> Mapping[str, str]:
+def old_texts(domain: str, language: str) -> Mapping[str, str]:
     path = LOCALE / language / f"{domain}.po"
     return read_catalogue(path) if path.is_file() else {}
 
@@ -26,7 +26,7 @@ def retold(domain: str, language: str, message: str, inner: Callable[[str], str]
     A value with the format s is one word, with any other format a number, which gets the language's decimal mark; one without a format may
     be a message itself, which `inner` tells.
     """
-    catalogue = legacy(domain, language)
+    catalogue = old_texts(domain, language)
     if message in catalogue:
         return catalogue[message]
     for pattern, template, kinds in _patterns(domain, language):
@@ -46,7 +46,7 @@ _BROKEN = re.compile(r"[^(]*\).*\(", re.DOTALL)
 def _patterns(domain: str, language: str) -> tuple[tuple[re.Pattern[str], str, Mapping[str, str]], ...]:
     """What each template with values looks like when it is filled in, the most wordy first."""
     out = []
-    for key in legacy(domain, language):
+    for key in old_texts(domain, language):
         pattern, literal = "", 0
         kinds: dict[str, str] = {}
         for before, name, spec, _ in string.Formatter().parse(key):

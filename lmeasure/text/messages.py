@@ -123,3 +123,6 @@ def _replaced(document: Any, known: Mapping[str, Message]) -> Any:
     if isinstance(document, list | tuple):
         return type(document)(_replaced(value, known) for value in document)
     return document
+
+
+Finding, finding = Message, message
