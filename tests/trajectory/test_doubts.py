@@ -10,7 +10,7 @@ from lmeasure.core import Status
 from lmeasure.recording import Counts, Recorded, Run
 from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
-from lmeasure.text import finding, recognised
+from lmeasure.text import message, recognised
 from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, Stood
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Rests, Shift, judged, unseen
 
@@ -60,7 +60,7 @@ def test_each_break_doubts_its_channel_up_to_the_next() -> None:
 
 
 def test_a_doubt_is_about_the_samples_behind_its_beginning_up_to_its_end() -> None:
-    doubt = Doubt(1, 2.0, 3.0, Status.JUMP, finding("contradiction"))
+    doubt = Doubt(1, 2.0, 3.0, Status.JUMP, message("contradiction"))
     assert doubt.mask(np.array([1.9, 2.0, 2.1, 3.0, 3.1])).tolist() == [False, False, True, True, False]
     doubts = Doubts((doubt,))
     assert [doubts.about(1, t) for t in (2.0, 2.1, 3.0, 3.1)] == [False, True, True, False]
@@ -75,7 +75,7 @@ def test_pieces_of_a_run_are_doubted_as_the_whole_is(piece: int) -> None:
     rig = cell()
     time_s, poses = motion(30, rate_hz=10.0)
     run = record(rig, time_s, poses)
-    said = finding("contradiction")
+    said = message("contradiction")
     ends = [(0, -1.0, 0.3), (1, 0.4, 0.5), (2, 0.9, 1.4), (3, 2.8, 9.0), (4, 5.0, 6.0), (5, -2.0, -1.0), (0, 1.1, 1.1), (EVERY, 1.9, 2.1)]
     doubts = Doubts(
         every=tuple(Doubt(c, float(a), float(b), Status.JUMP, said) for c, a, b in ends),

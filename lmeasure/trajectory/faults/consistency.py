@@ -26,7 +26,7 @@ import scipy
 from lmeasure.core import BoolArray, FloatArray, IntArray, Status
 from lmeasure.rig import Cable, Rig
 from lmeasure.sensors import Lengths, last_travel
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, Parities, Redundancy
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
@@ -302,13 +302,13 @@ class Consistency:
             after, until = self._between(first, last)
             within = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
             told = np.flatnonzero(within & np.isfinite(u))
-            said = finding("cable.left_out.unknown")
+            said = message("cable.left_out.unknown")
             if len(told):
                 most = told[np.argmax(np.abs(error[told]))]
-                said = finding("cable.left_out", mm=float(error[most]), u_mm=float(u[most]))
+                said = message("cable.left_out", mm=float(error[most]), u_mm=float(u[most]))
                 if not isinstance(self._rig.observed[cable], Cable):
                     deg, u_deg = np.degrees([error[most], u[most]]).tolist()
-                    said = finding("encoder.left_out", deg=deg, u_deg=u_deg)
+                    said = message("encoder.left_out", deg=deg, u_deg=u_deg)
             out.append(Doubt(cable, after, until, Status.INCONSISTENT, said))
             self._epochs.change_mm[within, cable] = np.nan
         return out
@@ -317,11 +317,11 @@ class Consistency:
         names = [self._rig.observed[j].name for j in cables]
         m = self._epochs.change_mm.shape[1]
         if not cables:
-            said = finding("contradiction.none")
+            said = message("contradiction.none")
         elif len(names) == m:
-            said = finding("contradiction")
+            said = message("contradiction")
         else:
-            said = finding("contradiction.among", cables=" or ".join(names))
+            said = message("contradiction.among", cables=" or ".join(names))
         error, u = parities.errors
         chosen = list(cables) or list(range(m))
         found = spans(self._epochs.time_s, alarms, error[:, chosen], u[:, chosen]) if cables else [(0, len(error) - 1)]
@@ -337,9 +337,9 @@ class Consistency:
         time_s = self._epochs.time_s
         return float(time_s[first - 1]) if first > 0 else -np.inf, float(time_s[last]) if last < len(time_s) - 1 else np.inf
 
-    def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[Finding, Finding]]:
+    def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[Message, Message]]:
         """Doubts less those of lost origins that the other cables prove right, and what to say of these instead."""
-        told: dict[Finding, Finding] = {}
+        told: dict[Message, Message] = {}
         for doubt in [d for d in every if d.status == Status.ORIGIN_LOST and d.cable != EVERY]:
             mine = np.flatnonzero(doubt.mask(self._epochs.time_s) & ~self._settled)
             if not len(mine):
@@ -353,7 +353,7 @@ class Consistency:
             agrees = np.all(np.abs(error) <= PROVES * u) and abs(error[best]) <= 0.5 * PROVES * u[best]
             if u[best] <= BACK_MM and agrees:
                 every.remove(doubt)
-                told[doubt.said] = finding("origin.shown", what=doubt.said)
+                told[doubt.said] = message("origin.shown", what=doubt.said)
                 mask = doubt.mask(self._epochs.time_s)
                 self._epochs.change_mm[mask, doubt.cable] = self._epochs.gone_on_mm[mask, doubt.cable]
         return every, told
@@ -366,20 +366,20 @@ def _without(changes: FloatArray, cables: tuple[int, ...], where: BoolArray | No
     return out
 
 
-def _notes(rig: Rig, every: list[Doubt]) -> list[Finding]:
+def _notes(rig: Rig, every: list[Doubt]) -> list[Message]:
     """What is to be said of inconsistencies in a summary."""
     notes = []
     for doubt in sorted((d for d in every if d.status == Status.INCONSISTENT), key=lambda d: d.after_s):
-        begin = finding("time.beginning") if np.isinf(doubt.after_s) else finding("time.at", s=doubt.after_s)
-        end = finding("time.end") if np.isinf(doubt.until_s) else finding("time.at", s=doubt.until_s)
+        begin = message("time.beginning") if np.isinf(doubt.after_s) else message("time.at", s=doubt.after_s)
+        end = message("time.end") if np.isinf(doubt.until_s) else message("time.at", s=doubt.until_s)
         when = {"begin": begin, "end": end}
         if doubt.cable == EVERY:
-            notes.append(finding(IN_TIME[doubt.said.code], **when, **doubt.said.values))
+            notes.append(message(IN_TIME[doubt.said.code], **when, **doubt.said.values))
         elif isinstance(observed := rig.observed[doubt.cable], Cable):
-            notes.append(finding(IN_TIME[doubt.said.code], **when, cable=observed.name, **doubt.said.values))
+            notes.append(message(IN_TIME[doubt.said.code], **when, cable=observed.name, **doubt.said.values))
         else:
-            what = finding(f"channel.{type(observed.encoder).__name__.lower()}", name=observed.name)
-            notes.append(finding("channel.left_out", **when, what=what, said=doubt.said))
+            what = message(f"channel.{type(observed.encoder).__name__.lower()}", name=observed.name)
+            notes.append(message("channel.left_out", **when, what=what, said=doubt.said))
     return notes
 
 
@@ -453,7 +453,7 @@ def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before
     notes = found.notes
     contradicted = [doubt for doubt in found.every if doubt.status == Status.INCONSISTENT]
     if not reconstruction.budget.calibrated and any(doubt.cable == EVERY for doubt in contradicted):
-        notes = (*notes, finding("rig.uncalibrated"))
+        notes = (*notes, message("rig.uncalibrated"))
     if contradicted and reconstruction.budget.one_motion:
-        notes = (*notes, finding("passes.not_repeated"))
+        notes = (*notes, message("passes.not_repeated"))
     return replace(found, notes=notes)

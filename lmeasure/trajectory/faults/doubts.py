@@ -19,7 +19,7 @@ import numpy as np
 from lmeasure.core import BoolArray, FloatArray, IntArray, Status
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths, Reason, with_reasons
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, Stood
 
 VISIT_LAG_S = 0.05
@@ -154,7 +154,7 @@ class Doubt(During):
     """Counts that are not used, with the status and cause of samples that need them."""
 
     status: Status
-    said: Finding
+    said: Message
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class Doubts:
     """All of a run, in order of time, notes for the reader, and what is taken off counts that are used."""
 
     every: tuple[Doubt, ...] = ()
-    notes: tuple[Finding, ...] = ()
+    notes: tuple[Message, ...] = ()
     shifts: tuple[Shift, ...] = ()
 
     def about(self, cable: int, time_s: float) -> bool:
@@ -234,51 +234,51 @@ def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
         proof = places.proof(doubt, count_mm, [s for s in continuity.stood if s.cable == doubt.cable])
         if proof is None:
             again = not np.isinf(doubt.until_s)
-            notes.append(finding("origin.again", what=doubt.said, again_s=doubt.until_s) if again else doubt.said)
+            notes.append(message("origin.again", what=doubt.said, again_s=doubt.until_s) if again else doubt.said)
         else:
             every.remove(doubt)
             places.forget(doubt)
-            notes.append(finding("origin.back", what=doubt.said, at_s=proof))
+            notes.append(message("origin.back", what=doubt.said, at_s=proof))
     if continuity.clock_s:
         told = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
         more = len(continuity.clock_s) - 3
-        notes.append(finding("clock.stepped.often", after_s=told, more=more) if more > 0 else finding("clock.stepped", after_s=told))
+        notes.append(message("clock.stepped.often", after_s=told, more=more) if more > 0 else message("clock.stepped", after_s=told))
     if len(notes) > TOLD:
-        notes = [*notes[:TOLD], finding("counts.more", more=len(notes) - TOLD)]
+        notes = [*notes[:TOLD], message("counts.more", more=len(notes) - TOLD)]
     return Doubts(tuple(every), tuple(notes))
 
 
-def unseen(rig: Rig, continuity: Continuity) -> Finding:
+def unseen(rig: Rig, continuity: Continuity) -> Message:
     """What steps of a counter this run would not show."""
     blind = np.flatnonzero(np.isinf(continuity.least_mm))
     if len(blind) == len(rig.cable):
-        return finding("steps.none")
+        return message("steps.none")
     seen = _seen(rig, continuity)
     if not len(blind):
         return seen
-    return finding("steps.seen.but", seen=seen, channels=", ".join(dict.fromkeys(rig.cable[j].channel for j in blind)))
+    return message("steps.seen.but", seen=seen, channels=", ".join(dict.fromkeys(rig.cable[j].channel for j in blind)))
 
 
-def _seen(rig: Rig, continuity: Continuity) -> Finding:
+def _seen(rig: Rig, continuity: Continuity) -> Message:
     j = int(np.argmax(np.where(np.isfinite(continuity.least_mm), continuity.least_mm, 0.0)))
     drum = rig.point(rig.cable[j].from_point).drum
     mm = float(continuity.least_mm[j])
     step = {"counts": mm / drum.count_length_mm * drum.scale, "mm": mm}
     if continuity.jitter_mm is not None and continuity.jitter_mm[j] > mm / 2.0:
-        return finding("steps.seen.clock", **step)
+        return message("steps.seen.clock", **step)
     if continuity.acceleration_mm_s2 < STILL_MM_S2:
-        return finding("steps.seen.rounding", **step)
-    seen = finding("steps.seen", **step, mm_s2=float(continuity.acceleration_mm_s2))
-    return finding("steps.seen.slow", seen=seen) if mm > COARSE_MM else seen
+        return message("steps.seen.rounding", **step)
+    seen = message("steps.seen", **step, mm_s2=float(continuity.acceleration_mm_s2))
+    return message("steps.seen.slow", seen=seen) if mm > COARSE_MM else seen
 
 
-def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[Finding]:
+def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[Message]:
     """A note for each channel that was elsewhere for moments."""
     notes = []
     for j in sorted({a.cable for a in away}):
         mine = [a.after_s for a in away if a.cable == j]
         told = {"channel": rig.cable[j].channel, "after_s": mine[0]}
-        notes.append(finding("channel.elsewhere.often", **told, times=len(mine)) if len(mine) > 1 else finding("channel.elsewhere", **told))
+        notes.append(message("channel.elsewhere.often", **told, times=len(mine)) if len(mine) > 1 else message("channel.elsewhere", **told))
     return notes
 
 
@@ -286,12 +286,12 @@ def _for_a_moment(rig: Rig, away: Away) -> Doubt:
     channel = rig.cable[away.cable].channel
     # the sample at until_s is the first that is right again
     until = float(np.nextafter(away.until_s, -np.inf))
-    return Doubt(away.cable, away.after_s, until, Status.JUMP, finding("channel.elsewhere.then", channel=channel))
+    return Doubt(away.cable, away.after_s, until, Status.JUMP, message("channel.elsewhere.then", channel=channel))
 
 
 def _stood(rig: Rig, stood: Stood) -> Doubt:
     channel = rig.cable[stood.cable].channel
-    said = finding("channel.stands", channel=channel, from_s=stood.after_s)
+    said = message("channel.stands", channel=channel, from_s=stood.after_s)
     return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, said)
 
 
@@ -300,12 +300,12 @@ def _lost(rig: Rig, at: Break, until_s: float, count_mm: float, *, stood: bool) 
     channel = rig.cable[at.cable].channel
     between = {"after_s": at.before_s, "before_s": at.after_s}
     if np.isnan(at.by_mm) and stood:
-        said = finding("origin.stood", channel=channel, until_s=at.before_s)
+        said = message("origin.stood", channel=channel, until_s=at.before_s)
     elif np.isnan(at.by_mm):
-        said = finding("origin.left", channel=channel, **between)
+        said = message("origin.left", channel=channel, **between)
     else:
         by = rig.point(rig.cable[at.cable].from_point).drum.count_sign * at.by_mm / count_mm
-        said = finding("origin.stepped", channel=channel, counts=float(by), within=float(np.ceil(at.u_mm / count_mm)), **between)
+        said = message("origin.stepped", channel=channel, counts=float(by), within=float(np.ceil(at.u_mm / count_mm)), **between)
     return Doubt(at.cable, at.before_s, until_s, Status.ORIGIN_LOST, said)
 
 

@@ -13,7 +13,7 @@ from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, Status
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, CHANGES, follow_lanes, follow_least_squares, follow_redundant_lanes, resume_screw
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths, span_lengths, span_rows
-from lmeasure.text import JOINED, Finding, and_also, finding, without
+from lmeasure.text import JOINED, Message, and_also, message, without
 from lmeasure.trajectory.faults.doubts import Shift
 from lmeasure.trajectory.faults.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.files.trajectory import NAMES, Trajectory
@@ -42,15 +42,15 @@ def split_at(cables: FloatArray, pose: FloatArray, free: IntArray, u: FloatArray
     return Split(span_rows(cables, pose[None])[1][0], pose[:3], free, u, size_mm=size)
 
 
-def explain(split: Split, changes: FloatArray) -> list[Finding]:
+def explain(split: Split, changes: FloatArray) -> list[Message]:
     """For each of n samples with changes (n, m) [mm] since the pose of the split: what is lost there, and what is determined."""
     twists, u = split.determined(changes)
     size = {"mm": float(np.linalg.norm(u[3:])), "deg": float(np.degrees(np.linalg.norm(u[:3])))}
-    lost = finding("cause.lost", screw=split.lost.said)
+    lost = message("cause.lost", screw=split.lost.said)
 
-    def said(twist: FloatArray) -> Finding:
+    def said(twist: FloatArray) -> Message:
         moved = {"shift": tuple(twist[3:].tolist()), "turn": tuple(np.degrees(twist[:3]).tolist())}
-        return finding("cause.lost.determined", screw=split.lost.said, **size, **moved)
+        return message("cause.lost.determined", screw=split.lost.said, **size, **moved)
 
     return [said(twist) if np.isfinite(twist).all() else lost for twist in twists]
 
@@ -93,11 +93,11 @@ START_COVERAGE = 3.0  # standard uncertainties of the start
 START_NEAR_MM = 50.0  # another assembly this near to the start is told: a start that is off by centimetres may be meant for it
 
 _CAUSES = {
-    Status.SINGULAR: finding("cause.singular"),
-    Status.NOT_CONVERGED: finding("cause.no_pose"),
-    Status.OTHER_ASSEMBLY: finding("cause.assemblies"),
+    Status.SINGULAR: message("cause.singular"),
+    Status.NOT_CONVERGED: message("cause.no_pose"),
+    Status.OTHER_ASSEMBLY: message("cause.assemblies"),
 }
-NOT_MEASURED = finding("cause.orientation")
+NOT_MEASURED = message("cause.orientation")
 
 
 class Reconstruction:
@@ -153,7 +153,7 @@ class Reconstruction:
         self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
         self.loose = loose_zeros(rig, calibration, len(self.scheme.free))
         """Channels whose zeros only a run can tell."""
-        self.reliability: tuple[Finding, ...] = ()
+        self.reliability: tuple[Message, ...] = ()
         """Of the run, in lines (`trajectory.faults.redundancy`), once it is prepared."""
         self.shifts: tuple[Shift, ...] = ()
         """By which restored channels read too much, once it is prepared."""
@@ -326,7 +326,7 @@ class Reconstruction:
             mask = ok & (lengths.time_s > after_s) & (lengths.time_s <= until_s) & ~left_out[:, j]
             alone = mask & (cable == "")
             cable[alone] = lengths.cables[j]
-            cause[mask] = and_also(cause[mask], finding(RESTORED_ORIGIN, cable=lengths.cables[j], after_s=after_s))
+            cause[mask] = and_also(cause[mask], message(RESTORED_ORIGIN, cable=lengths.cables[j], after_s=after_s))
         return cause, cable
 
     def _lost_at(self, pose: FloatArray) -> str:
@@ -349,24 +349,24 @@ class Reconstruction:
             mine = np.flatnonzero(singular & (before == last))
             explained = explain(split_at(self.scheme.rows, pose, free, u), changes[mine] - there)
             for i, said in zip(mine, explained, strict=True):
-                cause[i] = finding(JOINED, first=cause[i], then=said)
+                cause[i] = message(JOINED, first=cause[i], then=said)
         for i in np.flatnonzero(near):
             lost = split_at(self.scheme.rows, poses[i], free, u).lost
-            remark = finding("cause.nearly_singular", screw=lost.said, mm=lost.mm_per_mm)
-            cause[i] = finding(JOINED, first=cause[i], then=remark) if cause[i] else remark
+            remark = message("cause.nearly_singular", screw=lost.said, mm=lost.mm_per_mm)
+            cause[i] = message(JOINED, first=cause[i], then=remark) if cause[i] else remark
         return cause
 
-    def _notes(self) -> tuple[Finding, ...]:
+    def _notes(self) -> tuple[Message, ...]:
         point = self.scheme.point
         notes = []
         if point:
-            notes.append(finding("scheme.point", point=point))
+            notes.append(message("scheme.point", point=point))
         if self.scheme.constraint:
-            notes.append(finding("scheme.held", freedoms=self.scheme.held, constraint=self.scheme.constraint))
+            notes.append(message("scheme.held", freedoms=self.scheme.held, constraint=self.scheme.constraint))
         if self._start_angle > START_CLEAR:
-            notes.append(finding("start.angle", angle_deg=float(np.degrees(self._start_angle))))
+            notes.append(message("start.angle", angle_deg=float(np.degrees(self._start_angle))))
         if self._near is not None:
-            notes.append(finding("start.near", apart_mm=self._near, fold_mm=self._near / 2.0))
+            notes.append(message("start.near", apart_mm=self._near, fold_mm=self._near / 2.0))
         if self.correction is not None:
             notes += self.correction.notes()
         return tuple(notes)

@@ -12,7 +12,7 @@ from lmeasure.kernels import BELIEVED_AT
 from lmeasure.recording import Counts, RateEvidence, Run, RunHead, WidthEvidence, read_counts_in_pieces
 from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts, rate_notes
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.doubts import Doubts
 from lmeasure.trajectory.faults.rest_evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.files.trajectory import Summary, Trajectory
@@ -87,7 +87,7 @@ def _pieces(head: RunHead, rig: Rig, fresh: FloatArray, doubts: Doubts) -> Itera
         yield doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
 
 
-def _counters(head: RunHead, rig: Rig) -> tuple[FloatArray, list[Finding]]:
+def _counters(head: RunHead, rig: Rig) -> tuple[FloatArray, list[Message]]:
     """(m, `COUNTER_STATE`) counters at the beginning of the file, with what the whole of it tells of their rates where that is asked."""
     fresh, asked, believed = np.zeros((len(rig.observed), COUNTER_STATE)), {}, {}
     for j, c in enumerate(rig.observed):
@@ -106,7 +106,7 @@ def _counters(head: RunHead, rig: Rig) -> tuple[FloatArray, list[Finding]]:
     return fresh, rate_notes(str(head.counts[0]), believed)
 
 
-def _with_widths(head: RunHead) -> tuple[Rig, list[Finding]]:
+def _with_widths(head: RunHead) -> tuple[Rig, list[Message]]:
     """The rig with the counter widths that the whole file shows, where it states none."""
     unknown = {c.channel: c for c in head.rig.cable if head.rig.point(c.from_point).drum.counter_bits is None}
     if not unknown:
@@ -120,7 +120,7 @@ def _with_widths(head: RunHead) -> tuple[Rig, list[Finding]]:
     for point in head.rig.observation_point:
         channel, width = bits.get(point.name, ("", None))
         if width is not None:
-            notes.append(finding("counts.bits", source=str(head.counts[0]), channel=channel, bits=int(width)))
+            notes.append(message("counts.bits", source=str(head.counts[0]), channel=channel, bits=int(width)))
             point = point.model_copy(update={"drum": point.drum.model_copy(update={"counter_bits": width})})
         points.append(point)
     return head.rig.model_copy(update={"observation_point": tuple(points)}), notes

@@ -24,7 +24,7 @@ import numpy as np
 from lmeasure.core import BoolArray, FloatArray, IntArray, TrajectoryError
 from lmeasure.recording import Counts, Run
 from lmeasure.sensors import Lengths, count_variance, lengths_from_counts
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.doubts import Doubts
 from lmeasure.trajectory.faults.rest_evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.time.even_clock import Clock, clock, gaps, numbers, stretches, unexplained_walk
@@ -81,12 +81,12 @@ class Stamps:
     u_time_s: float = 0.0
     u_rate: float = 0.0
     kind: Literal["sound", "even", "uneven"] = "sound"
-    note: Finding | None = None
+    note: Message | None = None
     stretch: IntArray | None = None
-    gap: Finding | None = None
+    gap: Message | None = None
 
     @property
-    def notes(self) -> tuple[Finding, ...]:
+    def notes(self) -> tuple[Message, ...]:
         """Return what is to be said of the stamps."""
         return tuple(said for said in (self.note, self.gap) if said is not None)
 
@@ -124,13 +124,13 @@ def judged(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> Stamps:
     return replace(found, stretch=stretches(gap), gap=_stamp_note(stamp_s[known], gap[known[1:] - 1]))
 
 
-def _stamp_note(stamp_s: FloatArray, gap: BoolArray) -> Finding | None:
+def _stamp_note(stamp_s: FloatArray, gap: BoolArray) -> Message | None:
     """Return how many gaps there are, and the longest."""
     if not gap.any():
         return None
     lasts = np.where(gap, np.diff(stamp_s), 0.0)
     i = int(np.argmax(lasts))
-    return finding("time.gaps", gaps=int(gap.sum()), longest_s=float(lasts[i]), at_s=float(stamp_s[i]))
+    return message("time.gaps", gaps=int(gap.sum()), longest_s=float(lasts[i]), at_s=float(stamp_s[i]))
 
 
 def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins: BoolArray) -> Stamps:
@@ -167,14 +167,14 @@ def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins:
             # whether the host strayed or the device, nothing shows: stamps stay, and both ends of a move may be off by that
             walk, longest = unexplained_walk(stamp_s, numbered, u_stamp)
             u_stamp, u_rate = float(np.hypot(u_stamp, walk * np.sqrt(longest / 2.0))), walk / usual / np.sqrt(max(longest, 1))
-        note = finding("stamps.uneven", **apart, error_ms=1e3 * u_stamp)
+        note = message("stamps.uneven", **apart, error_ms=1e3 * u_stamp)
         return Stamps(stamp_s, stamp_s, u_stamp, u_rate, "uneven", note)
     u_even = u_even if u_even > felt else 0.0
     # where a gap begins a new phase it is known by the stamps of its stretch
     several = len(np.unique(numbered.stretch))
     if several > 1:
         u_even = float(np.hypot(u_even, np.std(stamp_s - even.time_s) * np.sqrt(several / len(stamp_s))))
-    note = finding("stamps.even", **apart, period_ms=1e3 * even.period_s, rate=even.u_rate, error_ms=1e3 * u_even)
+    note = message("stamps.even", **apart, period_ms=1e3 * even.period_s, rate=even.u_rate, error_ms=1e3 * u_even)
     return Stamps(stamp_s, even.time_s, u_even, even.u_rate, "even", note)
 
 
@@ -242,7 +242,7 @@ class Alignment:
 
     run: Run
     clocks: tuple[PassClock, ...]
-    notes: tuple[Finding, ...]
+    notes: tuple[Message, ...]
     stamp_s: FloatArray
 
     @cached_property
@@ -298,9 +298,9 @@ def align(run: Run | Alignment) -> Alignment:
         if not abs(rate - 1.0) <= CLOCKS:
             raise TrajectoryError(f"{later.source}: pass {number}: its clock runs {rate:.6f} times pass 1's: not the same motion")
         if len(edges[0]) == 0:
-            notes.append(finding("passes.no_sync", number=number))
+            notes.append(message("passes.no_sync", number=number))
         elif shift or rate != 1.0:
-            notes.append(finding("passes.clock", number=number, shift_s=float(shift), rate=float(rate), edges=len(edges[0])))
+            notes.append(message("passes.clock", number=number, shift_s=float(shift), rate=float(rate), edges=len(edges[0])))
         later = replace(later, time_s=shift + rate * later.time_s)
         _same_motion(first, later, number)
         if u_stamp > 0.0:
@@ -319,12 +319,12 @@ def _stamps(run: Run, number: int) -> Stamps:
     return judged(run.passes[number - 1].time_s, lengths, np.full(len(lengths), np.sqrt(count_variance(alone.rig).mean())))
 
 
-def _said(number: int, stamps: Stamps) -> Finding:
+def _said(number: int, stamps: Stamps) -> Message:
     intervals = 1e3 * np.diff(stamps.stamp_s)
     apart = {"number": number, "least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
     if stamps.kind == "even":
-        return finding("stamps.pass.even", **apart)
-    return finding("stamps.pass.uneven", **apart, error_ms=1e3 * stamps.u_time_s)
+        return message("stamps.pass.even", **apart)
+    return message("stamps.pass.uneven", **apart, error_ms=1e3 * stamps.u_time_s)
 
 
 def _uncertain(edges: FloatArray, u_s: float, both: tuple[Stamps, Stamps]) -> PassClock:
