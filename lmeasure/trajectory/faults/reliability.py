@@ -21,7 +21,7 @@ from scipy.special import ndtri
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.kernels import span_rows_of
 from lmeasure.rig import Cable
-from lmeasure.text import Finding, finding
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.redundancy import Epochs
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 
@@ -107,7 +107,7 @@ def of_run(reconstruction: Reconstruction, epochs: Epochs) -> Reliability | None
     return found if len(found.time_s) else None
 
 
-def said(reconstruction: Reconstruction, found: Reliability) -> Finding:
+def said(reconstruction: Reconstruction, found: Reliability) -> Message:
     """In a line: the least redundancy number, the largest fault that is not found, what it does to the tool, and which two channels are
     hardest to tell apart."""
     observed = reconstruction.rig.observed
@@ -128,7 +128,7 @@ def said(reconstruction: Reconstruction, found: Reliability) -> Finding:
         "effect_mm": float(effect[i, j]),
     }
     if not np.isfinite(size):
-        return finding("reliability.uncontrolled", channel=names[j], s=float(found.time_s[i]))
+        return message("reliability.uncontrolled", channel=names[j], s=float(found.time_s[i]))
     alike = np.abs(found.correlation)
     with np.errstate(invalid="ignore"):
         worst = np.nan_to_num(alike).max(axis=0)
@@ -136,22 +136,22 @@ def said(reconstruction: Reconstruction, found: Reliability) -> Finding:
     a, b = (int(k) for k in np.unravel_index(int(np.argmax(worst)), worst.shape))
     pair = {"one": names[min(a, b)], "other": names[max(a, b)], "correlation": float(worst[a, b])}
     if length:
-        return finding("reliability.length", **about, **pair, mm=size)
-    return finding("reliability.angle", **about, **pair, deg=float(np.degrees(size)))
+        return message("reliability.length", **about, **pair, mm=size)
+    return message("reliability.angle", **about, **pair, deg=float(np.degrees(size)))
 
 
-def said_apart(reconstruction: Reconstruction, found: Reliability) -> Finding:
+def said_apart(reconstruction: Reconstruction, found: Reliability) -> Message:
     """In a line: of every channel the smallest fault that a sample tells apart from one of any other, at the best and the worst of them."""
     told = []
     for o, sizes in zip(reconstruction.rig.observed, found.apart.T, strict=True):
         seen = sizes[~np.isnan(sizes)]
         if not np.isfinite(seen).any():
-            told.append(finding("reliability.apart.never", channel=o.name))
+            told.append(message("reliability.apart.never", channel=o.name))
             continue
         kind, unit, per = ("length", "mm", 1.0) if isinstance(o, Cable) else ("angle", "deg", float(np.degrees(1.0)))
         size = {f"least_{unit}": float(seen.min()) * per}
         if np.isinf(seen).any():
-            told.append(finding(f"reliability.apart.{kind}.partly", channel=o.name, **size))
+            told.append(message(f"reliability.apart.{kind}.partly", channel=o.name, **size))
         else:
-            told.append(finding(f"reliability.apart.{kind}", channel=o.name, **size, **{f"most_{unit}": float(seen.max()) * per}))
-    return finding("reliability.apart", alpha=100.0 * ALPHA, power=100.0 * POWER, channels=tuple(told))
+            told.append(message(f"reliability.apart.{kind}", channel=o.name, **size, **{f"most_{unit}": float(seen.max()) * per}))
+    return message("reliability.apart", alpha=100.0 * ALPHA, power=100.0 * POWER, channels=tuple(told))

@@ -27,7 +27,7 @@ from lmeasure.core import (
 from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS
 from lmeasure.sensors import Taken, worst
-from lmeasure.text import Finding, from_file, in_english
+from lmeasure.text import Message, from_file, in_english
 from lmeasure.trajectory.time.passes import stamps_of
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class Trajectory(Shown):
     random: FloatArray
     systematic: FloatArray
     covers: str
-    notes: tuple[Finding, ...] = ()
+    notes: tuple[Message, ...] = ()
     chi_squared: FloatArray | None = None
     taken_as_exact: tuple[Taken, ...] = ()
     """What nobody stated and nothing has solved, and what usual sizes of it would add."""
@@ -154,7 +154,7 @@ class Summary:
         self.first_bad = ""
         self.worst_angle = self.u_position = self.u_rotation = 0.0
         self.covers = ""
-        self.notes: list[Finding] = []
+        self.notes: list[Message] = []
         self.apart_s: tuple[float, float] | None = None
         """Least and largest interval of stamps where those jitter."""
         self.taken_as_exact: tuple[Taken, ...] = ()
