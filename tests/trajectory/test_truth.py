@@ -81,7 +81,7 @@ def test_the_readme_states_what_is_met() -> None:
     least, most = met.min(axis=0), met.max(axis=0)
     figures = f"{least[0]:.4f} to {most[0]:.4f} mm and {least[1]:.1e} to {most[1]:.1e} rad rms"
     assert figures.replace("e-0", "e-") in readme
-    assert "| Stated uncertainty against the error met | agree within 5 % |" in readme
+    assert "| Stated uncertainty and actual error | agree within 5 % |" in readme
     for f, t in zip(found, truths, strict=True):
         np.testing.assert_allclose(normalised(f, t), 1.0, atol=0.05)
 
