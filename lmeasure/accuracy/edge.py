@@ -26,7 +26,7 @@ def edges(
     come from the grid. A part whose edge leaves the scanned box is open. AccuracyError unless the rig
     has six cables or more and the levels are few enough.
     """
-    if rig.encoders:
+    if rig.sensors:
         raise AccuracyError(f"--boundary: the edge is followed by cables alone, and rig {rig.name!r} has encoders beside them")
     if len(rig.cable) < CABLES_FOR_A_POSE:
         raise AccuracyError(f"--boundary: the edge of the zone is followed for six cables and more, this rig has {len(rig.cable)}")

@@ -7,7 +7,7 @@ import numpy as np
 from lmeasure.accuracy.readings import Readings, worst_faults
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, about
 from lmeasure.core import AccuracyError, FloatArray
-from lmeasure.rig import CABLES_FOR_A_POSE, Cable, Rig
+from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,7 +20,7 @@ def with_faults(data: "xr.Dataset", rig: Rig, readings: Readings, positions: Flo
     samples. AccuracyError where no channel is to spare."""
     if len(readings.rows) == CABLES_FOR_A_POSE:
         raise AccuracyError(f"rig {rig.name!r}: has six channels for six unknowns: none is to spare, and no fault of any would show")
-    lengths = np.array([isinstance(o, Cable) for o in rig.observed])
+    lengths = np.array([o.is_length for o in rig.observed])
     unit = np.where(lengths, 1.0, 180.0 / np.pi)
     smallest, apart, effect = worst_faults(readings, positions, data["quaternion_xyzw"].values)
     shape = [data.sizes[name] for name in DIMS]

@@ -143,7 +143,7 @@ class Search:
     """Rigs as vectors of the free coordinates, and what they are worth at the task."""
 
     def __init__(self, rig: Rig, wanted: Placement) -> None:
-        if not rig.encoders:
+        if not rig.sensors:
             rig.require_pose(redundant=True)
         self.rig, self.wanted = rig, wanted
         self.free = [(kind, name, where) for kind in ("mount", "attachment") for where in getattr(wanted, kind) for name in where.points]

@@ -22,14 +22,12 @@ from lmeasure.kernels import (
     CABLE,
     CANNOT_RUN,
     CLEARANCE,
-    INCLINATION,
     KIND,
     LONGEST,
     NORM2,
     SHORTEST,
     SINGULAR as SINGULAR_PLACE,
     SPEED2,
-    SWIVEL,
     U95_ATTACHMENT,
     U95_POSITION,
     U95_ROTATION,
@@ -49,6 +47,8 @@ from lmeasure.trajectory import Faults, faults_shown, zero_columns
 
 CHUNK = 2048
 """Poses at once."""
+TURNS_ALONE = 1e-7
+"""Force of a channel, over its moment, below which it is rounding: it sees turns alone."""
 SINGULAR = 1e-12
 """Least eigenvalue of the rows' normal equations, of the largest."""
 
@@ -108,7 +108,7 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
     m = len(observed)
     if m < CABLES_FOR_A_POSE:
         raise RigError(f"rig {rig.name!r}: has {m} channels; a pose needs at least {CABLES_FOR_A_POSE}")
-    if not rig.inclination:
+    if not rig.measures_turns:
         rig.require_spread()
     origins = np.column_stack([phase_columns(rig, observed), zero_columns(rig, calibration)[0]])
     V = np.diag(count_variance(rig, observed)) + origins @ origins.T
@@ -121,7 +121,7 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
         drums=np.concatenate([drums, np.zeros(m - len(drums))]),
         scales=rig.scales(observed),
         factor=covariance_root(covariance, np.sqrt(np.diag(covariance))),
-        relative=np.array([float(rig.counter(o).codes is None) for o in observed]),
+        relative=np.array([float(not rig.counter(o).absolute) for o in observed]),
         start=np.asarray(start, dtype=np.float64),
     )
 
@@ -134,10 +134,11 @@ def told(readings: Readings, poses: FloatArray) -> Told:
     runs = np.isfinite(values).all(axis=1) & np.isfinite(A).all(axis=(1, 2))
     size = platform_size(rows)
     scaled = A / np.repeat([size, 1.0], 3)
-    kind = rows[:, KIND]
     # an angle in the lengths by which it is seen
-    seen = np.where(kind == SWIVEL, np.linalg.norm(A[:, :, 3:], axis=2), 1.0)
-    seen[:, kind == INCLINATION] = 1.0 / size
+    force = np.linalg.norm(A[:, :, 3:], axis=2)
+    looks = ~(force <= TURNS_ALONE * np.linalg.norm(A[:, :, :3], axis=2))
+    seen = np.where(looks, force, 1.0 / size)
+    seen[:, rows[:, KIND] == CABLE] = 1.0
     alike = scaled[runs] / seen[runs, :, None]
     eigenvalues = np.linalg.eigvalsh(np.swapaxes(alike, 1, 2) @ alike)
     good = eigenvalues[:, 0] > SINGULAR * eigenvalues[:, -1]
@@ -153,7 +154,7 @@ def told(readings: Readings, poses: FloatArray) -> Told:
     L = np.zeros((len(poses), m, 0))
     if readings.factor.shape[1]:
         begun = span_lengths(rows, readings.start[None])
-        counts = counts_from_changes(rows, np.ascontiguousarray(np.where(kind == CABLE, values[known] - begun, 0.0)))
+        counts = counts_from_changes(rows, np.ascontiguousarray(values[known] - readings.relative * begun))
         moved = length_gradients(rows, poses, counts, readings.scales)
         moved -= readings.relative[:, None] * length_gradients(rows, readings.start[None], np.zeros((1, m)), readings.scales)
         L = -np.einsum("nmw,mwr->nmr", moved, readings.factor.reshape(m, WIDTH, -1))
@@ -164,9 +165,9 @@ def told(readings: Readings, poses: FloatArray) -> Told:
     by_each = np.linalg.inv(np.swapaxes(plain, 1, 2) @ plain) @ np.swapaxes(plain, 1, 2) / seen[known, None] * units[:, None]
     turns, moves = np.swapaxes(by_each[:, :3], 1, 2), np.swapaxes(by_each[:, 3:], 1, 2)
     arms = (se3.rotation(poses).as_matrix()[:, None] @ rows[:, ATTACHMENT_XYZ, None])[..., 0]
-    looks = (kind != INCLINATION)[:, None]
-    speed = np.linalg.norm(np.where(looks, moves + np.cross(turns, arms), turns), axis=2)
-    speed *= np.where(kind == SWIVEL, seen[known], 1.0)
+    looks = looks[known]
+    speed = np.linalg.norm(np.where(looks[:, :, None], moves + np.cross(turns, arms), turns), axis=2)
+    speed *= np.where(looks, seen[known], 1.0)
     return Told(values[:, : readings.cables], runs, known, A, G, covariance, L, (1.0 / eigenvalues[good]).sum(axis=1), speed)
 
 

@@ -344,7 +344,7 @@ def make_plan(
     bodies: Sequence[Body] = (),
 ) -> Plan:
     """The scan of (n, 3) positions [mm] at all rotations; see `map_zone` for the rest and what is raised."""
-    if not rig.encoders:
+    if not rig.sensors:
         rig.require_pose(redundant=True)
     if rotations.single or len(rotations) == 0:
         raise AccuracyError("the orientations must be a list of at least one rotation")
@@ -377,7 +377,7 @@ def make_plan(
         bodies=body_rows(bodies),
         order=block_order(rows, positions, quaternions),
         nodes_per_chunk=chunk_size(len(quaternions)),
-        channels=readings_of(rig, calibration, start, drums) if rig.encoders else None,
+        channels=readings_of(rig, calibration, start, drums) if rig.sensors else None,
     )
 
 
@@ -413,7 +413,7 @@ def taken_as_exact(
     poses = poses[np.isfinite(lengths).all(axis=1)]
     if not (len(poses) and np.isfinite(begun).all()):
         return ()
-    if rig.encoders:
+    if rig.sensors:
         found = told(readings_of(rig, calibration, start, np.zeros(len(rows))), poses)
         poses, well, twists = poses[found.known], 1.0 / found.norm2, found.G[:, :, : len(rows)]
     else:

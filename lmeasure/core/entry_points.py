@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from lmeasure.core.errors import LMeasureError
 
-GROUPS = ("lmeasure.log_formats", "lmeasure.robot_programs", "lmeasure.characteristics")
+GROUPS = ("lmeasure.sensors", "lmeasure.log_formats", "lmeasure.robot_programs", "lmeasure.characteristics")
 Kind = TypeVar("Kind")
 _in_use: list[tuple[str, str]] = []
 

@@ -14,7 +14,7 @@ import numpy as np
 from lmeasure.core import FloatArray, LMeasureError, angles_from_rotation, se3
 from lmeasure.iso9283 import read_commands
 from lmeasure.recording import Poses
-from lmeasure.rig import Cable, Drum, Observed, Rig
+from lmeasure.rig import Observed, Rig
 from lmeasure.robots import cell_robot
 from lmeasure.sensors import counts_from_poses, drawn_phases, recorded_from_counts
 from lmeasure.simulation import Leg, scattered_poses, smooth_path
@@ -150,7 +150,7 @@ class PlayedCell:
     def _pull(self, name: str, much: float, unit: str) -> str:
         j = self._channel(name)
         of = self.rig.counter(self._observed[j])
-        k = (much if isinstance(of, Drum) else math.radians(much)) / of.per_count
+        k = (much if of.is_length else math.radians(much)) / of.per_count
         self._pulled[j] += k
         self._move_hand(j, k)
         return f"{name} is pulled out by {much:g} mm" if unit == "mm" else f"{name} is turned by {much:g} degrees"
@@ -172,7 +172,7 @@ class PlayedCell:
     def _channel(self, name: str) -> int:
         """By a cable's or an encoder's name, its point or its channel."""
         for j, o in enumerate(self._observed):
-            names = {o.name, o.channel, *([o.from_point] if isinstance(o, Cable) else [])}
+            names = {o.name, o.channel, *([o.from_point] if o.is_cable else [])}
             if name in names:
                 return j
         raise LMeasureError(f"{name!r}: there is no such cable; they are {', '.join(o.name for o in self._observed)}")

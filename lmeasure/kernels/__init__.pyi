@@ -28,6 +28,7 @@ from .counter import (
 )
 from .damped import damped_search as damped_search
 from .effects import excesses as excesses
+from .external import GROUP as GROUP, KINDS as KINDS, set_laws as set_laws
 from .frames import (
     BROKEN as BROKEN,
     FIELD_COLUMNS as FIELD_COLUMNS,
@@ -80,15 +81,20 @@ from .layout import (
     CHANNEL_SHIFT as CHANNEL_SHIFT,
     COMPLIANCE as COMPLIANCE,
     COUNT_LENGTH as COUNT_LENGTH,
+    DISTANCE as DISTANCE,
     DRUM_EXPANSION as DRUM_EXPANSION,
     ECCENTRIC_PHASE as ECCENTRIC_PHASE,
     ECCENTRICITY as ECCENTRICITY,
     EFFECT_COLUMNS as EFFECT_COLUMNS,
+    EXTERNAL_ANGLE as EXTERNAL_ANGLE,
+    EXTERNAL_LENGTH as EXTERNAL_LENGTH,
     FRAME_EXPANSION as FRAME_EXPANSION,
     GUIDE_LENGTH as GUIDE_LENGTH,
     GUIDE_XYZ as GUIDE_XYZ,
     INCLINATION as INCLINATION,
     KIND as KIND,
+    OWN_COLUMNS as OWN_COLUMNS,
+    OWN_PARAMETERS as OWN_PARAMETERS,
     PARAMETERS as PARAMETERS,
     RADIUS as RADIUS,
     SWIVEL as SWIVEL,

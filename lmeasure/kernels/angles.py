@@ -1,4 +1,5 @@
-"""Angles that tell of the pose: of a swivel pulley about the incoming cable, of an axis of the tool above the horizontal.
+"""Readings other than cables' lengths: the angle of a swivel pulley about the incoming cable, that of an axis of the tool above the
+horizontal, and a straight distance.
 
 Swivel: with d = P - B, e0 = (sin a sin b, sin a cos b, cos a) normal to u and upward, e1 = u x e0 = (-cos b, sin b, 0), the pulley's plane
 stands at theta = atan2(y, x), x = d.e0, y = d.e1, whose gradient by P is (x e1 - y e0)/(x^2 + y^2). An eccentric encoder shows theta +
@@ -14,6 +15,15 @@ from lmeasure.kernels.decorators import inline
 from lmeasure.kernels.vector import Vec3, add, cross, dot, norm, orientation, rotate, rotate_back, scale, sub, vec
 
 NOWHERE = (0.0, 0.0, 0.0)
+
+
+@inline
+def distance_at(channel: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
+    """(reading [mm], its gradient by the tool point, arm of that [mm]) of a straight distance, base axes; NaN where both points meet."""
+    arm = rotate(orientation(pose), vec(channel, layout.ATTACHMENT))
+    d = sub(add(vec(pose, layout.PLACE), arm), vec(channel, layout.BASE))
+    length = norm(d)
+    return length - channel[layout.ANGLE_ZERO], scale(1.0 / length, d), arm
 
 
 @inline
@@ -48,8 +58,9 @@ def inclination_at(channel: FloatArray, pose: FloatArray) -> tuple[float, Vec3]:
 
 
 @inline
-def angle_gradient(channel: FloatArray, pose: FloatArray, out: FloatArray) -> None:
-    """Derivatives of the reading by `PARAMETERS`, into out (layout.WIDTH,): in the place of the pulley's radius the zero's."""
+def sensor_gradient(channel: FloatArray, pose: FloatArray, k: float, scale_factor: float, out: FloatArray) -> None:
+    """Derivatives of the reading by `PARAMETERS`, into out (layout.WIDTH,): in the place of the pulley's radius the zero's. k and
+    scale_factor as `kernels.cable.length_gradient` has them; angles have no scale."""
     for c in range(layout.WIDTH):
         out[c] = 0.0
     out[layout.BY_ANGLE_ZERO] = -1.0
@@ -62,3 +73,9 @@ def angle_gradient(channel: FloatArray, pose: FloatArray, out: FloatArray) -> No
         inward = rotate_back(orientation(pose), gradient)
         for c in range(3):
             out[layout.BY_BASE + c], out[layout.BY_ATTACHMENT + c] = -gradient[c], inward[c]
+    elif channel[layout.KIND] == layout.DISTANCE:
+        _, gradient, arm = distance_at(channel, pose)
+        inward = rotate_back(orientation(pose), gradient)
+        for c in range(3):
+            out[layout.BY_BASE + c], out[layout.BY_ATTACHMENT + c] = -gradient[c], inward[c]
+        out[layout.BY_SCALE] = channel[layout.COUNT_LENGTH] * k / scale_factor

@@ -33,8 +33,9 @@ import numpy as np
 
 from lmeasure.core import FloatArray
 from lmeasure.kernels import layout
-from lmeasure.kernels.angles import NOWHERE, angle_gradient, inclination_at, swivel_at
+from lmeasure.kernels.angles import NOWHERE, distance_at, inclination_at, sensor_gradient, swivel_at
 from lmeasure.kernels.decorators import inline, kernel
+from lmeasure.kernels.external import external_at, external_gradient, is_external
 from lmeasure.kernels.vector import (
     Vec3,
     add,
@@ -148,17 +149,23 @@ def span_at(cable: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
 def seen_at(channel: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
     """(reading, moment, force) of a channel of any kind: a length [mm] or an angle [rad], and its rates by a turn about the tool origin and
     by a shift, base axes."""
-    if channel[layout.KIND] == layout.INCLINATION:
+    kind = channel[layout.KIND]
+    if is_external(kind):
+        return external_at(channel, pose)
+    if kind == layout.INCLINATION:
         leaning, moment = inclination_at(channel, pose)
         return leaning, moment, NOWHERE
-    value, e, arm = swivel_at(channel, pose) if channel[layout.KIND] == layout.SWIVEL else span_at(channel, pose)
+    if kind == layout.DISTANCE:
+        value, e, arm = distance_at(channel, pose)
+    else:
+        value, e, arm = swivel_at(channel, pose) if kind == layout.SWIVEL else span_at(channel, pose)
     return value, cross(arm, e), e
 
 
 @inline
 def way_round(difference: float, kind: float) -> float:
     """A difference of readings, the shortest way around for angles."""
-    if kind == layout.CABLE:
+    if kind <= layout.CABLE:
         return difference
     return difference - 2.0 * math.pi * math.floor(difference / (2.0 * math.pi) + 0.5)
 
@@ -289,6 +296,8 @@ def length_gradients(cables: FloatArray, poses: FloatArray, counts: FloatArray, 
         for j in range(cables.shape[0]):
             if cables[j, layout.KIND] == layout.CABLE:
                 length_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
+            elif is_external(cables[j, layout.KIND]):
+                external_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
             else:
-                angle_gradient(cables[j], poses[i], out[i, j])
+                sensor_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
     return out

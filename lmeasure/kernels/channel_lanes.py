@@ -2,12 +2,26 @@
 
 import math
 
+import numpy as np
+
 from lmeasure.core import FloatArray
 from lmeasure.kernels.angles import frame_at
-from lmeasure.kernels.cable import leaving
+from lmeasure.kernels.cable import leaving, seen_at, way_round
 from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.lanes import WIDTH, _orientation, _place
-from lmeasure.kernels.layout import ANGLE_ZERO, ATTACHMENT, BASE, ECCENTRIC_PHASE, ECCENTRICITY, GUIDE, RADIUS
+from lmeasure.kernels.layout import (
+    ANGLE_ZERO,
+    ATTACHMENT,
+    BASE,
+    ECCENTRIC_PHASE,
+    ECCENTRICITY,
+    GUIDE,
+    KIND,
+    ORIENTATION,
+    PLACE,
+    POSE_COLUMNS,
+    RADIUS,
+)
 from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotation_matrix, scale, sub, vec
 
 TURN = 2.0 * math.pi
@@ -95,3 +109,16 @@ def inclination_rows(M: FloatArray, t: FloatArray, c: FloatArray, weight: float,
         lean = angle(dot(axis, up), level)
         away = t[i] - (lean - (TURN if lean > math.pi else 0.0) - zero)
         r[i] = weight * (away - TURN * math.floor(away / TURN + 0.5))
+
+
+@kernel
+def other_rows(S: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray) -> None:
+    """The same of a channel of any other kind, lane by lane."""
+    pose = np.empty(POSE_COLUMNS)
+    by_size = 1.0 / size
+    for i in range(WIDTH):
+        pose[PLACE], pose[PLACE + 1], pose[PLACE + 2] = _place(S, i)
+        pose[ORIENTATION], pose[ORIENTATION + 1], pose[ORIENTATION + 2], pose[ORIENTATION + 3] = _orientation(S, i)
+        value, moment, e = seen_at(c, pose)
+        _keep(a, i, weight, scale(by_size, moment), e)
+        r[i] = weight * way_round(t[i] - value, c[KIND])

@@ -15,7 +15,7 @@ import numpy as np
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.kernels import least_squares
 from lmeasure.kernels.cable import seen_at
-from lmeasure.kernels.channel_lanes import arm_of, cable_rows, inclination_rows, swivel_rows, turned
+from lmeasure.kernels.channel_lanes import arm_of, cable_rows, inclination_rows, other_rows, swivel_rows, turned
 from lmeasure.kernels.decorators import kernel
 from lmeasure.kernels.lanes import (
     CHUNK,
@@ -32,10 +32,11 @@ from lmeasure.kernels.lanes import (
     _orientation,
     _place,
 )
-from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, KIND, POSE_COLUMNS, SWIVEL
+from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS, SWIVEL
+from lmeasure.kernels.least_squares import sees_turns
 from lmeasure.kernels.normal_lanes import FREE, PAIRS, factors, gather, inverse
 from lmeasure.kernels.screw import OK, copy, platform_size
-from lmeasure.kernels.vector import add, angle, cross, dot, norm, scale, vec
+from lmeasure.kernels.vector import add, angle, cross, dot, scale, vec
 
 LEFT_MM = 1e-10
 """What a last step may leave: steps fall at least as fast as from the one before, by residuals over distances or by their squares."""
@@ -84,9 +85,10 @@ def _judge_channel(
 ) -> None:
     """What a channel says of every lane: its residual and chi-squared at the moved pose, and the speed of its point under the twist that
     its reading alone makes, squared; see `least_squares.fastest`."""
-    point, of_cable, of_swivel = vec(c, ATTACHMENT), 1.0 if c[KIND] == CABLE else 0.0, c[KIND] == SWIVEL
+    point, of_length, of_cable = vec(c, ATTACHMENT), 1.0 if c[KIND] <= CABLE else 0.0, c[KIND] == CABLE
     by_weight, by_u, by_size = 1.0 / weight, 1.0 / u, 1.0 / size
-    looks = 0.0 if c[KIND] != CABLE and not of_swivel else 1.0
+    looks = 0.0 if sees_turns((a[0], a[WIDTH], a[2 * WIDTH]), (a[3 * WIDTH], a[4 * WIDTH], a[5 * WIDTH]), 1.0) else 1.0
+    scaled = looks > 0.0 and not of_cable
     for i in range(WIDTH):
         a0, a1, a2, a3, a4, a5 = a[i], a[WIDTH + i], a[2 * WIDTH + i], a[3 * WIDTH + i], a[4 * WIDTH + i], a[5 * WIDTH + i]
         left = r[i] - (
@@ -113,10 +115,10 @@ def _judge_channel(
         moved = add(scale(looks, (x0, x1, x2)), cross((w0, w1, w2), arm))
         moved = add(moved, scale(1.0 - looks, (w0, w1, w2)))
         squared = weight * weight * dot(moved, moved)
-        if of_swivel:
+        if scaled:
             squared *= by_weight * by_weight * (a3 * a3 + a4 * a4 + a5 * a5)
         S[FASTEST * WIDTH + i] = max(S[FASTEST * WIDTH + i], squared)
-        S[RESIDUAL * WIDTH + i] = max(S[RESIDUAL * WIDTH + i], of_cable * abs(left))
+        S[RESIDUAL * WIDTH + i] = max(S[RESIDUAL * WIDTH + i], of_length * abs(left))
         S[CHI * WIDTH + i] += left * by_u * (left * by_u)
 
 
@@ -148,8 +150,10 @@ def _refine(
                 cable_rows(S, M, t, cables[j], weights[j], size, A[j], R[j])
             elif cables[j, KIND] == SWIVEL:
                 swivel_rows(S, M, t, cables[j], weights[j], size, A[j], R[j])
-            else:
+            elif cables[j, KIND] == INCLINATION:
                 inclination_rows(M, t, cables[j], weights[j], size, A[j], R[j])
+            else:
+                other_rows(S, t, cables[j], weights[j], size, A[j], R[j])
         for j in range(0, m, 2):
             gather(A[j], R[j], A[j + 1], R[j + 1], N)
         _solve(N, S, size)
@@ -255,9 +259,7 @@ def follow_redundant_lanes(
     work, targets = np.empty((CHUNK, POSE_COLUMNS)), np.empty((CHUNK, m))
     smallest, weights = math.inf, np.empty(m)
     for j in range(m):
-        e = seen_at(cables[j], start)[2]
-        reach = 1.0 if cables[j, KIND] == CABLE else 1.0 / norm(e) if cables[j, KIND] == SWIVEL else size
-        smallest = min(smallest, u[j] * reach)
+        smallest = min(smallest, u[j] * least_squares.reach_of(cables[j], start, size))
     counted = np.zeros(n, np.int64)
     for i in range(n):
         for j in range(m):

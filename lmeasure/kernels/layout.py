@@ -12,7 +12,10 @@ BASE, GUIDE, RADIUS, ATTACHMENT, TANGENT, AXIAL, TRAVEL, COUNT_LENGTH, ALPHA, BE
 # what kind of channel it is, and what the encoder of an angle has: its length of a count is an angle [rad], its zero stands where a cable
 # has the pulley's radius; an inclination has its axis for the attachment point, and the way up for B
 KIND, ECCENTRICITY, ECCENTRIC_PHASE, CABLE_COLUMNS = 17, 18, 19, 20
-CABLE, SWIVEL, INCLINATION = 0, 1, 2
+CABLE, SWIVEL, INCLINATION, DISTANCE = 0, 1, 2, -1
+# kinds that other packages add: lengths count down from the first of these, angles up (`kernels.external`); so lengths are all kinds up to
+# CABLE. Their own parameters are in these columns, in the order of OWN_PARAMETERS
+EXTERNAL_LENGTH, EXTERNAL_ANGLE = -2, 3
 ANGLE_ZERO = RADIUS
 BASE_XYZ, GUIDE_XYZ, ATTACHMENT_XYZ = slice(BASE, BASE + 3), slice(GUIDE, GUIDE + 3), slice(ATTACHMENT, ATTACHMENT + 3)
 
@@ -34,6 +37,10 @@ PARAMETERS = (
 """What a length is differentiated by, in this order: observation point, guide, pulley, counter, drum, attachment point."""
 BY_BASE, BY_ALPHA, BY_BETA, BY_RADIUS, BY_SCALE, BY_TANGENT, BY_AXIAL, BY_ATTACHMENT, BY_PITCH = 0, 3, 4, 5, 6, 7, 8, 9, 12
 BY_ANGLE_ZERO = BY_RADIUS
+OWN_PARAMETERS = (BY_BASE, BY_BASE + 1, BY_BASE + 2, BY_ALPHA, BY_BETA, BY_TANGENT, BY_AXIAL)
+"""Places of an external kind's own parameters among `PARAMETERS`; its zero, its scale and its tool point are where others have theirs."""
+OWN_COLUMNS = (BASE, BASE + 1, BASE + 2, ALPHA, BETA, TANGENT, AXIAL)
+"""Columns of the rows that have them."""
 WIDTH = len(PARAMETERS)
 
 # what temperature, tension and weight do to a cable (`kernels.effects`): expansion of cable, drum and frame [1/K], 1/EA [1/N], weight

@@ -19,7 +19,7 @@ import numpy as np
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.kernels.cable import seen_at, way_round
 from lmeasure.kernels.decorators import inline, kernel
-from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS
+from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, KIND, POSE_COLUMNS
 from lmeasure.kernels.screw import (
     COVERAGE,
     LOOK_AHEAD,
@@ -38,12 +38,13 @@ from lmeasure.kernels.screw import (
     go_on,
     platform_size,
 )
-from lmeasure.kernels.vector import add, cross, norm, orientation, rotate, vec
+from lmeasure.kernels.vector import Vec3, add, cross, norm, orientation, rotate, vec
 
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
 FALLING_MM = 1e-4  # from which on steps tell how they go on falling
 LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
 NEAR_SPEED = 1.0 / math.cos(NEAR_SINGULAR)
+TURNS_ALONE = 1e-7  # force of a channel, over its moment, below which it is rounding
 HARDLY_KNOWN = 1e-14  # pivot of the weighted normal equations down to which rounding leaves them sound
 
 
@@ -100,7 +101,14 @@ def reach_of(cable: FloatArray, pose: FloatArray, size: float) -> float:
     """What is moved about per unit of a channel's reading [mm]."""
     if cable[KIND] == CABLE:
         return 1.0
-    return size if cable[KIND] == INCLINATION else 1.0 / norm(seen_at(cable, pose)[2])
+    _, moment, e = seen_at(cable, pose)
+    return size if sees_turns(moment, e, size) else 1.0 / norm(e)
+
+
+@inline
+def sees_turns(moment: Vec3, e: Vec3, size: float) -> bool:
+    """Whether a channel's reading changes by turns of the tool alone, as an inclination does."""
+    return size * norm(e) <= TURNS_ALONE * norm(moment)
 
 
 @kernel
@@ -236,13 +244,12 @@ def fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
     largest = 1.0
     for j in range(cables.shape[0]):
         turn = (G[0, j], G[1, j], G[2, j])
-        if cables[j, KIND] == INCLINATION:
-            largest = max(largest, norm(turn))
-            continue  # it has no force to have an arm
         arm = rotate(orientation(pose), vec(cables[j], ATTACHMENT))
         moved = norm(add((G[3, j], G[4, j], G[5, j]), cross(turn, arm)))
         if cables[j, KIND] != CABLE:
-            moved *= norm(seen_at(cables[j], pose)[2])
+            _, moment, e = seen_at(cables[j], pose)
+            # what sees turns alone has no force to have an arm
+            moved = norm(turn) if sees_turns(moment, e, 1.0) else moved * norm(e)
         largest = max(largest, moved)
     return largest
 

@@ -111,7 +111,7 @@ def known(start: FloatArray | None, source: str, rig: Rig) -> FloatArray:
     """(7,) the start pose; TrajectoryError, which names the source, where it is unknown."""
     if start is None:
         run = f"{source}: " if source else ""
-        absolute = any(rig.counter(o).codes is not None for o in rig.observed)
+        absolute = any(rig.counter(o).absolute for o in rig.observed)
         why = "what is asked needs it stated" if absolute else "its channels are not absolute"
         raise TrajectoryError(
             f"{run}the start pose of this run is not known, and {why}: state [start] in run.toml, a pose or lengths_mm, or give it to "

@@ -9,7 +9,7 @@ from lmeasure.kernels import wrap_geometry
 from lmeasure.report import html
 from lmeasure.report.text import axes
 from lmeasure.report.zone_maps import ticks
-from lmeasure.rig import ENCODER_ZERO, CalibrationRecord, Rig, Turned
+from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.text import ENGLISH, Say
 
 BEFORE, AFTER = html.PALETTE[1], html.PALETTE[0]
@@ -23,9 +23,9 @@ FEW = 8
 def residuals_figure(record: CalibrationRecord, rig: Rig | None, say: Say = ENGLISH) -> go.Figure:
     """Residual of each channel at each reference pose; the rig tells which are angles, without it the zeros that were solved."""
     figure = go.Figure()
-    encoders = {p.name.removesuffix(f".{ENCODER_ZERO}") for p in record.parameters if p.name.endswith(f".{ENCODER_ZERO}")}
+    encoders = {p.name.removesuffix(".zero_deg") for p in record.parameters if p.name.endswith(".zero_deg")}
     if rig is not None:
-        encoders = {o.channel for o in rig.observed if isinstance(o, Turned)}
+        encoders = {o.channel for o in rig.observed if not o.is_length}
     angles = any(r.channel in encoders for r in record.residuals)
     for channel in Counter(r.channel for r in record.residuals):
         own = [r for r in record.residuals if r.channel == channel]

@@ -34,10 +34,8 @@ from .drum_measurement import (
     read_drums as read_drums,
     with_drums as with_drums,
 )
-from .encoders import AngleEncoder as AngleEncoder, Inclination as Inclination, Swivel as Swivel
 from .parameter_table import FURTHER as FURTHER, TABLE as TABLE, TILT as TILT, Owner as Owner
 from .parameters import (
-    ENCODER_ZERO as ENCODER_ZERO,
     FACTORS as FACTORS,
     FURTHER_KEYS as FURTHER_KEYS,
     GROUPS as GROUPS,
@@ -46,6 +44,7 @@ from .parameters import (
     PLACE as PLACE,
     SCALE as SCALE,
     UNSIGNED as UNSIGNED,
+    ZEROS as ZEROS,
     Parameter as Parameter,
     Slots as Slots,
     attachment_names as attachment_names,
@@ -60,7 +59,6 @@ from .parameters import (
     value_of as value_of,
     with_kernel_values as with_kernel_values,
     with_values as with_values,
-    zero_name as zero_name,
 )
 from .plausible_size import unlikely_size as unlikely_size
 from .points_and_drums import Cable as Cable, Drum as Drum, ObservationPoint as ObservationPoint
@@ -69,8 +67,19 @@ from .rig import (
     CABLES_FOR_A_POSE as CABLES_FOR_A_POSE,
     Observed as Observed,
     Rig as Rig,
-    Turned as Turned,
+    cables_among as cables_among,
     read_rig as read_rig,
     rig_from_dict as rig_from_dict,
     write_rig as write_rig,
 )
+from .sensor_table import (
+    GROUP as GROUP,
+    AngleSensor as AngleSensor,
+    LengthSensor as LengthSensor,
+    SensorChannel as SensorChannel,
+    SensorTable as SensorTable,
+    external_number as external_number,
+    register_table as register_table,
+    table_of as table_of,
+)
+from .sensors import Distance as Distance, Inclination as Inclination, Swivel as Swivel

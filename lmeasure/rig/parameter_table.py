@@ -18,7 +18,7 @@ class Owner(StrEnum):
     POINT = "observation point"
     DRUM = "drum"
     ATTACHMENT = "attachment point"
-    ENCODER = "encoder"
+    SENSOR = "sensor"
 
 
 @dataclass(frozen=True, kw_only=True)

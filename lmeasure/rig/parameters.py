@@ -8,28 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from lmeasure.core import BoolArray, CalibrationError, FloatArray, RigError
-from lmeasure.kernels import (
-    ALPHA,
-    BETA,
-    BY_ANGLE_ZERO,
-    BY_ATTACHMENT,
-    BY_BASE,
-    BY_BETA,
-    CABLE,
-    GUIDE_XYZ,
-    KIND,
-    TURN_COUNTS,
-    guide_direction,
-)
-from lmeasure.rig.encoders import AngleEncoder
+from lmeasure.kernels import ALPHA, BETA, CABLE, GUIDE_XYZ, KIND, SWIVEL, TURN_COUNTS, guide_direction
 from lmeasure.rig.parameter_table import FURTHER as FURTHER, TABLE as TABLE, TILT, CableParameter, Owner as Owner
-from lmeasure.rig.points_and_drums import Cable, Drum, ObservationPoint
-from lmeasure.rig.rig import Observed, Rig, Turned, rig_from_dict
+from lmeasure.rig.points_and_drums import Drum, ObservationPoint
+from lmeasure.rig.rig import Observed, Rig, rig_from_dict
+from lmeasure.rig.sensor_table import OwnParameter, SensorChannel, SensorTable
 
-ANYWHERE_DEG = 360.0 / math.sqrt(12.0)
-"""Standard uncertainty of an angle that may be anywhere on the circle."""
-ENCODER_ZERO = "zero_deg"
-"""What is found of an absolute encoder of angles, by the name of its channel: the angle at count 0."""
+ZEROS = ("zero_deg", "zero_mm")
+"""What is found of an absolute sensor, by the name of its channel: the angle or length at count 0."""
 EXACT = 1e-9
 """Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same."""
 
@@ -80,29 +66,17 @@ def parameter_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> lis
 
 
 def _names(observed: Observed) -> list[str]:
-    if isinstance(observed, Cable):
-        return [p.name(observed) for p in TABLE]
-    names = [""] * len(TABLE)
-    names[BY_ANGLE_ZERO] = zero_name(observed)
-    if observed.from_point:
-        names[BY_BASE : BY_BETA + 1] = [f"{observed.from_point}.{key}" for key in (*PLACE, *GUIDE)]
-        names[BY_ATTACHMENT : BY_ATTACHMENT + 3] = attachment_names(observed.to_point)
-    return names
+    return observed.table.names(observed) if isinstance(observed, SensorChannel) else [p.name(observed) for p in TABLE]
 
 
 def further_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> list[list[str]]:
     """For each channel, default all cables, the names of `FURTHER`; empty ones of an encoder of angles, which has none."""
-    return [[p.name(o) if isinstance(o, Cable) else "" for p in FURTHER] for o in (rig.cable if cables is None else cables)]
+    return [[p.name(o) if not isinstance(o, SensorChannel) else "" for p in FURTHER] for o in (rig.cable if cables is None else cables)]
 
 
 def tilt_names(observed: Observed) -> tuple[str, ...]:
     """The names of the tilts that are added to the guide's angles of a channel, none of what has no guide."""
     return tuple(f"{observed.from_point}.{p.key}" for p in TILT) if observed.from_point else ()
-
-
-def zero_name(observed: Turned) -> str:
-    """The calibration record's name of an encoder's zero."""
-    return f"{observed.channel}.{ENCODER_ZERO}"
 
 
 def attachment_names(point: str) -> tuple[str, ...]:
@@ -111,8 +85,8 @@ def attachment_names(point: str) -> tuple[str, ...]:
 
 
 def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...]) -> tuple[Parameter, ...]:
-    """What to solve for: the named groups, and every assumed value, of the points that the cables lead from and to; and the zeros of
-    absolute encoders of angles, but for those that are stated to be exact.
+    """What to solve for: the named groups, and every assumed value, of the points that the cables lead from and to; and of other sensors
+    the zeros and whatever their tables state to be uncertain.
 
     CalibrationError for a group that does not exist, and when nothing is left.
     """
@@ -129,10 +103,10 @@ def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, 
             p.group in _OF_PULLEY and not rig.point(name.rpartition(".")[0]).pulley_radius_mm
         ):
             out.append(parameter_of(rig, name))
-    for name in dict.fromkeys(zero_name(o) for o in cables if isinstance(o, Turned) and o.encoder.absolute):
-        zero = parameter_of(rig, name)
-        if zero.prior_u > EXACT:
-            out.append(zero)
+    for name in dict.fromkeys(f"{o.channel}.{p.key}" for o in cables if isinstance(o, SensorChannel) for p in o.table.solvable()):
+        own = parameter_of(rig, name)
+        if own.prior_u > EXACT:
+            out.append(own)
     if not out:
         raise CalibrationError("--solve: nothing is left to solve for")
     return tuple(out)
@@ -141,10 +115,9 @@ def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, 
 def parameter_of(rig: Rig, name: str) -> Parameter:
     """The parameter of a calibration record's name as the rig states it, its prior standard uncertainty as usual where it states none."""
     owner, _, key = name.rpartition(".")
-    if key == ENCODER_ZERO:
-        encoder = _encoder(rig, owner)
-        u_zero = ANYWHERE_DEG if encoder.zero_deg is None else encoder.u_zero_deg or 0.0
-        return Parameter(name, encoder.zero_deg or 0.0, max(u_zero, EXACT), "deg")
+    if (own := _of_sensor(rig, name)) is not None:
+        sensor, q = own
+        return Parameter(name, sensor.value(q), max(sensor.u(q), EXACT), q.unit)
     p = next(q for q in _OF_TOOL if q.key == key) if owner.startswith("tool.") else _OF_KEY[key]
     u, value = stated_u(rig, name), value_of(rig, name)
     assert value is not None
@@ -161,8 +134,11 @@ def azimuth_stretch(alpha_deg: float) -> float:
     return max(1.0, 0.5 / max(abs(math.cos(math.radians(alpha_deg))), 1e-9))
 
 
-def _encoder(rig: Rig, channel: str) -> AngleEncoder:
-    return next(e for e in rig.encoders if e.channel == channel)
+def _of_sensor(rig: Rig, name: str) -> tuple[SensorTable, OwnParameter] | None:
+    """The sensor other than a cable, and which of its own parameters has that name; None for other names."""
+    owner, _, key = name.rpartition(".")
+    every = ((sensor, p) for sensor in rig.sensors if sensor.channel == owner for p in sensor.solvable() if p.key == key)
+    return next(every, None)
 
 
 def group_names(cables: tuple[Observed, ...], group: str) -> tuple[str, ...]:
@@ -171,10 +147,9 @@ def group_names(cables: tuple[Observed, ...], group: str) -> tuple[str, ...]:
 
 
 def _named(cables: tuple[Observed, ...]) -> list[tuple[str, CableParameter]]:
-    """Every parameter of some cables by its name: those of observation points before those of attachment points. An encoder of angles sees
-    some of its cable's, and has none besides."""
-    drawn = [c for c in cables if isinstance(c, Cable)]
-    points, tool = (dict.fromkeys(names) for names in ((c.from_point for c in drawn), (c.to_point for c in drawn)))
+    """Every parameter of some cables by its name: those of observation points before those of attachment points."""
+    points = dict.fromkeys(c.from_point for c in cables if c.is_cable)
+    tool = dict.fromkeys(c.to_point for c in cables if c.to_point)
     of_points = [(f"{point}.{p.key}", p) for point in points for p in _OF_POINT]
     return of_points + [(f"tool.{point}.{p.key}", p) for point in tool for p in _OF_TOOL]
 
@@ -196,8 +171,8 @@ def stated_u(rig: Rig, name: str) -> float | None:
     owner, _, key = name.rpartition(".")
     if owner.startswith("tool."):
         return rig.u_attachment_mm
-    if key == ENCODER_ZERO:
-        return _encoder(rig, owner).u_zero_deg
+    if (own := _of_sensor(rig, name)) is not None:
+        return own[0].u(own[1])
     p, point = _OF_KEY[key], rig.point(owner)
     holder = point.drum if p.owner is Owner.DRUM else point
     u: float | None = getattr(holder, p.stated or f"u_{key}", None)
@@ -215,11 +190,13 @@ class _Location(NamedTuple):
     place: int | None
 
 
-def _located(name: str) -> _Location | None:
+def _located(rig: Rig, name: str) -> _Location | None:
     """Where a number of a calibration record's name is kept; None for a kind of number that a rig does not hold."""
     owner, _, key = name.rpartition(".")
-    if key == ENCODER_ZERO:
-        return _Location(Owner.ENCODER, owner, key, None)
+    if (own := _of_sensor(rig, name)) is not None:
+        return _Location(Owner.SENSOR, owner, own[1].stored, own[1].index)
+    if key in ZEROS:
+        return _Location(Owner.SENSOR, owner, key, None)
     if owner.startswith("tool."):
         index = next((p.index for p in _OF_TOOL if p.key == key), None)
         point = owner.removeprefix("tool.")
@@ -234,18 +211,18 @@ def _located(name: str) -> _Location | None:
 def value_of(rig: Rig, name: str) -> float | None:
     """The rig's number of a calibration record's name, a dimension's too, in the unit of the name; None for a kind of number that no rig
     holds. RigError, the beginning of a sentence, where its owner is missing."""
-    at = _located(name)
+    at = _located(rig, name)
     if at is None:
         return None
     if at.kind is Owner.ATTACHMENT:
         if at.owner not in rig.tool:
             raise RigError(f"there is no point {at.owner} in [tool] of")
         return rig.tool[at.owner][at.place or 0]
-    if at.kind is Owner.ENCODER:
-        encoder = next((e for e in rig.encoders if e.channel == at.owner), None)
-        if encoder is None:
+    if at.kind is Owner.SENSOR:
+        own = _of_sensor(rig, name)
+        if own is None:
             raise RigError(f"there is no encoder {at.owner} in")
-        return encoder.zero_deg
+        return None if getattr(own[0], at.key) is None else own[0].value(own[1])
     point = next((p for p in rig.observation_point if p.name == at.owner), None)
     if point is None:
         raise RigError(f"there is no observation point {at.owner} in")
@@ -261,15 +238,15 @@ def with_values(rig: Rig, values: Mapping[str, float]) -> Rig:
     back to their ranges."""
     data = rig.to_dict()
     points = {p["name"]: p for p in data["observation_point"]}
-    encoders = {e["channel"]: e for e in (*data.get("swivel", ()), *data.get("inclination", ()))}
+    sensors = {table["channel"]: table for kind in rig.sensor_tables for table in data.get(kind, ())}
     for name, number in values.items():
-        at = _located(name)
+        at = _located(rig, name)
         assert at is not None
         value = abs(float(number)) if at.key in UNSIGNED else float(number)
         point = points.get(at.owner, {})
         holder = {Owner.POINT: point, Owner.DRUM: point.get("drum"), Owner.ATTACHMENT: data["tool"]}
-        holder = encoders[at.owner] if at.kind is Owner.ENCODER else holder[at.kind]
-        value = math.remainder(value, 360.0) if at.kind is Owner.ENCODER else value
+        holder = sensors[at.owner] if at.kind is Owner.SENSOR else holder[at.kind]
+        value = math.remainder(value, 360.0) if at.key == ZEROS[0] else value
         if at.place is None:
             holder[at.key] = value
         else:
@@ -314,8 +291,9 @@ class Slots:
         self.cable, self.parameter = np.nonzero(chosen & _IN_ROWS)
         self._at = self.cable, _COLUMNS[self.parameter]
         self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, TURN_COUNTS], 1.0)
-        # an encoder of angles has its zero where a cable has a radius
+        # other sensors have their zero where a cable has a radius
         self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter] & (rows[self.cable, KIND] == CABLE))
+        self._guided = np.flatnonzero(np.isin(rows[:, KIND], (CABLE, SWIVEL)))
 
     def filled(self, rows: FloatArray, values: FloatArray) -> FloatArray:
         """The rows with values (k,) in the kernels' units there."""
@@ -323,6 +301,6 @@ class Slots:
         # a radius has no sign: a step below zero comes out on the other side
         new[self._unsigned] = np.abs(new[self._unsigned])
         out[self._at] = new
-        for row in out:
-            row[GUIDE_XYZ] = guide_direction(row[ALPHA], row[BETA])
+        for j in self._guided:
+            out[j, GUIDE_XYZ] = guide_direction(out[j, ALPHA], out[j, BETA])
         return out

@@ -185,6 +185,31 @@ class Drum(CableOnDrum):
         """It has no absolute codes."""
 
     @property
+    def absolute(self) -> bool:
+        """It counts from where it was zeroed."""
+        return False
+
+    @property
+    def is_length(self) -> bool:
+        """It counts a length."""
+        return True
+
+    @property
+    def u_reading(self) -> float:
+        """A length has no noise besides the rounding of its count."""
+        return 0.0
+
+    @property
+    def rate_key(self) -> str:
+        """The key of the largest speed."""
+        return "max_cable_speed_mm_s"
+
+    @property
+    def speed_per_count(self) -> float:
+        """What a recorded count per second is in mm/s."""
+        return self.count_length_mm / self.scale
+
+    @property
     def axial_per_count_mm(self) -> float:
         """Axial travel of the pay-out point per count [mm]."""
         return self.groove_pitch_mm / self.counts_per_revolution
@@ -257,3 +282,6 @@ class Cable(Strict):
     """Name of its attachment point in `[tool]`."""
     passage: Annotated[Whole, Field(alias="pass", ge=1, le=1000)] = 1
     """Which repetition of the motion it is counted in."""
+    is_cable: ClassVar[bool] = True
+    kind: ClassVar[str] = "cable"
+    is_length: ClassVar[bool] = True

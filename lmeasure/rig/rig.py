@@ -1,40 +1,19 @@
 """The rig: observation points, drums, attachment points and cables, exactly as rig.toml writes them."""
 
 import difflib
-import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
 from lmeasure.core import DataFrame, FloatArray, IntArray, RigError, Shown, conventions, framed
 from lmeasure.io import Keys, Name, Strict, checked, files, refuse
-from lmeasure.kernels import (
-    ALPHA,
-    ANGLE_ZERO,
-    ATTACHMENT_XYZ,
-    AXIAL,
-    BASE_XYZ,
-    BETA,
-    CABLE_COLUMNS,
-    COUNT_LENGTH,
-    ECCENTRIC_PHASE,
-    ECCENTRICITY,
-    GUIDE_XYZ,
-    INCLINATION,
-    KIND,
-    RADIUS,
-    SWIVEL,
-    TANGENT,
-    TRAVEL,
-    TURN_COUNTS,
-)
+from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, CABLE_COLUMNS, COUNT_LENGTH, RADIUS, TANGENT, TRAVEL, TURN_COUNTS
 from lmeasure.rig.can import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
-from lmeasure.rig.encoders import AngleEncoder as AngleEncoder, Inclination, Swivel
 from lmeasure.rig.points_and_drums import (
     Cable as Cable,
     CableOnDrum,
@@ -44,6 +23,8 @@ from lmeasure.rig.points_and_drums import (
     NotNegative,
     ObservationPoint as ObservationPoint,
 )
+from lmeasure.rig.sensor_table import TABLES, SensorChannel, SensorTable, table_of
+from lmeasure.rig.sensors import Distance, Inclination, Swivel, fill_point
 
 CABLES_FOR_A_POSE = 6
 
@@ -54,30 +35,7 @@ def _one_line(value: str) -> str:
     return value
 
 
-@dataclass(frozen=True)
-class Turned:
-    """An angle encoder as a channel of one pass: from an observation point and to an attachment point as the cable that turns it, both
-    empty of an inclinometer."""
-
-    encoder: Swivel | Inclination
-    passage: int = 1
-    from_point: str = ""
-    to_point: str = ""
-    again: bool = False
-    """Whether other passes read it too."""
-
-    @property
-    def channel(self) -> str:
-        """That of its column."""
-        return self.encoder.channel
-
-    @property
-    def name(self) -> str:
-        """That of its column; `sw1@2` in pass 2, where several passes read sw1."""
-        return f"{self.channel}@{self.passage}" if self.again else self.channel
-
-
-Observed = Cable | Turned
+Observed = Cable | SensorChannel
 """What a channel of readings belongs to."""
 
 
@@ -118,6 +76,8 @@ class Rig(Shown, Strict):
     """Encoders on swivel pulleys, a table `[[swivel]]` each."""
     inclination: tuple[Inclination, ...] = ()
     """Axes of inclinometers on the tool, a table `[[inclination]]` each."""
+    distance: tuple[Distance, ...] = ()
+    """Straight distances, a table `[[distance]]` each."""
     can: CanTable | None = None
     """Which frames of the bus carry the counters; absent: the default frames of CiA 406 encoders on nodes 1, 2, ..."""
 
@@ -127,7 +87,7 @@ class Rig(Shown, Strict):
         assumed = {"assumed": ", ".join(self.assumed)} if self.assumed else {}
         linked = "none" if self.calibration is None else self.calibration
         points = ", ".join(p.name for p in self.observation_point)
-        beside = {kind: ", ".join(e.channel for e in of) for kind, of in self._encoders().items() if of}
+        beside = {kind: ", ".join(e.channel for e in of) for kind, of in self.sensor_tables.items() if of}
         cables = f"{len(self.cable)}{passes}"
         return {"name": self.name, "cables": cables, "observation points": points, "calibration": linked} | beside | assumed
 
@@ -153,9 +113,9 @@ class Rig(Shown, Strict):
         passes = {c.passage for c in self.cable}
         if passes != set(range(1, len(passes) + 1)):
             raise ValueError(f"cable: the passes are {sorted(passes)}; they must be numbered from 1 without a hole")
-        self._check_encoders()
+        self._check_sensors()
         if self.can is not None:
-            check_channels(self.can, {*self.channels, *(e.channel for e in self.encoders)})
+            check_channels(self.can, {*self.channels, *(e.channel for e in self.sensors)})
         known = set(self.parameter_names())
         hints = {name: difflib.get_close_matches(name, known, n=1) for name in self.assumed if name not in known}
         refuse(
@@ -164,37 +124,33 @@ class Rig(Shown, Strict):
         )
         return self
 
-    def _check_encoders(self) -> None:
-        points = [p.name for p in self.observation_point]
-        taken = Counter([*self.channels, *(e.channel for e in self.encoders)])
+    def _check_sensors(self) -> None:
+        taken = Counter(self.all_channels)
         found: list[tuple[Keys, str]] = []
-        for kind, of in self._encoders().items():
+        for kind, of in self.sensor_tables.items():
             for i, e in enumerate(of):
                 at = (kind, i, "channel")
                 if e.channel in conventions.RESERVED_COLUMNS:
                     found.append((at, f"{e.channel!r} is the name of another column of counts files"))
                 if taken[e.channel] > 1:
                     found.append((at, f"{e.channel!r} is the channel of something else as well"))
-        for i, s in enumerate(self.swivel):
-            if s.point not in points:
-                found.append((("swivel", i, "point"), f"{s.point!r} is no observation_point ({', '.join(points)})"))
-                continue
-            leaving = [c for c in self.cable if c.from_point == s.point]
-            told = ", ".join(c.name for c in leaving) or "there is none"
-            if s.cable is not None and s.cable not in [c.name for c in leaving]:
-                found.append((("swivel", i, "cable"), f"{s.cable!r} is no cable from {s.point} ({told})"))
-            several = max(Counter(c.passage for c in leaving).values(), default=0) > 1
-            if not leaving or (s.cable is None and several):
-                found.append((("swivel", i), f"say by cable which of the cables from {s.point} turns {s.channel} ({told})"))
+                found += [((kind, i, key) if key else (kind, i), text) for key, text in e.faults(self)]
         refuse(found)
 
-    def _encoders(self) -> dict[str, tuple[AngleEncoder, ...]]:
-        return {"swivel": self.swivel, "inclination": self.inclination}
+    @property
+    def sensor_tables(self) -> dict[str, tuple[SensorTable, ...]]:
+        """Its sensors other than cables, by the names of their tables."""
+        return {name: getattr(self, name) for name in type(self).model_fields if name in TABLES}
 
     @property
-    def encoders(self) -> tuple[AngleEncoder, ...]:
-        """Its angle encoders: of swivels, then of inclinometers."""
-        return (*self.swivel, *self.inclination)
+    def sensors(self) -> tuple[SensorTable, ...]:
+        """Its sensors other than cables."""
+        return tuple(sensor for of in self.sensor_tables.values() for sensor in of)
+
+    @property
+    def measures_turns(self) -> bool:
+        """Whether a sensor may measure how the tool is turned besides where points of it are."""
+        return any(sensor.kind not in ("swivel", "distance") for sensor in self.sensors)
 
     def parameter_names(self) -> list[str]:
         """Names that `assumed` may hold: `<observation point>.<key>`, drum keys included, and `<attachment point>`."""
@@ -222,22 +178,20 @@ class Rig(Shown, Strict):
 
     @property
     def observed(self) -> tuple[Observed, ...]:
-        """All channels of readings, of all passes: the cables, the swivels that they turn, the inclinometers' axes."""
-        swivels = [
-            Turned(s, c.passage, c.from_point, c.to_point, again=len(turning) > 1)
-            for s in self.swivel
-            if (turning := [c for c in self.cable if c.from_point == s.point and s.cable in (None, c.name)])
-            for c in turning
-        ]
-        passes = range(1, self.passes + 1)
-        leaning = [Turned(e, passage, again=self.passes > 1) for e in self.inclination for passage in passes]
-        return (*self.cable, *swivels, *leaning)
+        """All channels of readings, of all passes: the cables, then the other sensors."""
+        of_sensors = [(sensor, sensor.ends(self)) for sensor in self.sensors]
+        return (*self.cable, *(SensorChannel(s, *end, again=len(ends) > 1) for s, ends in of_sensors for end in ends))
 
-    def counter(self, observed: Observed) -> Drum | Swivel | Inclination:
+    def counter(self, observed: Observed) -> Drum | SensorTable:
         """What counts a channel."""
-        return observed.encoder if isinstance(observed, Turned) else self.point(observed.from_point).drum
+        return observed.table if isinstance(observed, SensorChannel) else self.point(observed.from_point).drum
 
-    def counters_of(self, passage: int = 1) -> dict[str, Drum | Swivel | Inclination]:
+    def with_sensors(self, changes: Callable[[SensorTable], Mapping[str, Any]]) -> Self:
+        """The rig with keys of its sensors other than cables changed, as a function of each has them."""
+        every = {k: tuple(s.model_copy(update=changes(s)) for s in of) for k, of in self.sensor_tables.items()}
+        return self.model_copy(update=every)
+
+    def counters_of(self, passage: int = 1) -> dict[str, Drum | SensorTable]:
         """What each column of a pass's counts shows."""
         return {o.channel: self.counter(o) for o in self.observed if o.passage == passage}
 
@@ -249,7 +203,7 @@ class Rig(Shown, Strict):
     @property
     def all_channels(self) -> tuple[str, ...]:
         """The counter channels of the cables, then those of the encoders of angles."""
-        return (*self.channels, *(e.channel for e in self.encoders))
+        return (*self.channels, *(e.channel for e in self.sensors))
 
     def cables_of(self, passage: int) -> tuple[Cable, ...]:
         """The cables measured in one pass."""
@@ -263,28 +217,14 @@ class Rig(Shown, Strict):
 
     def _row(self, o: Observed) -> FloatArray:
         row = np.zeros(CABLE_COLUMNS)
-        counter = self.counter(o)
-        row[COUNT_LENGTH], row[TURN_COUNTS] = counter.per_count, counter.counts_per_revolution
-        if o.from_point:
-            p = self.point(o.from_point)
-            tilt = p.swivel_tilt_deg or (0.0, 0.0)
-            a, b = math.radians(p.guide_alpha_deg + tilt[0]), math.radians(p.guide_beta_deg + tilt[1])
-            row[BASE_XYZ], row[ATTACHMENT_XYZ] = p.position_mm, self.tool[o.to_point]
-            row[GUIDE_XYZ] = (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
-            row[ALPHA], row[BETA] = a, b
-        if isinstance(counter, Drum):
-            row[RADIUS] = p.pulley_radius_mm
-            row[TANGENT], row[AXIAL] = counter.tangent_length_mm, counter.axial_offset_mm
-            row[TRAVEL] = counter.axial_per_count_mm
+        if isinstance(o, SensorChannel):
+            o.table.fill(self, o, row)
             return row
-        row[ANGLE_ZERO] = math.radians(counter.zero_deg or 0.0)
-        if isinstance(counter, Swivel):
-            row[KIND], row[ECCENTRICITY] = SWIVEL, math.radians(counter.eccentricity_deg or 0.0)
-            row[ECCENTRIC_PHASE] = math.radians(counter.eccentricity_phase_deg or 0.0)
-            return row
-        row[KIND] = INCLINATION
-        row[BASE_XYZ] = np.array(counter.up) / math.hypot(*counter.up)
-        row[ATTACHMENT_XYZ] = np.array(counter.axis) / math.hypot(*counter.axis)
+        p = self.point(o.from_point)
+        row[COUNT_LENGTH], row[TURN_COUNTS] = p.drum.per_count, p.drum.counts_per_revolution
+        fill_point(self, o.from_point, row)
+        row[ATTACHMENT_XYZ], row[RADIUS] = self.tool[o.to_point], p.pulley_radius_mm
+        row[TANGENT], row[AXIAL], row[TRAVEL] = p.drum.tangent_length_mm, p.drum.axial_offset_mm, p.drum.axial_per_count_mm
         return row
 
     def scales(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
@@ -321,7 +261,7 @@ class Rig(Shown, Strict):
 
     def require_spread(self) -> None:
         """RigError when the attachment points lie on one line: no cable sees a turn about it."""
-        used = sorted({c.to_point for c in self.cable})
+        used = sorted({c.to_point for c in self.observed if c.to_point})
         points = np.array([self.tool[name] for name in used])
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if len(used) < 3 or spread[1] < 1e-6 * max(spread[0], 1e-9) or spread[1] < 1e-3:
@@ -344,12 +284,21 @@ class Rig(Shown, Strict):
         for point, table in zip(self.observation_point, data["observation_point"], strict=True):
             if not point.drum.rate_stated:
                 del table["drum"]["max_cable_speed_mm_s"]
-        for kind, encoders in self._encoders().items():
-            for encoder, table in zip(encoders, data[kind], strict=True):
-                if not encoder.rate_stated:
-                    del table["max_speed_deg_s"]
-        # rigs without encoders, and digests of them, do not have these keys
-        return {key: value for key, value in data.items() if value or key not in self._encoders()}
+        for kind, sensors in self.sensor_tables.items():
+            for sensor, table in zip(sensors, data[kind], strict=True):
+                if not sensor.rate_stated:
+                    del table[sensor.rate_key]
+        # rigs without sensors, and digests of them, do not have these keys
+        return {key: value for key, value in data.items() if value or key not in self.sensor_tables}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # the model of a rig with sensors of other packages is made in each process
+        return (_again, (self.to_dict(),))
+
+
+def cables_among(channels: Iterable[Observed]) -> tuple[Cable, ...]:
+    """Return the cables of some channels."""
+    return tuple(c for c in channels if isinstance(c, Cable))
 
 
 def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
@@ -376,6 +325,17 @@ def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
             if (channel, passage) in served:
                 yield ("cable", i, "channel"), f"{channel!r} serves another cable too in pass {passage}; one cable per pass"
             served.add((channel, passage))
+
+
+@cache
+def _model(names: tuple[str, ...]) -> type[Rig]:
+    """The model of rigs that have tables of sensors of other packages."""
+    fields: dict[str, Any] = {name: (tuple.__class_getitem__((TABLES[name], ...)), ()) for name in names}
+    return create_model("Rig", __base__=Rig, **fields)
+
+
+def _again(data: dict[str, Any]) -> Rig:
+    return rig_from_dict(data)
 
 
 def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
@@ -405,7 +365,9 @@ def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
     """
     if "schema" not in data:
         raise RigError(f"{source}: schema: is missing; this program reads 'lmeasure.rig/1'")
-    return checked(data, Rig, source, RigError, also=_references)
+    known = {field.alias or name for name, field in Rig.model_fields.items()}
+    more = tuple(key for key in data if key not in known and table_of(key) is not None)
+    return checked(data, _model(more) if more else Rig, source, RigError, also=_references)
 
 
 def read_rig(path: Path) -> Rig:

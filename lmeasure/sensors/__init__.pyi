@@ -33,12 +33,14 @@ from .lengths import (
     LengthResiduals as LengthResiduals,
     Lengths as Lengths,
     changes_from_counts as changes_from_counts,
+    channel_finding as channel_finding,
     count_variance as count_variance,
     counts_from_poses as counts_from_poses,
     length_residuals as length_residuals,
     lengths_from_counts as lengths_from_counts,
     read_lengths as read_lengths,
     recorded_from_counts as recorded_from_counts,
+    rounding_variance as rounding_variance,
     span_lengths as span_lengths,
     with_reasons as with_reasons,
     write_lengths as write_lengths,
@@ -46,6 +48,7 @@ from .lengths import (
 )
 from .rejected_samples import ARM_MM as ARM_MM, Reason as Reason, rate_notes as rate_notes
 from .rig_channels import cable_lengths as cable_lengths, rig_inclination as rig_inclination, swivel_angle as swivel_angle
+from .sensor_kind import AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorKind as SensorKind
 from .solver import pressure_angles as pressure_angles, shared_errors as shared_errors, twists as twists
 from .stated_errors import (
     CALIBRATION as CALIBRATION,

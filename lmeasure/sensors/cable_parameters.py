@@ -4,7 +4,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray
 from lmeasure.kernels import PARAMETERS, length_gradients
-from lmeasure.rig import FURTHER, FURTHER_KEYS, Cable, CalibrationRecord, Drum, Observed, Rig, further_names, parameter_names
+from lmeasure.rig import FURTHER, FURTHER_KEYS, Cable, CalibrationRecord, Drum, Observed, Rig, SensorChannel, further_names, parameter_names
 from lmeasure.sensors import stated_errors
 from lmeasure.sensors.effect_laws import DIMENSIONS
 from lmeasure.sensors.imperfect_parts import every_part
@@ -76,8 +76,11 @@ def unsolved_columns(
     names = channel_names(rig, chosen, wide=wide)
     known = () if record is None else record.dimensions
     solved = () if record is None else record.names
-    drawn = tuple(c for c in chosen if isinstance(c, Cable))
-    stated = {n: v.u for v in stated_errors.stated(rig, drawn, solved, DIMENSIONS) for n in v.names}
+    stated = {n: v.u for v in stated_errors.stated(rig, chosen, solved, DIMENSIONS) for n in v.names}
+    # zeros of sensors are sources of their own, which a run may tell
+    for sensor in {c.channel: c.table for c in chosen if isinstance(c, SensorChannel)}.values():
+        own = {f"{sensor.channel}.{p.key}": sensor.u(p) * p.factor for p in sensor.solvable() if p.key != sensor.zero}
+        stated |= {name: u for name, u in own.items() if u and name not in solved}
     own = _selected(rig, chosen, names, tuple(stated)) * np.array(list(stated.values()))
     if record is None or not known:
         return own

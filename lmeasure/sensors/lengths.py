@@ -29,7 +29,7 @@ from lmeasure.kernels import (
     span_lengths as cable_kernels_span_lengths,
 )
 from lmeasure.recording import Run, unwrap
-from lmeasure.rig import AngleEncoder, Cable, Drum, Observed, Rig, Swivel
+from lmeasure.rig import Drum, Observed, Rig, SensorTable, cables_among
 from lmeasure.sensors.cable_effects import effects_of, zero_at
 from lmeasure.sensors.rejected_samples import Reasons, on_time_base, other_times, rate_notes, reasons_of
 from lmeasure.sensors.stated_errors import last_travel
@@ -230,6 +230,8 @@ def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None
     bad = np.argwhere(~np.isfinite(out))
     if len(bad):
         i, j = (int(x) for x in bad[0])
+        if not chosen[j].is_cable and chosen[j].kind not in ("swivel", "inclination"):
+            raise GeometryError(f"pose {i + 1}: {chosen[j].kind} {chosen[j].name} has no reading there")
         if not chosen[j].from_point:
             raise GeometryError(f"pose {i + 1}: inclination {chosen[j].name}: its axis is upright: how far it leans has no direction there")
         raise GeometryError(
@@ -255,12 +257,13 @@ def counts_from_poses(
     """
     chosen = rig.cable if cables is None else cables
     every = span_lengths(rig, np.vstack([zero[None, :], rows]), chosen)
-    channel_rows, m = rig.cable_rows(chosen), sum(isinstance(c, Cable) for c in chosen)
-    absolute = np.array([rig.counter(c).codes is not None for c in chosen])
+    channel_rows, m = rig.cable_rows(chosen), sum(c.is_cable for c in chosen)
+    absolute = np.array([rig.counter(c).absolute for c in chosen])
+    angles = [not c.is_length for c in chosen]
     # readings of angles go on along the motion, beyond half a turn too
-    every[:, m:] = np.unwrap(every[:, m:], axis=0)
+    every[:, angles] = np.unwrap(every[:, angles], axis=0)
     all_counts = np.asarray(counts_from_changes(channel_rows, every[1:] - np.where(absolute, 0.0, every[0])))
-    cables = tuple(c for c in chosen if isinstance(c, Cable))
+    cables = cables_among(chosen)
     effects = effects_of(rig, cables)
     if effects is None:
         return all_counts
@@ -304,16 +307,22 @@ def changes_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Observed, ..
     return np.asarray(cable_kernels_changes_from_counts(rig.cable_rows(cables), np.ascontiguousarray(counts)))
 
 
+def rounding_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(m,) variance [mm^2, rad^2] of a length or angle by the rounding of its count: uniform within half a recorded count."""
+    return np.array([(rig.counter(c).per_count / rig.counter(c).scale) ** 2 / 12.0 for c in (rig.cable if cables is None else cables)])
+
+
 def count_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
-    """(m,) variance [mm^2, rad^2] of a length or angle read in whole counts: independent, uniform within half a recorded count."""
+    """(m,) variance [mm^2, rad^2] of a length or angle read in whole counts: uniform within half a recorded count, and what a sensor
+    states of its readings; independent."""
     chosen = rig.cable if cables is None else cables
-    return np.array([(rig.counter(c).per_count / rig.counter(c).scale) ** 2 / 12.0 for c in chosen])
+    return rounding_variance(rig, chosen) + np.array([rig.counter(c).u_reading ** 2 for c in chosen])
 
 
-def _play(counter: Drum | AngleEncoder, counts: FloatArray, state: FloatArray | None = None) -> FloatArray:
+def _play(counter: Drum | SensorTable, counts: FloatArray, state: FloatArray | None = None) -> FloatArray:
     """(n,) counts that a swivel's reading is off by its play, by the way it turned last in true counts (n,); state as that of
     `last_travel`."""
-    width = counter.backlash_deg if isinstance(counter, Swivel) else None
+    width = getattr(counter, "backlash_deg", None)
     if not width:
         return np.zeros(len(counts))
     half = width / 720.0 * counter.counts_per_revolution
@@ -363,7 +372,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     gone_on = np.full((n, m), np.nan)
     reasons: list[Reasons] = []
     notes: list[Message] = []
-    believed: dict[str, dict[str, tuple[Drum | AngleEncoder, float]]] = {p.source: {} for p in run.passes}
+    believed: dict[str, dict[str, tuple[Drum | SensorTable, float]]] = {p.source: {} for p in run.passes}
     missed_mm = np.zeros((n, m))
     others: dict[int, OtherTimes | None] = {}
     skewed = any(p.u_time_s is not None for p in run.passes)
@@ -373,13 +382,15 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         counts = run.passes[c.passage - 1]
         drum = run.rig.counter(c)
         state = None if counters is None else counters[j]
+        # an absolute sensor without codes does not wrap
+        fresh = np.zeros(STATE) if state is None and drum.absolute and drum.codes is None else state
         counter = unwrap(
             counts.of(c.channel),
             counts.time_s,
             max_rate=drum.rate,
             bits=drum.counter_bits,
             stated=drum.rate_stated,
-            state=state,
+            state=fresh,
             codes=drum.codes,
         )
         if counter.inferred_bits is not None:
@@ -388,7 +399,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             believed[counts.source][c.channel] = drum, counter.believed_rate
         values = counter.counts * drum.count_sign / drum.scale
         way = None if state is None else state[None, STATE:]
-        values += _lag(drum, values, way) if isinstance(drum, Drum) else -_play(drum, values, way)
+        values += -_play(drum, values, way) if isinstance(drum, SensorTable) else _lag(drum, values, way)
         why = reasons_of(counter, c.channel, drum, counts.time_s)
         if c.passage > 1:
             if c.passage not in others:
@@ -423,6 +434,14 @@ def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Le
             flags[first], cause[first], where[first] = flag, said, c.name
     return replace(
         lengths, change_mm=changes_from_counts(rig, k, rig.observed), counts=k, flags=flags, cause=cause, cable=where, reasons=reasons
+    )
+
+
+def channel_finding(channel: Observed) -> Finding:
+    """Return a channel by its kind and name."""
+    named = channel.kind in ("cable", "swivel", "inclination", "distance")
+    return (
+        finding(f"channel.{channel.kind}", name=channel.name) if named else finding("channel.sensor", kind=channel.kind, name=channel.name)
     )
 
 

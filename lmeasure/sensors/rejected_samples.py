@@ -9,7 +9,7 @@ import numpy as np
 from lmeasure.core import BoolArray, FloatArray, OtherTimes, Status
 from lmeasure.kernels import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.recording import Unwrapped
-from lmeasure.rig import AngleEncoder, Drum
+from lmeasure.rig import Drum, SensorTable
 from lmeasure.text import Cause, Message, message
 
 SLACK_S = 0.5  # a cable that lost the tool is taut again before
@@ -33,7 +33,7 @@ class Reason(NamedTuple):
 Reasons = tuple[Reason, ...]
 
 
-def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time_s: FloatArray) -> Reasons:
+def reasons_of(counter: Unwrapped, channel: str, drum: Drum | SensorTable, time_s: FloatArray) -> Reasons:
     """Why samples of a channel, at times (n,), are not used."""
     speed = _speed(drum, drum.rate)
     in_pauses = _speed(drum, counter.believed_rate or drum.rate)
@@ -55,7 +55,7 @@ def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time
     return tuple(reason for reason in every if reason.mask.any())
 
 
-def rate_notes(source: str, believed: Mapping[str, tuple[Drum | AngleEncoder, float]]) -> list[Message]:
+def rate_notes(source: str, believed: Mapping[str, tuple[Drum | SensorTable, float]]) -> list[Message]:
     """That rates [1/s] of the counters of these channels were taken from their motion: a note for each of the keys that nobody stated."""
     found: dict[str, tuple[list[str], float]] = {}
     for channel, (drum, rate) in believed.items():
@@ -65,11 +65,9 @@ def rate_notes(source: str, believed: Mapping[str, tuple[Drum | AngleEncoder, fl
     return [message("counts.rate", source=source, channels=", ".join(c), key=key, limit=most) for key, (c, most) in found.items()]
 
 
-def _speed(drum: Drum | AngleEncoder, rate: float) -> dict[str, Any]:
+def _speed(drum: Drum | SensorTable, rate: float) -> dict[str, Any]:
     """The key that bounds a counter's rate, and the value that it has for this one [1/s]."""
-    if isinstance(drum, Drum):
-        return {"key": "max_cable_speed_mm_s", "limit": rate * drum.count_length_mm / drum.scale}
-    return {"key": "max_speed_deg_s", "limit": rate * 360.0 / drum.counts_per_revolution}
+    return {"key": drum.rate_key, "limit": rate * drum.speed_per_count}
 
 
 def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> BoolArray:
@@ -104,14 +102,14 @@ def other_times(time_s: FloatArray, base_s: FloatArray) -> OtherTimes | None:
 
 
 def on_time_base(
-    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, *, drum: Drum | AngleEncoder
+    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, *, drum: Drum | SensorTable
 ) -> tuple[FloatArray, FloatArray, Reasons]:
     """Counts of a later pass at pass 1's times and by how much they may miss there, in counts; what lies outside it, in a hole of it, or
     next to a sample that is not good, is flagged."""
     good = np.isfinite(values)
     for reason in reasons:
         good &= ~reason.mask
-    mm = drum.per_count * (1.0 if isinstance(drum, Drum) else ARM_MM)
+    mm = drum.per_count * (1.0 if drum.is_length else ARM_MM)
     out, missed = times.read(values, good, 1.0 / drum.scale, SMOOTH_MM / mm)
     moved = (
         *(Reason(times.either(mask), flag, said) for mask, flag, said in reasons),

@@ -9,7 +9,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, TANGENT, last_travel as kernels_last_travel
-from lmeasure.rig import Cable, CalibrationRecord, Rig, attachment_names
+from lmeasure.rig import Cable, CalibrationRecord, Observed, Rig, attachment_names
 from lmeasure.sensors.cable_effects import Zero
 from lmeasure.sensors.effect_laws import (
     ATTACHMENT,
@@ -110,7 +110,7 @@ class Variable:
 
 
 def stated(
-    rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = STATED
+    rig: Rig, cables: tuple[Observed, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = STATED
 ) -> list[Variable]:
     """What the rig states to be uncertain; solved: names of a calibration's parameters, which are not counted again."""
     known = set(solved)
@@ -141,10 +141,12 @@ def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[st
     return out
 
 
-def _places(rig: Rig, cables: tuple[Cable, ...] | None, kinds: tuple[CableEffect, ...]) -> Iterator[tuple[CableEffect, str]]:
+def _places(rig: Rig, cables: tuple[Observed, ...] | None, kinds: tuple[CableEffect, ...]) -> Iterator[tuple[CableEffect, str]]:
     chosen = rig.cable if cables is None else cables
+    points = dict.fromkeys(c.to_point for c in chosen if c.to_point)
+    drums = dict.fromkeys(c.from_point for c in chosen if c.is_cable)
     for kind in kinds:
-        yield from ((kind, name) for name in dict.fromkeys(c.to_point if kind is ATTACHMENT else c.from_point for c in chosen))
+        yield from ((kind, name) for name in (points if kind is ATTACHMENT else drums))
 
 
 def _stated(rig: Rig, kind: CableEffect, owner: str) -> float | None:

@@ -19,12 +19,15 @@ from lmeasure.kernels import (
     ECCENTRIC_PHASE,
     ECCENTRICITY,
     GUIDE_XYZ,
+    INCLINATION,
     KIND,
     ON_AXIS_MM,
     RADIUS,
     SWIVEL,
     TANGENT,
     TRAVEL,
+    span_lengths,
+    span_rows_of,
 )
 from lmeasure.linkages import pluecker_rows
 
@@ -79,9 +82,16 @@ def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatA
     arm = arms(cables, poses)
     found = spans(cables, poses, arm)
     readings, rows = found.length, pluecker_rows(arm, found.direction)
+    laws = {SWIVEL: _swivel, INCLINATION: _inclination}
     for j in np.flatnonzero(cables[:, KIND] != CABLE):
-        readings[:, j], rows[:, j] = (_swivel if cables[j, KIND] == SWIVEL else _inclination)(cables[j], poses, arm[:, j])
+        law = laws.get(int(cables[j, KIND]), _compiled)
+        readings[:, j], rows[:, j] = law(cables[j], poses, arm[:, j])
     return readings, rows
+
+
+def _compiled(channel: FloatArray, poses: FloatArray, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    row, at = np.ascontiguousarray(channel[None]), np.ascontiguousarray(poses)
+    return span_lengths(row, at)[:, 0], span_rows_of(row, at)[:, 0]
 
 
 def _swivel(channel: FloatArray, poses: FloatArray, arm: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.rig import Observed, Rig
-from lmeasure.sensors.lengths import count_variance
+from lmeasure.sensors.lengths import count_variance, rounding_variance
 
 
 def zeroed_exactly(rig: Rig, cables: tuple[Observed, ...] | None = None) -> BoolArray:
     """(m,) whether a recorded count of zero is k = 0 exactly; an absolute encoder is not zeroed at all."""
     chosen = rig.cable if cables is None else cables
-    return np.array([rig.counter(c).zero_exact or rig.counter(c).codes is not None for c in chosen], dtype=np.bool_)
+    return np.array([rig.counter(c).zero_exact or rig.counter(c).absolute for c in chosen], dtype=np.bool_)
 
 
 def drawn_phases(rig: Rig, rng: np.random.Generator, cables: tuple[Observed, ...] | None = None) -> FloatArray:
@@ -29,7 +29,7 @@ def drawn_phases(rig: Rig, rng: np.random.Generator, cables: tuple[Observed, ...
 def phase_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(m,) variance [mm^2] of a length by where within a count its counter was zeroed: uniform within half a recorded count, the same for
     all rows counted from one zeroing (`Rig.zeroings`); 0 where the zero is exact."""
-    return np.where(zeroed_exactly(rig, cables), 0.0, count_variance(rig, cables))
+    return np.where(zeroed_exactly(rig, cables), 0.0, rounding_variance(rig, cables))
 
 
 def phase_columns(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:

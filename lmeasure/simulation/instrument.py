@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.recording import Counts, Poses, Run, poses_from_rows
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Rig
 from lmeasure.sensors import drawn_phases, recorded_from_counts
 from lmeasure.simulation.machine import as_drawn, true_counts, with_play
 from lmeasure.simulation.motion import scattered_poses
@@ -60,7 +60,9 @@ def simulate_run(
         cables = tuple(c for c in rig.observed if c.passage == number)
         true = true_counts(rig, poses, start, cables, temperature_c=temperature_c, zero_temperature_c=warm)
         true = with_play(rig, true, cables, plays)
-        scatter = np.array([(noise_mm if isinstance(c, Cable) else math.radians(noise_deg)) / rig.counter(c).per_count for c in cables])
+        counters = [rig.counter(c) for c in cables]
+        noise = [np.hypot(noise_mm if c.is_length else math.radians(noise_deg), c.u_reading) / c.per_count for c in counters]
+        scatter = np.array(noise)
         noisy = true + rng.normal(0.0, 1.0, true.shape) * scatter if scatter.any() else true
         recorded = recorded_from_counts(rig, noisy, cables, phase[[c.passage == number for c in rig.observed]])
         passes.append(
@@ -111,13 +113,17 @@ def campaign_at(
 
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
     temperature_c (n,) at the poses has the effects that the rig states. The counters are zeroed at the first pose, anywhere within a count
-    unless the drum's zero is exact; parts that are not as drawn are in the counts, and not in the nominal rig.
+    unless the drum's zero is exact; other sensors err as they state. Parts that are not as drawn are in the counts, and not in the nominal
+    rig.
     """
     count, cables = len(poses), tuple(c for c in rig.observed if c.passage == 1)
     warm = None if temperature_c is None else float(temperature_c[0])
     counts = true_counts(rig, poses, poses[0], cables, temperature_c=temperature_c, zero_temperature_c=warm)
     of_phases, plays = rng.spawn(2)
     counts = with_play(rig, counts, cables, plays)
+    of_sensors = of_phases.spawn(1)[0]
+    counters = [rig.counter(c) for c in cables]
+    counts = counts + of_sensors.normal(size=counts.shape) * [c.u_reading / c.per_count for c in counters]
     recorded = recorded_from_counts(rig, counts, cables, drawn_phases(rig, of_phases, cables))
     shift, turn = u_position_mm * rng.normal(size=(count, 3)), u_rotation_rad * rng.normal(size=(count, 3))
     rows = se3.displaced(poses, np.column_stack([turn, shift]))
@@ -137,4 +143,5 @@ def campaign_at(
             )
         }
     )
+    nominal = nominal.with_sensors(lambda sensor: sensor.drawn(of_sensors))
     return SimulatedCampaign(nominal, rig, measured, poses, tuple(c.channel for c in cables), recorded, temperature_c)

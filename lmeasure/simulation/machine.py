@@ -11,7 +11,7 @@ slot's other end takes it along.
 import numpy as np
 
 from lmeasure.core import FloatArray, se3
-from lmeasure.rig import Cable, Drum, ObservationPoint, Observed, Rig
+from lmeasure.rig import Cable, Drum, ObservationPoint, Observed, Rig, cables_among
 from lmeasure.sensors import counts_from_poses, effects_of
 
 GUIDE_MM = 500.0
@@ -43,11 +43,10 @@ def true_counts(
     drawn = counts_from_poses(plain, poses, zero, cables, temperature_c=temperature_c, zero_temperature_c=zero_temperature_c)
     if plain is rig:
         return drawn
-    for j, c in enumerate(cables):
-        if isinstance(c, Cable):
-            change = machine_counts(rig, c, poses, zero)
-            # heat, stretch and sag act on next to nothing of what the parts do
-            drawn[:, j] = change if effects_of(plain) is None else drawn[:, j] + change - machine_counts(plain, c, poses, zero)
+    for j, c in enumerate(cables_among(cables)):
+        change = machine_counts(rig, c, poses, zero)
+        # heat, stretch and sag act on next to nothing of what the parts do
+        drawn[:, j] = change if effects_of(plain) is None else drawn[:, j] + change - machine_counts(plain, c, poses, zero)
     return drawn
 
 

@@ -87,14 +87,14 @@ class Bench:
     def _turn(self, encoder: int, degrees: float) -> None:
         """As a person does, nearly; codes begin anew after a revolution."""
         at = len(self.rig.cable) + self.faults.get("encoders", range(9))[encoder]
-        e = self.rig.encoders[encoder]
+        e = self.rig.sensors[encoder]
         self.counts[at] = (self.counts[at] + round(degrees * 1.1 / 360.0 * self.faults.get("codes", e.counts_per_revolution))) % 2**17
 
     def _move(self, cable: int, counts: float) -> None:
         wiring = self.faults.get("wiring", range(6))
         self.counts[wiring[cable]] += round(counts) * self.faults.get("sign", 1)
         # the pulley turns a little with its cable
-        if self.rig.encoders:
+        if self.rig.sensors:
             self.counts[len(self.rig.cable) + cable] += 90
 
     def check(self) -> Check:

@@ -13,7 +13,7 @@ from lmeasure.calibration import Campaign, Model, unknowns_of
 from lmeasure.calibration.solve.frame import model_of
 from lmeasure.core import se3
 from lmeasure.recording import Poses
-from lmeasure.rig import GROUPS, Rig, Turned, rig_from_dict
+from lmeasure.rig import GROUPS, Rig, SensorChannel, rig_from_dict
 from lmeasure.sensors import counts_from_poses
 
 FloatArray = NDArray[np.float64]
@@ -120,8 +120,8 @@ def test_zeros_of_encoders_are_begun_where_their_readings_put_them() -> None:
     counts[there[0], last] += 20.0
     off = Model(replace(campaign, counts=counts), unknowns_of(campaign, ("position",)))
     observed = campaign.cables[last]
-    assert isinstance(observed, Turned)
-    per_count = 360.0 / observed.encoder.counts_per_revolution
+    assert isinstance(observed, SensorChannel)
+    per_count = 360.0 / observed.table.counts_per_revolution
     moved = np.where(np.array(off.parameters.names) == f"{campaign.cables[last].channel}.zero_deg", 20.0 * per_count / len(there), 0.0)
     assert moved.any()
     np.testing.assert_allclose(np.abs(off.zeros_begun(away) - model.start), moved, atol=1e-7)
@@ -176,7 +176,7 @@ def test_an_attachment_that_is_off_moves_lengths_and_angles(encoders: bool) -> N
     found = model.unsolved_shifts(model.start)
     names = [name for v in model.unsolved.variables for name in v.names]
     assert len(names) == found.shape[1] == 3 * len({c.to_point for c in rig.cable})
-    turned = np.array([isinstance(c, Turned) for c in campaign.cables])[model.cable_index]
+    turned = np.array([not c.is_cable for c in campaign.cables])[model.cable_index]
     assert turned.any() == encoders
     for name, column in zip(names, found.T, strict=True):
         ends = []

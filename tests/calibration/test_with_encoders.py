@@ -18,7 +18,7 @@ from lmeasure.calibration.solve.frame import condition, free_motions, model_of, 
 from lmeasure.core import CalibrationError, FileFormatError
 from lmeasure.estimation import parameter_information
 from lmeasure.recording import Poses
-from lmeasure.rig import GUIDE, PLACE, Rig, Turned, rig_from_dict, with_values
+from lmeasure.rig import GUIDE, PLACE, Rig, rig_from_dict, with_values
 from lmeasure.sensors import counts_from_poses, drawn_phases, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig
 
@@ -187,7 +187,7 @@ def test_files_with_too_little_or_too_much_are_read_or_refused(tmp_path: Path) -
 
     written([r[:-1] for r in lines])
     campaign = read_campaign(folder)
-    assert [o.channel for o in campaign.cables if isinstance(o, Turned)] == ["sw1", "sw2", "sw3", "sw4", "sw5"]
+    assert [o.channel for o in campaign.cables if not o.is_cable] == ["sw1", "sw2", "sw3", "sw4", "sw5"]
     assert any("sw6" in note for note in campaign.notes)
     written([[*r[:-1], "131072"] if i == 3 else r for i, r in enumerate(lines)])
     with pytest.raises(FileFormatError, match=r"counts.csv:4: channel sw6: 131072 is no code"):

@@ -26,7 +26,8 @@ from lmeasure.rig import (
     with_kernel_values,
     with_values,
 )
-from lmeasure.rig.parameters import ANYWHERE_DEG, EXACT, same_direction, stated_u
+from lmeasure.rig.parameters import EXACT, same_direction, stated_u
+from lmeasure.rig.sensor_table import ANYWHERE_DEG
 from lmeasure.simulation import cell_rig
 
 

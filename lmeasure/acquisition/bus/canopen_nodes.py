@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from lmeasure.acquisition.bus.canopen_objects import Objects, check_identity, position_place
 from lmeasure.acquisition.counters.decoders import ALL_BITS, CounterField, field_at
 from lmeasure.core import AcquisitionError
-from lmeasure.rig import AngleEncoder, CanOpenCan, Drum, NodeChannel, Rig
+from lmeasure.rig import CanOpenCan, Drum, NodeChannel, Rig, SensorTable
 
 if TYPE_CHECKING:
     import can
@@ -113,7 +113,7 @@ def scan(network: Any) -> list[int]:
     return sorted(network.scanner.nodes)
 
 
-def _device(network: Any, wanted: NodeChannel, drum: Drum | AngleEncoder, table: CanOpenCan) -> Device:
+def _device(network: Any, wanted: NodeChannel, drum: Drum | SensorTable, table: CanOpenCan) -> Device:
     node = _Node(network, wanted.node, wanted.channel)
     device_type = node.need(0x1000)
     if device_type & 0xFFFF != ENCODER_PROFILE:

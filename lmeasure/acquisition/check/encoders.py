@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmeasure.acquisition.check.watch import LEAST_TURN_DEG, Watch
-from lmeasure.rig import Inclination, Swivel, Turned
+from lmeasure.acquisition.check.watch import LEAST_PULL_MM, LEAST_TURN_DEG, Watch
+from lmeasure.rig import SensorChannel
 
 STEPS = 3
 ASKED_DEG = 45.0
@@ -19,6 +19,7 @@ TILTED_DEG = 5.0
 AS_ASKED = 0.5
 """By how many doublings that may be off: an encoder of half or twice the resolution is farther."""
 LEAST_TILT_DEG = 1.0
+MOVED_MM = 50.0
 CROSSTALK = 0.2
 """Of the turned pulley's way: what another one may turn with it."""
 PLAY_DEG = 0.5
@@ -38,60 +39,89 @@ class EncoderCheck:
     faults: tuple[str, ...] = ()
 
 
-def encoder_checked(watch: Watch, one: Turned, every: tuple[Turned, ...], *, turns: bool, settle_s: float) -> EncoderCheck:
-    """One encoder of a pass among every of them, again as often as the person wants; turns: see about how many counts a revolution has."""
-    what = f"swivel of {one.from_point}" if isinstance(one.encoder, Swivel) else f"inclination {one.name}"
-    alike = [watch.channels.index(o.channel) for o in every if type(o.encoder) is type(one.encoder)]
-    return watch.until_right(
-        lambda: _once(watch, one, what, alike, turns=turns, settle_s=settle_s), lambda found: (what[0].upper() + what[1:], found.faults)
-    )
+@dataclass(frozen=True)
+class _Motion:
+    """What a person does to one sensor: before, the motion, and back. called: how the sensor is called; act: the motion for a simulated
+    cell; about, least: by how much the reading must rise, in the unit; alone: whether the others of its kind must stand still."""
+
+    before: str
+    motion: str
+    after: str
+    called: str
+    act: str
+    about: float
+    least: float
+    unit: str = "degrees"
+    alone: bool = False
 
 
-def _asked(one: Turned) -> tuple[str, str, str]:
-    """What a person is asked for: before, the motion, and back."""
-    if isinstance(one.encoder, Inclination):
-        axis = ", ".join(f"{x:g}" for x in one.encoder.axis)
+def _motion(one: SensorChannel) -> _Motion:
+    if one.kind == "swivel":
+        point = one.from_point
+        return _Motion(
+            f"Swivel pulley of {point}: get ready, do not turn it yet",
+            f"Turn the swivel pulley of {point} by about {ASKED_DEG:g} degrees, clockwise as seen along the cable from the drum, "
+            "and hold it",
+            f"Let the swivel pulley of {point} back to where it was",
+            f"swivel of {point}",
+            f"swing {one.name} {ASKED_DEG:g}",
+            ASKED_DEG,
+            LEAST_TURN_DEG,
+            alone=True,
+        )
+    if one.kind == "inclination":
+        axis = ", ".join(f"{x:g}" for x in getattr(one.table, "axis", ()))
         side = f"the side to which its axis ({axis}) points"
         motion = f"Tilt the tool by about {TILTED_DEG:g} degrees so that it rises on {side}, and hold it"
-        return "Tool: get ready to tilt it, do not move it yet", motion, "Tilt the tool back to where it was"
-    point = one.from_point
-    return (
-        f"Swivel pulley of {point}: get ready, do not turn it yet",
-        f"Turn the swivel pulley of {point} by about {ASKED_DEG:g} degrees, clockwise as seen along the cable from the drum, and hold it",
-        f"Let the swivel pulley of {point} back to where it was",
+        act = f"swing {one.name} {TILTED_DEG:g}"
+        return _Motion(
+            "Tool: get ready to tilt it, do not move it yet", motion, "Tilt the tool back to where it was", f"inclination {one.name}", act,
+            TILTED_DEG, LEAST_TILT_DEG,
+        )  # fmt: skip
+    about, least, unit = (MOVED_MM, LEAST_PULL_MM, "mm") if one.is_length else (TILTED_DEG, LEAST_TILT_DEG, "degrees")
+    motion = one.table.motion or "Move the tool so that its reading rises"
+    return _Motion(
+        f"{one.kind} {one.name}: get ready, do not move the tool yet", f"{motion} by about {about:g} {unit}, and hold it",
+        "Move the tool back to where it was", f"{one.kind} {one.name}", f"swing {one.name} {about:g}", about, least, unit,
+    )  # fmt: skip
+
+
+def encoder_checked(watch: Watch, one: SensorChannel, every: tuple[SensorChannel, ...], *, turns: bool, settle_s: float) -> EncoderCheck:
+    """One sensor of a pass among every of them, again as often as the person wants; turns: see about how many counts a revolution has."""
+    motion = _motion(one)
+    what, alike = motion.called, [watch.channels.index(o.channel) for o in every if o.kind == one.kind]
+    return watch.until_right(
+        lambda: _once(watch, one, motion, alike, turns=turns, settle_s=settle_s), lambda found: (what[0].upper() + what[1:], found.faults)
     )
 
 
-def _once(watch: Watch, one: Turned, what: str, alike: list[int], *, turns: bool, settle_s: float) -> EncoderCheck:
-    swivel, channels = isinstance(one.encoder, Swivel), watch.channels
-    before, motion, after = _asked(one)
-    start = watch.step(before, settle_s)[0]
-    end, _ = watch.step(motion, settle_s, one.channel if swivel else "", f"swing {one.name} {ASKED_DEG if swivel else TILTED_DEG:g}")
-    back, _ = watch.step(after, settle_s, act=f"let {one.name}")
+def _once(watch: Watch, one: SensorChannel, motion: _Motion, alike: list[int], *, turns: bool, settle_s: float) -> EncoderCheck:
+    channels, what, unit = watch.channels, motion.called, motion.unit
+    start = watch.step(motion.before, settle_s)[0]
+    end, _ = watch.step(motion.motion, settle_s, one.channel if motion.alone else "", motion.act)
+    back, _ = watch.step(motion.after, settle_s, act=f"let {one.name}")
     turned = (end - start) * watch.unit
     way = np.abs(turned)
     j = alike[int(np.argmax(way[alike]))]
-    least = LEAST_TURN_DEG if swivel else LEAST_TILT_DEG
-    if way[j] < least:
-        kind = "swivel" if swivel else "inclination"
-        return EncoderCheck(what, one.channel, faults=(f"no {kind} turned by {least:g} degrees{watch.instead(way)}",))
+    if way[j] < motion.least:
+        return EncoderCheck(what, one.channel, faults=(f"no {one.kind} turned by {motion.least:g} {unit}{watch.instead(way)}",))
     faults = []
     if channels[j] != one.channel:
         faults.append(f"channel {channels[j]} turned, the rig says {one.channel}")
     others = [channels[i] for i in alike if i != j and way[i] > CROSSTALK * way[j]]
-    if swivel and others:
+    if motion.alone and others:
         faults.append(f"{', '.join(others)} turned with it")
     direction = int(np.sign(turned[j]))
-    if direction != one.encoder.count_sign:
-        faults.append(f"counts {'up' if direction > 0 else 'down'}, the rig says count_sign = {one.encoder.count_sign}")
+    if direction != one.table.count_sign:
+        faults.append(f"counts {'up' if direction > 0 else 'down'}, the rig says count_sign = {one.table.count_sign}")
     play = float((back[j] - start[j]) * watch.unit[j])
-    if abs(play) > PLAY_DEG:
+    if unit == "degrees" and abs(play) > PLAY_DEG:
         faults.append(f"came back {play:+.2f} degrees from where it was: loose on its shaft, or the cable does not take it along")
-    doublings = math.log2(way[j] / ASKED_DEG)
-    if swivel and turns and abs(doublings) > AS_ASKED and channels[j] == one.channel:
-        counts = one.encoder.counts_per_revolution * way[j] / ASKED_DEG
+    doublings = math.log2(way[j] / motion.about)
+    if motion.alone and turns and abs(doublings) > AS_ASKED and channels[j] == one.channel:
+        counts = one.table.counts_per_revolution * way[j] / motion.about
         faults.append(
-            f"turned by {way[j]:.0f} degrees with counts_per_revolution = {one.encoder.counts_per_revolution}; if it was by about "
-            f"{ASKED_DEG:g}, a revolution has about {counts:.2g} counts"
+            f"turned by {way[j]:.0f} degrees with counts_per_revolution = {one.table.counts_per_revolution}; if it was by about "
+            f"{motion.about:g}, a revolution has about {counts:.2g} counts"
         )
     return EncoderCheck(what, one.channel, channels[j], direction, float(way[j]), play, tuple(faults))

@@ -16,7 +16,7 @@ from lmeasure.acquisition.check.watch import AGAIN as AGAIN, LEAST_PULL_MM, Ask 
 from lmeasure.acquisition.counters.wraps import range_notes
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, DataFrame, Shown, framed
-from lmeasure.rig import Cable, Rig, Turned, default_can, rig_from_dict
+from lmeasure.rig import Cable, Rig, SensorChannel, default_can, rig_from_dict
 
 REST_S = 1.0
 """How long the counters are looked at before anything is moved."""
@@ -88,7 +88,7 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
     AcquisitionError when a channel does not show at all; it says what the bus shows instead.
     """
     cables = rig.cables_of(passage)
-    turned = tuple(o for o in rig.observed if isinstance(o, Turned) and o.passage == passage)
+    turned = tuple(o for o in rig.observed if isinstance(o, SensorChannel) and o.passage == passage)
     watch = Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3) + STEPS * len(turned))
     watch.begin("Leave all cables at rest")
     time_s, rest = watch.look(REST_S)
@@ -200,7 +200,7 @@ def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any]
         if c.direction is not None and c.direction != before and tables[c.cable]["channel"] == c.moved:
             told.append(f"drum of {point}: count_sign {before} -> {c.direction}")
             points[point]["drum"]["count_sign"] = c.direction
-    turned = {table["channel"]: table for kind in ("swivel", "inclination") for table in data.get(kind, ())}
+    turned = {table["channel"]: table for kind in rig_from_dict(data).sensor_tables for table in data.get(kind, ())}
     owners: dict[str, str | None] = {e.what: e.channel for e in result.encoders}
     if _one_each(result.encoders):
         for e in result.encoders:

@@ -14,7 +14,7 @@ from lmeasure.acquisition.counters.codes import GoneOn, moduli
 from lmeasure.acquisition.counters.samples import SyncAssembler
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, FloatArray
-from lmeasure.rig import Drum, Rig
+from lmeasure.rig import Rig
 
 PATIENCE_S = 2.0
 """How much longer for the first of them."""
@@ -72,9 +72,9 @@ class Watch:
         self.bus = BusWatch.of_rig(rig, link.fields)
         self.channels = [f.channel for f in link.fields]
         known = [rig.counters_of(passage)[c] for c in self.channels]
-        self.lengths = np.array([isinstance(c, Drum) for c in known])
+        self.lengths = np.array([c.is_length for c in known])
         # millimetres, or degrees, of a recorded count
-        self.unit = np.array([c.per_count / c.scale if isinstance(c, Drum) else math.degrees(c.per_count) for c in known])
+        self.unit = np.array([c.per_count / c.scale if c.is_length else math.degrees(c.per_count) for c in known])
         self.least = np.where(self.lengths, LEAST_PULL_MM, LEAST_TURN_DEG)
         self._gone_on = GoneOn(moduli(rig, tuple(self.channels), passage))
         self.last: FloatArray | None = None

@@ -15,7 +15,7 @@ from lmeasure.acquisition.counters.samples import Assembler, StartLine, SyncAsse
 from lmeasure.core import AcquisitionError
 from lmeasure.kernels import rests
 from lmeasure.recording import Counts
-from lmeasure.rig import AngleEncoder, Drum, Rig
+from lmeasure.rig import Drum, Rig, SensorTable
 
 STICK_MM, STICK_DEG = 0.2, 0.02
 """By how much a count may be off its line by itself: a cable that sticks and slips, play."""
@@ -47,7 +47,7 @@ def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) 
     return SyncAssembler(fields, counters, table.sync_id, EventLog(), start_line=start_line)
 
 
-def _counter(field: CounterField, known: Drum | AngleEncoder) -> CounterState:
+def _counter(field: CounterField, known: Drum | SensorTable) -> CounterState:
     """The state of a channel, its limits in the units of its device."""
     drum = isinstance(known, Drum)
     size = (known.per_count if drum else math.degrees(known.per_count)) * field.scale / known.scale

@@ -19,7 +19,7 @@ from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.core import AcquisitionError, BoolArray, FileFormatError, IntArray
 from lmeasure.io import read_regular
 from lmeasure.kernels import FIELD_COLUMNS, extract
-from lmeasure.rig import AngleEncoder, CounterChannel, DbcCan, DbcChannel, Drum, J1939Can, J1939Channel, RawCan, Rig
+from lmeasure.rig import CounterChannel, DbcCan, DbcChannel, Drum, J1939Can, J1939Channel, RawCan, Rig, SensorTable
 
 ALL_BITS = 0x1FFFFFFF
 STANDARD_IDENTIFIERS = 0x800
@@ -157,7 +157,7 @@ Place = tuple[int, int, bool, int, int, Literal["little", "big"], bool]
 """identifier, mask, extended, first bit, bits, byte order, signed."""
 
 
-def field_at(channel: CounterChannel, place: Place, counter: Drum | AngleEncoder) -> CounterField:
+def field_at(channel: CounterChannel, place: Place, counter: Drum | SensorTable) -> CounterField:
     """The field of a channel at a place; its device counts the stated range, else the codes of an absolute encoder, else the counter's
     bits, else all values of the field."""
     identifier, mask, extended, first_bit, bits, byte_order, signed = place
@@ -208,7 +208,7 @@ def _parameter_group(pgn: int, source_address: int | None) -> tuple[int, int]:
     return ((pgn << 8) | (source_address or 0)) & mask, mask
 
 
-def _dbc_fields(table: DbcCan, folder: Path, drums: Mapping[str, Drum | AngleEncoder]) -> tuple[CounterField, ...]:
+def _dbc_fields(table: DbcCan, folder: Path, drums: Mapping[str, Drum | SensorTable]) -> tuple[CounterField, ...]:
     path = folder / table.dbc
     database = dbc_file(path)
     known = {c.channel: c for c in table.channel}
@@ -247,7 +247,7 @@ def _of_signals(message: Any, wanted: list[str]) -> Any:
     return Message(message.frame_id, message.name, message.length, chosen, is_extended_frame=message.is_extended_frame, strict=True)
 
 
-def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Path, drum: Drum | AngleEncoder) -> CounterField:
+def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Path, drum: Drum | SensorTable) -> CounterField:
     """The field of a signal: compiled where it is a plain integer, by cantools where it is multiplexed or a floating-point number."""
     from cantools.database.errors import Error
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField
 from lmeasure.core import BoolArray, FloatArray, IntArray
-from lmeasure.rig import Drum, Rig
+from lmeasure.rig import Rig
 
 ASSUMED_S = 0.02
 """SYNC period for the warning, before the period is known."""
@@ -52,9 +52,8 @@ def range_notes(rig: Rig, fields: Sequence[CounterField], passage: int = 1, peri
         counter = known[f.channel]
         half_s = 0.5 * f.modulus * f.scale / counter.rate
         if counter.codes is None and f.modulus < NO_RANGE and half_s < 2.0 * (period_s or ASSUMED_S):
-            drum = isinstance(counter, Drum)
-            key, unit = ("max_cable_speed_mm_s", "mm/s") if drum else ("max_speed_deg_s", "deg/s")
-            limit = counter.max_cable_speed_mm_s if isinstance(counter, Drum) else counter.max_speed_deg_s
+            key, unit = counter.rate_key, "mm/s" if counter.is_length else "deg/s"
+            limit = counter.rate * counter.speed_per_count
             alike.setdefault((f.modulus, key, limit, unit, half_s), []).append(f.channel)
     return [
         f"{', '.join(channels)}: {modulus} counts pass half their range in {1e3 * half_s:.3g} ms at {limit:g} {unit}: "

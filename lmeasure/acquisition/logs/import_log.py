@@ -221,7 +221,7 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
         raise AcquisitionError(f"rig {rig.name!r}: its [can] table has decoder {rig.can.decoder!r}, which needs no DBC file")
     database = dbc_file(dbc)
     channels = []
-    for name in (*rig.channels, *(e.channel for e in rig.encoders)):
+    for name in rig.all_channels:
         carriers = [m.name for m in database.messages if any(s.name == name for s in m.signals)]
         if len(carriers) != 1:
             what = "no signal of that name is" if not carriers else f"messages {', '.join(carriers)} have a signal of that name"

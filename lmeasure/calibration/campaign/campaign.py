@@ -8,7 +8,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, CalibrationError, DataFrame, FloatArray, IntArray, Shown
 from lmeasure.recording import Poses, joined
-from lmeasure.rig import Cable, Input, Observed, Rig
+from lmeasure.rig import Cable, Input, Observed, Rig, cables_among
 from lmeasure.sensors import ARM_MM, zeroed_exactly
 
 
@@ -70,17 +70,17 @@ class Campaign(Shown):
     @property
     def drums(self) -> tuple[Cable, ...]:
         """The cables alone: the first channels."""
-        return tuple(c for c in self.cables if isinstance(c, Cable))
+        return cables_among(self.cables)
 
     @property
     def from_zero(self) -> BoolArray:
         """(m,) whether a channel counts from its zero pose; absolute encoders do not."""
-        return np.array([self.rig.counter(c).codes is None for c in self.cables], dtype=np.bool_)
+        return np.array([not self.rig.counter(c).absolute for c in self.cables], dtype=np.bool_)
 
     @property
     def mm_per_unit(self) -> FloatArray:
         """(m,) what makes residuals of all channels millimetres: those of angles are what they are at `ARM_MM`."""
-        return np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in self.cables])
+        return np.array([1.0 if c.is_length else ARM_MM for c in self.cables])
 
     @property
     def zero_variances(self) -> FloatArray:
@@ -94,7 +94,13 @@ class Campaign(Shown):
         if self.zero_variance is not None:
             return self.zero_variance
         known = zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0)
-        return np.where(known | ~self.from_zero, 0.0, 1.0 / 12.0)
+        return np.where(~self.from_zero, 0.0, np.where(known, 0.0, 1.0 / 12.0) + self.noise_counts**2)
+
+    @property
+    def noise_counts(self) -> FloatArray:
+        """(m,) standard deviations of single readings besides their rounding, as their sensors state them [recorded counts]."""
+        counters = [self.rig.counter(c) for c in self.cables]
+        return np.array([c.u_reading / c.per_count * c.scale for c in counters])
 
     @property
     def travel(self) -> FloatArray:

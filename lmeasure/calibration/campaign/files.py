@@ -12,7 +12,7 @@ from lmeasure.calibration.campaign.dwells import mean_variance, pooled_scatter
 from lmeasure.core import CalibrationError, FileFormatError, FloatArray, GeometryError, IntArray, conventions
 from lmeasure.io import Column, files, gathered, no_folder
 from lmeasure.recording import read_pose_table, read_poses
-from lmeasure.rig import AngleEncoder, Cable, Drum, Input, Turned, read_rig
+from lmeasure.rig import Drum, Input, SensorChannel, SensorTable, read_rig
 from lmeasure.sensors import ARM_MM, REFERENCE_C, counts_from_poses
 
 _REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
@@ -62,10 +62,10 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
         raise gathered(str(path), [f"{path}:{line}: pose: {name!r} is not in reference_poses.csv" for line, name in lost])
     passage = table.numbers("pass") if "pass" in table.columns else np.ones(len(names))
     measured = tuple(c for c in rig.observed if c.passage in set(passage.tolist()))
-    if not any(isinstance(c, Cable) for c in measured):
+    if not any(c.is_cable for c in measured):
         raise FileFormatError(f"{path}: no cable of the rig belongs to pass {passage[0]:g}")
     # a drum without a column is an error; what an encoder shows is more than what was always needed
-    cables = tuple(c for c in measured if isinstance(c, Cable) or c.channel in table.columns)
+    cables = tuple(c for c in measured if c.is_cable or c.channel in table.columns)
     unread = dict.fromkeys(c.channel for c in measured if c not in cables)
     notes = tuple(f"encoder {channel}: counts.csv has no column of it; nothing is told of it" for channel in unread)
     pose_of = np.array([index[name] for name in names])
@@ -97,10 +97,12 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
         scatter = pooled_scatter(list(readings.values()))
         for i, values in readings.items():
             counts[i, j] = values.mean() * drum.count_sign / drum.scale
-            variance[i, j] = mean_variance(scatter, len(values))
-            dwelt = dwelt or len(values) > 1
+            # noise that the dwells do not show is in every mean all the same
+            noise = (drum.u_reading / drum.per_count * drum.scale) ** 2
+            variance[i, j] = mean_variance(scatter, len(values)) + max(0.0, noise - scatter) / len(values)
+            dwelt = dwelt or len(values) > 1 or noise > 0.0
         zero[j] = place[visit_of[rows[0]], pose_of[rows[0]]]
-        if drum.codes is not None:
+        if drum.absolute:
             continue
         read = readings.get(int(zero[j]), np.zeros(1))
         if not (drum.zero_exact and not read.any()) or (scatter > 0.0 and len(read) > 1):
@@ -152,13 +154,13 @@ def _temperatures(stated: files.Table, counts: files.Table, pose_of: IntArray) -
     return values
 
 
-def _dwell(recorded: FloatArray, drum: Drum | AngleEncoder, what: str) -> FloatArray:
+def _dwell(recorded: FloatArray, drum: Drum | SensorTable, what: str) -> FloatArray:
     """The readings of one dwell, a wrap among them undone; FileFormatError where the robot cannot have stood still."""
     change = recorded - recorded[0]
     full = drum.codes if drum.codes is not None else None if drum.counter_bits is None else 2.0**drum.counter_bits
     if full is not None:
         change = change - full * np.rint(change / full)
-    at_mm = 1.0 if isinstance(drum, Drum) else ARM_MM
+    at_mm = 1.0 if drum.is_length else ARM_MM
     moved = float(change.max() - change.min()) * drum.per_count / drum.scale * at_mm
     if moved > STILL_MM:
         raise FileFormatError(
@@ -237,7 +239,7 @@ def _checked(campaign: Campaign, path: Path) -> Campaign:
         counted = int(np.isfinite(campaign.counts[:, j]).sum())
         if counted < MIN_POSES:
             raise CalibrationError(f"{path}: channel {c.channel} is counted at {counted} pose(s); {MIN_POSES} are the least")
-        if isinstance(c, Turned):
+        if isinstance(c, SensorChannel):
             _check_turning(campaign, j, f"{path}: channel {c.channel}")
             continue
         if campaign.counts[:, j][campaign.used[:, j]].any():

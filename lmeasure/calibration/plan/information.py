@@ -19,7 +19,7 @@ from lmeasure.core import BoolArray, CalibrationError, FloatArray, IntArray
 from lmeasure.estimation import Parameters, blocks
 from lmeasure.kernels import counts_from_changes, length_gradients, span_lengths, span_rows
 from lmeasure.recording import poses_from_rows
-from lmeasure.rig import Cable, Observed, Rig, parameter_names
+from lmeasure.rig import Observed, Rig, parameter_names
 from lmeasure.sensors import ARM_MM, count_variance, counts_from_poses, phase_columns
 
 
@@ -58,8 +58,8 @@ def _channels(rig: Rig, cables: tuple[Observed, ...], unknowns: Parameters) -> _
     return _Channels(
         rig.cable_rows(cables),
         rig.scales(cables),
-        np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in cables]),
-        np.array([rig.counter(c).codes is None for c in cables], dtype=np.bool_),
+        np.array([1.0 if c.is_length else ARM_MM for c in cables]),
+        np.array([not rig.counter(c).absolute for c in cables], dtype=np.bool_),
         (channel, parameter, where[channel, parameter]),
         unit * unknowns.width,
     )

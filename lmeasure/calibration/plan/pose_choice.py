@@ -29,7 +29,7 @@ from lmeasure.estimation import (
 )
 from lmeasure.kernels import span_lengths
 from lmeasure.recording import Poses, joined, poses_from_rows
-from lmeasure.rig import Cable, Observed, Rig, Unobservable
+from lmeasure.rig import Observed, Rig, Unobservable, cables_among
 
 Progress = Callable[[int, int], None]
 
@@ -116,7 +116,7 @@ def plan_poses(rig: Rig, settings: PlanSettings, recorded: Campaign | None = Non
     if settings.criterion not in CRITERIA:
         raise CalibrationError(f"the criterion {settings.criterion!r} is not one of {', '.join(CRITERIA)}")
     channels = _channels(rig, settings, recorded)
-    cables = tuple(c for c in channels if isinstance(c, Cable))
+    cables = cables_among(channels)
     sigma = np.repeat([settings.u_rotation_rad, settings.u_position_mm], 3)
     instrument = Instrument(rig, channels, settings.solve, sigma, visit=repeatability(recorded))
     zone = settings.zone or replace(settings.region, angles=None)
@@ -161,7 +161,7 @@ def repeatability(recorded: Campaign | None) -> FloatArray:
 def _channels(rig: Rig, settings: PlanSettings, recorded: Campaign | None) -> tuple[Observed, ...]:
     if recorded is None:
         cables = tuple(c for c in rig.observed if c.passage in settings.passes)
-        if not any(isinstance(c, Cable) for c in cables):
+        if not any(c.is_cable for c in cables):
             raise CalibrationError(f"rig {rig.name!r}: no cable belongs to pass {', '.join(str(n) for n in settings.passes)}")
         return cables
     own = {(c.name, c.channel, c.from_point, c.to_point, c.passage) for c in rig.observed}

@@ -34,7 +34,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.estimation import MIN_FREEDOM, Deletion, Fit, Parameters, Remainder, fall_test, fit
 from lmeasure.kernels import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, COUNT_LENGTH, GUIDE_XYZ, length_gradients
-from lmeasure.rig import Cable, Finding, ShownEffect, Turned, solved_parameters
+from lmeasure.rig import Finding, ShownEffect, solved_parameters
 from lmeasure.sensors import ECCENTRICITY, OFFSET, RUN_OUT, Unsolved, Variable, Zero, arms, span
 
 CHANCE = 0.01
@@ -262,7 +262,7 @@ def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -
     own_counts = np.ascontiguousarray(counts[:, :m])
     for j, c in enumerate(campaign.cables):
         mine = model.cable_index == j
-        if isinstance(c, Cable):
+        if c.is_cable:
             point = campaign.rig.point(c.from_point)
             for kind, said, holder in (
                 (RUN_OUT, "run-out of the drum", point.drum),
@@ -289,7 +289,7 @@ def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -
             for column, key, said, unit, size, ask in solvable:
                 if f"{c.from_point}.{key}" not in names:
                     yield Effect(said, c.channel, np.where(mine, g[:, column], 0.0)[:, None], unit, size, f"{ask}:{c.from_point}")
-        elif isinstance(c, Turned) and c.from_point:
+        elif c.from_point:
             way = poses[:, :3] + arms(rows[j : j + 1], poses)[:, 0] - rows[j, BASE_XYZ]
             radius = campaign.rig.point(c.from_point).pulley_radius_mm
             trail = radius * (1.0 - span(way, rows[j, GUIDE_XYZ], radius).cosine)

@@ -20,7 +20,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray, IntArray, se3
 from lmeasure.estimation import Parameters
 from lmeasure.kernels import guide_direction
-from lmeasure.rig import GUIDE, PLACE, Inclination, Turned, zero_name
+from lmeasure.rig import GUIDE, PLACE, SensorChannel
 from lmeasure.sensors import guide as guide_frame
 
 MAX_STEPS = 50
@@ -73,7 +73,7 @@ def _places(model: Model) -> tuple[FloatArray, FloatArray]:
 def _zeros(model: Model) -> tuple[IntArray, IntArray]:
     """(s,) indices of the zeros of swivels among the unknowns, and (s, 2) of the guide angles that each is counted from."""
     at = {name: i for i, name in enumerate(model.parameters.names)}
-    every = {zero_name(c): c.from_point for c in model.campaign.cables if isinstance(c, Turned) and c.from_point}
+    every = {f"{c.channel}.zero_deg": c.from_point for c in model.campaign.cables if not c.is_cable and c.from_point}
     found = [(at[name], [at[f"{point}.{key}"] for key in GUIDE]) for name, point in every.items() if name in at]
     return np.array([i for i, _ in found], dtype=np.int64), np.array([g for _, g in found], dtype=np.int64).reshape(len(found), 2)
 
@@ -83,9 +83,10 @@ def free_motions(model: Model) -> FloatArray:
     leaves only the turns about that, an inclinometer or a swivel whose zero is exact."""
     names, ways = model.parameters.names, []
     for c in model.campaign.cables:
-        if isinstance(c, Turned) and isinstance(c.encoder, Inclination):
-            ways.append(np.array(c.encoder.up) / np.linalg.norm(c.encoder.up))
-        elif isinstance(c, Turned) and c.encoder.absolute and zero_name(c) not in names:
+        up = getattr(c.table, "up", None) if isinstance(c, SensorChannel) else None
+        if up is not None:
+            ways.append(np.array(up) / np.linalg.norm(up))
+        elif isinstance(c, SensorChannel) and c.table.absolute and f"{c.channel}.{c.table.zero}" not in names:
             ways.append(np.array([0.0, 0.0, 1.0]))
     if not ways:
         return np.eye(6)

@@ -10,7 +10,6 @@ from scipy.stats import qmc
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.kernels import best_of, descend
-from lmeasure.rig import Cable
 from lmeasure.sensors import changes_from_counts
 
 CANDIDATES_LOG2 = 13
@@ -51,7 +50,7 @@ def point_data(campaign: Campaign, point: str) -> PointData:
     """The data of all cables that leave one observation point."""
     points, changes, zeroed = [], [], []
     for j, c in enumerate(campaign.cables):
-        if c.from_point != point or not isinstance(c, Cable):
+        if c.from_point != point or not c.is_cable:
             continue
         rows = np.concatenate([[campaign.zero[j]], np.flatnonzero(campaign.used[:, j])])
         points.append(campaign.poses.points(campaign.rig.tool[c.to_point])[rows])

@@ -16,8 +16,6 @@ from lmeasure.kernels import (
     BY_ALPHA,
     BY_BETA,
     GUIDE_XYZ,
-    INCLINATION,
-    KIND,
     changes_from_counts,
     guide_direction,
     length_gradients,
@@ -25,10 +23,10 @@ from lmeasure.kernels import (
     span_rows,
 )
 from lmeasure.rig import (
-    ENCODER_ZERO,
     FACTORS,
     SCALE,
     UNSIGNED,
+    ZEROS,
     Observed,
     Rig,
     Slots,
@@ -313,9 +311,12 @@ class Residuals(Problem):
         out, r = theta.copy(), self.residuals(theta)
         for i, name in enumerate(self.parameters.names):
             channel, _, key = name.rpartition(".")
-            if key == ENCODER_ZERO:
+            if key in ZEROS:
                 own = np.array([c.channel == channel for c in self.campaign.cables])[self.cable_index]
                 angles = r[own] / self._per_unit[self.cable_index[own]]
+                if not self._turned[own].any():
+                    out[i] = theta[i] + angles.mean()
+                    continue
                 out[i] = math.remainder(theta[i] + math.degrees(np.angle(np.exp(1j * angles).sum())), 360.0)
         return out
 
@@ -325,6 +326,7 @@ class _Tilt:
 
     def __init__(self, rig: Rig, cables: tuple[Observed, ...], place: dict[str, int], guided: BoolArray) -> None:
         names = [tilt_names(c) for c in cables]
+        self._guided = [j for j, own in enumerate(names) if own]
         self.unknown = np.array([[place.get(n, -1) for n in own] or [-1, -1] for own in names])
         self._stated = np.radians([[value_of(rig, n) or 0.0 for n in own] or [0.0, 0.0] for own in names])
         # rows state the sum of both: of a guide that is solved they have the new angle alone
@@ -337,7 +339,6 @@ class _Tilt:
             return rows
         tilt = np.where(solved, np.radians(theta[self.unknown]), self._stated)
         rows[:, [ALPHA, BETA]] += tilt - self._in_rows
-        for row in rows:
-            if row[KIND] != INCLINATION:
-                row[GUIDE_XYZ] = guide_direction(row[ALPHA], row[BETA])
+        for row in rows[self._guided]:
+            row[GUIDE_XYZ] = guide_direction(row[ALPHA], row[BETA])
         return rows

@@ -7,9 +7,10 @@ import numpy as np
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import CalibrationError, FloatArray, IntArray, se3
 from lmeasure.io import files
+from lmeasure.kernels import follow_least_squares, span_lengths
 from lmeasure.recording import Poses, Run, StatedStart, read_run
-from lmeasure.rig import CABLES_FOR_A_POSE, Inclination, Input, Rig, Swivel, Turned
-from lmeasure.sensors import Lengths, cable_lengths, follow, lengths_from_counts, rig_inclination, swivel_angle
+from lmeasure.rig import CABLES_FOR_A_POSE, Input, Rig
+from lmeasure.sensors import Lengths, count_variance, lengths_from_counts
 
 SAMPLES = 40
 FOLLOWED = 4000
@@ -54,7 +55,7 @@ def campaign_of(run: Run, samples: int = SAMPLES, inputs: tuple[Input, ...] = ()
     chosen = np.unique(np.r_[spread(poses, samples), list(own.values())].astype(np.intp))
     called = {place: name for name, place in own.items()}
     counts = np.vstack([np.zeros(len(rig.observed)), lengths.counts[rows[chosen]]])
-    absolute = np.array([rig.counter(o).codes is not None for o in rig.observed])
+    absolute = np.array([rig.counter(o).absolute for o in rig.observed])
     counts[0, absolute] = np.nan
     names = ("start", *(called.get(int(i), f"{lengths.time_s[rows[i]]:.3f} s") for i in chosen))
     stated = Poses(names, np.vstack([run.start, poses[chosen]]), np.zeros(len(names)), np.zeros(len(names)))
@@ -76,21 +77,17 @@ def _followed(rig: Rig, lengths: Lengths, whole: IntArray, start: FloatArray) ->
     """(k, 7) poses that the rig makes of samples, and which these are: by the cables alone where they tell a pose, for zeros of encoders
     may be anywhere."""
     rows = whole[np.unique(np.linspace(0, len(whole) - 1, FOLLOWED).astype(np.intp))]
-    channels = [*cable_lengths(rig, start)]
-    if len(rig.cable) < CABLES_FOR_A_POSE:
-        for o in rig.observed[len(rig.cable) :]:
-            assert isinstance(o, Turned)
-            e = o.encoder
-            known = {"counts_per_revolution": e.counts_per_revolution, "zero_deg": e.zero_deg or 0.0}
-            if isinstance(e, Swivel):
-                channels.append(swivel_angle(rig, e.channel, o.from_point, o.to_point, **known))  # type: ignore[arg-type]
-            elif isinstance(e, Inclination):
-                channels.append(rig_inclination(e.channel, e.axis, up=e.up, **known))  # type: ignore[arg-type]
-    found = follow(channels, lengths.change_mm[rows][:, : len(channels)], start)
-    ok = np.isfinite(found.poses[:, 0])
+    channels = rig.cable if len(rig.cable) >= CABLES_FOR_A_POSE else rig.observed
+    of, m = rig.cable_rows(channels), len(channels)
+    begun = np.where([rig.counter(o).absolute for o in channels], 0.0, span_lengths(of, start[None])[0])
+    state, changes = np.concatenate([start, np.zeros(m + 1)]), np.ascontiguousarray(lengths.change_mm[rows][:, :m])
+    state[len(start) : -1] = span_lengths(of, start[None])[0] - begun
+    flags, u = np.zeros(len(rows), np.int64), np.sqrt(count_variance(rig, channels))
+    poses = follow_least_squares(of, start, begun, state, changes, flags, u, np.arange(6))[0]
+    ok = np.isfinite(poses[:, 0])
     if ok.sum() < 2:
         raise CalibrationError("the rig makes no poses of the run's counts: it, or the start, is too far from the truth")
-    return found.poses[ok], rows[ok]
+    return poses[ok], rows[ok]
 
 
 def spread(poses: FloatArray, samples: int) -> IntArray:

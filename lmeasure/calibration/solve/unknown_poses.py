@@ -140,7 +140,7 @@ def fit_pose(
     """The free components (d,) [deg, mm] of a pose's shift from the stated one (7,) at which the free spans of the cables, rows (m,
     CABLE_COLUMNS), are of the given lengths (m,), and encoders read the given angles, in the least squares sense, per_unit (m,) [mm]: the
     best that begun (d,) and, where orientations are free, those of many that miss the readings least lead to."""
-    turned = rows[:, KIND] != CABLE
+    turned = rows[:, KIND] > CABLE
     unit = np.where(free < 3, math.radians(1.0), 1.0)
 
     def shift(v: FloatArray) -> FloatArray:

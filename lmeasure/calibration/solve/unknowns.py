@@ -13,8 +13,8 @@ from lmeasure.core import BoolArray, FloatArray, IntArray, se3
 from lmeasure.estimation import Parameters
 from lmeasure.kernels import BY_ATTACHMENT, COUNT_LENGTH, length_gradients
 from lmeasure.recording import Poses
-from lmeasure.rig import ENCODER_ZERO, Rig, Turned, with_values
-from lmeasure.sensors import ATTACHMENT, PLAY, Zero, count_variance
+from lmeasure.rig import Rig, SensorTable, with_values
+from lmeasure.sensors import ATTACHMENT, PLAY, Zero, count_variance, rounding_variance
 
 
 class Model(Residuals):
@@ -46,8 +46,9 @@ class Model(Residuals):
         """
         campaign, j = self.campaign, self.cable_index
         # uniform within half a count is a twelfth
-        of_count = 12.0 * count_variance(campaign.rig, campaign.cables) * self._per_unit**2
-        own = of_count[j] / 12.0 if campaign.dwell_variance is None else of_count[j] * campaign.dwell_variance[self.pose_index, j]
+        of_count = 12.0 * rounding_variance(campaign.rig, campaign.cables) * self._per_unit**2
+        single = count_variance(campaign.rig, campaign.cables) * self._per_unit**2
+        own = single[j] if campaign.dwell_variance is None else of_count[j] * campaign.dwell_variance[self.pose_index, j]
         u_zero, reading = np.sqrt(of_count * campaign.zero_variances), campaign.zero_readings
         uncertain = np.unique(reading[u_zero > 0.0])
         shared = np.where(reading[j][:, None] == uncertain, u_zero[j][:, None], 0.0)
@@ -118,7 +119,10 @@ class Model(Residuals):
     def _play_mm(self) -> tuple[FloatArray, FloatArray]:
         """(m,) half the width of the band in which a reading lies by the way it was come from, as far as it is not known which: of every
         reading, and of where the counter was zeroed, of which it is never known."""
-        half = [math.radians(getattr(c.encoder, "backlash_deg", None) or 0.0) / 2.0 for c in self.campaign.cables if isinstance(c, Turned)]
+        half = [
+            math.radians(getattr(self.campaign.rig.counter(c), "backlash_deg", None) or 0.0) / 2.0
+            for c in self.campaign.cables[self._drums :]
+        ]
         of_angles = half * self._per_unit[self._drums :]
         counts = np.where(self._further[:, PLAY] >= 0, self.parameters.width[self._further[:, PLAY]], np.abs(self._parts.values[:, PLAY]))
         begun = np.hypot(self.unsolved.play_mm, counts * self._rows[: self._drums, COUNT_LENGTH] / self._scales[: self._drums])
@@ -214,12 +218,13 @@ class Model(Residuals):
 
 
 def rig_with(campaign: Campaign, unknowns: Parameters, theta: FloatArray, calibration: str | None, *, u: FloatArray | None = None) -> Rig:
-    """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges; zeros of encoders state their standard
+    """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges; zeros of sensors state their standard
     uncertainties u (p,) too."""
     rig = with_values(campaign.rig, dict(zip(unknowns.names, theta.tolist(), strict=True)))
-    known = {} if u is None else {n.removesuffix(f".{ENCODER_ZERO}"): float(s) for n, s in zip(unknowns.names, u, strict=True)}
-    swivels, leaning = (
-        tuple(e.model_copy(update={"u_zero_deg": min(known[e.channel], 360.0)}) if e.channel in known else e for e in of)
-        for of in (rig.swivel, rig.inclination)
-    )
-    return rig.model_copy(update={"calibration": calibration, "swivel": swivels, "inclination": leaning})
+    known = {} if u is None else dict(zip(unknowns.names, u.tolist(), strict=True))
+
+    def zero(sensor: SensorTable) -> dict[str, float]:
+        name = f"{sensor.channel}.{sensor.zero}"
+        return {f"u_{sensor.zero}": min(known[name], 360.0) if sensor.codes else known[name]} if name in known else {}
+
+    return rig.with_sensors(zero).model_copy(update={"calibration": calibration})

@@ -21,7 +21,7 @@ from lmeasure.calibration.solve.unknown_poses import free_components
 from lmeasure.calibration.solve.unknowns import Model, rig_with
 from lmeasure.core import CalibrationError, FloatArray, se3
 from lmeasure.estimation import Eliminated, Parameters
-from lmeasure.rig import Cable, CalibrationRecord, Finding, Residual, Rig, value_of
+from lmeasure.rig import CalibrationRecord, Finding, Residual, Rig, value_of
 
 MOVED = 1e-3
 """Probability of chance under which the rig is not that of the record any more."""
@@ -132,7 +132,7 @@ def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: 
             k = int(np.argmax(gains))
             # modelled less measured
             size = -float(along[k] / square[k]) / campaign.mm_per_unit[j]
-            by = f"{size:+.3g} mm" if isinstance(c, Cable) else f"{math.degrees(size):+.3g} deg"
+            by = f"{size:+.3g} mm" if c.is_length else f"{math.degrees(size):+.3g} deg"
             found.append(
                 (float(gains[k]), f"channel {c.channel} reads {by} more from {names[samples[k]]} on", "counts were lost, or it slipped")
             )

@@ -16,7 +16,7 @@ from lmeasure.calibration.solve.prediction import workspace
 from lmeasure.calibration.solve.solve import Calibration
 from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.kernels import changes_from_counts, counts_from_changes, span_lengths
-from lmeasure.rig import ENCODER_ZERO, PLACE, Cable, CalibrationRecord, Rig, parameter_names, read_calibration_record, read_rig, value_of
+from lmeasure.rig import PLACE, Cable, CalibrationRecord, Rig, parameter_names, read_calibration_record, read_rig, value_of
 from lmeasure.sensors import channel_names, further_solved, length_gradients_since, parts_of
 
 SIGNIFICANT = 0.01
@@ -236,9 +236,9 @@ def _width(old: CalibrationRecord, new: CalibrationRecord, name: str) -> float:
 
 
 def _known(rig: Rig, name: str) -> bool:
-    owner, key = name.rsplit(".", 1)
-    if key == ENCODER_ZERO:
-        return owner in {e.channel for e in rig.encoders}
+    owner = name.rpartition(".")[0]
+    if owner in {sensor.channel for sensor in rig.sensors}:
+        return True
     return owner.removeprefix("tool.") in (rig.tool if owner.startswith("tool.") else {p.name for p in rig.observation_point})
 
 

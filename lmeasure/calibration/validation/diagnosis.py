@@ -175,12 +175,12 @@ def _swaps(campaign: Campaign) -> Iterator[Hypothesis]:
     for i, j in combinations(range(len(campaign.cables)), 2):
         a, b = campaign.cables[i], campaign.cables[j]
         # a drum's counts and an encoder's codes are nothing alike
-        if a.passage != b.passage or isinstance(a, Cable) != isinstance(b, Cable):
+        if a.passage != b.passage or a.kind != b.kind:
             continue
         counts, unit = campaign.counts.copy(), [campaign.rig.counter(c).count_sign / campaign.rig.counter(c).scale for c in (a, b)]
         counts[:, [i, j]] = counts[:, [j, i]] * np.array([unit[0] / unit[1], unit[1] / unit[0]])
         text = f"channels {a.channel} and {b.channel}: the counts fit when the two are swapped"
-        curable = isinstance(a, Cable)
+        curable = a.is_cable
         other = replace(campaign, counts=counts)
         if curable:
             own, to = [c for c in campaign.rig.cable if c.passage == a.passage], {a.channel: b.channel, b.channel: a.channel}
@@ -193,7 +193,7 @@ def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
         if c.from_point != point:
             continue
         # codes that are modulo a revolution have no other scale
-        drawn = isinstance(c, Cable)
+        drawn = c.is_cable
         for factor in (*SCALES, -1.0, *(-s for s in SCALES)) if drawn else (-1.0,):
             counts = campaign.counts.copy()
             own = [k for k, each in enumerate(campaign.cables) if each.channel == c.channel]
@@ -205,7 +205,7 @@ def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
             other = replace(campaign, counts=counts, rig=rig)
             yield Hypothesis("scale" if factor > 0 else "sign", text, other, c.channel, value=factor)
         for other_point in campaign.rig.tool:
-            if isinstance(c, Cable) and other_point != c.to_point:
+            if c.is_cable and other_point != c.to_point:
                 tied = _with_cables(campaign, {c.name: {"to_point": other_point}})
                 text = f"channel {c.channel}: its counts fit when cable {c.name} is tied to {other_point}, not to {c.to_point}"
                 yield Hypothesis("attachment", text, tied, c.channel)
@@ -234,12 +234,8 @@ def _decoded(rig: Rig, point: str, factor: float) -> Rig:
 
 
 def _reversed(rig: Rig, channel: str) -> Rig:
-    """Return the rig whose angle encoder of a channel counts the other way."""
-    swivels, leaning = (
-        tuple(e.model_copy(update={"count_sign": -e.count_sign}) if e.channel == channel else e for e in of)
-        for of in (rig.swivel, rig.inclination)
-    )
-    return rig.model_copy(update={"swivel": swivels, "inclination": leaning})
+    """Return the rig whose sensor of a channel counts the other way."""
+    return rig.with_sensors(lambda sensor: {"count_sign": -sensor.count_sign} if sensor.channel == channel else {})
 
 
 def _with_cables(campaign: Campaign, changes: dict[str, dict[str, str]]) -> Campaign:

@@ -11,7 +11,7 @@ from lmeasure.calibration.solve.residuals import unknowns_of
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation import Explanation, Key
-from lmeasure.rig import GROUPS, Cable, group_names
+from lmeasure.rig import GROUPS, group_names
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Otherwise:
             if name == "stated":
                 noise = noise.times(math.sqrt(1.0 + u**2))
             elif name == "length":
-                own = np.array([channel == c.channel or (channel is None and isinstance(c, Cable)) for c in model.campaign.cables])
+                own = np.array([channel == c.channel or (channel is None and c.is_cable) for c in model.campaign.cables])
                 noise = noise.with_lengths(np.where(own, u, 0.0))
             else:
                 noise = noise.widened(0.0 if name == "rotation" else u, 0.0 if name == "position" else u / arm_mm(model))

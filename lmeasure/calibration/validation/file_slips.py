@@ -13,7 +13,6 @@ from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.hold_out import poses_and_visits, shifted_lengths
 from lmeasure.core import BoolArray, FileFormatError, FloatArray, GeometryError, IntArray, conventions, se3
-from lmeasure.rig import Cable
 from lmeasure.sensors import counts_from_poses
 
 SAME_RAD = 1e-6
@@ -101,7 +100,7 @@ def _both_branches(own: conventions.AngleConvention, rotation: Rotation) -> list
 
 def _exchanged(campaign: Campaign) -> Iterator[Hypothesis]:
     """Yield the campaign with poses exchanged as the nominal rig's lengths have it: every cycle alone, and all of them."""
-    drums = [j for j, c in enumerate(campaign.cables) if isinstance(c, Cable)]
+    drums = [j for j, c in enumerate(campaign.cables) if c.is_cable]
     counted = np.isfinite(campaign.counts[:, drums]).all(axis=1)
     reference = np.setdiff1d(campaign.reference_of, campaign.reference_of[~counted])
     order = _assigned(campaign, reference)
@@ -132,7 +131,7 @@ def _assigned(campaign: Campaign, reference: IntArray) -> IntArray | None:
     """
     cost = np.zeros((len(reference), len(reference)))
     for j, cable in enumerate(campaign.cables):
-        if not isinstance(cable, Cable):
+        if not cable.is_cable:
             continue
         rows = campaign.poses.rows
         try:

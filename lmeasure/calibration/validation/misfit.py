@@ -11,7 +11,7 @@ from lmeasure.calibration.validation.explanations import Otherwise, arm_mm, ever
 from lmeasure.calibration.validation.hold_out import outlier_poses, slipped_counters
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.estimation import CHANCE, Explained as State, Fit, evidence, explained, improbable, settled
-from lmeasure.rig import Cable, Finding
+from lmeasure.rig import Finding
 from lmeasure.sensors import ARM_MM
 
 DOUBTED = 0.02
@@ -65,7 +65,7 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
 
 def _drawn(model: Model) -> BoolArray:
     """(m,) which channels are cables."""
-    return np.array([isinstance(c, Cable) for c in model.campaign.cables], dtype=np.bool_)
+    return np.array([c.is_cable for c in model.campaign.cables], dtype=np.bool_)
 
 
 def _rms(found: Fit) -> float:
@@ -128,7 +128,7 @@ def _told(state: State[Model], begun: State[Model]) -> list[Finding]:
         u = _size(state, name, channel)
         if not u:
             continue
-        encoder = channel is not None and not next(isinstance(c, Cable) for c in state.problem.campaign.cables if c.channel == channel)
+        encoder = channel is not None and not next(c.is_length for c in state.problem.campaign.cables if c.channel == channel)
         if name == "length" and encoder:
             text = (
                 f"{rms}; angles of encoder {channel} that err by {math.degrees(u / ARM_MM):.3g} deg on their own (it stands off its axis, "

@@ -7,10 +7,10 @@ import numpy as np
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Parameters, by_owner
 from lmeasure.recording import Poses
-from lmeasure.rig import ENCODER_ZERO, PLACE, TABLE, Observed, Rig, Unobservable
+from lmeasure.rig import PLACE, TABLE, Observed, Rig, Unobservable
 
 SAME = ": the counts stay the same, only the prior holds it"
-_WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words} | {ENCODER_ZERO: ("its zero", "deg")}
+_WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words} | {"zero_deg": ("its zero", "deg"), "zero_mm": ("its zero", "mm")}
 
 
 def lines_of_sight(rig: Rig, cables: Iterable[Observed], poses: Poses) -> dict[str, FloatArray]:
@@ -53,8 +53,8 @@ def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, s
         parts.append(f"moves {length:.3g} mm {way} ({unit})")
     turns = []
     for key, value, weight in zip(keys, change, vector, strict=True):
-        if key in _WORDS and abs(weight) > 0.1:
-            name, unit = _WORDS[key]
+        if key not in PLACE and abs(weight) > 0.1:
+            name, unit = _WORDS.get(key, (key, ""))
             turns.append(f"{name} changes by {value:+.3g} {unit}".rstrip())
     if turns:
         parts.append(", ".join(turns))

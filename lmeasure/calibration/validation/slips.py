@@ -6,7 +6,7 @@ import numpy as np
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import CalibrationError, FloatArray, GeometryError
-from lmeasure.rig import Cable, unlikely_size
+from lmeasure.rig import unlikely_size
 from lmeasure.sensors import counts_from_poses
 
 UNITS = {"metres": 1e3, "inches": 25.4, "centimetres": 10.0, "micrometres": 1e-3}
@@ -46,7 +46,7 @@ def _misfit(campaign: Campaign, factor: float) -> float:
     rows = campaign.poses.rows * np.array([factor] * 3 + [1.0] * 4)
     off: list[FloatArray] = []
     for j, cable in enumerate(campaign.cables):
-        if not isinstance(cable, Cable):
+        if not cable.is_cable:
             continue
         drum = campaign.rig.point(cable.from_point).drum
         try:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import FloatArray
-from lmeasure.rig import Drum, Rig
+from lmeasure.rig import Rig
 
 ALLOWED = 3.0
 """Standard uncertainties of the difference of two means."""
@@ -60,7 +60,7 @@ class Return:
 def lengths_of_counts(rig: Rig, channels: tuple[str, ...], passage: int) -> FloatArray:
     """(m,) length of a recorded count of each channel [mm], 0 of those that count no length."""
     known = [rig.counters_of(passage)[c] for c in channels]
-    return np.array([c.per_count / c.scale if isinstance(c, Drum) else 0.0 for c in known])
+    return np.array([c.per_count / c.scale if c.is_length else 0.0 for c in known])
 
 
 def judged_return(

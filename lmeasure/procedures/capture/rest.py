@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.acquisition import GoneOn, Samples, joined
 from lmeasure.core import FloatArray
-from lmeasure.rig import Drum, Rig
+from lmeasure.rig import Rig
 
 STILL_MM = 0.1
 """By which no cable's length changes while the robot stands still: half of what a run's rests are told by, for here a mean is wanted."""
@@ -31,7 +31,7 @@ HOLE = 1.5
 def still_counts(rig: Rig, channels: tuple[str, ...], passage: int) -> FloatArray:
     """(m,) recorded counts by which channels change at most while the robot stands still."""
     known = [rig.counters_of(passage)[c] for c in channels]
-    still = [(STILL_MM if isinstance(c, Drum) else math.radians(STILL_DEG)) * c.scale / c.per_count for c in known]
+    still = [(STILL_MM if c.is_length else math.radians(STILL_DEG)) * c.scale / c.per_count for c in known]
     return np.maximum(np.array(still), STILL_COUNTS)
 
 

@@ -120,7 +120,7 @@ def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limit
 def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
     """Of a run: where its start is stated, before the run has told anything of its origins."""
     if run.start is None:
-        if not any(run.rig.counter(o).codes is not None for o in run.rig.observed):
+        if not any(run.rig.counter(o).absolute for o in run.rig.observed):
             # says what to do
             _ = run.known_start
         found = prepared(aligned)[0]

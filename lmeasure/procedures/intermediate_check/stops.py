@@ -85,7 +85,7 @@ class Path:
     def __init__(self, budget: Budget, zero: FloatArray | None = None) -> None:
         self._rows = budget.scheme.rows
         self._weight = 1.0 / np.sqrt(budget.length_variance)
-        self._angles = self._rows[:, KIND] != CABLE
+        self._angles = self._rows[:, KIND] > CABLE
         begun = span_lengths(self._rows, budget.start[None])[0]
         self._zero = np.where(budget.absolute, 0.0, begun) if zero is None else zero
 

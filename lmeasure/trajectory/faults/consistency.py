@@ -24,7 +24,7 @@ import numpy as np
 import scipy
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, Status
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths, last_travel
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts
@@ -306,7 +306,7 @@ class Consistency:
             if len(told):
                 most = told[np.argmax(np.abs(error[told]))]
                 said = message("cable.left_out", mm=float(error[most]), u_mm=float(u[most]))
-                if not isinstance(self._rig.observed[cable], Cable):
+                if not self._rig.observed[cable].is_length:
                     deg, u_deg = np.degrees([error[most], u[most]]).tolist()
                     said = message("encoder.left_out", deg=deg, u_deg=u_deg)
             out.append(Doubt(cable, after, until, Status.INCONSISTENT, said))
@@ -375,11 +375,10 @@ def _notes(rig: Rig, every: list[Doubt]) -> list[Message]:
         when = {"begin": begin, "end": end}
         if doubt.cable == EVERY:
             notes.append(message(IN_TIME[doubt.said.code], **when, **doubt.said.values))
-        elif isinstance(observed := rig.observed[doubt.cable], Cable):
+        elif (observed := rig.observed[doubt.cable]).is_cable:
             notes.append(message(IN_TIME[doubt.said.code], **when, cable=observed.name, **doubt.said.values))
         else:
-            what = message(f"channel.{type(observed.encoder).__name__.lower()}", name=observed.name)
-            notes.append(message("channel.left_out", **when, what=what, said=doubt.said))
+            notes.append(message("channel.left_out", **when, what=channel_message(observed), said=doubt.said))
     return notes
 
 

@@ -213,7 +213,7 @@ class Redundancy:
         at_start = span_lengths(self._rows, budget.scheme.start_of(budget.start)[None])[0]
         self.zero = np.where(budget.absolute, 0.0, at_start - (0.0 if begun is None else begun))
         """(m,) what of a span, or of an angle, a channel's readings do not show."""
-        angles = self._rows[:, KIND] != CABLE
+        angles = self._rows[:, KIND] > CABLE
         # of what readings are compared in: lengths as they are, angles as lengths of about the same scatter
         self.unit = np.where(angles, np.sqrt(budget.variance / budget.variance[~angles].min()), 1.0)
 
@@ -231,7 +231,7 @@ class Redundancy:
     def residuals(self, poses: FloatArray, change_mm: FloatArray) -> FloatArray:
         """(n, m) [mm, rad] of changes (n, m) at poses (n, 7)."""
         residual = change_mm - (span_lengths(self._rows, np.ascontiguousarray(poses)) - self.zero)
-        angles = self._rows[:, KIND] != CABLE
+        angles = self._rows[:, KIND] > CABLE
         residual[:, angles] -= TURN * np.round(residual[:, angles] / TURN)
         return np.asarray(residual)
 

@@ -20,7 +20,6 @@ from scipy.special import ndtri
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.kernels import span_rows_of
-from lmeasure.rig import Cable
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.redundancy import Epochs
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
@@ -117,7 +116,7 @@ def said(reconstruction: Reconstruction, found: Reliability) -> Message:
     effect = np.where(np.isnan(found.effect_mm), -np.inf, found.effect_mm)
     i, j = (int(k) for k in np.unravel_index(int(np.argmax(effect)), effect.shape))
     size = float(found.smallest[i, j])
-    length = isinstance(observed[j], Cable)
+    length = observed[j].is_length
     about = {
         "alpha": 100.0 * ALPHA,
         "power": 100.0 * POWER,
@@ -148,7 +147,7 @@ def said_apart(reconstruction: Reconstruction, found: Reliability) -> Message:
         if not np.isfinite(seen).any():
             told.append(message("reliability.apart.never", channel=o.name))
             continue
-        kind, unit, per = ("length", "mm", 1.0) if isinstance(o, Cable) else ("angle", "deg", float(np.degrees(1.0)))
+        kind, unit, per = ("length", "mm", 1.0) if o.is_length else ("angle", "deg", float(np.degrees(1.0)))
         size = {f"least_{unit}": float(seen.min()) * per}
         if np.isinf(seen).any():
             told.append(message(f"reliability.apart.{kind}.partly", channel=o.name, **size))

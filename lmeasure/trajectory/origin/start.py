@@ -121,7 +121,7 @@ class Motion:
         poses[0] = pose
         lost = ~np.isfinite(poses[:, 0])
         off = changes - (span_lengths(self.rows, np.where(lost[:, None], pose, poses)) - zero)
-        angles = self.rows[:, KIND] != CABLE
+        angles = self.rows[:, KIND] > CABLE
         off[:, angles] -= 2.0 * np.pi * np.round(off[:, angles] / (2.0 * np.pi))
         off = np.nan_to_num(off / self.u)
         off[lost] = LOST
@@ -266,7 +266,7 @@ of the run by it, None without redundancy."""
 def absolute_channels(rig: Rig) -> FloatArray:
     """(m,) standard uncertainties [rad] of the zeros of absolute encoders that are known well enough to find a pose by; NaN for others."""
     u = zeros_of(rig, None)
-    usable = [rig.counter(o).codes is not None and u[j] <= LOOSE_RAD for j, o in enumerate(rig.observed)]
+    usable = [rig.counter(o).absolute and u[j] <= LOOSE_RAD for j, o in enumerate(rig.observed)]
     return np.where(usable, u, np.nan)
 
 
@@ -297,7 +297,7 @@ def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int 
     found: list[FloatArray] = []
     met: list[int] = []
     worst: list[float] = []
-    points = rows[rows[:, KIND] == SWIVEL]
+    points = rows[rows[:, KIND] == (SWIVEL if (rows[:, KIND] == SWIVEL).any() else CABLE)]
     middle, size = points[:, BASE_XYZ].mean(axis=0), np.linalg.norm(np.ptp(points[:, BASE_XYZ], axis=0))
     arm = float(np.linalg.norm(points[:, ATTACHMENT_XYZ], axis=1).max())
     spare = max(len(rows) - len(free), 1)

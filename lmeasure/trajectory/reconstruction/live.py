@@ -31,7 +31,7 @@ from lmeasure.kernels import (
     step_of,
 )
 from lmeasure.recording import Counts, Run, known
-from lmeasure.rig import CalibrationRecord, Rig, Swivel
+from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths, counts_from_poses, recorded_from_counts, span_rows
 from lmeasure.trajectory.faults.consistency import SIGNIFICANCE
 from lmeasure.trajectory.faults.doubts import EVERY, NONE, Doubts, shifted
@@ -214,7 +214,7 @@ class LivePose:
     def __init__(self, rig: Rig, start: FloatArray | None, calibration: CalibrationRecord | None = None, *, aside: bool = False) -> None:
         if rig.passes > 1:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose needs channels counted in one pass")
-        if any(isinstance(e, Swivel) and e.backlash_deg for e in rig.encoders):
+        if any(getattr(e, "backlash_deg", None) for e in rig.sensors):
             raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out the play of swivels, which this rig states")
         if start is None and not enough_absolute(rig):
             known(None, f"rig {rig.name!r}", rig)

@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, Status
 from lmeasure.recording import Run, RunHead
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.consistency import IN_TIME, collected, consistent
@@ -161,13 +161,13 @@ def _untold(reconstruction: Reconstruction, doubts: Doubts) -> list[Doubt]:
 
 def _is_untold(reconstruction: Reconstruction, channel: int, u: float) -> bool:
     """Whether a standard uncertainty of a channel's new origin is hardly less than what was supposed of it."""
-    return u > HARDLY * (UNKNOWN_MM if isinstance(reconstruction.rig.observed[channel], Cable) else ANYWHERE)
+    return u > HARDLY * (UNKNOWN_MM if reconstruction.rig.observed[channel].is_length else ANYWHERE)
 
 
 def _what(reconstruction: Reconstruction, channel: int) -> Message:
     """A channel by its kind and name."""
     o = reconstruction.rig.observed[channel]
-    return message(f"channel.{'cable' if isinstance(o, Cable) else type(o.encoder).__name__.lower()}", name=o.name)
+    return channel_message(o)
 
 
 def _without_contradictions(doubts: Doubts) -> Doubts:
@@ -208,7 +208,7 @@ def _told(reconstruction: Reconstruction, shifts: tuple[Shift, ...]) -> list[Mes
         what = _what(reconstruction, cable)
         if _is_untold(reconstruction, cable, u):
             out.append(message(UNTOLD, what=what, after_s=after_s))
-        elif isinstance(o, Cable):
+        elif o.is_length:
             out.append(message(RESTORED[0], what=what, after_s=after_s, mm=by, u_mm=u))
         else:
             out.append(message(RESTORED[1], what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
@@ -272,7 +272,7 @@ def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, said: 
 
 
 def _said(channel: int, by: float, u: float, rig: Rig) -> Message:
-    if isinstance(rig.observed[channel], Cable):
+    if rig.observed[channel].is_length:
         return message("slip.length", mm=by, u_mm=u)
     return message("slip.angle", deg=float(np.degrees(by)), u_deg=float(np.degrees(u)))
 
@@ -287,8 +287,7 @@ def _with(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
     else:
         cable, o = slipped.channel, observed[slipped.channel]
         said = _said(cable, slipped.by, slipped.u, rig)
-        kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
-        note = message("channel.left_out", **when, what=message(f"channel.{kind}", name=o.name), said=said)
+        note = message("channel.left_out", **when, what=channel_message(o), said=said)
     new = Doubt(cable, slipped.from_s, np.inf, Status.INCONSISTENT, said)
     every = tuple(sorted((*doubts.every, new), key=lambda d: (d.after_s, d.cable)))
     return replace(doubts, every=every, notes=(*doubts.notes, note))

@@ -62,7 +62,7 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
     RigError when the cables cannot tell the pose: too few, naming the freedoms, or to attachment points on one line.
     """
     held = constraint or rig.constraint
-    rows, used = rig.cable_rows(rig.observed), sorted({c.to_point for c in rig.cable})
+    rows, used = rig.cable_rows(rig.observed), sorted({c.to_point for c in rig.observed if c.to_point})
     m = len(rows)
     channels = "cables" if m == len(rig.cable) else "channels"
     if held is not None:
@@ -72,7 +72,7 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
         if m < len(free):
             raise RigError(f"rig {rig.name!r}: has {m} {channels}; constraint = {held!r} leaves {len(free)} freedoms, {', '.join(free)}")
         return Scheme(rows, free, held=", ".join(f for f in FREEDOMS if f not in free), constraint=held)
-    if len(used) == 1 and not rig.inclination:
+    if len(used) == 1 and not rig.measures_turns:
         if m < CABLES_FOR_A_POINT:
             raise RigError(f"rig {rig.name!r}: has {m} {channels} to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")
         rows[:, ATTACHMENT_XYZ] = 0.0
@@ -82,7 +82,7 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
             f"rig {rig.name!r}: has {m} {channels} and leaves {len(FREEDOMS) - m} of six freedoms unmeasured, at the start "
             f"{_unmeasured(rows, start)}; hold them by constraint = {' or '.join(repr(c) for c in CONSTRAINTS)}, or add cables or a pass"
         )
-    if not rig.inclination:
+    if not rig.measures_turns:
         rig.require_spread()
     return Scheme(rows, FREEDOMS)
 

@@ -72,6 +72,7 @@ from lmeasure.trajectory.uncertainty.sources import (
     PassClock,
     Situation,
     Source,
+    angle_of,
     beyond_first,
     is_rough,
     own_lengths,
@@ -196,7 +197,7 @@ class ParameterErrors:
         observed, self._wide = rig.observed, further_solved(calibration)
         self._rows, self._scales, self._zero, self._cables = scheme.rows, rig.scales(observed), zero, len(rig.cable)
         self._cancels = cancels
-        self._absolute = np.array([rig.counter(o).codes is not None for o in observed])
+        self._absolute = np.array([rig.counter(o).absolute for o in observed])
         enters = _entering(scheme, wide=self._wide)
         # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
         width = np.sqrt(np.diag(cable_covariance(rig, calibration, observed, wide=self._wide)))
@@ -289,11 +290,11 @@ class Budget:
         self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
         self._before = length_variance(rig, observed)
         if scheme.redundancy:
-            self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free))
+            self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free)) / angle_of(rig) ** 2
         rough = zero_columns(rig, calibration)[0]
         # where nothing tells more of them, poses err by far more than what is of first order in them
-        self._rough = rough[:, (rough > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
-        self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
+        self._rough = rough[:, (rough * angle_of(rig)[:, None] > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
+        self.absolute = np.array([rig.counter(o).absolute for o in observed])
         """(m,) whether a channel's readings are counted from no pose."""
         self.start = start
         self._zero = scheme.start_of(start)
@@ -351,7 +352,7 @@ class Budget:
     def restore(self, cable: int, after_s: float, until_s: float = np.inf) -> None:
         """Let a channel that slipped or lost its origin behind a time go on from another one, which the run is to tell."""
         assert self.told is None
-        u = ANYWHERE if self.scheme.rows[cable, KIND] != CABLE else UNKNOWN_MM
+        u = ANYWHERE if self.scheme.rows[cable, KIND] > CABLE else UNKNOWN_MM
         own = np.where(np.arange(len(self.scheme.rows)) == cable, u, 0.0)[:, None]
 
         def lengths(at: Situation) -> FloatArray:
@@ -370,7 +371,7 @@ class Budget:
             return []
         out, n = [], len(self.restored)
         for k, (cable, after_s, until_s) in enumerate(self.restored, len(self.told.mean) - n):
-            u = ANYWHERE if self.scheme.rows[cable, KIND] != CABLE else UNKNOWN_MM
+            u = ANYWHERE if self.scheme.rows[cable, KIND] > CABLE else UNKNOWN_MM
             i = len(self.told.covariance) - len(self.told.mean) + k
             out.append((cable, after_s, until_s, float(self.told.mean[k]) * u, float(np.sqrt(self.told.covariance[i, i])) * u))
         return out
@@ -419,7 +420,7 @@ class Budget:
         """Take rough zeros (k,), of `rough_columns`, in standard uncertainties, for these from the beginning."""
         columns = zero_columns(self.rig, self._calibration)[0]
         of_zeros = np.flatnonzero([name == ZERO for name in self.origin_names])
-        self.supposed[of_zeros[is_rough(columns)]] = zeros
+        self.supposed[of_zeros[is_rough(self.rig, columns)]] = zeros
 
     @property
     def calibrated(self) -> bool:
@@ -529,7 +530,7 @@ class Budget:
         if not self._rough.shape[1]:
             return factors
         rows = self.scheme.rows
-        beyond = beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] != CABLE)
+        beyond = beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] > CABLE)
         return np.concatenate([factors, beyond], axis=2)
 
     def _pass_lengths(self, at: Situation) -> FloatArray:

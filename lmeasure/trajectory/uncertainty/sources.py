@@ -24,8 +24,8 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, TrajectoryError, se3
 from lmeasure.kernels import TURN_COUNTS, span_lengths, span_rows_of
-from lmeasure.rig import AngleEncoder, Cable, CalibrationRecord, Rig
-from lmeasure.sensors import phase_columns
+from lmeasure.rig import CalibrationRecord, Rig, SensorChannel
+from lmeasure.sensors import ARM_MM, phase_columns
 
 PHASE = "zero phase"
 ZERO = "zero"
@@ -104,7 +104,7 @@ def zero_phase(rig: Rig) -> Source:
 def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
     """What was out, or how a swivel stood, where the counters were zeroed nobody knows where; absolute (m,) channels do not count from
     there."""
-    u = [UNKNOWN_MM if isinstance(o, Cable) else ANYWHERE for o in rig.observed]
+    u = [UNKNOWN_MM if o.is_length else ANYWHERE for o in rig.observed]
     of = rig.zeroings(rig.observed)
     relative = np.unique(of[~absolute])
     columns = np.where((of[:, None] == relative) & ~absolute[:, None], np.array(u)[:, None], 0.0)
@@ -123,9 +123,8 @@ def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray
     solved = () if record is None else record.names
     u = np.zeros(len(rig.observed))
     for j, o in enumerate(rig.observed):
-        encoder = rig.counter(o)
-        if isinstance(encoder, AngleEncoder) and encoder.absolute and f"{o.channel}.zero_deg" not in solved:
-            u[j] = ANYWHERE if encoder.zero_deg is None else math.radians(encoder.u_zero_deg or 0.0)
+        if isinstance(o, SensorChannel) and o.table.absolute and f"{o.channel}.{o.table.zero}" not in solved:
+            u[j] = o.table.zero_u if o.is_length else math.radians(o.table.zero_u)
     # an encoder that is read in several passes has one zero
     names = [o.channel for o in rig.observed]
     shared = [name for name in dict.fromkeys(names) if any(u[j] for j in range(len(u)) if names[j] == name)]
@@ -133,8 +132,14 @@ def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray
 
 
 def zeros_of(rig: Rig, record: CalibrationRecord | None) -> FloatArray:
-    """(m,) standard uncertainties [rad] of the zeros of the channels of a rig, 0 where there is none or a calibration solved it."""
-    return np.asarray(zero_columns(rig, record)[0].sum(axis=1))
+    """(m,) standard uncertainties [rad] of the zeros of the channels of a rig, of lengths as angles at `ARM_MM`, 0 where there is none or a
+    calibration solved it."""
+    return np.asarray(zero_columns(rig, record)[0].sum(axis=1)) * angle_of(rig)
+
+
+def angle_of(rig: Rig) -> FloatArray:
+    """(m,) angles [rad] that a unit of each channel's reading is like: 1 of angles, that at `ARM_MM` of a millimetre."""
+    return np.array([1.0 / ARM_MM if o.is_length else 1.0 for o in rig.observed])
 
 
 def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
@@ -157,12 +162,12 @@ def needed_zero(zeros: FloatArray, free: int) -> float:
 def rough_columns(rig: Rig, record: CalibrationRecord | None) -> FloatArray:
     """(m, k) of `zero_columns`, those of zeros that first order does not reach but poses may be found by, in their order."""
     columns = zero_columns(rig, record)[0]
-    return columns[:, is_rough(columns)]
+    return columns[:, is_rough(rig, columns)]
 
 
-def is_rough(columns: FloatArray) -> BoolArray:
+def is_rough(rig: Rig, columns: FloatArray) -> BoolArray:
     """(K,) whether a zero of `zero_columns` is one of `rough_columns`."""
-    u = columns.max(axis=0, initial=0.0)
+    u = (columns * angle_of(rig)[:, None]).max(axis=0, initial=0.0)
     return np.asarray((u > NEAR_RAD) & (u <= LOOSE_RAD))
 
 

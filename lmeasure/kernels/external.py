@@ -1,0 +1,185 @@
+"""Kinds of sensors that other packages add: kernels call their laws through a table of addresses.
+
+A row's KIND says which entry of the table is called: entry 2 i of the kind number i gives the reading and its rates, entry 2 i + 1 the
+derivatives by the parameters. The table is a symbol of the process that compiled code finds when it is loaded, so that code kept from other
+processes is valid here too. An entry that nobody has set calls `unset`, which loads the kind by its number: worker processes get rows, and
+no rig. What fails leaves NaN, as everywhere.
+"""
+
+import ctypes
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import llvmlite.binding
+import numpy as np
+from llvmlite import ir
+from numba import types as numba_types
+from numba.core import cgutils as numba_cgutils
+from numba.extending import intrinsic
+
+from lmeasure.core import FloatArray, plug_in, plug_in_names
+from lmeasure.kernels.decorators import inline
+from lmeasure.kernels.layout import (
+    ANGLE_ZERO,
+    BY_ANGLE_ZERO,
+    BY_SCALE,
+    CABLE_COLUMNS,
+    COUNT_LENGTH,
+    EXTERNAL_ANGLE,
+    EXTERNAL_LENGTH,
+    KIND,
+    POSE_COLUMNS,
+    WIDTH,
+)
+from lmeasure.kernels.vector import Vec3
+
+GROUP = "lmeasure.sensors"
+# numba has no types of its own
+types: Any = numba_types
+cgutils: Any = numba_cgutils
+_intrinsic: Any = intrinsic
+KINDS = 64
+"""How many kinds there can be."""
+READING_COLUMNS = 7
+_SYMBOL = "lmeasure_external_kinds"
+_POINTER = ctypes.POINTER(ctypes.c_double)
+_PROTOTYPE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _POINTER)
+_table = (ctypes.c_void_p * (2 * KINDS))()
+_kept: dict[int, Any] = {}
+llvmlite.binding.add_symbol(_SYMBOL, ctypes.addressof(_table))
+
+Law = Callable[[FloatArray, FloatArray], FloatArray]
+"""The row of a channel and a pose (7,) in; the reading with its rates by (omega; v) (7,), or derivatives by `PARAMETERS` (13,), out."""
+
+
+def set_laws(number: int, reading: Law | int, gradient: Law | int) -> None:
+    """Set the laws of an external kind: functions of Python, which must not raise, or addresses of compiled ones."""
+    for place, law, size in ((2 * number, reading, READING_COLUMNS), (2 * number + 1, gradient, WIDTH)):
+        if not isinstance(law, int):
+            _kept[place] = _PROTOTYPE(_called(law, size))
+            law = int(ctypes.cast(_kept[place], ctypes.c_void_p).value or 0)
+        _table[place] = law
+
+
+def _called(law: Law, size: int) -> Callable[[Any, Any, Any], None]:
+    def call(row: Any, pose: Any, out: Any) -> None:
+        into = _viewed(out, size)
+        into[:] = np.nan
+        into[:] = law(_viewed(row, CABLE_COLUMNS), _viewed(pose, POSE_COLUMNS))
+
+    return call
+
+
+def _viewed(pointer: Any, size: int) -> FloatArray:
+    return np.frombuffer(memoryview((ctypes.c_double * size).from_address(ctypes.addressof(pointer.contents))), np.float64)
+
+
+_log = logging.getLogger("lmeasure")
+
+
+def _load(number: int) -> None:
+    """Set the laws of the kind that the entry point of a number names; a kind that cannot be loaded has no reading."""
+    names = plug_in_names(GROUP)
+    if number < len(names):
+        try:
+            kind: Any = plug_in(GROUP, names[number], object)
+            kind.connect(number)
+        except Exception as error:
+            _log.warning("lmeasure: sensor kind %s cannot be used: %s", names[number], error)
+
+
+def _unset(place: int) -> Callable[[Any, Any, Any], None]:
+    before = None
+
+    def call(row: Any, pose: Any, out: Any) -> None:
+        _load(place // 2)
+        if _table[place] != before:
+            _PROTOTYPE(_table[place] or 0)(row, pose, out)
+        else:
+            _viewed(out, READING_COLUMNS if place % 2 == 0 else WIDTH)[:] = np.nan
+
+    _kept[place] = _PROTOTYPE(call)
+    before = ctypes.cast(_kept[place], ctypes.c_void_p).value
+    return call
+
+
+for _place in range(2 * KINDS):
+    _unset(_place)
+    _table[_place] = ctypes.cast(_kept[_place], ctypes.c_void_p).value
+
+
+def _copied(context: Any, builder: Any, kind: Any, value: Any, size: int) -> Any:
+    """Copy an array of any layout to the stack: a law sees its numbers one behind the other, and cannot change them."""
+    array = context.make_array(kind)(context, builder, value)
+    (stride,) = cgutils.unpack_tuple(builder, array.strides, 1)
+    begin = builder.bitcast(array.data, ir.IntType(8).as_pointer())
+    out = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), size))
+    for i in range(size):
+        at = builder.gep(begin, [builder.mul(stride, ir.Constant(stride.type, i))])
+        builder.store(builder.load(builder.bitcast(at, ir.DoubleType().as_pointer())), cgutils.gep_inbounds(builder, out, 0, i))
+    return cgutils.gep_inbounds(builder, out, 0, 0)
+
+
+def _call(context: Any, builder: Any, signature: Any, args: Any, size: int) -> list[Any]:
+    """Call the law at a place of the table with copies of row and pose; return what it put out."""
+    double, word = ir.DoubleType(), ir.IntType(64)
+    function = ir.FunctionType(ir.VoidType(), [double.as_pointer()] * 3)
+    table = builder.module.globals.get(_SYMBOL)
+    if table is None:
+        table = ir.GlobalVariable(builder.module, ir.ArrayType(function.as_pointer(), 2 * KINDS), _SYMBOL)
+        table.linkage = "external"
+    row = _copied(context, builder, signature.args[1], args[1], CABLE_COLUMNS)
+    pose = _copied(context, builder, signature.args[2], args[2], POSE_COLUMNS)
+    out = cgutils.alloca_once(builder, ir.ArrayType(double, size))
+    law = builder.load(builder.gep(table, [word(0), args[0]]))
+    builder.call(law, [row, pose, cgutils.gep_inbounds(builder, out, 0, 0)])
+    return [builder.load(cgutils.gep_inbounds(builder, out, 0, i)) for i in range(size)]
+
+
+@_intrinsic
+def _reading(typing: Any, place: Any, row: Any, pose: Any) -> Any:
+    result = types.UniTuple(types.float64, READING_COLUMNS)
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.make_tuple(builder, result, _call(context, builder, signature, args, READING_COLUMNS))
+
+    return result(types.int64, row, pose), code
+
+
+@_intrinsic
+def _gradient(typing: Any, place: Any, row: Any, pose: Any) -> Any:
+    result = types.UniTuple(types.float64, WIDTH)
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.make_tuple(builder, result, _call(context, builder, signature, args, WIDTH))
+
+    return result(types.int64, row, pose), code
+
+
+@inline
+def is_external(kind: float) -> bool:
+    """Whether a row's KIND is one that another package adds."""
+    return kind <= EXTERNAL_LENGTH or kind >= EXTERNAL_ANGLE
+
+
+@inline
+def _place_of(kind: float) -> int:
+    return 2 * int(EXTERNAL_LENGTH - kind if kind <= EXTERNAL_LENGTH else kind - EXTERNAL_ANGLE)
+
+
+@inline
+def external_at(channel: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
+    """(reading, moment, force) of a channel of an external kind."""
+    found = _reading(_place_of(channel[KIND]), channel, pose)
+    return found[0] - channel[ANGLE_ZERO], (found[1], found[2], found[3]), (found[4], found[5], found[6])
+
+
+@inline
+def external_gradient(channel: FloatArray, pose: FloatArray, k: float, scale_factor: float, out: FloatArray) -> None:
+    """Derivatives of reading less counted reading by `PARAMETERS`, into out (layout.WIDTH,)."""
+    found = _gradient(_place_of(channel[KIND]) + 1, channel, pose)
+    for c in range(WIDTH):
+        out[c] = found[c]
+    out[BY_ANGLE_ZERO] = -1.0
+    out[BY_SCALE] = channel[COUNT_LENGTH] * k / scale_factor

@@ -1,0 +1,395 @@
+"""Tables of rig.toml that state a sensor other than a cable: what every kind has, and the registry of kinds.
+
+A kind is a model of its table, registered by the table's name. Those of this program are in `TABLES`; other packages enter theirs through
+the entry point group `lmeasure.sensors`, whose objects have the model as `table` (`sensors.SensorKind`). They are looked for only when a
+rig has a table of that name.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin, runtime_checkable
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from lmeasure.core import FloatArray, RigError, plug_in, plug_in_names
+from lmeasure.io import Name, Strict, Whole, whole
+from lmeasure.kernels import (
+    ANGLE_ZERO,
+    ATTACHMENT_XYZ,
+    BY_ANGLE_ZERO,
+    BY_ATTACHMENT,
+    BY_SCALE,
+    COUNT_LENGTH,
+    EXTERNAL_ANGLE,
+    EXTERNAL_LENGTH,
+    GROUP as GROUP,
+    KIND,
+    KINDS,
+    OWN_COLUMNS,
+    OWN_PARAMETERS,
+    PARAMETERS,
+    TURN_COUNTS,
+)
+from lmeasure.rig.points_and_drums import NotNegative, Positive
+
+if TYPE_CHECKING:
+    from lmeasure.rig.rig import Rig
+
+TABLES: "dict[str, type[SensorTable]]" = {}
+"""Models of the tables of this process by their names in rig.toml."""
+ANYWHERE_DEG = 360.0 / math.sqrt(12.0)
+"""Standard uncertainty of an angle that may be anywhere on the circle."""
+SCALE = "scale"
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+SmallAngle = Annotated[float, Field(ge=0, le=360)]
+
+
+@dataclass(frozen=True)
+class OwnParameter:
+    """A number of a sensor's table on which its reading depends.
+
+    key: its name in a calibration record, behind the channel's; stored, index: where rig.toml has it; place: where it is among the kernels'
+    `PARAMETERS`; stated: the key of its standard uncertainty.
+    """
+
+    key: str
+    stored: str
+    index: int | None
+    place: int
+    stated: str
+
+    @property
+    def unit(self) -> str:
+        """mm, deg, or nothing."""
+        return next((unit for unit in ("mm", "deg") if self.key.endswith(f"_{unit}")), "")
+
+    @property
+    def factor(self) -> float:
+        """Return what the kernels have for one unit: radians of a degree."""
+        return math.radians(1.0) if self.unit == "deg" else 1.0
+
+
+@dataclass(frozen=True)
+class SensorChannel:
+    """A sensor as a channel of one pass; from and to the points between which it measures, empty where it has none."""
+
+    table: "SensorTable"
+    passage: int = 1
+    from_point: str = ""
+    to_point: str = ""
+    again: bool = False
+    """Whether other passes read it too."""
+
+    is_cable: ClassVar[bool] = False
+
+    @property
+    def channel(self) -> str:
+        """That of its column."""
+        return self.table.channel
+
+    @property
+    def name(self) -> str:
+        """That of its column; `sw1@2` in pass 2, where several passes read sw1."""
+        return f"{self.channel}@{self.passage}" if self.again else self.channel
+
+    @property
+    def kind(self) -> str:
+        """That of its table in rig.toml."""
+        return self.table.kind
+
+    @property
+    def is_length(self) -> bool:
+        """Whether it reads a length [mm]; else an angle [rad]."""
+        return self.table.is_length
+
+
+class SensorTable(Strict):
+    """A sensor with a channel of counts: reading = zero + count_sign * count * (unit of a count), linear in the count."""
+
+    kind: ClassVar[str] = ""
+    """The name of its table in rig.toml."""
+    is_length: ClassVar[bool] = False
+    """Whether it reads a length [mm]; else an angle [rad]."""
+    if TYPE_CHECKING:
+        counts_per_revolution: Any
+        scale: Any
+    own: ClassVar[tuple[str, ...]] = ()
+    """Keys of the numbers on which its reading depends, each a number or a list of numbers, named with their unit. `u_` and such a key is
+    the key of its standard uncertainty, if there is one."""
+    zero: ClassVar[str] = "zero_deg"
+    """The key of the reading at count 0."""
+    motion: ClassVar[str] = ""
+    """What `lmeasure check` asks a person to do so that its reading rises, such as "Move the tool away from the range finder"."""
+    channel: Name
+    """Its column in counts files."""
+    count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
+    """1 when the count rises with the reading, -1 when it falls."""
+    absolute: bool = True
+    """Whether it knows its reading at power-on; false: incremental, zero where the counter was zeroed."""
+    counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
+    """Of an incremental one: after how many bits the counter starts again."""
+    zero_exact: bool = False
+    """Of an incremental one, as of drums."""
+
+    @property
+    def per_count(self) -> float:
+        """Reading of a count [mm or rad]."""
+        raise NotImplementedError
+
+    @property
+    def rate_key(self) -> str:
+        """The key of the largest speed of its reading."""
+        raise NotImplementedError
+
+    @property
+    def u_reading(self) -> float:
+        """Standard uncertainty of one reading besides the rounding of its count [mm or rad]."""
+        return 0.0
+
+    @property
+    def codes(self) -> int | None:
+        """How many values an absolute one has whose reading comes round; None of others."""
+        return None
+
+    @property
+    def speed_per_count(self) -> float:
+        """What a recorded count per second is in the unit of `rate_key`."""
+        return self.per_count / self.scale * (1.0 if self.is_length else math.degrees(1.0))
+
+    @property
+    def rate(self) -> float:
+        """Largest rate of its recorded count [1/s]."""
+        return float(getattr(self, self.rate_key)) / self.speed_per_count
+
+    @property
+    def rate_stated(self) -> bool:
+        """Whether somebody said so."""
+        return self.rate_key in self.model_fields_set
+
+    @model_validator(mode="after")
+    def _zero_is_of_its_kind(self) -> "SensorTable":
+        zero, u_zero = getattr(self, self.zero), getattr(self, f"u_{self.zero}")
+        if self.absolute:
+            for key in ("counter_bits", "zero_exact"):
+                if getattr(self, key):
+                    raise ValueError(f"{key}: is of incremental sensors; this one is absolute")
+        elif zero is not None or u_zero is not None:
+            raise ValueError(f"{self.zero}: is of absolute sensors; an incremental one counts from where it was zeroed")
+        if zero is None and u_zero is not None:
+            raise ValueError(f"u_{self.zero}: is the uncertainty of {self.zero}, which is missing")
+        return self
+
+    @property
+    def zero_value(self) -> float:
+        """Reading at count 0, in the unit of its key."""
+        return float(getattr(self, self.zero) or 0.0)
+
+    @property
+    def zero_u(self) -> float:
+        """Standard uncertainty of the reading at count 0, in the unit of its key."""
+        return float(getattr(self, f"u_{self.zero}") or 0.0)
+
+    def ends(self, rig: "Rig") -> list[tuple[int, str, str]]:
+        """Return the passes in which it is read, with the points between which it measures there."""
+        return [(passage, "", getattr(self, "to", "")) for passage in range(1, rig.passes + 1)]
+
+    def faults(self, rig: "Rig") -> Iterator[tuple[str, str]]:
+        """Yield what contradicts the rig's other tables: the key, empty for the whole table, and what is wrong."""
+        to = getattr(self, "to", None)
+        if to is not None and to not in rig.tool:
+            yield "to", f"{to!r} is no point of [tool] ({', '.join(rig.tool)})"
+
+    @classmethod
+    def parameters(cls) -> tuple[OwnParameter, ...]:
+        """Return the numbers of `own`, in their order; RigError where there are too many."""
+        found: list[tuple[str, str, int | None]] = []
+        for key in cls.own:
+            annotation = cls.model_fields[key].annotation
+            size = len(get_args(annotation)) if get_origin(annotation) is tuple else 0
+            base, _, unit = key.rpartition("_") if key.endswith(("_mm", "_deg")) else (key, "", "")
+            axes = "xyz" if size == 3 else "123456789"
+            found += [(f"{base}_{axes[i]}{'_' if unit else ''}{unit}", key, i) for i in range(size)] if size else [(key, key, None)]
+        if len(found) > len(OWN_PARAMETERS):
+            raise RigError(f"[[{cls.kind}]]: its reading depends on {len(found)} numbers; {len(OWN_PARAMETERS)} are the most")
+        return tuple(OwnParameter(k, s, i, p, f"u_{s}") for (k, s, i), p in zip(found, OWN_PARAMETERS, strict=False))
+
+    def solvable(self) -> tuple[OwnParameter, ...]:
+        """Return its own parameters, scale and zero included where it has them."""
+        scale = (OwnParameter(SCALE, SCALE, None, BY_SCALE, f"u_{SCALE}"),) if SCALE in type(self).model_fields else ()
+        zero = (OwnParameter(self.zero, self.zero, None, BY_ANGLE_ZERO, f"u_{self.zero}"),) if self.absolute else ()
+        return (*self.parameters(), *scale, *zero)
+
+    def value(self, p: OwnParameter) -> float:
+        """Return a parameter's value in its own unit."""
+        value = getattr(self, p.stored)
+        return float((value if p.index is None else value[p.index]) or 0.0)
+
+    def u(self, p: OwnParameter) -> float:
+        """Return a parameter's standard uncertainty in its own unit, 0 where none is stated."""
+        if p.key == self.zero and getattr(self, self.zero) is None:
+            return ANYWHERE_DEG
+        return float(getattr(self, p.stated, None) or 0.0)
+
+    def drawn(self, generator: np.random.Generator) -> dict[str, Any]:
+        """Return the keys of `own`, with errors drawn of their standard uncertainties."""
+        out: dict[str, Any] = {}
+        for p in self.parameters():
+            value = self.value(p) + self.u(p) * generator.standard_normal()
+            out[p.stored] = value if p.index is None else (*out.get(p.stored, ()), value)
+        return out
+
+    def names(self, channel: SensorChannel) -> list[str]:
+        """Return the calibration record's names of the kernels' `PARAMETERS`, empty where it does not have one."""
+        out = [""] * len(PARAMETERS)
+        for p in self.solvable():
+            out[p.place] = f"{self.channel}.{p.key}"
+        if channel.to_point:
+            out[BY_ATTACHMENT : BY_ATTACHMENT + 3] = [f"tool.{channel.to_point}.{axis}_mm" for axis in "xyz"]
+        return out
+
+    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+        """Write the kernels' row of a channel."""
+        row[KIND] = kernel_kind(type(self))
+        row[COUNT_LENGTH], row[TURN_COUNTS] = self.per_count, self.counts_per_revolution
+        row[ANGLE_ZERO] = self.zero_value * (1.0 if self.is_length else math.radians(1.0))
+        own = self.parameters()
+        row[list(OWN_COLUMNS[: len(own)])] = [self.value(p) * p.factor for p in own]
+        if channel.to_point:
+            row[ATTACHMENT_XYZ] = rig.tool[channel.to_point]
+
+
+class LengthSensor(SensorTable):
+    """A sensor that reads a length [mm]."""
+
+    is_length: ClassVar[bool] = True
+    zero: ClassVar[str] = "zero_mm"
+    count_length_mm: Positive
+    """Length of a count."""
+    u_count_length_mm: NotNegative | None = None
+    """Standard uncertainty of `count_length_mm`."""
+    scale: Annotated[float, Field(gt=1e-6, le=1e6)] = 1.0
+    """Decoding factor: recorded count = count_sign * scale * count."""
+    zero_mm: float | None = None
+    """Length at count 0 of an absolute sensor; absent: 0."""
+    u_zero_mm: NotNegative | None = None
+    """Its standard uncertainty; absent: 0."""
+    u_reading_mm: NotNegative | None = None
+    """Standard uncertainty of one reading besides the rounding of its count: independent from reading to reading."""
+    max_speed_mm_s: Positive = 20000.0
+    """Beyond which a change of counts is no motion but a fault."""
+
+    def u(self, p: OwnParameter) -> float:
+        """Return a parameter's standard uncertainty in its own unit, 0 where none is stated."""
+        if p.key == SCALE:
+            return (self.u_count_length_mm or 0.0) / self.count_length_mm * self.scale
+        return super().u(p)
+
+    @property
+    def per_count(self) -> float:
+        """Length of a count [mm]."""
+        return self.count_length_mm
+
+    @property
+    def counts_per_revolution(self) -> int:
+        """It has no turns."""
+        return 1
+
+    @property
+    def u_reading(self) -> float:
+        """Standard uncertainty of one reading [mm]."""
+        return self.u_reading_mm or 0.0
+
+    @property
+    def rate_key(self) -> str:
+        """The key of the largest speed."""
+        return "max_speed_mm_s"
+
+
+class AngleSensor(SensorTable):
+    """A sensor that reads an angle [rad]: an absolute one shows its count modulo its revolution, 0 .. counts_per_revolution - 1, an
+    incremental one counts from where it was zeroed."""
+
+    counts_per_revolution: Annotated[Whole, Field(ge=4, le=2**32)]
+    """Counts in a turn of the encoder."""
+    zero_deg: Degrees | None = None
+    """Angle at count 0 of an absolute encoder; absent: to be found."""
+    u_zero_deg: SmallAngle | None = None
+    """Its standard uncertainty; absent: 0 where zero_deg is given."""
+    u_reading_deg: NotNegative | None = None
+    """Standard uncertainty of one reading besides the rounding of its count: independent from reading to reading."""
+    max_speed_deg_s: Annotated[float, Field(gt=0, le=1e6)] = 3600.0
+    """Beyond which a change of counts is no motion but a fault."""
+
+    @property
+    def scale(self) -> float:
+        """Decoding factor, as drums have one."""
+        return 1.0
+
+    @property
+    def per_count(self) -> float:
+        """Angle of a count [rad]."""
+        return 2.0 * math.pi / self.counts_per_revolution
+
+    @property
+    def u_reading(self) -> float:
+        """Standard uncertainty of one reading [rad]."""
+        return math.radians(self.u_reading_deg or 0.0)
+
+    @property
+    def rate_key(self) -> str:
+        """The key of the largest speed."""
+        return "max_speed_deg_s"
+
+    @property
+    def codes(self) -> int | None:
+        """How many values an absolute one has; None of an incremental one."""
+        return self.counts_per_revolution if self.absolute else None
+
+
+@runtime_checkable
+class TableKind(Protocol):
+    """A kind of sensor of another package, as far as rig.toml is concerned."""
+
+    @property
+    def table(self) -> type[SensorTable]:
+        """The model of its table."""
+
+
+def table_of(name: str) -> type[SensorTable] | None:
+    """Return the model of a table of sensors by its name; None where there is none.
+
+    Raises
+    ------
+    PlugInError
+        If another package's cannot be loaded.
+    """
+    if name not in TABLES and name in plug_in_names(GROUP):
+        kind = plug_in(GROUP, name, TableKind)  # type: ignore[type-abstract]
+        assert kind is not None
+        if kind.table.kind != name:
+            raise RigError(f"[[{name}]]: the package that adds it calls its table {kind.table.kind!r}: entry point and table need one name")
+        TABLES[name] = kind.table
+    return TABLES.get(name)
+
+
+def register_table(table: type[SensorTable]) -> type[SensorTable]:
+    """Register the model of a table of sensors in this process."""
+    TABLES[table.kind] = table
+    return table
+
+
+def kernel_kind(table: type[SensorTable]) -> int:
+    """Return what the kernels' rows have as KIND for a kind that another package adds."""
+    number = external_number(table.kind)
+    return EXTERNAL_LENGTH - number if table.is_length else EXTERNAL_ANGLE + number
+
+
+def external_number(name: str) -> int:
+    """Return the number of a kind that another package adds, the same in all processes with the same packages."""
+    names = plug_in_names(GROUP)
+    every = [*names, *(n for n, table in TABLES.items() if n not in names and table.fill is SensorTable.fill)]
+    if every.index(name) >= KINDS:
+        raise RigError(f"[[{name}]]: there are {len(every)} kinds of sensors; {KINDS} are the most")
+    return every.index(name)

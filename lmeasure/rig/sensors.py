@@ -1,0 +1,150 @@
+"""Tables of the sensors of this program other than cables: swivel encoders, inclinometers, straight distances."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import AfterValidator, Field, model_validator
+
+from lmeasure.core import FloatArray
+from lmeasure.kernels import (
+    ALPHA,
+    ANGLE_ZERO,
+    ATTACHMENT_XYZ,
+    BASE_XYZ,
+    BETA,
+    BY_BASE,
+    BY_BETA,
+    COUNT_LENGTH,
+    DISTANCE,
+    ECCENTRIC_PHASE,
+    ECCENTRICITY,
+    GUIDE_XYZ,
+    INCLINATION,
+    KIND,
+    SWIVEL,
+    TURN_COUNTS,
+)
+from lmeasure.rig.points_and_drums import Length, NotNegative
+from lmeasure.rig.sensor_table import AngleSensor, Degrees, LengthSensor, SensorChannel, register_table
+
+if TYPE_CHECKING:
+    from lmeasure.rig.rig import Rig
+
+
+def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not 1e-6 < math.hypot(*value) < 1e6:
+        raise ValueError("must have a length")
+    return value
+
+
+Way = Annotated[tuple[float, float, float], AfterValidator(_has_length)]
+
+
+@register_table
+class Swivel(AngleSensor):
+    """An encoder of the angle by which the swivel pulley of an observation point is turned about the incoming cable.
+
+    It reads angle + eccentricity sin(angle - phase), and backlash_deg is the width of the band in which a reading lies by the direction of
+    the last turning.
+    """
+
+    kind: ClassVar[str] = "swivel"
+    point: Annotated[str, Field(min_length=1)]
+    """Name of the observation point whose pulley turns."""
+    cable: str | None = None
+    """The cable that turns it, where several leave the point in one pass."""
+    eccentricity_deg: Annotated[float, Field(ge=0, le=10)] | None = None
+    """By how much a reading is off at most by an encoder that stands off its axis."""
+    eccentricity_phase_deg: Degrees | None = None
+    """Swivel angle from which on that error rises."""
+    backlash_deg: Annotated[float, Field(ge=0, le=10)] | None = None
+    """Width of the band in which a reading lies by the way it turned last."""
+
+    @model_validator(mode="after")
+    def _phase_is_of_something(self) -> "Swivel":
+        if self.eccentricity_phase_deg is not None and self.eccentricity_deg is None:
+            raise ValueError("eccentricity_phase_deg: is the phase of eccentricity_deg, which is missing")
+        return self
+
+    def ends(self, rig: "Rig") -> list[tuple[int, str, str]]:
+        """Return the passes in which a cable turns it, with that cable's points."""
+        turning = [c for c in rig.cable if c.from_point == self.point and self.cable in (None, c.name)]
+        return [(c.passage, c.from_point, c.to_point) for c in turning]
+
+    def faults(self, rig: "Rig") -> Iterator[tuple[str, str]]:
+        """Yield what is wrong with its point and cable."""
+        points = [p.name for p in rig.observation_point]
+        if self.point not in points:
+            yield "point", f"{self.point!r} is no observation_point ({', '.join(points)})"
+            return
+        leaving = [c for c in rig.cable if c.from_point == self.point]
+        told = ", ".join(c.name for c in leaving) or "there is none"
+        if self.cable is not None and self.cable not in [c.name for c in leaving]:
+            yield "cable", f"{self.cable!r} is no cable from {self.point} ({told})"
+        several = max(Counter(c.passage for c in leaving).values(), default=0) > 1
+        if not leaving or (self.cable is None and several):
+            yield "", f"say by cable which of the cables from {self.point} turns {self.channel} ({told})"
+
+    def names(self, channel: SensorChannel) -> list[str]:
+        """Return the calibration record's names of the kernels' parameters: those of its point, its cable's end, and the zero."""
+        out = super().names(channel)
+        guide = ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")
+        out[BY_BASE : BY_BETA + 1] = [f"{channel.from_point}.{key}" for key in guide]
+        return out
+
+    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+        """Write the kernels' row."""
+        row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = SWIVEL, self.per_count, self.counts_per_revolution
+        row[ANGLE_ZERO] = math.radians(self.zero_value)
+        fill_point(rig, channel.from_point, row)
+        row[ATTACHMENT_XYZ] = rig.tool[channel.to_point]
+        row[ECCENTRICITY], row[ECCENTRIC_PHASE] = (math.radians(v or 0.0) for v in (self.eccentricity_deg, self.eccentricity_phase_deg))
+
+
+def fill_point(rig: "Rig", point: str, row: FloatArray) -> None:
+    """Write an observation point and its guide into a kernels' row."""
+    p = rig.point(point)
+    tilt = p.swivel_tilt_deg or (0.0, 0.0)
+    row[ALPHA], row[BETA] = math.radians(p.guide_alpha_deg + tilt[0]), math.radians(p.guide_beta_deg + tilt[1])
+    a, b = float(row[ALPHA]), float(row[BETA])
+    row[BASE_XYZ], row[GUIDE_XYZ] = p.position_mm, (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
+
+
+@register_table
+class Inclination(AngleSensor):
+    """One axis of an inclinometer on the tool: the angle of a sensing axis, tool frame, above the horizontal; an inclinometer of two axes
+    is two of them."""
+
+    kind: ClassVar[str] = "inclination"
+    axis: Way
+    """The sensing axis in the tool frame, of any length."""
+    up: Way = (0.0, 0.0, 1.0)
+    """The way against gravity in the base frame."""
+
+    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+        """Write the kernels' row: the way up for the fixed point, the axis for the tool point."""
+        row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = INCLINATION, self.per_count, self.counts_per_revolution
+        row[ANGLE_ZERO] = math.radians(self.zero_value)
+        row[BASE_XYZ] = [v / math.hypot(*self.up) for v in self.up]
+        row[ATTACHMENT_XYZ] = [v / math.hypot(*self.axis) for v in self.axis]
+
+
+@register_table
+class Distance(LengthSensor):
+    """A straight distance from a fixed point to a point of the tool: a range finder, or a draw wire without a pulley."""
+
+    kind: ClassVar[str] = "distance"
+    own: ClassVar[tuple[str, ...]] = ("position_mm",)
+    position_mm: tuple[Length, Length, Length]
+    """The fixed point in the robot's base frame."""
+    u_position_mm: NotNegative | None = None
+    """Standard uncertainty of each coordinate of it; absent: 0."""
+    to: str
+    """Name of its point in `[tool]`."""
+
+    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+        """Write the kernels' row."""
+        row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = DISTANCE, self.per_count, self.counts_per_revolution
+        row[ANGLE_ZERO], row[BASE_XYZ], row[ATTACHMENT_XYZ] = self.zero_value, self.position_mm, rig.tool[self.to]
