@@ -20,6 +20,8 @@ from lmeasure.rig import GROUP, AngleSensor as AngleSensor, LengthSensor as Leng
 
 STEP_MM = 1e-2
 STEP_RAD = 3e-5
+TURNS = [Rotation.from_rotvec([on, -on]).as_matrix() for on in STEP_RAD * np.eye(3)]
+"""Small turns about each base axis, and back."""
 _log = logging.getLogger("lmeasure")
 
 Reading = Callable[[FloatArray, FloatArray, FloatArray], float]
@@ -85,7 +87,7 @@ class SensorKind:
         def reading(row: FloatArray, pose: FloatArray) -> FloatArray:
             own, place, turn, arm = at(row, pose)
             force = by_place(own, place, turn)
-            moment = _slopes(lambda w: law(own, place, _turned(turn, w)), np.zeros(3), [STEP_RAD] * 3)
+            moment = np.array([law(own, place, on @ turn) - law(own, place, back @ turn) for on, back in TURNS]) / (2.0 * STEP_RAD)
             return np.concatenate([[law(own, place, turn)], moment + np.cross(arm, force), force])
 
         def gradient(row: FloatArray, pose: FloatArray) -> FloatArray:
@@ -115,8 +117,3 @@ def _slopes(f: Callable[[FloatArray], float], x: FloatArray, steps: list[float])
         here[i] = x[i] - step
         out[i] = (above - f(here)) / (high - here[i])
     return out
-
-
-def _turned(turn: FloatArray, w: FloatArray) -> FloatArray:
-    """(3, 3) a rotation, turned by w (3,) about base axes."""
-    return np.asarray(Rotation.from_rotvec(w).as_matrix() @ turn)

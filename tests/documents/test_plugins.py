@@ -10,15 +10,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import pytest
 from log_fuzz import six_cables
 
 from lmeasure.rig import write_rig
+from lmeasure.simulation import cell_rig
 
 PLUGINS = Path(__file__).parents[2] / "docs" / "plugins"
 UNIT = (0.0, 0.0, 0.0, 1.0)
 POSE = ["--position-mm", "1,2,3", "--quaternion-xyzw", "0,0,0,1"]
-BROKEN = """[lmeasure.log_formats]
+BROKEN = """[lmeasure.sensors]
+crow = crow:KIND
+[lmeasure.log_formats]
 magpie = magpie:FORMAT
 crow = crow:FORMAT
 dove = dove:FORMAT
@@ -32,6 +36,10 @@ magpie = magpie:CLAUSE
 FAILING = """from lmeasure.acquisition import LogFormat
 def read(path, file, report):
     yield {}["frames"]
+from lmeasure.sensors import LengthSensor, SensorKind
+class Crow(LengthSensor):
+    kind = "crow"
+KIND = SensorKind(table=Crow, reading=lambda own, place, turn: own[7])
 FORMAT = LogFormat(name="crow", label="Crow", read=read, suffixes=(".crw",))
 """
 
@@ -40,7 +48,7 @@ FORMAT = LogFormat(name="crow", label="Crow", read=read, suffixes=(".crw",))
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment that has these packages besides what runs here, and one whose module cannot be imported."""
     folder = tmp_path_factory.mktemp("plugins")
-    sources = [folder / "sources" / name for name in ("log_format", "robot_program", "characteristic")]
+    sources = [folder / "sources" / name for name in ("log_format", "robot_program", "characteristic", "sensor")]
     for source in sources:
         shutil.copytree(PLUGINS / source.name, source)
     words = ["install", "-q", "--disable-pip-version-check", "--no-deps", "--no-build-isolation", "--target", folder / "installed"]
@@ -99,6 +107,88 @@ def test_an_example_is_short() -> None:
     for folder in packages:
         assert {path.suffix for path in folder.iterdir() if path.is_file()} == {".toml", ".py"}
         assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in folder.glob("*.*")) < 80, folder
+
+
+BEARING = """
+[[bearing]]
+channel = "st{n}"
+counts_per_revolution = 1048576
+position_mm = {place}
+u_position_mm = 2.0
+to = "P{n}"
+zero_deg = 10.0
+u_zero_deg = 0.5
+u_reading_deg = 0.0005
+"""
+SCENARIO = """schema = "lmeasure.scenario/1"
+rig = "rig.toml"
+seed = 4
+rate_hz = 50.0
+[[waypoint]]
+position_mm = [60.0, 20.0, -40.0]
+[[waypoint]]
+position_mm = [-50.0, 70.0, 30.0]
+quaternion_xyzw = [0.0871557, 0.0, 0.0, 0.9961947]
+[reference_poses]
+count = 16
+u_position_mm = 0.02
+u_rotation_deg = 0.002
+"""
+PROGRAM = """schema = "lmeasure.program/1"
+[[pose]]
+name = "P1"
+position_mm = [60.0, 20.0, -40.0]
+quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
+windows_s = [[0.4, 0.5]]
+"""
+
+
+def test_a_sensor_of_another_package_goes_the_whole_way(installed: Path, tmp_path: Path) -> None:
+    """From a rig file to a certificate, with errors as large as stated against what was simulated."""
+    rig = tmp_path / "rig.toml"
+    write_rig(rig, cell_rig(3))
+    plain = rig.read_text()
+    rig.write_text(plain + BEARING.format(n=1, place=[2500.0, -300.0, 400.0]) + BEARING.format(n=2, place=[-300.0, 2500.0, 400.0]))
+    (tmp_path / "crow.toml").write_text(plain + '[[crow]]\nchannel = "cr1"\ncount_length_mm = 0.1\n')
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    (tmp_path / "crow_scenario.toml").write_text(SCENARIO.replace("rig.toml", "crow.toml"))
+    (tmp_path / "program.toml").write_text(PROGRAM)
+    run_, calibrated, found = tmp_path / "run", tmp_path / "calibrated", tmp_path / "t.csv"
+    own = ["--rig", calibrated / "rig.toml"]
+    box = ["--x", "0:0:1", "--y", "0:0:1", "--z", "0:100:100"]
+    *steps, verified, crow = run(
+        installed,
+        ["simulate", tmp_path / "scenario.toml", "--out", run_],
+        ["calibrate", run_ / "calibration", "--out", calibrated],
+        ["reconstruct", run_, *own, "--out", found],
+        ["zone", calibrated / "rig.toml", *box, "--out", tmp_path / "zone.nc"],
+        ["certify", found, "--run", run_, *own, "--program", tmp_path / "program.toml", "--out", tmp_path / "certificate"],
+        ["verify", tmp_path / "certificate"],
+        ["simulate", tmp_path / "crow_scenario.toml", "--out", tmp_path / "crow_run"],
+    )
+    assert [step.code for step in steps] == [0] * 5, steps
+    assert verified.code == 0, verified
+    assert "2 of 2 nodes are in the zone" in steps[3].out
+    record = json.loads((calibrated / "calibration.json").read_text())
+    true = dict(zip("xyz", (2500.0, -300.0, 400.0), strict=True))
+    solved = {p["name"]: p for p in record["parameters"] if p["name"].startswith("st1.")}
+    assert set(solved) == {"st1.zero_deg", *(f"st1.position_{axis}_mm" for axis in "xyz")}
+    for axis, value in true.items():
+        p = solved[f"st1.position_{axis}_mm"]
+        assert abs(p["value"] - value) <= 3.0 * p["u"]
+    # across the line of sight the poses tell the station well, its height not at all
+    assert solved["st1.position_x_mm"]["u"] < 0.2
+    assert solved["st1.position_z_mm"]["u"] == pytest.approx(2.0, rel=0.01)
+    t, truth = pd.read_csv(found), pd.read_parquet(run_ / "truth.parquet")
+    assert (t["status"] == "ok").all()
+    ratio = [(t[f"{c}_mm"] - truth[f"{c}_mm"]) / t[f"u_{c}_mm"] for c in "xyz"]
+    assert 0.2 < np.sqrt(np.mean(np.square(ratio))) < 2.5
+    # a law that fails is a line and no crash
+    assert crow.code == 1
+    assert "crow cr1 has no reading there" in crow.err
+    (elsewhere,) = run(tmp_path, ["reconstruct", run_, "--out", tmp_path / "u.csv"])
+    assert elsewhere.code == 1
+    assert "unknown key 'bearing'" in elsewhere.err
 
 
 def test_a_log_of_another_package_is_imported(installed: Path, tmp_path: Path) -> None:

@@ -339,6 +339,6 @@ class _Tilt:
             return rows
         tilt = np.where(solved, np.radians(theta[self.unknown]), self._stated)
         rows[:, [ALPHA, BETA]] += tilt - self._in_rows
-        for row in rows[self._guided]:
-            row[GUIDE_XYZ] = guide_direction(row[ALPHA], row[BETA])
+        for j in self._guided:
+            rows[j, GUIDE_XYZ] = guide_direction(rows[j, ALPHA], rows[j, BETA])
         return rows
