@@ -113,8 +113,15 @@ class SensorTable(Strict):
     is_length: ClassVar[bool] = False
     """Whether it reads a length [mm]; else an angle [rad]."""
     if TYPE_CHECKING:
-        counts_per_revolution: Any
-        scale: Any
+
+        @property
+        def counts_per_revolution(self) -> Any:
+            """Counts in a turn of it, as drums have them."""
+
+        @property
+        def scale(self) -> Any:
+            """Decoding factor, as drums have one."""
+
     own: ClassVar[tuple[str, ...]] = ()
     """Keys of the numbers on which its reading depends, each a number or a list of numbers, named with their unit. `u_` and such a key is
     the key of its standard uncertainty, if there is one."""

@@ -33,7 +33,7 @@ from .lengths import (
     LengthResiduals as LengthResiduals,
     Lengths as Lengths,
     changes_from_counts as changes_from_counts,
-    channel_finding as channel_finding,
+    channel_message as channel_message,
     count_variance as count_variance,
     counts_from_poses as counts_from_poses,
     length_residuals as length_residuals,

@@ -437,12 +437,11 @@ def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Le
     )
 
 
-def channel_finding(channel: Observed) -> Finding:
+def channel_message(channel: Observed) -> Message:
     """Return a channel by its kind and name."""
-    named = channel.kind in ("cable", "swivel", "inclination", "distance")
-    return (
-        finding(f"channel.{channel.kind}", name=channel.name) if named else finding("channel.sensor", kind=channel.kind, name=channel.name)
-    )
+    if channel.kind in ("cable", "swivel", "inclination", "distance"):
+        return message(f"channel.{channel.kind}", name=channel.name)
+    return message("channel.sensor", kind=channel.kind, name=channel.name)
 
 
 def zero_temperature(lengths: Lengths, stated: float | None) -> float | None:

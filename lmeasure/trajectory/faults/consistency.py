@@ -25,7 +25,7 @@ import scipy
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, Status
 from lmeasure.rig import Rig
-from lmeasure.sensors import Lengths, last_travel
+from lmeasure.sensors import Lengths, channel_message, last_travel
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, Parities, Redundancy

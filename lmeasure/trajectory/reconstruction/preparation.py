@@ -8,7 +8,7 @@ import numpy as np
 from lmeasure.core import FloatArray, Status
 from lmeasure.recording import Run, RunHead
 from lmeasure.rig import Rig
-from lmeasure.sensors import Lengths
+from lmeasure.sensors import Lengths, channel_message
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.consistency import IN_TIME, collected, consistent
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
