@@ -41,6 +41,8 @@ TABLES: "dict[str, type[SensorTable]]" = {}
 """Models of the tables of this process by their names in rig.toml."""
 ANYWHERE_DEG = 360.0 / math.sqrt(12.0)
 """Standard uncertainty of an angle that may be anywhere on the circle."""
+ANY_MM = 1000.0
+"""The same of a length."""
 SCALE = "scale"
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 SmallAngle = Annotated[float, Field(ge=0, le=360)]
@@ -195,7 +197,9 @@ class SensorTable(Strict):
 
     @property
     def zero_u(self) -> float:
-        """Standard uncertainty of the reading at count 0, in the unit of its key."""
+        """Standard uncertainty of the reading at count 0, in the unit of its key: it may be any where it is not stated."""
+        if getattr(self, self.zero) is None:
+            return ANY_MM if self.is_length else ANYWHERE_DEG
         return float(getattr(self, f"u_{self.zero}") or 0.0)
 
     def ends(self, rig: "Rig") -> list[tuple[int, str, str]]:
@@ -235,8 +239,8 @@ class SensorTable(Strict):
 
     def u(self, p: OwnParameter) -> float:
         """Return a parameter's standard uncertainty in its own unit, 0 where none is stated."""
-        if p.key == self.zero and getattr(self, self.zero) is None:
-            return ANYWHERE_DEG
+        if p.key == self.zero:
+            return self.zero_u
         return float(getattr(self, p.stated, None) or 0.0)
 
     def drawn(self, generator: np.random.Generator) -> dict[str, Any]:
@@ -279,9 +283,9 @@ class LengthSensor(SensorTable):
     scale: Annotated[float, Field(gt=1e-6, le=1e6)] = 1.0
     """Decoding factor: recorded count = count_sign * scale * count."""
     zero_mm: float | None = None
-    """Length at count 0 of an absolute sensor; absent: 0."""
+    """Length at count 0 of an absolute sensor; absent: to be found."""
     u_zero_mm: NotNegative | None = None
-    """Its standard uncertainty; absent: 0."""
+    """Its standard uncertainty; absent: 0 where zero_mm is given."""
     u_reading_mm: NotNegative | None = None
     """Standard uncertainty of one reading besides the rounding of its count: independent from reading to reading."""
     max_speed_mm_s: Positive = 20000.0
