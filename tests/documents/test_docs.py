@@ -8,7 +8,6 @@ has the project's data at its place.
 import contextlib
 import doctest
 import io
-import math
 import pkgutil
 import re
 import shlex
@@ -142,8 +141,6 @@ CONSTANTS = {
         f"cable change of more than {screw.STRIDE_MM:g} mm",
         f"reach {screw.TOLERANCE_MM:.0e} mm",
         f"Logs of {screw_method.COMPILING_PAYS:,} samples and more run in {lanes.WIDTH} lanes",
-        f"every {lanes.COARSE}th sample, then every {lanes.MIDDLE}th",
-        f"pressure angle of {math.degrees(lanes.CLEAR_OF_SINGULAR):.0f} degrees",
         f"From a worst pressure angle of {screw_method.NEARLY:g} degrees",
         f"no length moves by more than {doubts.STILL_MM:g} mm in {doubts.VISIT_LAG_S:g} s, for {doubts.LEAST_S:g} s",
         f"all cables but one agree within {doubts.NEAR_MM:g} mm",
