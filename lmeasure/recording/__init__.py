@@ -1,4 +1,4 @@
-"""What is recorded and where it starts: counts, run folders, start poses, reference poses and robot programs."""
+"""Recorded data and their start: counts, run folders, start poses, reference poses and robot programs."""
 
 import lazy_loader
 
