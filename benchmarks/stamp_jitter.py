@@ -182,10 +182,11 @@ def main() -> None:
     parser.add_argument("--cases", default=";".join(LAWS))
     parser.add_argument("--write", action="store_true")
     asked_for = parser.parse_args()
+    before_runs = max(asked_for.runs // BEFORE, 1)
     lines = [
         "# Time stamps that jitter",
         "",
-        f"`python benchmarks/stamp_jitter.py --write`: {asked_for.runs} runs a case ({asked_for.runs // BEFORE} before), seeded. A tool on "
+        f"`python benchmarks/stamp_jitter.py --write`: {asked_for.runs} runs a case ({before_runs} before), seeded. A tool on "
         "a line at 250 mm/s, whole counts of 0.012 mm. Each cell: share of runs whose U95 includes the truth (root mean square error; "
         "median U95), of the speed of one sample [mm/s], the largest speed of the run as `motion` prints it [mm/s], and AV [%], RV [%], FV "
         "[mm/s] of a certificate.",
@@ -203,7 +204,7 @@ def main() -> None:
             trajectory = reconstruct(run)
             drawn = rng.integers(2**32)
             kinds.append(measure(trajectory, run, true, after, True, np.random.default_rng(drawn)))
-            if seed < asked_for.runs // BEFORE:
+            if seed < before_runs:
                 measure(trajectory, run, true, before, False, np.random.default_rng(drawn))
         found = ", ".join(f"{kind} {kinds.count(kind)}" for kind in dict.fromkeys(kinds))
         lines.append(f"| {text} | | before | " + " | ".join(before.told(f) for f in FIGURES) + " |")

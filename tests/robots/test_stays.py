@@ -155,14 +155,17 @@ def judged(found: Identified[Any]) -> Identified[Any]:
     return replace(found, misfit=held.misfit, beyond=beyond(found))
 
 
-@pytest.mark.parametrize(("cut", "least", "most"), [("y", 0.85, 1.0), ("joint_1", 0.85, 1.0), ("chance", 0.93, 0.97)])
-def test_the_unseen_half_of_a_real_workspace_lies_within_u95(cut: str, least: float, most: float) -> None:
+@pytest.mark.parametrize(
+    ("cut", "mean_mm", "least", "most"), [("y", 0.12, 0.85, 1.0), ("joint_1", 0.17, 0.85, 1.0), ("chance", 0.1, 0.93, 0.97)]
+)
+def test_the_unseen_half_of_a_real_workspace_lies_within_u95(cut: str, mean_mm: float, least: float, most: float) -> None:
     rows = real()
     along = {"y": rows.position[:, 1], "joint_1": -rows.joints[:, 0], "chance": np.random.default_rng(2).random(1000)}[cut]
     half = along < np.median(along)
     found = judged(identify_with_choice(shipped("ur5").model, rows.of(np.flatnonzero(half))))
     told = predict(found, rows.joints[~half])
     error = np.linalg.norm(rows.position[~half] - told.pose[:, :3], axis=1)
+    assert error.mean() < mean_mm
     assert least <= np.mean(error <= told.u95_mm) <= most
 
 
@@ -209,3 +212,5 @@ def test_oriented_readings_of_a_stay_are_averaged() -> None:
     assert found.noise.reading_mm == pytest.approx(0.004, rel=0.15)
     assert found.noise.reading_rad == pytest.approx(1e-5, rel=0.15)
     assert found.noise.rotation_rad == pytest.approx(np.radians(0.01) * np.sqrt(2.0), rel=0.3)
+    # the arm reaches about 1 m: 0.01 degrees of some joints
+    assert 0.05 < found.noise.position_mm < 0.2

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from lmeasure.robots.identification.hold_out import worth_freeing
+from lmeasure.robots.identification.hold_out import Worth, unseen_halves, worth_freeing
 from lmeasure.robots.identification.identify import Identified, Settings, identify
 from lmeasure.robots.identification.measurements import Measurements
 from lmeasure.robots.identification.notes import Noted, noted
@@ -17,19 +17,30 @@ to, and whatever else went on in that order, as heat does, looks like it."""
 
 
 def identify_with_choice(robot: R, rows: Measurements, settings: Settings | None = None, among: Sequence[str] = AMONG) -> Identified[R]:
-    """`identify` with the families of `settings`, and of those `among` the ones that the measurements ask for: the one least likely by
-    chance first, until none is below `FALSE_ALARM`. Of a family that is not among them and asked for `findings` tell."""
+    """`identify` with the families of `settings`, and of those `among` the ones that the measurements ask for.
+
+    The one least likely by chance is freed first, until none is below `FALSE_ALARM`. A family that predicts unseen halves of the
+    workspace worse stays out (`hold_out.Unseen`). `findings` name the families that the measurements ask for and that are not freed.
+    """
     settings = settings or Settings()
     found = identify(robot, rows, settings)
     while True:
-        asked = [w for w in worth_freeing(found) if not w.freed and w.family in among and w.chance < FALSE_ALARM and w.aic < 0.0]
-        if not asked:
-            return replace(found, findings=(*found.findings, *_not_freed(found)))
-        best = min(asked, key=lambda w: (w.chance, w.aic))
-        settings = replace(settings, free=(*settings.free, best.family))
+        asked = sorted((w for w in worth_freeing(found) if not w.freed and w.chance < FALSE_ALARM and w.aic < 0.0), key=_least_likely)
+        unseen = {w.family: unseen_halves(found, w.family) for w in asked if w.family in among}
+        best = next((name for name, halves in unseen.items() if halves.good), None)
+        if best is None:
+            notes = [_noted(w) for w in asked if w.family not in unseen]
+            if unseen:
+                families, times = ", ".join(unseen), max(u.times for u in unseen.values())
+                notes.append(noted("worth-freeing", "worse_unseen", families, times, families=families, times=times))
+            return replace(found, findings=(*found.findings, *notes))
+        settings = replace(settings, free=(*settings.free, best))
         found = identify(robot, rows, settings)
 
 
-def _not_freed(found: Identified[R]) -> list[Noted]:
-    asked = [w for w in worth_freeing(found) if not w.freed and w.chance < FALSE_ALARM and w.aic < 0.0]
-    return [noted("worth-freeing", "worth_freeing", w.family, w.chance, family=w.family, chance=w.chance) for w in asked]
+def _least_likely(worth: Worth) -> tuple[float, float]:
+    return worth.chance, worth.aic
+
+
+def _noted(worth: Worth) -> Noted:
+    return noted("worth-freeing", "worth_freeing", worth.family, worth.chance, family=worth.family, chance=worth.chance)

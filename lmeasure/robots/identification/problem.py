@@ -234,7 +234,7 @@ class Fit(Optimum[Linear], Generic[R]):
         of = np.flatnonzero(_sought(self.problem) & (weight > 0.0))
         if not len(of):
             return every
-        known = float(weight[of] @ np.linalg.pinv(information[np.ix_(of, of)], hermitian=True) @ weight[of])
+        known = float(weight[of] @ _inverse(information[np.ix_(of, of)]) @ weight[of])
         return min(every, float(weight @ variance) ** 2 / known) if known > 0.0 else every
 
     @property
@@ -323,7 +323,7 @@ def _noise(fit: Fit[R]) -> Noise:
         free = of[~held[of]]
         step[held] = -before[held]
         pull = score[free] - information[np.ix_(free, np.flatnonzero(held))] @ step[held]
-        step[free] = np.linalg.pinv(information[np.ix_(free, free)], hermitian=True) @ pull if len(free) else 0.0
+        step[free] = _inverse(information[np.ix_(free, free)]) @ pull if len(free) else 0.0
         below = free[(before + step)[free] < 0.0]
         if not len(below):
             break
@@ -337,6 +337,13 @@ def _noise(fit: Fit[R]) -> Noise:
             size[kind] = max(float(size[kind]), least)
             size[kind + 2] = max(float(size[kind + 2]), least) if _sought(problem)[kind + 2] else 0.0
     return Noise(float(size[1]), float(size[0]), float(size[3]), float(size[2]))
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse of an information (k, k) of variances, each in its own unit: rad² and mm² may differ by 10^22."""
+    size = np.sqrt(np.diagonal(information))
+    size = np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size))
 
 
 def _sought(problem: Problem[R]) -> BoolArray:
