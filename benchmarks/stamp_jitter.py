@@ -92,6 +92,11 @@ LAWS: dict[str, tuple[str, float, Law]] = {
     "some": ("1 kHz, late by 0 to 0.2 ms", 0.001, lambda r, t: (t, t + r.uniform(0.0, 2e-4, len(t)))),
     "asked, half": ("taken 0.2 to 10 ms after the last, stamps late by 0 to 0.5 ms", 0.005, lambda r, t: asked(r, t, 0.0005)),
     "asked, two": ("taken 0.2 to 10 ms after the last, stamps late by 0 to 2 ms", 0.005, lambda r, t: asked(r, t, 0.002)),
+    "walk, small": (
+        "intervals of 5 +- 0.03 ms added up, though samples come evenly",
+        0.005,
+        lambda r, t: (t, np.cumsum(r.normal(0.005, 3e-5, len(t)))),
+    ),
 }
 
 
