@@ -1,4 +1,3 @@
-from .cable import CableLength as CableLength
 from .cable_effects import REFERENCE_C as REFERENCE_C, Effects as Effects, Zero as Zero, effects_of as effects_of, zero_at as zero_at
 from .cable_parameters import (
     cable_covariance as cable_covariance,
@@ -9,8 +8,6 @@ from .cable_parameters import (
     unsolved_columns as unsolved_columns,
     width_of as width_of,
 )
-from .channel import Channels as Channels, Observation as Observation, differences as differences, variances as variances
-from .continuation import follow as follow
 from .effect_laws import (
     ATTACHMENT as ATTACHMENT,
     DIMENSIONS as DIMENSIONS,
@@ -47,9 +44,7 @@ from .lengths import (
     zero_temperature as zero_temperature,
 )
 from .rejected_samples import ARM_MM as ARM_MM, Reason as Reason, rate_notes as rate_notes
-from .rig_channels import cable_lengths as cable_lengths, rig_inclination as rig_inclination, swivel_angle as swivel_angle
 from .sensor_kind import AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorKind as SensorKind
-from .solver import pressure_angles as pressure_angles, shared_errors as shared_errors, twists as twists
 from .stated_errors import (
     CALIBRATION as CALIBRATION,
     CAMPAIGN as CAMPAIGN,

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.io import shipped
-from lmeasure.rig import GUIDE, PLACE, ObservationPoint, Rig
-from lmeasure.sensors import CableLength, cable_lengths, shared_errors, twists
+from lmeasure.kernels import counts_from_changes, span_lengths, twists
+from lmeasure.rig import FACTORS, GUIDE, PLACE, ObservationPoint, Rig, parameter_names
+from lmeasure.sensors import count_variance, length_gradients_since
 from lmeasure.templates.shapes import HALF_MM, TILT_RAD
 
 NODES = 3
@@ -38,8 +39,14 @@ def box_poses() -> FloatArray:
 def position_errors(rig: Rig, zeroed_at: FloatArray, poses: FloatArray, names: tuple[str, ...]) -> FloatArray:
     """(n, 3, q) errors of the tool's position [mm] at poses (n, 7) by one unit of an error of each parameter names (q,) of the rig, whose
     counters were zeroed at a pose (7,); first order. A parameter that several cables have errs once for all."""
-    channels: list[CableLength] = cable_lengths(rig, zeroed_at)
-    return np.asarray(shared_errors(channels, poses, twists(channels, poses), names=names, root=np.eye(len(names)))[:, 3:])
+    rows, weights = rig.cable_rows(), np.sqrt(1.0 / count_variance(rig))
+    begun = span_lengths(rows, zeroed_at[None])
+    counts = counts_from_changes(rows, np.ascontiguousarray(span_lengths(rows, poses) - begun))
+    gradients = length_gradients_since(rig, rig.cable, zeroed_at, poses, counts=counts)
+    of = np.array([[[name == one for one in names] for name in own] for own in parameter_names(rig)]) * FACTORS[:, None]
+    # what should read more than it is taken to is fitted by a pose that errs the other way
+    errors = twists(rows, poses, np.tile(weights / weights.max(), (len(poses), 1)), np.arange(6)) @ np.einsum("nmw,mwq->nmq", gradients, of)
+    return -np.asarray(errors[:, 3:])
 
 
 def costs(rig: Rig) -> dict[str, Cost]:

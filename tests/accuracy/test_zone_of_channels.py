@@ -75,7 +75,9 @@ def stated(rig: Rig) -> tuple[FloatArray, FloatArray]:
     x = np.r_[PLACE, 0.0, 0.0, 0.0]
     A = np.column_stack([(readings(rig, x + h * e) - readings(rig, x - h * e)) / (2 * h) for h, e in zip(steps, np.eye(6), strict=True)])
     cable = [2.0 * 0.012**2 / 12.0] * len(rig.cable)
-    angle = [(2 * np.pi / e.counts_per_revolution) ** 2 / 12.0 + np.radians(e.u_zero_deg or 0.0) ** 2 for e in (*rig.swivel, *rig.inclination)]
+    angle = [
+        (2 * np.pi / e.counts_per_revolution) ** 2 / 12.0 + np.radians(e.u_zero_deg or 0.0) ** 2 for e in (*rig.swivel, *rig.inclination)
+    ]
     return A, np.array([*cable, *angle])
 
 

@@ -5,12 +5,11 @@ from math import inf
 from typing import Any
 
 import numpy as np
+from reference.channel import predictions, variances
 from rigs import HOME, FloatArray
 
 from lmeasure.core import se3
 from lmeasure.rig import Parameter
-from lmeasure.sensors import variances
-from lmeasure.sensors.channel import predictions
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,16 @@
 """Random cells of channels of every kind, and poses in them."""
 
 import numpy as np
-from distance_channel import Distance
 from numpy.typing import NDArray
+from reference.cable import CableLength
+from reference.distance import Distance
+from reference.inclination import Inclination
+from reference.swivel import SwivelAngle
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import se3
 from lmeasure.kernels import CABLE_COLUMNS, COUNT_LENGTH, TURN_COUNTS
 from lmeasure.rig import FACTORS, TABLE, Parameter, with_kernel_values
-from lmeasure.sensors import CableLength
-from lmeasure.sensors.inclination import Inclination
-from lmeasure.sensors.swivel import SwivelAngle
 
 FloatArray = NDArray[np.float64]
 

@@ -5,11 +5,12 @@ from tomllib import loads
 from typing import Any
 
 import numpy as np
+from reference.cable import CableLength
+from reference.rig_channels import cable_lengths, swivel_angle
+from reference.swivel import SwivelAngle
 from rigs import FloatArray
 
 from lmeasure.rig import rig_from_dict
-from lmeasure.sensors import CableLength, cable_lengths, swivel_angle
-from lmeasure.sensors.swivel import SwivelAngle
 
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "truth"
 

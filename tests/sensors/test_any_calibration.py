@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from invented import around, read, sensors
+from reference.calibration import AtReferencePoses
+from reference.zone_map import figures
 from rigs import FloatArray, cables
 from truth_sets import Set
 
-from lmeasure.accuracy.channels import figures
-from lmeasure.calibration.solve.channels import AtReferencePoses
 from lmeasure.core import rotation_from_angles, se3
 from lmeasure.estimation import fit
 

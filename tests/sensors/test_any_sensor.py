@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 from invented import around, read, sensors
+from reference.channel import Observation, predictions
+from reference.continuation import follow
+from reference.rig_channels import cable_lengths
+from reference.solver import solve_poses
+from reference.zone_map import figures, map_channels
 from rigs import HOME, FloatArray
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy import scan_zone, tilts
-from lmeasure.accuracy.channels import figures, map_channels
 from lmeasure.core import se3
 from lmeasure.rig import CalibrationRecord, Parameter
-from lmeasure.sensors import Observation, cable_lengths, follow
-from lmeasure.sensors.channel import predictions
-from lmeasure.sensors.solver import solve_poses
 from lmeasure.simulation import cell_rig
 
 

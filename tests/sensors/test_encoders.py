@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.channel import Observation, predictions, rows, values
+from reference.rig_channels import cable_lengths, rig_inclination, swivel_angle
 
 from lmeasure.core import RigError, Status, se3
 from lmeasure.kernels import BY_ALPHA, BY_ANGLE_ZERO, BY_ATTACHMENT, BY_BASE, length_gradients, span_lengths, span_rows_of
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.sensors import Observation, cable_lengths, lengths_from_counts, rig_inclination, span_rows, swivel_angle
-from lmeasure.sensors.channel import predictions, rows, values
+from lmeasure.sensors import lengths_from_counts, span_rows
 from lmeasure.simulation import cell_rig, simulate_run
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 import scipy.optimize
 from hypothesis import assume, given, settings, strategies as st
+from reference.cable import CableLength
+from reference.channel import Observation, differences, predictions, values, variances
+from reference.continuation import follow
+from reference.solver import Solved, pressure_angles, shared_errors, twists
 from rigs import COUNT_MM, HOME, FloatArray, cables, inclination, path, poses, rows_of, swivel
 from scipy.spatial.transform import Rotation
 
@@ -34,9 +38,7 @@ from lmeasure.kernels import (
     span_lengths,
 )
 from lmeasure.rig import FACTORS
-from lmeasure.sensors import CableLength, Observation, differences, follow, guide, pressure_angles, shared_errors, twists, variances
-from lmeasure.sensors.channel import predictions, values
-from lmeasure.sensors.solver import Solved
+from lmeasure.sensors import guide
 from lmeasure.trajectory.reconstruction import reference as screw_numpy
 
 SAME_MM, SAME_RAD = 1e-9, 1e-12

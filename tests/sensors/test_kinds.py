@@ -7,14 +7,15 @@ import numpy as np
 import oracles
 import pytest
 from hypothesis import given, settings, strategies as st
+from reference import rig_channels
+from reference.channel import Observation, differences, predictions, values
 from rigs import HOME, FloatArray, cable, cables, distance, inclination, poses, rows_of, swivel
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import se3
 from lmeasure.kernels import cable as compiled
 from lmeasure.rig import FACTORS, rig_from_dict
-from lmeasure.sensors import Observation, differences, rig_channels, wrap
-from lmeasure.sensors.channel import predictions, values
+from lmeasure.sensors import wrap
 from lmeasure.simulation import cell_rig
 
 

@@ -4,12 +4,12 @@ import gzip
 
 import numpy as np
 import pytest
+from reference.continuation import follow
+from reference.solver import Solved
 from rigs import HOME as START, FloatArray
 from truth_sets import Set
 
 from lmeasure.core import se3
-from lmeasure.sensors import follow
-from lmeasure.sensors.solver import Solved
 
 
 def truth_of(run: Set) -> FloatArray:

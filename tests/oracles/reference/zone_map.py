@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure.accuracy.radius import exact_radius_95
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, about
 from lmeasure.core import FloatArray, se3
-from lmeasure.sensors import Channels, pressure_angles, shared_errors, twists, variances
+from reference.channel import Channels, variances
+from reference.solver import pressure_angles, shared_errors, twists
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, Status, se3
-from lmeasure.sensors.channel import Channels, arms, differences, predictions, rows, size_mm, values, variances
+from reference.channel import Channels, arms, differences, predictions, rows, size_mm, values, variances
 
 ALL = np.arange(6)
 """All components of a motion (omega; v) are free."""

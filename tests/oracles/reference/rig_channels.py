@@ -4,9 +4,9 @@ import math
 
 from lmeasure.core import FloatArray
 from lmeasure.rig import GUIDE, PLACE, TABLE, Cable, Parameter, Rig, attachment_names, parameter_of
-from lmeasure.sensors.cable import CableLength
-from lmeasure.sensors.inclination import Inclination
-from lmeasure.sensors.swivel import TURN, SwivelAngle
+from reference.cable import CableLength
+from reference.inclination import Inclination
+from reference.swivel import TURN, SwivelAngle
 
 UNKNOWN_MM = 1e4
 """Prior standard uncertainty of a length that was out when a counter was zeroed nobody knows where."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray
 from lmeasure.rig import Parameter
-from lmeasure.sensors.channel import arms, by_point, row_of, values
+from reference.channel import arms, by_point, row_of, values
 
 ZERO = 6
 

@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, Status, se3
-from lmeasure.sensors.channel import Channels, differences, predictions, rows, size_mm
-from lmeasure.sensors.solver import ALL, Solved, lengths, nowhere, solve_poses, towards
+from reference.channel import Channels, differences, predictions, rows, size_mm
+from reference.solver import ALL, Solved, lengths, nowhere, solve_poses, towards
 
 AHEAD = 512  # samples that are looked at together
 STRIDE_MM = 40.0  # from a known pose, a turn counted at the size of the tool: the way then bends from the first order by millimetres

@@ -7,8 +7,8 @@ import numpy as np
 
 from lmeasure.core import FloatArray
 from lmeasure.rig import Parameter
-from lmeasure.sensors.channel import arms, by_point, row_of, values
 from lmeasure.sensors.wrap import by_guide, guide
+from reference.channel import arms, by_point, row_of, values
 
 TURN = 2.0 * np.pi
 DEGREE = np.pi / 180.0

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from lmeasure.core import FloatArray
 from lmeasure.kernels import BY_ALPHA, BY_ATTACHMENT, BY_AXIAL, BY_BASE, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, BY_TANGENT, WIDTH
 from lmeasure.rig import FACTORS, Parameter
-from lmeasure.sensors.channel import arms, by_point, row_of, values
 from lmeasure.sensors.wrap import Drum, Span, by_guide, guide, span
+from reference.channel import arms, by_point, row_of, values
 
 ZERO = WIDTH
 PLACE, ANGLES, ATTACHMENT = slice(0, BY_BASE + 3), slice(BY_ALPHA, BY_BETA + 1), slice(BY_ATTACHMENT, BY_ATTACHMENT + 3)

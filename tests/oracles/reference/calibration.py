@@ -8,7 +8,7 @@ import scipy.linalg
 
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Parameters, Problem
-from lmeasure.sensors import Channels, Observation, differences, variances
+from reference.channel import Channels, Observation, differences, variances
 
 
 class AtReferencePoses(Problem):
