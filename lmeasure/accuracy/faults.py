@@ -20,7 +20,7 @@ def with_faults(data: "xr.Dataset", rig: Rig, readings: Readings, positions: Flo
     samples. AccuracyError where no channel is to spare."""
     if len(readings.rows) == CABLES_FOR_A_POSE:
         raise AccuracyError(f"rig {rig.name!r}: has six channels for six unknowns: none is to spare, and no fault of any would show")
-    lengths = np.array([o.is_length for o in rig.observed])
+    lengths = ~readings.angular
     unit = np.where(lengths, 1.0, 180.0 / np.pi)
     smallest, apart, effect = worst_faults(readings, positions, data["quaternion_xyzw"].values)
     shape = [data.sizes[name] for name in DIMS]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from lmeasure.accuracy.radius import radii_95
-from lmeasure.core import BoolArray, FloatArray, IntArray, RigError, covariance_root, se3
+from lmeasure.core import BoolArray, FloatArray, IntArray, RigError, se3
 from lmeasure.kernels import (
     ATTACHMENT_XYZ,
     CABLE,
@@ -42,7 +42,7 @@ from lmeasure.kernels import (
     span_rows_of,
 )
 from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
-from lmeasure.sensors import cable_covariance, count_variance, phase_columns
+from lmeasure.sensors import Channels, phase_columns
 from lmeasure.trajectory import Faults, faults_shown, zero_columns
 
 CHUNK = 2048
@@ -71,6 +71,11 @@ class Readings:
     factor: FloatArray
     relative: FloatArray
     start: FloatArray
+
+    @property
+    def angular(self) -> BoolArray:
+        """(M,) whether a reading is an angle."""
+        return np.asarray(self.rows[:, KIND] > CABLE)
 
     def arrays(self) -> dict[str, FloatArray]:
         """By name, for a digest."""
@@ -104,24 +109,23 @@ class Told:
 def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArray, drums: FloatArray) -> Readings:
     """Of a rig whose counters are zeroed at the start pose (7,); drums (cables,) variances [mm^2]. RigError where there are fewer than six
     channels, or cables to points on one line and nothing else."""
-    observed = rig.observed
-    m = len(observed)
+    channels = Channels.of_rig(rig, calibration)
+    m = len(channels)
     if m < CABLES_FOR_A_POSE:
         raise RigError(f"rig {rig.name!r}: has {m} channels; a pose needs at least {CABLES_FOR_A_POSE}")
     if not rig.measures_turns:
         rig.require_spread()
-    origins = np.column_stack([phase_columns(rig, observed), zero_columns(rig, calibration)[0]])
-    V = np.diag(count_variance(rig, observed)) + origins @ origins.T
-    covariance = cable_covariance(rig, calibration, observed)
+    origins = np.column_stack([phase_columns(rig, rig.observed), zero_columns(rig, calibration)[0]])
+    V = np.diag(channels.variance) + origins @ origins.T
     return Readings(
-        rows=rig.cable_rows(observed),
-        cables=len(rig.cable),
+        rows=channels.rows,
+        cables=channels.cables,
         V=V,
         white=np.linalg.inv(np.linalg.cholesky(V)),
         drums=np.concatenate([drums, np.zeros(m - len(drums))]),
-        scales=rig.scales(observed),
-        factor=covariance_root(covariance, np.sqrt(np.diag(covariance))),
-        relative=np.array([float(not rig.counter(o).absolute) for o in observed]),
+        scales=channels.scale,
+        factor=channels.root,
+        relative=np.where(channels.absolute, 0.0, 1.0),
         start=np.asarray(start, dtype=np.float64),
     )
 

@@ -244,9 +244,10 @@ class SensorTable(Strict):
         return float(getattr(self, p.stated, None) or 0.0)
 
     def drawn(self, generator: np.random.Generator) -> dict[str, Any]:
-        """Return the keys of `own`, with errors drawn of their standard uncertainties."""
+        """Return keys of a sensor with numbers of its `own`, with errors drawn of their standard uncertainties."""
         out: dict[str, Any] = {}
-        for p in self.parameters():
+        stated = [p for p in self.solvable() if getattr(self, p.stored) is not None] if self.own else []
+        for p in stated:
             value = self.value(p) + self.u(p) * generator.standard_normal()
             out[p.stored] = value if p.index is None else (*out.get(p.stored, ()), value)
         return out

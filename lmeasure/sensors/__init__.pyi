@@ -8,6 +8,7 @@ from .cable_parameters import (
     unsolved_columns as unsolved_columns,
     width_of as width_of,
 )
+from .channels import Channels as Channels
 from .effect_laws import (
     ATTACHMENT as ATTACHMENT,
     DIMENSIONS as DIMENSIONS,

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from lmeasure.core import BoolArray, CalibrationError, DataFrame, FloatArray, IntArray, Shown
 from lmeasure.recording import Poses, joined
 from lmeasure.rig import Cable, Input, Observed, Rig, cables_among
-from lmeasure.sensors import ARM_MM, zeroed_exactly
+from lmeasure.sensors import Channels, zeroed_exactly
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,15 +73,20 @@ class Campaign(Shown):
         """The cables alone: the first channels."""
         return cables_among(self.cables)
 
+    @cached_property
+    def channels(self) -> Channels:
+        """The measured channels as arrays."""
+        return Channels.of_rig(self.rig, channels=self.cables, covariance=False)
+
     @property
     def from_zero(self) -> BoolArray:
-        """(m,) whether a channel counts from its zero pose; absolute encoders do not."""
-        return np.array([not self.rig.counter(c).absolute for c in self.cables], dtype=np.bool_)
+        """(m,) whether a channel counts from its zero pose; absolute sensors do not."""
+        return ~self.channels.absolute
 
     @property
     def mm_per_unit(self) -> FloatArray:
         """(m,) what makes residuals of all channels millimetres: those of angles are what they are at `ARM_MM`."""
-        return np.array([1.0 if c.is_length else ARM_MM for c in self.cables])
+        return self.channels.per_unit
 
     @property
     def zero_variances(self) -> FloatArray:
@@ -94,13 +100,7 @@ class Campaign(Shown):
         if self.zero_variance is not None:
             return self.zero_variance
         known = zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0)
-        return np.where(~self.from_zero, 0.0, np.where(known, 0.0, 1.0 / 12.0) + self.noise_counts**2)
-
-    @property
-    def noise_counts(self) -> FloatArray:
-        """(m,) standard deviations of single readings besides their rounding, as their sensors state them [recorded counts]."""
-        counters = [self.rig.counter(c) for c in self.cables]
-        return np.array([c.u_reading / c.per_count * c.scale for c in counters])
+        return np.where(~self.from_zero, 0.0, np.where(known, 0.0, 1.0 / 12.0) + self.channels.noise_counts**2)
 
     @property
     def travel(self) -> FloatArray:
@@ -120,7 +120,7 @@ class Campaign(Shown):
     def zero_readings(self) -> IntArray:
         """(m,) numbers of the errors that the cables' zero readings have: one for cables of several passes that were counted from one
         zeroing (`Rig.zeroings`), each its own for counters that were not zeroed at their zero pose."""
-        of = self.rig.zeroings(self.cables)
+        of = self.channels.zeroing
         m = len(of)
         return np.where(self._at_zero == 0.0, of, m + np.arange(m))
 

@@ -15,12 +15,12 @@ import numpy as np
 from lmeasure.calibration.campaign.campaign import Campaign, extended
 from lmeasure.calibration.solve.residuals import parameters_of
 from lmeasure.calibration.solve.unknowns import Model
-from lmeasure.core import BoolArray, CalibrationError, FloatArray, IntArray
+from lmeasure.core import CalibrationError, FloatArray, IntArray
 from lmeasure.estimation import Parameters, blocks
 from lmeasure.kernels import counts_from_changes, length_gradients, span_lengths, span_rows
 from lmeasure.recording import poses_from_rows
-from lmeasure.rig import Observed, Rig, parameter_names
-from lmeasure.sensors import ARM_MM, count_variance, counts_from_poses, phase_columns
+from lmeasure.rig import Observed, Rig
+from lmeasure.sensors import Channels, counts_from_poses, phase_columns
 
 
 @dataclass(frozen=True)
@@ -35,34 +35,23 @@ class Zero:
 
 @dataclass(frozen=True)
 class _Channels:
-    """Channels (m) as the kernels have them, at the rig's own values: rows, decoding scales, millimetres per unit of a residual, whether
-    they count since the zero pose, which of whose parameters is which unknown (channel, parameter, unknown), and the unknowns' prior widths
-    (p,) in the kernels' units."""
+    """Channels (m) at the rig's own values, which of whose parameters is which unknown (channel, parameter, unknown), and the unknowns'
+    prior widths (p,) in the kernels' units."""
 
-    rows: FloatArray
-    scales: FloatArray
-    per_unit: FloatArray
-    since: BoolArray
+    of: Channels
     place: tuple[IntArray, IntArray, IntArray]
     width: FloatArray
 
 
 def _channels(rig: Rig, cables: tuple[Observed, ...], unknowns: Parameters) -> _Channels:
-    number = {name: i for i, name in enumerate(unknowns.names)}
-    where = np.array([[number.get(name, -1) for name in own] for own in parameter_names(rig, cables)])
+    number, of = {name: i for i, name in enumerate(unknowns.names)}, Channels.of_rig(rig, channels=cables, covariance=False)
+    where = np.array([[number.get(name, -1) for name in own] for own in of.parameters])
     channel, parameter = np.nonzero(where >= 0)
     lost = sorted({unknowns.names[i].rpartition(".")[2] for i in set(range(len(unknowns.names))) - set(where.ravel().tolist())})
     if lost:
         raise CalibrationError(f"--solve: {', '.join(lost)}: calibrate finds it, plans do not reckon with it")
     unit = np.array([math.radians(1.0) if name.endswith("_deg") else 1.0 for name in unknowns.names])
-    return _Channels(
-        rig.cable_rows(cables),
-        rig.scales(cables),
-        np.array([1.0 if c.is_length else ARM_MM for c in cables]),
-        np.array([not rig.counter(c).absolute for c in cables], dtype=np.bool_),
-        (channel, parameter, where[channel, parameter]),
-        unit * unknowns.width,
-    )
+    return _Channels(of, (channel, parameter, where[channel, parameter]), unit * unknowns.width)
 
 
 class Instrument:
@@ -74,16 +63,16 @@ class Instrument:
 
     def __init__(self, rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...], sigma: FloatArray, *, visit: FloatArray) -> None:
         self.rig, self.cables, self.sigma, self.visit = rig.without_effects(), cables, sigma, visit
-        self._passage = np.array([c.passage for c in cables])
         self.unknowns: Parameters = parameters_of(self.rig, cables, solve)
         self._known: dict[tuple[Observed, ...], _Channels] = {}
-        self._own = own = self._channels(cables)
-        self._variance, self._phases = count_variance(rig, cables) * own.per_unit**2, phase_columns(self.rig, cables)
+        self._own = own = self._channels(cables).of
+        self._passage = own.passage
+        self._variance, self._phases = own.variance * own.per_unit**2, phase_columns(self.rig, cables)
 
     def zero(self, row: FloatArray) -> Zero:
         """All counters zeroed at one pose (7,), known as well as any other, each anywhere within a count unless its zero is exact. Absolute
         encoders count from no pose."""
-        per_unit = np.where(self._own.since, self._own.per_unit, 0.0)[:, None]
+        per_unit = np.where(self._own.absolute, 0.0, self._own.per_unit)[:, None]
         P = span_rows(self._own.rows, row) * per_unit
         phases = self._phases * per_unit
         anew = [np.where((self._passage == n)[:, None], P * self.visit, 0.0) for n in np.unique(self._passage) if self.visit.any()]
@@ -93,12 +82,12 @@ class Instrument:
     def gradients(self, rows: FloatArray, zero: FloatArray, of: IntArray, cables: tuple[Observed, ...]) -> FloatArray:
         """(n, m, p) derivatives of modelled less measured changes [mm] at usable poses rows (n, 7), since the zero poses zero (z, 7) that
         of (m,) names, by the unknowns in units of their prior widths."""
-        known = self._channels(cables)
+        known, own = self._channels(cables), self._channels(cables).of
         every, j = np.ascontiguousarray(np.vstack([zero, rows])), np.arange(len(cables))
-        lengths = span_lengths(known.rows, every)
-        counts = counts_from_changes(known.rows, lengths - np.where(known.since, lengths[of, j], 0.0))
-        g = length_gradients(known.rows, every, counts, known.scales) * known.per_unit[:, None]
-        g = g[len(zero) :] - np.where(known.since[:, None], g[of, j], 0.0)
+        lengths = span_lengths(own.rows, every)
+        counts = counts_from_changes(own.rows, lengths - np.where(own.absolute, 0.0, lengths[of, j]))
+        g = length_gradients(own.rows, every, counts, own.scale) * own.per_unit[:, None]
+        g = g[len(zero) :] - np.where(own.absolute[:, None], 0.0, g[of, j])
         out = np.zeros((len(rows), len(cables), len(known.width)))
         channel, parameter, unknown = known.place
         out[:, channel, unknown] = g[:, channel, parameter]

@@ -22,20 +22,7 @@ from lmeasure.kernels import (
     span_lengths,
     span_rows,
 )
-from lmeasure.rig import (
-    FACTORS,
-    SCALE,
-    UNSIGNED,
-    ZEROS,
-    Observed,
-    Rig,
-    Slots,
-    further_names,
-    parameter_names,
-    solved_parameters,
-    tilt_names,
-    value_of,
-)
+from lmeasure.rig import FACTORS, SCALE, UNSIGNED, ZEROS, Observed, Rig, Slots, further_names, solved_parameters, tilt_names, value_of
 from lmeasure.sensors import PART_ECCENTRICITY, PLAY, Parts, Unsolved, Zero, effects_of, every_part, stated
 
 Frame = Literal["rig", "poses"]
@@ -87,19 +74,18 @@ class Residuals(Problem):
             campaign = replace(campaign, u_visit=own if own.any() else None)
         self.campaign = campaign
         self.noise = self._stated() if noise is None else noise
-        self._rows = campaign.rig.cable_rows(campaign.cables)
-        self._scales = campaign.rig.scales(campaign.cables)
+        self._rows, self._scales = campaign.channels.rows, campaign.channels.scale
         self._poses = np.ascontiguousarray(campaign.poses.rows)
         self.pose_index, self.cable_index = np.nonzero(campaign.used)
         self._zero = campaign.zero[self.cable_index]
         self._per_unit = campaign.mm_per_unit
         since = campaign.from_zero
         self._since = since[self.cable_index]
-        self._turned = self._per_unit[self.cable_index] != 1.0
+        self._turned = campaign.channels.angular[self.cable_index]
         self._turn_mm = 2.0 * math.pi * self._per_unit[self.cable_index]
         drums = campaign.drums
         place = {name: i for i, name in enumerate(unknowns.names)}
-        self._where = np.array([[place.get(n, -1) for n in row] for row in parameter_names(campaign.rig, campaign.cables)])
+        self._where = np.array([[place.get(n, -1) for n in row] for row in campaign.channels.parameters])
         self._drums = len(drums)
         self._effects = effects_of(campaign.rig, drums, with_parts=False)
         self._parts = every_part(campaign.rig, drums)

@@ -14,7 +14,7 @@ from lmeasure.estimation import Parameters
 from lmeasure.kernels import BY_ATTACHMENT, COUNT_LENGTH, length_gradients
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig, SensorTable, with_values
-from lmeasure.sensors import ATTACHMENT, PLAY, Zero, count_variance, rounding_variance
+from lmeasure.sensors import ATTACHMENT, PLAY, Zero
 
 
 class Model(Residuals):
@@ -46,8 +46,7 @@ class Model(Residuals):
         """
         campaign, j = self.campaign, self.cable_index
         # uniform within half a count is a twelfth
-        of_count = 12.0 * rounding_variance(campaign.rig, campaign.cables) * self._per_unit**2
-        single = count_variance(campaign.rig, campaign.cables) * self._per_unit**2
+        of_count, single = (v * self._per_unit**2 for v in (12.0 * campaign.channels.rounding, campaign.channels.variance))
         own = single[j] if campaign.dwell_variance is None else of_count[j] * campaign.dwell_variance[self.pose_index, j]
         u_zero, reading = np.sqrt(of_count * campaign.zero_variances), campaign.zero_readings
         uncertain = np.unique(reading[u_zero > 0.0])
