@@ -3,25 +3,34 @@
 The law is a function of three things: the numbers that its table states (`SensorTable.own`, in their order; mm and rad), the place of its
 tool point in the base frame (of the tool origin, where its table has no `to`), and the rotation of the tool. All rates follow by central
 differences, whose steps leave 1e-9 of a rate. A law that fails has no reading there (NaN); the first failure of a kind is logged.
+
+A law of plain arithmetic is compiled, some forty times as fast, if the compiled one gives what Python gives; any other runs as it is.
 """
 
+import ctypes
+import dis
 import logging
 import math
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import carray, cfunc, njit, types as numba_types
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, plug_in_names, plug_in_version, se3
-from lmeasure.kernels import ATTACHMENT_XYZ, BY_ATTACHMENT, OWN_COLUMNS, OWN_PARAMETERS, WIDTH, set_laws
+from lmeasure.kernels import ATTACHMENT_XYZ, BY_ATTACHMENT, CABLE_COLUMNS, OWN_COLUMNS, OWN_PARAMETERS, WIDTH, set_laws
 from lmeasure.rig import GROUP, AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorTable, external_number, register_table
 
 STEP_MM = 1e-2
 STEP_RAD = 3e-5
 TURNS = [Rotation.from_rotvec([on, -on]).as_matrix() for on in STEP_RAD * np.eye(3)]
 """Small turns about each base axis, and back."""
+READING_COLUMNS = 7
+# numba has no types of its own
+types: Any = numba_types
 _log = logging.getLogger("lmeasure")
 
 Reading = Callable[[FloatArray, FloatArray, FloatArray], float]
@@ -98,6 +107,26 @@ class SensorKind:
             return out
 
         set_laws(number, reading, gradient)
+        rows, poses = self._trials(len(parameters))
+        with np.errstate(all="ignore"):
+            wanted = [reading(*each) for each in zip(rows, poses, strict=True)]
+        # a compiled law cannot say why it fails
+        raises = failed or any(one.opname.startswith("RAISE") for one in dis.get_instructions(self.reading))
+        failed = False
+        if not raises and (compiled := _compiled(self.reading, len(parameters), steps)):
+            found = [_called(compiled[0].address, each) for each in zip(rows, poses, strict=True)]
+            if np.allclose(found, wanted, rtol=1e-6, atol=1e-9, equal_nan=True):
+                set_laws(number, compiled[0].address, compiled[1].address)
+                _kept.append(compiled)
+
+    @staticmethod
+    def _trials(q: int) -> tuple[FloatArray, FloatArray]:
+        """Return rows (n, columns) and poses (n, 7) by which two ways of computing a law are compared."""
+        generator, n = np.random.default_rng(0), 5
+        rows = np.zeros((n, CABLE_COLUMNS))
+        rows[:, list(OWN_COLUMNS[:q])] = generator.uniform(-2.0, 2.0, (n, q)) * 10.0 ** np.arange(n)[:, None]
+        rows[:, ATTACHMENT_XYZ] = generator.uniform(-100.0, 100.0, (n, 3))
+        return rows, se3.pose(generator.uniform(-300.0, 300.0, (n, 3)), Rotation.random(n, rng=generator))
 
     def _failure(self, error: Exception) -> str:
         kind = self.table.kind
@@ -105,6 +134,84 @@ class SensorKind:
         frame = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{frame.filename.rpartition('/')[2]}:{frame.lineno}"
         return f"lmeasure: sensor kind {kind} of {source} has no reading at some poses: {type(error).__name__} in {where}: {error}"
+
+
+_kept: list[Any] = []
+
+
+def _called(address: int, at: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """(7,) what a compiled law gives at a row and a pose."""
+    pointers = [ctypes.POINTER(ctypes.c_double)] * 3
+    out = np.empty(READING_COLUMNS)
+    arrays = [np.ascontiguousarray(a).ctypes.data_as(pointers[0]) for a in (*at, out)]
+    ctypes.CFUNCTYPE(None, *pointers)(address)(*arrays)
+    return out
+
+
+def _compiled(reading: Reading, q: int, steps: list[float]) -> tuple[Any, Any] | None:
+    """Return the compiled reading with its rates, and the derivatives by the parameters; None where numba cannot compile the law."""
+    columns, places, own_steps = np.array(OWN_COLUMNS[:q], np.int64), np.array(OWN_PARAMETERS[:q], np.int64), np.array(steps)
+    turns, width, attachment = np.array(TURNS), WIDTH, int(ATTACHMENT_XYZ.start)
+    law: Any = njit(error_model="numpy")(reading)
+
+    @njit(error_model="numpy")
+    def at(row: Any, pose: Any) -> Any:
+        own, point = np.empty(q), row[attachment : attachment + 3].copy()
+        for i in range(q):
+            own[i] = row[columns[i]]
+        x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+        turn = np.array(
+            (
+                (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
+                (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
+                (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
+            )
+        )
+        arm = turn @ point
+        return own, pose[:3] + arm, turn, arm
+
+    @njit(error_model="numpy")
+    def by_place(own: Any, place: Any, turn: Any) -> Any:
+        out = np.empty(3)
+        for i in range(3):
+            above, below = place.copy(), place.copy()
+            above[i] += STEP_MM
+            below[i] -= STEP_MM
+            out[i] = (law(own, above, turn) - law(own, below, turn)) / (above[i] - below[i])
+        return out
+
+    def reading_at(row_: Any, pose_: Any, out_: Any) -> None:
+        out = carray(out_, 7)
+        out[:] = math.nan  # where the law fails
+        own, place, turn, arm = at(carray(row_, CABLE_COLUMNS), carray(pose_, 7))
+        force = by_place(own, place, turn)
+        out[0] = law(own, place, turn)
+        out[1] = arm[1] * force[2] - arm[2] * force[1]
+        out[2] = arm[2] * force[0] - arm[0] * force[2]
+        out[3] = arm[0] * force[1] - arm[1] * force[0]
+        for i in range(3):
+            out[1 + i] += (law(own, place, turns[i, 0] @ turn) - law(own, place, turns[i, 1] @ turn)) / (2.0 * STEP_RAD)
+            out[4 + i] = force[i]
+
+    def gradient_at(row_: Any, pose_: Any, out_: Any) -> None:
+        out = carray(out_, width)
+        out[:] = math.nan
+        own, place, turn, _ = at(carray(row_, CABLE_COLUMNS), carray(pose_, 7))
+        out[:] = 0.0
+        for i in range(q):
+            above, below = own.copy(), own.copy()
+            above[i] += own_steps[i]
+            below[i] -= own_steps[i]
+            out[places[i]] = (law(above, place, turn) - law(below, place, turn)) / (above[i] - below[i])
+        inward = by_place(own, place, turn) @ turn
+        for i in range(3):
+            out[BY_ATTACHMENT + i] = inward[i]
+
+    signature = types.void(*[types.CPointer(types.float64)] * 3)
+    try:
+        return cfunc(signature)(reading_at), cfunc(signature)(gradient_at)
+    except Exception:
+        return None
 
 
 def _slopes(f: Callable[[FloatArray], float], x: FloatArray, steps: list[float]) -> FloatArray:
