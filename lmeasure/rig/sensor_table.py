@@ -32,10 +32,7 @@ from lmeasure.kernels import (
     PARAMETERS,
     TURN_COUNTS,
 )
-from lmeasure.rig.points_and_drums import NotNegative, Positive
-
-if TYPE_CHECKING:
-    from lmeasure.rig.rig import Rig
+from lmeasure.rig.points_and_drums import Cable, Length, NotNegative, ObservationPoint, Positive
 
 TABLES: "dict[str, type[SensorTable]]" = {}
 """Models of the tables of this process by their names in rig.toml."""
@@ -46,6 +43,29 @@ ANY_MM = 1000.0
 SCALE = "scale"
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 SmallAngle = Annotated[float, Field(ge=0, le=360)]
+
+
+class Instrument(Protocol):
+    """What of a rig its sensors depend on."""
+
+    @property
+    def tool(self) -> dict[str, tuple[Length, Length, Length]]:
+        """Attachment points."""
+
+    @property
+    def cable(self) -> tuple[Cable, ...]:
+        """Its cables."""
+
+    @property
+    def observation_point(self) -> tuple[ObservationPoint, ...]:
+        """Its observation points."""
+
+    @property
+    def passes(self) -> int:
+        """How many passes of the motion it needs."""
+
+    def point(self, name: str) -> ObservationPoint:
+        """Return the observation point of that name."""
 
 
 @dataclass(frozen=True)
@@ -202,11 +222,11 @@ class SensorTable(Strict):
             return ANY_MM if self.is_length else ANYWHERE_DEG
         return float(getattr(self, f"u_{self.zero}") or 0.0)
 
-    def ends(self, rig: "Rig") -> list[tuple[int, str, str]]:
+    def ends(self, rig: Instrument) -> list[tuple[int, str, str]]:
         """Return the passes in which it is read, with the points between which it measures there."""
         return [(passage, "", getattr(self, "to", "")) for passage in range(1, rig.passes + 1)]
 
-    def faults(self, rig: "Rig") -> Iterator[tuple[str, str]]:
+    def faults(self, rig: Instrument) -> Iterator[tuple[str, str]]:
         """Yield what contradicts the rig's other tables: the key, empty for the whole table, and what is wrong."""
         to = getattr(self, "to", None)
         if to is not None and to not in rig.tool:
@@ -261,7 +281,7 @@ class SensorTable(Strict):
             out[BY_ATTACHMENT : BY_ATTACHMENT + 3] = [f"tool.{channel.to_point}.{axis}_mm" for axis in "xyz"]
         return out
 
-    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+    def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row of a channel."""
         row[KIND] = kernel_kind(type(self))
         row[COUNT_LENGTH], row[TURN_COUNTS] = self.per_count, self.counts_per_revolution

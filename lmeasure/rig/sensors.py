@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -27,10 +27,7 @@ from lmeasure.kernels import (
     TURN_COUNTS,
 )
 from lmeasure.rig.points_and_drums import Length, NotNegative
-from lmeasure.rig.sensor_table import AngleSensor, Degrees, LengthSensor, SensorChannel, register_table
-
-if TYPE_CHECKING:
-    from lmeasure.rig.rig import Rig
+from lmeasure.rig.sensor_table import AngleSensor, Degrees, Instrument, LengthSensor, SensorChannel, register_table
 
 
 def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -68,12 +65,12 @@ class Swivel(AngleSensor):
             raise ValueError("eccentricity_phase_deg: is the phase of eccentricity_deg, which is missing")
         return self
 
-    def ends(self, rig: "Rig") -> list[tuple[int, str, str]]:
+    def ends(self, rig: Instrument) -> list[tuple[int, str, str]]:
         """Return the passes in which a cable turns it, with that cable's points."""
         turning = [c for c in rig.cable if c.from_point == self.point and self.cable in (None, c.name)]
         return [(c.passage, c.from_point, c.to_point) for c in turning]
 
-    def faults(self, rig: "Rig") -> Iterator[tuple[str, str]]:
+    def faults(self, rig: Instrument) -> Iterator[tuple[str, str]]:
         """Yield what is wrong with its point and cable."""
         points = [p.name for p in rig.observation_point]
         if self.point not in points:
@@ -94,7 +91,7 @@ class Swivel(AngleSensor):
         out[BY_BASE : BY_BETA + 1] = [f"{channel.from_point}.{key}" for key in guide]
         return out
 
-    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+    def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row."""
         row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = SWIVEL, self.per_count, self.counts_per_revolution
         row[ANGLE_ZERO] = math.radians(self.zero_value)
@@ -103,7 +100,7 @@ class Swivel(AngleSensor):
         row[ECCENTRICITY], row[ECCENTRIC_PHASE] = (math.radians(v or 0.0) for v in (self.eccentricity_deg, self.eccentricity_phase_deg))
 
 
-def fill_point(rig: "Rig", point: str, row: FloatArray) -> None:
+def fill_point(rig: Instrument, point: str, row: FloatArray) -> None:
     """Write an observation point and its guide into a kernels' row."""
     p = rig.point(point)
     tilt = p.swivel_tilt_deg or (0.0, 0.0)
@@ -123,7 +120,7 @@ class Inclination(AngleSensor):
     up: Way = (0.0, 0.0, 1.0)
     """The way against gravity in the base frame."""
 
-    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+    def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row: the way up for the fixed point, the axis for the tool point."""
         row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = INCLINATION, self.per_count, self.counts_per_revolution
         row[ANGLE_ZERO] = math.radians(self.zero_value)
@@ -144,7 +141,7 @@ class Distance(LengthSensor):
     to: str
     """Name of its point in `[tool]`."""
 
-    def fill(self, rig: "Rig", channel: SensorChannel, row: FloatArray) -> None:
+    def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row."""
         row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = DISTANCE, self.per_count, self.counts_per_revolution
         row[ANGLE_ZERO], row[BASE_XYZ], row[ATTACHMENT_XYZ] = self.zero_value, self.position_mm, rig.tool[self.to]

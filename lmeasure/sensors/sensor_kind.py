@@ -16,8 +16,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
-from numba import carray, cfunc, njit, types as numba_types
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, plug_in_names, plug_in_version, se3
@@ -30,7 +30,8 @@ TURNS = [Rotation.from_rotvec([on, -on]).as_matrix() for on in STEP_RAD * np.eye
 """Small turns about each base axis, and back."""
 READING_COLUMNS = 7
 # numba has no types of its own
-types: Any = numba_types
+_numba: Any = numba
+types, carray, cfunc, njit = _numba.types, _numba.carray, _numba.cfunc, _numba.njit
 _log = logging.getLogger("lmeasure")
 
 Reading = Callable[[FloatArray, FloatArray, FloatArray], float]
