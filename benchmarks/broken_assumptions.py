@@ -11,26 +11,23 @@ the share of samples within the stated 95 % region of all six degrees of freedom
 import itertools
 import sys
 from collections import Counter
-from functools import partial
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
 import pandas as pd
-from pieces import options, run_all
+from study import Study
 
-TESTS = Path(__file__).parent.parent / "tests"
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
-from real_rig import Flaws  # noqa: E402
-from real_world import Case, Made, Score, make, score, score_of, told  # noqa: E402
+from real_rig import Flaws
+from real_world import Case, Made, Score, make, score, score_of, told
 
-from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate  # noqa: E402
-from lmeasure.calibration.solve import solve  # noqa: E402
-from lmeasure.calibration.validation.misfit import Explained  # noqa: E402
-from lmeasure.core import LMeasureError  # noqa: E402
-from lmeasure.estimation import Fit  # noqa: E402
+from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate
+from lmeasure.calibration.solve import solve
+from lmeasure.calibration.validation.misfit import Explained
+from lmeasure.core import LMeasureError
+from lmeasure.estimation import Fit
 
 EXACT = (0.0, 0.0)
 CASES = {
@@ -67,7 +64,7 @@ def plainly(made: Made, campaign: Campaign, settings: CalibrationSettings) -> Sc
         return score_of(calibrate(campaign, settings), made)
 
 
-def study(name: str, seed: int) -> dict[str, object]:
+def study(seed: int, name: str) -> dict[str, object]:
     """One rig of a case."""
     case = CASES[name]
     made = make(case, seed)
@@ -85,14 +82,15 @@ def study(name: str, seed: int) -> dict[str, object]:
     return row | {"stated": stated.error_mm, "stated_inside": stated.inside}
 
 
-def alarms(first: int, rigs: int) -> str:
-    """How many of so many sound campaigns raise any warning but those that sound ones have."""
-    said: Counter[str] = Counter()
-    for seed in range(first, first + rigs):
-        result = calibrate(make(CASES["sound"], seed, samples=2).campaign)
-        said.update({w.code for w in result.record.warnings} - {"note", "underdetermined"})
-        said["refused"] += result.refused is not None
-    return f"{rigs} sound campaigns from seed {first}: {dict(said)}"
+def alarm(seed: int) -> list[str]:
+    """Return the warnings of a sound campaign but those that sound ones have."""
+    result = calibrate(make(CASES["sound"], seed, samples=2).campaign)
+    return [*sorted({w.code for w in result.record.warnings} - {"note", "underdetermined"}), *["refused"] * (result.refused is not None)]
+
+
+def alarms(found: list[list[str]]) -> str:
+    """Return how many of the sound campaigns raise which warnings."""
+    return f"{len(found)} sound campaigns: {dict(Counter(itertools.chain(*found)))}"
 
 
 def rms(values: pd.Series) -> float:
@@ -100,8 +98,9 @@ def rms(values: pd.Series) -> float:
     return float(np.sqrt(np.nanmean(values.astype(float) ** 2)))
 
 
-def table(data: pd.DataFrame) -> str:
+def table(found: list[dict[str, object]]) -> str:
     """A line for each case."""
+    data = pd.DataFrame(found)
     out = [
         "| case | rigs | drawing | plain fit | truth stated | delivered | inside | worse than the drawing | refused | warnings |",
         "|---|---|---|---|---|---|---|---|---|---|",
@@ -122,19 +121,8 @@ def table(data: pd.DataFrame) -> str:
     return "\n".join(out)
 
 
-def main() -> None:
-    """Run the cases that are asked for, each kept as soon as it is done, and print the table."""
-    parser = options(__doc__, "rigs", 16, writes=False)
-    parser.add_argument("--case", action="append", choices=list(CASES))
-    parser.add_argument("--alarms", type=int, help="count the false alarms of so many sound campaigns and do nothing else")
-    asked = parser.parse_args()
-    if asked.alarms:
-        print(alarms(asked.first, asked.alarms))
-        return
-    seeds = range(asked.first, asked.first + asked.rigs)
-    runs = ((f"{name} {seed}", partial(study, name, seed)) for name, seed in itertools.product(asked.case or CASES, seeds))
-    print(table(pd.DataFrame(run_all(asked, runs))))
-
+STUDY = Study("broken_assumptions", study, table, "rigs", 16, {"case": tuple(CASES)}, "{case} {seed}")
+ALARMS = Study("broken_assumptions", alarm, alarms, "alarms", 300)
 
 if __name__ == "__main__":
-    main()
+    sys.exit((ALARMS if "--alarms" in sys.argv else STUDY).command(__doc__))

@@ -7,13 +7,16 @@ benchmarks/results/calibration_coverage.md shows is printed; --keep goes on from
 """
 
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from study import Study, table, two_sided
 
 from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate, unknowns_of
 from lmeasure.calibration.solve.noise import Noise
@@ -23,7 +26,6 @@ from lmeasure.kernels import cable as cable_kernels
 from lmeasure.sensors import cable_covariance, counts_from_poses, span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from coverage_table import command, row
 from random_campaigns import Drawn, at_truth, draw, true_values
 
 FloatArray = NDArray[np.float64]
@@ -71,7 +73,7 @@ def _predicted(drawn: Drawn, result: Calibration, record: object, rows: FloatArr
     return np.asarray(np.sqrt(np.einsum("nma,mab,nmb->nm", g, blocks, g)))
 
 
-def study(case: str, seed: int) -> dict[str, object]:
+def study(seed: int, case: str) -> dict[str, object]:
     """One campaign, drawn and calibrated."""
     noise, u, points, poses = CASES[case]
     drawn = draw(seed, points=points, poses=poses + seed % 11, noise=noise, u_position_mm=u, phased=True)
@@ -108,11 +110,54 @@ def study(case: str, seed: int) -> dict[str, object]:
     }
 
 
-def line(case: str, own: pd.DataFrame) -> str | None:
+HEADER = (
+    "case", "campaigns", "determined", "values / bound", "lengths / bound", "of these straight", "joint / bound",
+    "in 95 % region", "p", "Gaussian region", "values in U95", "lengths in 1.96 u", "another minimum, said", "unsaid",
+)  # fmt: skip
+
+
+def root(squares: pd.Series) -> str:
+    """Root of the mean of squared ratios, one a campaign, with its standard error."""
+    if len(squares) < 2:
+        return "none"
+    m = squares.astype(float)
+    return f"{np.sqrt(m.mean()):.3f} ± {m.std() / np.sqrt(len(m)) / 2 / np.sqrt(m.mean()):.3f}"
+
+
+def row(case: str, own: pd.DataFrame, known: pd.DataFrame, regions: pd.DataFrame, minima: pd.DataFrame, straight: float) -> list[str]:
+    """A case's line: of its own campaigns those known are held to the bound, regions to their coverage, minima to having said so; straight
+    is the bend below which the linear bound is what can be reached."""
+    least_bent = known[known["bend"] < straight]
+    p = two_sided(regions["inside"])
+    wrong, said = minima["wrong"].astype(bool), minima["said"].astype(bool)
+    cells = (
+        case, len(own), len(known), root(known["values_to_bound"]), root(known["lengths_to_bound"]), len(least_bent),
+        root(least_bent["joint_to_bound"]), f"{100 * regions['inside'].mean():.1f} %", f"{p:.3f}",
+        f"{100 * regions['inside_gaussian'].mean():.1f} %", f"{100 * regions['values_inside'].mean():.1f} %",
+        f"{100 * regions['lengths_inside'].mean():.1f} %", int((wrong & said).sum()), int((wrong & ~said).sum()),
+    )  # fmt: skip
+    return [str(c) for c in cells]
+
+
+def coverage(
+    name: str, draw: Callable[[int, str], dict[str, Any]], cases: Iterable[str], line: Callable[[str, pd.DataFrame], list[str] | None]
+) -> Study:
+    """Return a study of calibrations against their truth; line: the cells of a case, None where it has none."""
+
+    def page(found: list[dict[str, Any]]) -> str:
+        data = pd.DataFrame(found)
+        return table(HEADER, filter(None, (line(case, data[data["case"] == case]) for case in cases)))
+
+    return Study(name, draw, page, "campaigns", factors={"case": tuple(cases)})
+
+
+def line(case: str, own: pd.DataFrame) -> list[str] | None:
     """The case's line of the table, of determined campaigns."""
     known = own[own["determined"].astype(bool)]
     return None if known.empty else row(case, own, known, known, known, STRAIGHT)
 
 
+STUDY = coverage("calibration_coverage", study, CASES, line)
+
 if __name__ == "__main__":
-    command(__doc__, CASES, study, line)
+    sys.exit(STUDY.command(__doc__))

@@ -13,15 +13,15 @@ import csv
 import math
 import sys
 import tempfile
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
+from study import Asked, Study
 
 TESTS = Path(__file__).parent.parent / "tests"
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
@@ -35,7 +35,6 @@ from lmeasure.rig import Rig, rig_from_dict, write_rig  # noqa: E402
 from lmeasure.sensors import span_lengths  # noqa: E402
 
 FloatArray = NDArray[np.float64]
-RESULTS = Path(__file__).parent / "results" / "campaign_slips.md"
 POSES = (8, 12, 20)
 
 
@@ -174,8 +173,12 @@ def campaign_folder(folder: Path, world: World, slip: str) -> str:
     return named
 
 
-def study(world: World, slip: str) -> dict[str, Any]:
+world_of = lru_cache(1)(World)
+
+
+def study(seed: int, slip: str) -> dict[str, Any]:
     """One campaign with one slip: what became of it."""
+    world = world_of(seed)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         named = campaign_folder(folder, world, slip)
@@ -190,30 +193,9 @@ def study(world: World, slip: str) -> dict[str, Any]:
     return out | {"codes": codes, "named": right, "refused": result.refused is not None, "error_mm": error}
 
 
-def main() -> None:
-    """Run the campaigns, each kept as soon as it is done, and print the table."""
-    parser = options(__doc__, "campaigns", 60)
-    parser.add_argument("--slip", action="append", choices=SLIPS)
-    asked = parser.parse_args()
-    world = lru_cache(1)(World)
-
-    def one(seed: int, slip: str) -> dict[str, Any]:
-        return study(world(seed), slip)
-
-    every = [(s, slip) for s in range(asked.first, asked.first + asked.campaigns) for slip in _of(s, asked.slip)]
-    found = run_all(asked, ((f"{s} {slip}", partial(one, s, slip)) for s, slip in every))
-    show(asked, table(pd.DataFrame(found)) + "\n", RESULTS)
-
-
-def _of(seed: int, slips: list[str] | None) -> tuple[str, ...]:
-    """The slips of one campaign: none, and four in turn, or those that are asked for."""
-    if slips:
-        return ("none", *(s for s in slips if s != "none"))
-    return ("none", *(SLIPS[1 + (4 * (seed // 3) + k) % (len(SLIPS) - 1)] for k in range(4)))
-
-
-def table(data: pd.DataFrame) -> str:
+def table(found: list[dict[str, Any]]) -> str:
     """The page of results."""
+    data = pd.DataFrame(found)
     sound = data[data.slip == "none"].set_index("seed").error_mm.astype(float)
     lines = [
         "# Slips in the files of a calibration",
@@ -240,5 +222,13 @@ def table(data: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
+def slips_of(asked: Asked, seed: int) -> list[tuple[str]]:
+    """Return no slip, and four in turn or those that are asked for."""
+    some = [SLIPS[1 + (4 * (seed // 3) + k) % (len(SLIPS) - 1)] for k in range(4)] if len(asked.slip) == len(SLIPS) else asked.slip
+    return [("none",), *((slip,) for slip in some if slip != "none")]
+
+
+STUDY = Study("campaign_slips", study, table, "campaigns", 60, {"slip": SLIPS}, "{seed} {slip}", slips_of)
+
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

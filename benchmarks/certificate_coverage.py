@@ -1,6 +1,6 @@
 """Does the stated U95 of every characteristic hold the truth 95 times in 100?
 
-python benchmarks/certificate_coverage.py [--campaigns 2000] [--seed 1] [--first 0] [--keep campaigns.jsonl] [--write]
+python benchmarks/certificate_coverage.py [--campaigns 2000] [--first 0] [--keep campaigns.jsonl] [--write]
 
 Each campaign is a robot with its own known errors - offsets per pose, scatter, lag, drift, overshoot, compliance - that runs a program of
 five poses of the cube, a line while turning, a rectangle, a weave, moves and loads, measured by an instrument of its own: the true rig is
@@ -10,17 +10,18 @@ scatters by a sixth of a count to four. --keep holds errors and U95 of each camp
 """
 
 import platform
+import sys
 import tempfile
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from erring_robot import FINER, RATE_HZ, START, Motion, draw_robot, robot_motion
 from numpy.typing import NDArray
-from pieces import options, run_all, show
 from scipy.stats import binom
+from study import Study
 
 from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.core import Status
@@ -33,7 +34,6 @@ from lmeasure.trajectory import PoseErrors, Reconstruction, Trajectory
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "certificate_coverage.md"
 PER_INSTRUMENT = 4
 """Campaigns measured by an instrument before the next one is calibrated, which takes as long as a campaign."""
 
@@ -99,20 +99,23 @@ def trajectory_of(time_s: FloatArray, poses: FloatArray) -> Trajectory:
     return Trajectory(time_s, poses, zero, zero.astype(np.int64), status, text, text, zero, none, none, "counts only")
 
 
+TRIALS = 400
+
+
 def key(evaluation: Evaluation) -> list[tuple[str, str]]:
     """Names of figures and where they belong."""
     return [(c.name, c.where) for c in evaluation.characteristics]
 
 
-def campaign(number: int, seed: int, trials: int) -> dict[str, Any]:
+def campaign(number: int) -> dict[str, Any]:
     """Names of the characteristics, errors and U95 (n,) each of one campaign."""
-    instrument, seed = instruments(1_000_000 * seed + number // PER_INSTRUMENT), 1_000_000 * seed + number
+    instrument, seed = instruments(1_000_000 + number // PER_INSTRUMENT), 1_000_000 + number
     rng = np.random.default_rng(seed)
     robot = draw_robot(rng)
     motion, program = robot_motion(robot, rng)
     # of its own stream: the robot does not depend on it
     run, trajectory = instrument.measure(motion, rng.spawn(1)[0])
-    settings = CertificationSettings(trials=trials, seed=seed, limit_angle_deg=None, planes=30)
+    settings = CertificationSettings(trials=TRIALS, seed=seed, limit_angle_deg=None, planes=30)
     found = evaluate(trajectory, program, run=run, settings=settings)
     truth = evaluate(trajectory_of(*joined(motion.true)), program, NoErrors(), settings=replace(settings, trials=1))
     if key(found) != key(truth):
@@ -120,7 +123,7 @@ def campaign(number: int, seed: int, trials: int) -> dict[str, Any]:
     value, u95 = (np.array([getattr(c, name) for c in found.characteristics]) for name in ("value", "u95"))
     true = np.array([c.value for c in truth.characteristics])
     names = [c.name for c in found.characteristics]
-    return {"number": number, "trials": trials, "names": names, "error": value - true, "u95": u95}
+    return {"number": number, "trials": TRIALS, "names": names, "error": value - true, "u95": u95}
 
 
 def results(found: list[Any]) -> str:
@@ -163,16 +166,7 @@ def results(found: list[Any]) -> str:
     return "\n".join([*lines, ""])
 
 
-def main() -> None:
-    """Run campaigns, each kept as soon as it is done, and print what is kept."""
-    parser = options(__doc__, "campaigns", 2000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--trials", type=int, default=400)
-    asked = parser.parse_args()
-    numbers = range(asked.first, asked.first + asked.campaigns)
-    runs = ((f"{asked.seed} {asked.trials} {n}", partial(campaign, n, asked.seed, asked.trials)) for n in numbers)
-    show(asked, results(run_all(asked, runs)), RESULTS)
-
+STUDY = Study("certificate_coverage", campaign, results, "campaigns", 2000, key=f"1 {TRIALS} {{seed}}")
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

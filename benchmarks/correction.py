@@ -11,25 +11,21 @@ says that it does not know: the mean of |N(0, covariance)|. Improvement is AP be
 in pieces. --write keeps the table in results/correction.md.
 """
 
-import argparse
-import itertools
 import math
 import os
-from functools import partial
-from pathlib import Path
+import sys
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from pieces import Pieces
+from study import Study, table as as_table
 
 from lmeasure.core import se3
 from lmeasure.robots import Limits, Settings, any_shipped, corrections, identify, predict
 from lmeasure.robots.identification.measurements import measured
 
-RESULTS = Path(__file__).parent / "results" / "correction.md"
 SIZES = {"theta_deg": 5e-4, "alpha_deg": 5e-4, "beta_deg": 5e-4, "d_mm": 0.3, "a_mm": 0.3, "offset_mm": 0.3}
 SIZES |= {f"{end}_{axis}_mm": 0.3 for end in ("base", "platform") for axis in "xyz"}
 PLACE_MM, TILT_RAD = 120.0, 0.25
@@ -57,7 +53,7 @@ def joints_of(nominal: Any, rng: np.random.Generator, count: int) -> np.ndarray:
     return np.asarray(middle + rng.uniform(-reach, reach, (count, len(low))))
 
 
-def one(name: str, seed: int, oriented: bool, visits: int) -> list[float]:
+def one(seed: int, visits: int, oriented: bool, name: str) -> dict[str, Any]:
     """Mean AP before, after, and its floor with what is not known of the robot [mm]; targets corrected, refused, and how many within u95
     of single visits."""
     rng, nominal = np.random.default_rng([seed, len(name)]), any_shipped(name).model
@@ -91,54 +87,38 @@ def one(name: str, seed: int, oriented: bool, visits: int) -> list[float]:
     # where one visit of the means that were measured would lie: of single visits as stated
     single = np.linalg.norm(seen(solved) + rng.normal(0.0, NOISE_MM / math.sqrt(visits), (len(targets), 3)) - wanted, axis=1)
     counts = int(kept.sum()), int((~kept).sum()), int((single < told.u95_mm).sum())
-    return [float(before.mean()), float(after.mean()), float(floor), *counts]
+    values = [float(before.mean()), float(after.mean()), float(floor), *counts]
+    return {"kind": name, "oriented": oriented, "visits": visits, "values": values}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", type=int, default=200)
-    parser.add_argument("--kinds", default="generic6,generic7,gough")
-    parser.add_argument("--keep", type=Path, help="file for what has run, to go on from")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="when to stop, with --keep")
-    parser.add_argument("--write", action="store_true")
-    asked = parser.parse_args()
-    known, robots = Pieces(asked.keep, asked.seconds), asked.robots
+def page(found: list[dict[str, Any]]) -> str:
+    """Return the page of results."""
     bare = NOISE_MM / math.sqrt(CYCLES) * math.sqrt(8.0 / math.pi)  # the mean of |N(0, s^2 I)| in space
-    header = ["robot", "measured", "visits", "robots", "AP before", "after", "floor, mm", "after / floor", "with what is not known"]
-    header += ["after / that", "improvement: least, 5, 50, 95 %, most", "refused", "in u95"]
-    lines = [
-        "# Corrected robots",
-        "",
-        f"`python benchmarks/correction.py --robots {robots}`: {ROWS} poses measured, once or {CYCLES} times each, by places alone or with "
-        f"orientations; 40 others, of a hexapod 10, corrected and visited {CYCLES} times. `gough` is a hexapod.",
-        "",
-        f"| {' | '.join(header)} |",
-        "|---" * len(header) + "|",
-    ]
-    # as a certificate measures first: where the time does not reach, the others have fewer robots
-    cases = [(name, oriented, visits) for visits, oriented, name in itertools.product((CYCLES, 1), (False, True), asked.kinds.split(","))]
-    found: dict[tuple[str, bool, int], list[list[float]]] = {case: [] for case in cases}
-    for case, seed in itertools.product(cases, range(robots)):
-        name, oriented, visits = case
-        row = known(f"{name} {oriented} {visits} {seed}", partial(one, name, seed, oriented, visits))
-        if row is not None:
-            found[case].append(row)
-    for (name, oriented, visits), rows in found.items():
-        if not rows:
-            continue
-        before, after, floor, kept, refused, inside = np.array(rows).T
-        cells = [name, "places and orientations" if oriented else "places", str(visits), str(len(rows)), f"{before.mean():.3f}"]
+    head = ["robot", "measured", "visits", "robots", "AP before", "after", "floor, mm", "after / floor", "with what is not known"]
+    head += ["after / that", "improvement: least, 5, 50, 95 %, most", "refused", "in u95"]
+    cases: dict[tuple[str, bool, int], list[list[float]]] = {}
+    for one in found:
+        cases.setdefault((one["kind"], one["oriented"], one["visits"]), []).append(one["values"])
+    rows = []
+    for (name, oriented, visits), values in cases.items():
+        before, after, floor, kept, refused, inside = np.array(values).T
+        cells = [name, "places and orientations" if oriented else "places", visits, len(values), f"{before.mean():.3f}"]
         cells += [f"{after.mean():.4f}", f"{bare:.4f}", f"{after.mean() / bare:.2f}", f"{floor.mean():.4f}"]
-        cells += [
-            f"{after.mean() / floor.mean():.2f}",
-            ", ".join(f"{v:.0f}" for v in np.quantile(before / after, (0.0, 0.05, 0.5, 0.95, 1.0))),
-        ]
-        cells += [f"{100 * refused.sum() / (refused + kept).sum():.1f} %", f"{100 * inside.sum() / kept.sum():.1f} %"]
-        lines.append(f"| {' | '.join(cells)} |")
-        print(lines[-1], flush=True)
-    if asked.write:
-        RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        improvement = ", ".join(f"{v:.0f}" for v in np.quantile(before / after, (0.0, 0.05, 0.5, 0.95, 1.0)))
+        shares = f"{100 * refused.sum() / (refused + kept).sum():.1f} %", f"{100 * inside.sum() / kept.sum():.1f} %"
+        rows.append([*cells, f"{after.mean() / floor.mean():.2f}", improvement, *shares])
+    return (
+        f"# Corrected robots\n\n`python benchmarks/correction.py`: {ROWS} poses measured, once or {CYCLES} times each, by places alone or "
+        f"with orientations; 40 others, of a hexapod 10, corrected and visited {CYCLES} times. `gough` is a hexapod.\n\n"
+        + as_table(head, rows)
+    )
 
+
+STUDY = Study(
+    "correction", one, page, "robots", 200,
+    {"visits": (CYCLES, 1), "oriented": (False, True), "kinds": ("generic6", "generic7", "gough")},
+    "{kinds} {oriented} {visits} {seed}",
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -11,16 +11,15 @@ singular. Contradicting: some are refused because channels contradict each other
 a thousand. Held: of one sample in the middle of those that have a pose, whether its place and orientation lie in their 95 % region.
 """
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pieces import options, run_all, show
 from scipy.stats import binom, chi2
+from study import Study
 
 from lmeasure.core import LMeasureError, Status, se3
 from lmeasure.recording import Run
@@ -29,7 +28,6 @@ from lmeasure.simulation import simulate_run
 from lmeasure.trajectory import covariances, reconstruct
 
 FloatArray = NDArray[np.float64]
-RESULTS = Path(__file__).parent / "results" / "drawn_rigs.md"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 U_START = (0.5, 0.001)
 ZEROS: dict[str, Callable[[float], dict[str, Any]]] = {
@@ -210,12 +208,7 @@ def table(every: list[Drawn]) -> str:
     return "\n".join([*lines, ""])
 
 
-def main() -> None:
-    """Each draw is kept as soon as it is done."""
-    asked = options(__doc__, "rigs", 200).parse_args()
-    numbers = range(asked.first, asked.first + asked.rigs)
-    show(asked, table([Drawn(**d) for d in run_all(asked, ((f"{n}", partial(draw, n)) for n in numbers)) if d]), RESULTS)
-
+STUDY = Study("drawn_rigs", draw, table, "rigs", 200, record=Drawn)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

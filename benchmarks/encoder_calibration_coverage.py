@@ -11,13 +11,11 @@ their 95 % region; of the second, whose frame is its own, the distance of two of
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import scipy.stats
-from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
+from study import Study
 
 from lmeasure.calibration import CalibrationSettings, Campaign, calibrate, continued, unknowns_of
 from lmeasure.calibration.solve.run_samples import campaign_of
@@ -29,7 +27,6 @@ from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 COVERAGE = 0.95
-RESULTS = Path(__file__).parent / "results" / "encoder_calibration_coverage.md"
 
 
 def true_rig(seed: int) -> Rig:
@@ -112,7 +109,7 @@ def by_run(seed: int) -> bool:
 KINDS: dict[str, Callable[[int], bool]] = {"swivels": by_poses, "self": by_motion, "continue": by_run}
 
 
-def drawn(kind: str, number: int) -> list[str | bool]:
+def drawn(number: int, kind: str) -> list[str | bool]:
     """The kind, and whether its draw of this number held the truth."""
     return [kind, bool(KINDS[kind](number))]
 
@@ -132,16 +129,7 @@ def table(every: list[list[str | bool]]) -> tuple[str, bool]:
     return "\n".join([*lines, "", "All consistent." if good else "NOT consistent.", ""]), good
 
 
-def main() -> int:
-    """Exit code 0, or 1 where a kind is not consistent with 95 %, on either side, or for distances on the lower one."""
-    parser = options(__doc__, "draws", 200)
-    parser.add_argument("--kind", choices=tuple(KINDS), nargs="+", default=list(KINDS))
-    asked = parser.parse_args()
-    wanted = ((kind, number) for number in range(asked.first, asked.first + asked.draws) for kind in asked.kind)
-    text, good = table(run_all(asked, ((f"{kind} {number}", partial(drawn, kind, number)) for kind, number in wanted)))
-    show(asked, text, RESULTS)
-    return 0 if good else 1
-
+STUDY = Study("encoder_calibration_coverage", drawn, table, "draws", 200, {"kind": tuple(KINDS)})
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(STUDY.command(__doc__))

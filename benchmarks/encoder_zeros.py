@@ -13,14 +13,12 @@ u: standard uncertainty of its position, median of the runs that are whole at al
 falls by more than 5 % from a level to a higher one.
 """
 
-import argparse
+import sys
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
-from pieces import options, run_all, show
 from scipy.stats import binom, chi2
+from study import Study
 
 from lmeasure.core import LMeasureError, Status, se3
 from lmeasure.recording import Run
@@ -28,7 +26,6 @@ from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.trajectory import covariances, reconstruct
 
-RESULTS = Path(__file__).parent / "results" / "encoder_zeros.md"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 LASTS_S = {"about": 5.0, "none": 10.0}
 LEVELS_DEG = (0.01, 0.05, 0.3, 1.0, 2.0)
@@ -132,14 +129,7 @@ def table(every: list[Drawn]) -> str:
     return "\n".join([*lines, "", *ends, ""])
 
 
-def main() -> None:
-    """Each draw is kept as soon as it is done."""
-    parser: argparse.ArgumentParser = options(__doc__, "rigs", 200)
-    parser.add_argument("--starts", choices=STARTS, nargs="+", default=list(STARTS))
-    asked = parser.parse_args()
-    wanted = ((n, s, level) for n in range(asked.first, asked.first + asked.rigs) for s in asked.starts for level in LEVELS_DEG)
-    show(asked, table([Drawn(**d) for d in run_all(asked, ((f"{n} {s} {u}", partial(draw, n, s, u)) for n, s, u in wanted))]), RESULTS)
-
+STUDY = Study("encoder_zeros", draw, table, "rigs", 200, {"starts": STARTS, "levels": LEVELS_DEG}, "{seed} {starts} {levels}", record=Drawn)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

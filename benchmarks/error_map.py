@@ -12,7 +12,6 @@ Simulated arms: generic6 with 0.3 mm and 0.5 mrad on every parameter of the link
 --seconds run it in pieces.
 """
 
-import argparse
 import math
 import os
 from collections.abc import Callable
@@ -28,7 +27,7 @@ import numpy as np
 import scipy.spatial.transform
 import scipy.stats
 from numpy.typing import NDArray
-from pieces import Pieces
+from study import Kept, options, show
 
 from lmeasure.core import se3
 from lmeasure.robots import error_map, held_out, identify_with_choice, predict
@@ -37,7 +36,6 @@ from lmeasure.robots.robot import shipped
 
 FloatArray = NDArray[np.float64]
 DATA = Path(__file__).parents[1] / "datasets" / "ur5" / "grid.csv"
-RESULTS = Path(__file__).parent / "results" / "error_map.md"
 SEED, FOLDS, SIZES, LATER = 21, 5, (60, 100, 200, 400), 200
 HALF_MM, TILT_RAD, NOISE_MM, POINTS = 250.0, 0.25, 0.02, (60, 120)
 NEAR = np.radians([0.0, 10.0, 10.0, 0.0, 60.0, 0.0])
@@ -80,7 +78,7 @@ def line(first: str, method: str, left: FloatArray, radius: FloatArray | None) -
     return out
 
 
-def real(known: Pieces) -> list[str]:
+def real(known: Kept) -> list[str]:
     joints, poses, errors = ur5()
     places = poses[:, :3] + errors
     turn, _ = scipy.spatial.transform.Rotation.align_vectors(places - places.mean(axis=0), poses[:, :3] - poses[:, :3].mean(axis=0))
@@ -139,7 +137,7 @@ def arm(seed: int, points: int) -> list[list[float]]:
     return plain((np.linalg.norm(errors[points : points + 40], axis=1), off[:40], radius[:40], outside))
 
 
-def simulated(robots: int, known: Pieces) -> list[str]:
+def simulated(robots: int, known: Kept) -> list[str]:
     lines = [HEADER[0].format("points, arms"), HEADER[1]]
     for points in POINTS:
         every = [known(f"arm {points} {seed}", partial(arm, seed, points)) for seed in range(robots)]
@@ -163,18 +161,16 @@ def simulated(robots: int, known: Pieces) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options(__doc__)
     parser.add_argument("--robots", type=int, default=100)
-    parser.add_argument("--write", action="store_true")
-    parser.add_argument("--keep", type=Path, help="file for what has run, to go on from")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="when to stop, with --keep")
+    parser.add_argument("--keep", type=Path, help="file of what has run, to continue from")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin nothing new after this time")
     asked = parser.parse_args()
-    known, robots = Pieces(asked.keep, asked.seconds), asked.robots
-    parts = [("A real UR5", real(known)), ("Simulated arms", simulated(robots, known))]
-    if asked.write:
-        head = f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {robots} --write`\n"
-        tables = "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts)
-        RESULTS.write_text(head + tables, encoding="utf-8")
+    known = Kept(asked.keep, asked.seconds)
+    parts = {"A real UR5": real(known), "Simulated arms": simulated(asked.robots, known)}
+    tables = "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts.items())
+    head = f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {asked.robots} --write`\n"
+    show(asked, head + tables, "error_map")
 
 
 if __name__ == "__main__":

@@ -7,58 +7,57 @@ every sample is held against the limits of the normal law (chi-squared of as man
 rounding (`trajectory.faults.redundancy`), and the largest of a run against the limits that a run is to pass once in so many.
 """
 
-import argparse
-from pathlib import Path
+import sys
+from typing import Any
 
 import numpy as np
 from scipy.stats import binom, chi2
 from single_faults import RIGS, TIME_S, Cell
+from study import Study, table
 
-RESULTS = Path(__file__).parent / "results" / "false_alarms.md"
 SAMPLES = (1e-2, 1e-3, 1e-4, 1e-5)
 RUNS = (0.5, 0.1, 0.01)
 
 
-def study(name: str, cells: int) -> str:
-    """The table of a rig."""
-    of_samples, of_runs, limits = np.zeros((2, len(SAMPLES))), np.zeros((2, len(RUNS))), np.zeros((2, cells))
-    for number in range(cells):
-        at = Cell(name, number)
-        m = len(at.per_count)
-        chi = at.redundancy.parities(at.epochs, at.poses).chi_squared
-        rounded = at.redundancy.chance(at.epochs, at.poses, np.ones(m, np.bool_))
-        for k, limit in enumerate((chi2(m - 6).isf, rounded.limit)):
-            of_samples[k] += [(chi > limit(chance)).sum() for chance in SAMPLES]
-            of_runs[k] += [chi.max() > limit(chance / len(TIME_S)) for chance in RUNS]
-            limits[k, number] = limit(1e-3 / len(TIME_S))
-    n, (normal, own) = cells * len(TIME_S), limits.mean(axis=1)
-    lines = [f"## {name}: {cells} runs of {len(TIME_S)} samples", "", "| of | stated | normal law | rounding | consistent up to |"]
-    lines.append("|---|---|---|---|---|")
-    for k, chance in enumerate(SAMPLES):
-        lines.append(f"| samples | {chance:g} | {of_samples[0, k] / n:.2g} | {of_samples[1, k] / n:.2g} | |")
-    for k, chance in enumerate(RUNS):
-        high = int(binom.ppf(0.99, cells, chance))
-        lines.append(f"| runs | {chance:g} | {of_runs[0, k] / cells:.3g} | {of_runs[1, k] / cells:.3g} | {high / cells:.3g} |")
-    lines += [
-        "",
-        f"An alarm of a run (once in a thousand) begins at chi-squared {own:.1f} in the mean, by the normal law at {normal:.1f}: ",
-    ]
-    lines[-1] += f"a fault is seen from {np.sqrt(own / normal):.2f} times the size on."
-    return "\n".join([*lines, ""])
+def draw(number: int, name: str) -> dict[str, Any]:
+    """Return how many samples of a cell are above the limits of SAMPLES, whether its run is above those of RUNS, and the limit of an alarm;
+    each by the normal law and by rounding."""
+    at = Cell(name, number)
+    m = len(at.per_count)
+    chi = at.redundancy.parities(at.epochs, at.poses).chi_squared
+    limits = (chi2(m - 6).isf, at.redundancy.chance(at.epochs, at.poses, np.ones(m, np.bool_)).limit)
+    return {
+        "rig": name,
+        "samples": [[int((chi > limit(chance)).sum()) for chance in SAMPLES] for limit in limits],
+        "runs": [[bool(chi.max() > limit(chance / len(TIME_S))) for chance in RUNS] for limit in limits],
+        "limit": [float(limit(1e-3 / len(TIME_S))) for limit in limits],
+    }
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cells", type=int, default=400)
-    parser.add_argument("--write", action="store_true")
-    asked = parser.parse_args()
+def page(found: list[dict[str, Any]]) -> str:
+    """Return the page of results."""
     about = (__doc__ or "").split("\n\n", 2)
-    text = "\n".join(["# Alarms of sound runs", "", about[0], "", about[2].strip(), "", *(study(name, asked.cells) for name in RIGS)])
-    print(text)
-    if asked.write:
-        RESULTS.write_text(text, encoding="utf-8")
+    own = {name: [f for f in found if f["rig"] == name] for name in RIGS}
+    return "\n".join(["# Alarms of sound runs", "", about[0], "", about[2].strip(), "", *(part(n, f) for n, f in own.items() if f)])
 
+
+def part(name: str, found: list[dict[str, Any]]) -> str:
+    """Return the table of a rig."""
+    samples, runs, limits = (np.array([f[key] for f in found]).astype(float).mean(axis=0) for key in ("samples", "runs", "limit"))
+    rows = [
+        ["samples", f"{p:g}", f"{n / len(TIME_S):.2g}", f"{o / len(TIME_S):.2g}", ""] for p, n, o in zip(SAMPLES, *samples, strict=True)
+    ]
+    for chance, normal, own in zip(RUNS, *runs, strict=True):
+        rows.append(["runs", f"{chance:g}", f"{normal:.3g}", f"{own:.3g}", f"{binom.ppf(0.99, len(found), chance) / len(found):.3g}"])
+    return (
+        f"## {name}: {len(found)} runs of {len(TIME_S)} samples\n\n"
+        + table(["of", "stated", "normal law", "rounding", "consistent up to"], rows)
+        + f"\n\nAn alarm (once in 1,000 runs) starts at chi-squared {limits[1]:.1f} in the mean, by the normal law at {limits[0]:.1f}: "
+        f"a fault is seen from {np.sqrt(limits[1] / limits[0]):.2f} times the size on.\n"
+    )
+
+
+STUDY = Study("false_alarms", draw, page, "cells", 400, {"rig": tuple(RIGS)})
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

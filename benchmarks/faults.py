@@ -1,6 +1,6 @@
 """What becomes of a run when a counter errs: kinds of faults by rigs of six, seven and eight cables, silent, partly caught or caught.
 
-    python benchmarks/faults.py --rigs 12 --keep faults.jsonl [--cables 6 7 8] [--limits] [--kind NAME ...] [--before was.jsonl] [--write]
+    python benchmarks/faults.py --rigs 12 --keep faults.jsonl [--cables 6 7 8] [--limits False True] [--kind NAME ...] [--write]
     python benchmarks/faults.py --alarms 300 [--cables 7]
 
 Rigs and counts come from an independent forward model (tests/helpers/real_rig.py); each rig is calibrated by twenty poses of a robot
@@ -16,16 +16,16 @@ summary calls its cable faulty, and no other.
 import itertools
 import re
 import sys
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pieces import kept, options, run_all, show
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, ncx2
+from study import Study
 
 TESTS = Path(__file__).parent.parent / "tests"
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
@@ -40,7 +40,6 @@ from lmeasure.trajectory import reconstruct  # noqa: E402
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "faults.md"
 COUNT_MM = 0.012
 SIGNIFICANCE, POWER, JUDGED = 1e-3, 0.999, 40
 DURATION_S, DWELL_S = 24.0, 0.4
@@ -177,8 +176,12 @@ def named(found: Any) -> set[str]:
     }
 
 
-def study(cell: Cell, seed: int, kind: str, plain: bool = False) -> dict[str, object]:
+cell_of = lru_cache(1)(Cell)
+
+
+def study(seed: int, cables: int, limits: bool, kind: str) -> dict[str, object]:
     """One fault in one run of a cell."""
+    cell = cell_of(seed, cables, limits)
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
     m = cell.recorded.shape[1]
     j = int(rng.integers(m))
@@ -192,7 +195,7 @@ def study(cell: Cell, seed: int, kind: str, plain: bool = False) -> dict[str, ob
     names = {name for cable in found.cable[ok] for name in cable.split(", ") if name}
     said = bool((~ok).any() or names or any("suspected" in str(cause) for cause in found.cause))
     outcome = ("partly" if said else "silent") if wrong.any() else ("caught" if said else "harmless")
-    detectable, separable = (False, False) if plain else power(cell, recorded, j if kind not in OF_SEVERAL else None)
+    detectable, separable = power(cell, recorded, j if kind not in OF_SEVERAL else None)
     return {
         "cables": m,
         "seed": seed,
@@ -206,6 +209,7 @@ def study(cell: Cell, seed: int, kind: str, plain: bool = False) -> dict[str, ob
         "left_out": ", ".join(sorted(names)),
         "detectable": detectable,
         "separable": separable,
+        "limits": limits,
     }
 
 
@@ -243,39 +247,17 @@ def power(cell: Cell, recorded: FloatArray, j: int | None) -> tuple[bool, bool]:
     return detectable, all(shows(largest(used), m - 7, SIGNIFICANCE / 2.0 / JUDGED) for used in without)
 
 
-def alarms(first: int, runs: int, cables: int) -> str:
-    """How many sound runs are called anything else."""
-    told = []
-    for seed in range(first, first + runs):
-        cell = Cell(seed, cables, limits=False)
-        found = reconstruct(cell.run(cell.recorded))
-        if (words(found) != "ok").any() or set(found.cable) != {""}:
-            told.append(f"rig {seed}: {found.summary()}")
-    return "\n".join([f"{len(told)} of {runs} sound runs of {cables} cables alarmed", *told])
+def alarm(seed: int, cables: int) -> str:
+    """Return the summary of a sound run that is called anything else."""
+    cell = Cell(seed, cables, limits=False)
+    found = reconstruct(cell.run(cell.recorded))
+    alarmed = (words(found) != "ok").any() or set(found.cable) != {""}
+    return f"rig {seed}, {cables} cables: {found.summary()}" if alarmed else ""
 
 
-def main() -> None:
-    """Run what is asked for, each run kept as soon as it is done, and print the table."""
-    parser = options(__doc__, "rigs", 12)
-    parser.add_argument("--cables", type=int, nargs="+", default=[6, 7, 8])
-    parser.add_argument("--limits", action="store_true", help="the rig states limits of speed and acceleration")
-    parser.add_argument("--kind", action="append", choices=KINDS)
-    parser.add_argument("--before", type=Path, help="runs of an earlier version, for the table")
-    parser.add_argument("--plain", action="store_true", help="without what can be detected, which versions before do not tell")
-    parser.add_argument("--alarms", type=int, help="count the false alarms of so many sound runs and do nothing else")
-    asked = parser.parse_args()
-    if asked.alarms:
-        for cables in asked.cables:
-            print(alarms(asked.first, asked.alarms, cables), flush=True)
-        return
-    cell = lru_cache(1)(Cell)
-
-    def one(cables: int, seed: int, kind: str) -> dict[str, Any]:
-        return study(cell(seed, cables, asked.limits), seed, kind, asked.plain) | {"limits": asked.limits}
-
-    every = itertools.product(asked.cables, range(asked.first, asked.first + asked.rigs), asked.kind or KINDS)
-    found = run_all(asked, ((f"{c} {asked.limits} {seed} {kind}", partial(one, c, seed, kind)) for c, seed, kind in every))
-    show(asked, table(pd.DataFrame(found), pd.DataFrame(kept(asked.before)) if asked.before else None) + "\n", RESULTS)
+def alarms(found: list[str]) -> str:
+    """Return how many of the sound runs are called anything else, and which."""
+    return "\n".join([f"{sum(map(bool, found))} of {len(found)} sound runs alarmed", *filter(None, found)])
 
 
 def _told(data: pd.DataFrame) -> str:
@@ -286,11 +268,11 @@ def _told(data: pd.DataFrame) -> str:
     return " / ".join(str(counts.get(name, 0)) for name in ("silent", "partly")) + f" / {counts.get('caught', 0)} of {len(data)}"
 
 
-def table(after: pd.DataFrame, before: pd.DataFrame | None) -> str:
+def table(found: list[dict[str, Any]]) -> str:
     """The page of results."""
+    data = pd.DataFrame(found)
     columns = [("6", 6, False), ("6, limits stated", 6, True), ("7", 7, False), ("8", 8, False)]
-    versions = [("", after)] if before is None else [(" before", before), (" now", after)]
-    head = [f"{name}{version}" for name, *_ in columns for version, _ in versions]
+    head = [name for name, *_ in columns]
     lines = [
         "# What becomes of a run when a counter errs",
         "",
@@ -301,23 +283,18 @@ def table(after: pd.DataFrame, before: pd.DataFrame | None) -> str:
         f"|---|{'---|' * len(head)}",
     ]
     for kind in KINDS:
-        cells = [
-            _told(data[(data.kind == kind) & (data.cables == cables) & (data.limits == limits)])
-            for _, cables, limits in columns
-            for _, data in versions
-        ]
+        cells = [_told(data[(data.kind == kind) & (data.cables == cables) & (data.limits == limits)]) for _, cables, limits in columns]
         lines.append(f"| {kind} | {' | '.join(cells)} |")
     lines.append("")
     for _, cables, limits in columns:
-        for version, data in versions:
-            of = data[(data.cables == cables) & (data.limits == limits)]
-            if len(of):
-                share = (of.outcome == "silent").mean()
-                rigs = f"{cables} cables{', limits stated' if limits else ''}{version}"
-                lines.append(f"- {rigs}: {share:.0%} of {len(of)} runs silent, {of.wrong.mean():.1%} of samples wrong.")
-    eight = after[after.cables == 8]
+        of = data[(data.cables == cables) & (data.limits == limits)]
+        if len(of):
+            share = (of.outcome == "silent").mean()
+            rigs = f"{cables} cables{', limits stated' if limits else ''}"
+            lines.append(f"- {rigs}: {share:.0%} of {len(of)} runs silent, {of.wrong.mean():.1%} of samples wrong.")
+    eight = data[data.cables == 8]
     for cables in (7, 8):
-        of = after[(after.cables == cables) & after.detectable]
+        of = data[(data.cables == cables) & data.detectable]
         if len(of):
             silent, partly = ((of.outcome == name).sum() for name in ("silent", "partly"))
             lines.append(f"- Of {len(of)} faults of {cables} cables that can be detected {silent} stay silent, {partly} are partly caught.")
@@ -331,5 +308,10 @@ def table(after: pd.DataFrame, before: pd.DataFrame | None) -> str:
     return "\n".join(lines)
 
 
+STUDY = Study(
+    "faults", study, table, "rigs", 12, {"cables": (6, 7, 8), "limits": (False, True), "kind": KINDS}, "{cables} {limits} {seed} {kind}"
+)
+ALARMS = Study("faults", alarm, alarms, "alarms", 300, {"cables": (6, 7, 8)})
+
 if __name__ == "__main__":
-    main()
+    sys.exit((ALARMS if "--alarms" in sys.argv else STUDY).command(__doc__))

@@ -1,7 +1,7 @@
 """Robots measured through a cable cell: whether what `identify` states of them holds, and frames over many draws.
 
-    python benchmarks/identified_through_cables.py [--robots 200] [--first 0] [--frames 2000] [--kinds NAME,...] [--built] [--write]
-        [--results FILE.md]
+    python benchmarks/identified_through_cables.py --parts frames --runs 2000 --keep FILE
+    python benchmarks/identified_through_cables.py --parts robots --runs 200 [--kinds NAME ...] [--built False] --keep FILE --write
 
 Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod;
 of mechanisms in every value of their legs) and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of
@@ -9,15 +9,12 @@ tests/authorities; at each pose whole counts are read, off by where within a cou
 and by their rounding. Poses come from these counts by the linear law of the cell at the true pose; stated of them is the
 covariance of the rounding, and as systematic, which all poses of a robot share, what a zeroing does at each of them. The probabilities are
 two-sided, of one determined parameter and one prediction of each robot, which are independent, within
-their 95 %. With --built it is stated of the robots how exactly they were built, from which they are drawn; then all parameters are
+their 95 %. With `--built True` it is stated of the robots how exactly they were built, from which they are drawn; then all parameters are
 judged, those too that hardly anything but their drawing tells.
 """
 
-import argparse
 import os
-import platform
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +27,7 @@ import scipy.optimize
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from study import Asked, Study, percent, table, two_sided
 
 from lmeasure.core import se3
 from lmeasure.kernels import span_lengths
@@ -44,7 +42,6 @@ from lmeasure.robots.parallel.model import Parallel
 
 FloatArray = NDArray[np.float64]
 RIG = Path(__file__).parents[1] / "tests" / "authorities" / "truth" / "cell-run" / "rig.toml"
-RESULTS = Path(__file__).parent / "results" / "identified_through_cables.md"
 SEED, POSES, COUNT_MM, REPEATS_MM = 18, 60, 0.012, 0.02
 PLACE_MM, TILT_RAD, REGULAR = 220.0, 0.35, 0.05
 KINDS = ("generic6", "generic7", "gough", "rotopod-cell", "four-chains", "four-chains-arms", "logos", "crank-platform")
@@ -143,47 +140,49 @@ def measured_in(cell: Cell, true: Any, joints: FloatArray, stand: FloatArray, rn
     return replace(rows, covariance=covariance, systematic=systematic)
 
 
-def robots(count: int, kinds: Sequence[str] = KINDS, *, built: bool = False, first: int = 0) -> list[str]:
-    of = "of links and legs" if built else "determined"
-    lines = [
-        f"| robot | robots | parameters {of} | within 95 %, % | one of each robot: % | two-sided p "
-        "| predictions within u95, % | one of each robot: % | two-sided p |",
-        "|---|---|---|---|---|---|---|---|---|",
+def off_true(found: Any, true: Any, *, every: bool = False) -> list[float]:
+    """Return errors of determined parameters, or of all, in parts of their standard uncertainty."""
+    value = {p.name: p.value for p in true.parameters if p.unit}  # scales were not drawn
+    told, u, unknowns = determined(found.fit), np.sqrt(np.diag(found.fit.covariance)), found.fit.problem.unknowns
+    values = zip(unknowns.names, unknowns.values(found.fit.x), u, told, strict=True)
+    return [float(abs(v - value[n]) / s) for n, v, s, t in values if (t or every) and n in value]
+
+
+def robot(seed: int, built: bool, name: str) -> dict[str, Any]:
+    """Return errors of one robot's parameters in parts of their standard uncertainty, one of them drawn, and which predictions hold."""
+    rng = np.random.default_rng([SEED, seed, KINDS.index(name)])
+    nominal, true = true_robot(name, rng)
+    joints, stand = joints_of(nominal, POSES + 20, rng)
+    # near a singular pose of the drawing the robot that was built may have none
+    joints = joints[~np.isnan(true.forward(joints)).any(axis=1)][: POSES + 20]
+    rows = measured_in(Cell(), true, joints, stand, rng)
+    found = identify(nominal, rows.of(np.arange(POSES)), BUILT if built else Settings(outliers=False))
+    sizes = off_true(found, true, every=built)
+    one = sizes[int(rng.integers(len(sizes)))] if sizes else None
+    later = rows.of(np.arange(POSES, POSES + 20))
+    predicted = predict(found, later.joints)
+    good = np.linalg.norm(predicted.pose[:, :3] - later.position, axis=1) <= predicted.u95_mm
+    return {"kind": name, "built": built, "sizes": sizes, "one": one, "good": good}
+
+
+def robots(found: list[dict[str, Any]]) -> str:
+    """Return the table of robots."""
+    rows = []
+    for built, name in dict.fromkeys((f["built"], f["kind"]) for f in found):
+        own = [f for f in found if (f["built"], f["kind"]) == (built, name)]
+        sizes, good = np.concatenate([f["sizes"] for f in own]), np.concatenate([f["good"] for f in own])
+        one, single = [f["one"] <= 1.96 for f in own if f["one"] is not None], [f["good"][0] for f in own]
+        cells = [f"{name}{', as built' * built}", len(own), len(sizes), percent(sizes <= 1.96), percent(one), f"{two_sided(one):.2g}"]
+        rows.append([*cells, percent(good), percent(single), f"{two_sided(single):.2g}"])
+    head = [
+        "robot",
+        "robots",
+        "parameters determined (as built: of links and legs)",
+        "within 95 %, %",
+        "one of each robot: %",
+        "two-sided p",
     ]
-    cell = Cell()
-    for name in kinds:
-        inside, one, within, single = [], [], [], []
-        for k in range(first, first + count):
-            rng = np.random.default_rng([SEED, k, KINDS.index(name)])
-            nominal, true = true_robot(name, rng)
-            joints, stand = joints_of(nominal, POSES + 20, rng)
-            # near a singular pose of the drawing the robot that was built may have none
-            joints = joints[~np.isnan(true.forward(joints)).any(axis=1)][: POSES + 20]
-            rows = measured_in(cell, true, joints, stand, rng)
-            found = identify(nominal, rows.of(np.arange(POSES)), BUILT if built else Settings(outliers=False))
-            # scales were not drawn
-            value = {p.name: p.value for p in true.parameters if p.unit}
-            told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
-            unknowns = found.fit.problem.unknowns
-            own = [
-                abs(v - value[n]) <= 1.96 * s
-                for n, v, s, t in zip(unknowns.names, unknowns.values(found.fit.x), u, told, strict=True)
-                if (t or built) and n in value
-            ]
-            inside += own
-            one += [own[int(rng.integers(len(own)))]] if own else []
-            later = rows.of(np.arange(POSES, POSES + 20))
-            predicted = predict(found, later.joints)
-            good = np.linalg.norm(predicted.pose[:, :3] - later.position, axis=1) <= predicted.u95_mm
-            within.append(good.mean())
-            single.append(bool(good[0]))
-        p = [scipy.stats.binomtest(sum(v), len(v), 0.95).pvalue if v else float("nan") for v in (one, single)]
-        lines.append(
-            f"| {name} | {count} | {len(inside)} | {100 * np.mean(inside):.1f} | {100 * np.mean(one):.1f} | {p[0]:.2g} "
-            f"| {100 * np.mean(within):.1f} | {100 * np.mean(single):.1f} | {p[1]:.2g} |"
-        )
-        print(lines[-1], flush=True)
-    return lines
+    return table([*head, "predictions within u95, %", "one of each robot: %", "two-sided p"], rows)
 
 
 def linear_square(base: FloatArray, flange: FloatArray, tool: FloatArray, noise: FloatArray, u: FloatArray) -> float:
@@ -204,47 +203,47 @@ def linear_square(base: FloatArray, flange: FloatArray, tool: FloatArray, noise:
     return float(((Q.T @ noise.reshape(-1)) ** 2).sum())
 
 
-def frame_draws(count: int) -> list[str]:
-    """Base and tool of 12 poses: the truth within the joint 95 % region, beside that of an exactly linear model with the same errors; with
-    0.05 mm and 0.2 mrad stated, and with nothing stated, by Hotelling's region; and the cost beside SciPy's."""
-    costs: list[float] = []
-    inside, linear, hotelling, off_linear = 0, 0, 0, 0.0
-    limit, u = scipy.stats.chi2.ppf(0.95, 12), np.repeat([2e-4, 0.05], 3)
-    for k in range(count):
-        rng = np.random.default_rng([SEED, 9, k])
-        base, tool = (se3.pose(rng.uniform(-s, s, 3), Rotation.random(rng=rng)) for s in (1500.0, 150.0))
-        flange = se3.pose(rng.uniform(-600, 600, (12, 3)), Rotation.random(12, rng=rng))
-        there = se3.compose(se3.compose(np.tile(base, (12, 1)), flange), np.tile(tool, (12, 1)))
-        noise = rng.normal(size=(12, 6))
-        seen = se3.displaced(there, u * noise)
-        found = frames(poses_from_rows(flange), poses_from_rows(seen).with_uncertainty(0.05, 2e-4))
-        square, exact = off_square(found, base, tool), linear_square(base, flange, tool, noise, u)
-        inside, linear, off_linear = inside + (square <= limit), linear + (exact <= limit), max(off_linear, abs(square / exact - 1.0))
-        untold = frames(poses_from_rows(flange), poses_from_rows(seen))
-        hotelling += off_square(untold, base, tool) <= 12.0 * scipy.stats.f.ppf(0.95, 12, untold.fit.freedom)
-        if k < 20:
-            state = found.state
+def frame(seed: int) -> dict[str, Any]:
+    """Return, for base and tool of 12 poses, the squared distance of the truth in its own covariance, and that of an exactly linear model
+    with the same errors; with 0.05 mm and 0.2 mrad stated, and with nothing stated; and the cost beside SciPy's, of a few."""
+    u, rng = np.repeat([2e-4, 0.05], 3), np.random.default_rng([SEED, 9, seed])
+    base, tool = (se3.pose(rng.uniform(-s, s, 3), Rotation.random(rng=rng)) for s in (1500.0, 150.0))
+    flange = se3.pose(rng.uniform(-600, 600, (12, 3)), Rotation.random(12, rng=rng))
+    there = se3.compose(se3.compose(np.tile(base, (12, 1)), flange), np.tile(tool, (12, 1)))
+    noise = rng.normal(size=(12, 6))
+    seen = se3.displaced(there, u * noise)
+    found = frames(poses_from_rows(flange), poses_from_rows(seen).with_uncertainty(0.05, 2e-4))
+    untold = frames(poses_from_rows(flange), poses_from_rows(seen))
+    hotelling = off_square(untold, base, tool) <= 12.0 * scipy.stats.f.ppf(0.95, 12, untold.fit.freedom)
+    out = {"square": off_square(found, base, tool), "linear": linear_square(base, flange, tool, noise, u), "hotelling": bool(hotelling)}
+    if seed >= 20:
+        return out
 
-            def cost(x: FloatArray, state: Any = state, flange: FloatArray = flange, seen: FloatArray = seen) -> FloatArray:
-                y, z = (se3.displaced(a[None], part[None])[0] for a, part in ((state.base, x[:6]), (state.targets[0], x[6:])))
-                at = se3.compose(se3.compose(np.tile(y, (12, 1)), flange), np.tile(z, (12, 1)))
-                return np.asarray((se3.displacement(seen, at) / u).reshape(-1))
+    def cost(x: FloatArray) -> FloatArray:
+        y, z = (se3.displaced(a[None], part[None])[0] for a, part in ((found.state.base, x[:6]), (found.state.targets[0], x[6:])))
+        at = se3.compose(se3.compose(np.tile(y, (12, 1)), flange), np.tile(z, (12, 1)))
+        return np.asarray((se3.displacement(seen, at) / u).reshape(-1))
 
-            other = scipy.optimize.least_squares(
-                cost, 1e-4 * rng.normal(size=12), x_scale=np.tile(u, 2), xtol=1e-15, ftol=1e-15, gtol=1e-15
-            )
-            costs.append((found.fit.chi2 - 2.0 * other.cost) / (2.0 * other.cost))
-    p = [scipy.stats.binomtest(int(n), count, 0.95).pvalue for n in (inside, linear, hotelling)]
-    lines = [
-        "| draws | truth within the joint 95 % region, % | two-sided p | of the exactly linear model with the same errors, % | two-sided p "
-        "| its squared distance less ours, relative, at most | nothing stated, Hotelling's region, % | two-sided p "
-        "| chi-squared less SciPy's, relative, worst of 20 |",
-        "|---" * 9 + "|",
-        f"| {count} | {100 * inside / count:.2f} | {p[0]:.2g} | {100 * linear / count:.2f} | {p[1]:.2g} | {off_linear:.0e} "
-        f"| {100 * hotelling / count:.2f} | {p[2]:.2g} | {max(costs, key=abs):.1e} |",
+    other = scipy.optimize.least_squares(cost, 1e-4 * rng.normal(size=12), x_scale=np.tile(u, 2), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return out | {"cost": (found.fit.chi2 - 2.0 * other.cost) / (2.0 * other.cost)}
+
+
+def frame_table(found: list[dict[str, Any]]) -> str:
+    """Return the table of frames."""
+    square, linear = (np.array([f[key] for f in found]) for key in ("square", "linear"))
+    outcomes = [v <= scipy.stats.chi2.ppf(0.95, 12) for v in (square, linear)] + [[f["hotelling"] for f in found]]
+    own, exact, untold = ((percent(v, 2), f"{two_sided(v):.2g}") for v in outcomes)
+    worst = max((f["cost"] for f in found if "cost" in f), key=abs, default=np.nan)
+    head = [
+        "draws",
+        "truth within the joint 95 % region, %",
+        "two-sided p",
+        "of the exactly linear model with the same errors, %",
+        "two-sided p",
     ]
-    print(lines[-1], flush=True)
-    return lines
+    head += ["its squared distance minus ours, relative, at most", "nothing stated, Hotelling's region, %", "two-sided p"]
+    head += ["chi-squared minus SciPy's, relative, worst of 20"]
+    return table(head, [[len(found), *own, *exact, f"{np.abs(square / linear - 1.0).max():.0e}", *untold, f"{worst:.1e}"]])
 
 
 def off_square(found: Any, base: FloatArray, tool: FloatArray) -> float:
@@ -255,28 +254,29 @@ def off_square(found: Any, base: FloatArray, tool: FloatArray) -> float:
     return float(off @ np.linalg.solve(fit.covariance, off))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", type=int, default=200)
-    parser.add_argument("--frames", type=int, default=2000)
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--built", action="store_true")
-    parser.add_argument("--first", type=int, default=0, help="number of the first robot: the study in pieces")
-    parser.add_argument("--write", action="store_true")
-    parser.add_argument("--results", type=Path, default=RESULTS)
-    asked = parser.parse_args()
-    kinds = [name for name in asked.kinds.split(",") if name]
-    parts = [("Frames", frame_draws(asked.frames))] if asked.frames else []
-    parts += [("Robots", robots(asked.robots, kinds, built=asked.built, first=asked.first))] if kinds else []
-    chosen = "" if asked.kinds == ",".join(KINDS) else f" --kinds {asked.kinds}"
-    chosen += " --built" * asked.built
-    run = f"python benchmarks/{Path(__file__).name} --robots {asked.robots} --frames {asked.frames}{chosen} --write"
-    where = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
-    head = f"# Robots and frames identified through cables\n\n`{run}`, seed {SEED}; {where}.\n"
-    if asked.write:
-        asked.results.write_text(head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), encoding="utf-8")
-    sys.exit(0)
+def draw(seed: int, part: str, built: bool, kind: str) -> dict[str, Any]:
+    """Return the record of one part of the study."""
+    return {"part": part} | (frame(seed) if part == "frames" else robot(seed, built, kind))
 
+
+def cases(asked: Asked, seed: int) -> list[tuple[str, bool, str]]:
+    """Return one draw of frames a seed, and every kind of robot."""
+    robots = [("robots", built, kind) for built in asked.built for kind in asked.kinds] if "robots" in asked.parts else []
+    return [("frames", False, "")] * ("frames" in asked.parts) + robots
+
+
+def page(found: list[dict[str, Any]]) -> str:
+    """Return the page of results."""
+    parts = {"Frames": ("frames", frame_table), "Robots": ("robots", robots)}
+    own = {title: (of, [f for f in found if f["part"] == name]) for title, (name, of) in parts.items()}
+    text = "".join(f"\n## {title}\n\n{of(records)}\n" for title, (of, records) in own.items() if records)
+    return f"# Robots and frames identified through cables\n\n`python benchmarks/identified_through_cables.py`, seed {SEED}.\n{text}"
+
+
+STUDY = Study(
+    "identified_through_cables", draw, page, "robots", 200,
+    {"parts": ("frames", "robots"), "built": (False, True), "kinds": KINDS}, "{parts} {built} {kinds} {seed}", cases,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -9,14 +9,12 @@ a rig that counts as the true one, with phases of its own and a robot that repea
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import scipy.stats
 from encoder_calibration_coverage import HOME, drawn_campaign, true_rig
-from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
+from study import Asked, Study
 
 from lmeasure.calibration import calibrate
 from lmeasure.core import se3
@@ -28,7 +26,6 @@ ALARM = 0.05
 ROBOT_MM = 0.01
 POSES, U_MM = 24, 0.02
 SIZES = (0.2, 0.5, 1.0)
-RESULTS = Path(__file__).parent / "results" / "interim_check.md"
 
 
 def checked(seed: int, change: Callable[[Rig, np.random.Generator], Rig]) -> Checked:
@@ -69,7 +66,7 @@ class Draw:
     named: list[str]
 
 
-def drawn(mm: float, number: int) -> Draw:
+def drawn(number: int, mm: float) -> Draw:
     """The check of this number with B3 moved by so much."""
     found = checked(number + (10_000 if mm else 0), moved(mm) if mm else lambda rig, _: rig)
     return Draw(mm, found.passed, found.disagrees, [f"{c.kind} {c.name}" for c in found.causes])
@@ -95,16 +92,12 @@ def table(every: list[Draw]) -> tuple[str, bool]:
     return "\n".join([*lines, "", "All consistent." if good else "NOT consistent.", ""]), good
 
 
-def main() -> int:
-    """Exit code 0, or 1 where false alarms are not consistent with what is stated, or what is named is mostly not it."""
-    asked = options(__doc__, "draws", 200).parse_args()
-    numbers = range(asked.first, asked.first + asked.draws)
-    # of every four sound instruments one of each size
-    wanted = ((mm, number) for number in numbers for mm in ((0.0, *SIZES) if number % 4 == 0 else (0.0,)))
-    text, good = table([Draw(**d) for d in run_all(asked, ((f"{mm:g} {number}", partial(drawn, mm, number)) for mm, number in wanted))])
-    show(asked, text, RESULTS)
-    return 0 if good else 1
+def sizes(asked: Asked, seed: int) -> list[tuple[float]]:
+    """Return a sound instrument, and for every fourth seed one of each size too."""
+    return [(mm,) for mm in asked.change if mm == 0.0 or seed % 4 == 0]
 
+
+STUDY = Study("interim_check", drawn, table, "draws", 200, {"change": (0.0, *SIZES)}, "{change:g} {seed}", sizes, record=Draw)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(STUDY.command(__doc__))

@@ -22,7 +22,7 @@ import scipy.stats
 from core_tests import CORE
 from mutants import RESULTS, equivalents, faults_of, load_libraries
 from mutations import Mutant
-from pieces import Pieces
+from study import Kept
 from trials import try_all
 
 OUT = RESULTS / "mutants_unseen.md"
@@ -59,7 +59,7 @@ def _try(mutants: list[Mutant], kept: Path, until: float) -> None:
     """Try faults of one file, and keep what comes of each, unless it is later than until."""
     if time.monotonic() > until:
         return
-    seen = Pieces(kept)
+    seen = Kept(kept)
 
     def tell(m: Mutant, killed: bool) -> None:
         seen(json.dumps(m.key), lambda: killed)
@@ -75,7 +75,7 @@ def _try(mutants: list[Mutant], kept: Path, until: float) -> None:
 
 def _told(order: list[Mutant], kept: Path) -> list[tuple[Mutant, bool]]:
     """The faults before the first that was not tried, and whether tests see each."""
-    seen = Pieces(kept).known
+    seen = Kept(kept).known
     return [(m, seen[json.dumps(m.key)]) for m in itertools.takewhile(lambda m: json.dumps(m.key) in seen, order)]
 
 
@@ -96,7 +96,7 @@ def main() -> None:
     asked.folder.mkdir(parents=True, exist_ok=True)
     kept = asked.folder / f"unseen-{asked.seed}.jsonl"
     for first in range(0, len(order), asked.batch):
-        left = [m for m in order[first : first + asked.batch] if json.dumps(m.key) not in Pieces(kept).known]
+        left = [m for m in order[first : first + asked.batch] if json.dumps(m.key) not in Kept(kept).known]
         files = [[m for m in left if m.file == file] for file in dict.fromkeys(m.file for m in left)]
         with ProcessPoolExecutor(asked.processes, multiprocessing.get_context("fork")) as pool:
             list(pool.map(_try, files, itertools.repeat(kept), itertools.repeat(until)))

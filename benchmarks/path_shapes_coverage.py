@@ -6,19 +6,19 @@ AT is the largest of many means. Here they have no errors but those of the cross
 for systematic errors move all of them together. The law is that of the certificate: errors drawn at the likely deviations.
 """
 
-import argparse
+import sys
 from collections.abc import Callable
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from study import Study, percent, table
 
 from lmeasure.iso9283.clauses.path import DOUBT_OF_MEAN
 from lmeasure.iso9283.path_spectrum import cosines, reduced
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "path_shapes_coverage.md"
 TRIALS = 200
 Shape = Callable[[np.random.Generator, FloatArray], FloatArray]
 SHAPES: dict[str, Shape] = {
@@ -36,44 +36,32 @@ SHAPES: dict[str, Shape] = {
 }
 
 
-def inside(shape: Shape, planes: int, runs: int, seed: int) -> tuple[float, float]:
-    """Share of runs whose U95 holds the truth, and the mean error of the largest."""
-    rng, rows, t = np.random.default_rng(seed), cosines(np.zeros(planes, dtype=np.int64)), np.arange(planes) / planes
-    held, errors = [], []
-    for _ in range(runs):
-        true = shape(rng, t)
-        measured = true + rng.normal(size=planes)
-        likely = rows.T @ reduced((rows @ measured)[:, None, None], np.ones((planes, 1)), 1, DOUBT_OF_MEAN)[:, 0, 0]
-        drawn = np.abs(likely + rng.normal(size=(TRIALS, planes))).max(axis=1) - np.abs(likely).max()
-        errors.append(np.abs(measured).max() - np.abs(true).max())
-        held.append(abs(errors[-1]) <= np.quantile(np.abs(drawn), 0.95))
-    return float(np.mean(held)), float(np.mean(errors))
+def draw(seed: int, shape: str, planes: int) -> dict[str, Any]:
+    """Return the error of the largest deviation of one run, and whether its U95 holds the truth."""
+    rng, rows, t = np.random.default_rng([1, seed]), cosines(np.zeros(planes, dtype=np.int64)), np.arange(planes) / planes
+    true = SHAPES[shape](rng, t)
+    measured = true + rng.normal(size=planes)
+    likely = rows.T @ reduced((rows @ measured)[:, None, None], np.ones((planes, 1)), 1, DOUBT_OF_MEAN)[:, 0, 0]
+    drawn = np.abs(likely + rng.normal(size=(TRIALS, planes))).max(axis=1) - np.abs(likely).max()
+    error = float(np.abs(measured).max() - np.abs(true).max())
+    return {"shape": shape, "planes": planes, "error": error, "inside": bool(abs(error) <= np.quantile(np.abs(drawn), 0.95))}
 
 
-def main() -> None:
-    """Print the table, or write it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--runs", type=int, default=1000)
-    parser.add_argument("--write", action="store_true")
-    asked = parser.parse_args()
-    lines = [
-        "# Coverage of the U95 of a largest deviation, by shape",
-        "",
-        f"`python benchmarks/path_shapes_coverage.py --write`: {asked.runs} runs, {TRIALS} trials each. Errors of crossings alone, "
-        "standard deviation 1. A largest of many that are equally large in truth is enlarged by errors more than one measurement can tell.",
-        "",
-        "| deviations along the path | planes | inside U95 | mean error |",
-        "|---|---|---|---|",
-    ]
-    for name, shape in SHAPES.items():
-        for planes in (30, 100):
-            share, error = inside(shape, planes, asked.runs, seed=1)
-            lines.append(f"| {name} | {planes} | {share:.1%} | {error:+.2f} |")
-    text = "\n".join([*lines, ""])
-    if asked.write:
-        RESULTS.write_text(text, encoding="utf-8")
-    print(text)
+def page(found: list[dict[str, Any]]) -> str:
+    """Return the page of results."""
+    rows = []
+    for shape, planes in dict.fromkeys((f["shape"], f["planes"]) for f in found):
+        own = [f for f in found if (f["shape"], f["planes"]) == (shape, planes)]
+        rows.append([shape, planes, f"{percent(f['inside'] for f in own)}%", f"{np.mean([f['error'] for f in own]):+.2f}"])
+    return (
+        "# Coverage of the U95 of a largest deviation, by shape\n\n"
+        f"`python benchmarks/path_shapes_coverage.py --write`: {len(own)} runs, {TRIALS} trials each. Errors of crossings alone, standard "
+        "deviation 1. A largest of many that are equally large in truth is enlarged by errors more than one measurement can tell.\n\n"
+        + table(["deviations along the path", "planes", "inside U95", "mean error"], rows)
+    )
 
+
+STUDY = Study("path_shapes_coverage", draw, page, "runs", 1000, {"shape": tuple(SHAPES), "planes": (30, 100)})
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

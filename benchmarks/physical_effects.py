@@ -10,16 +10,15 @@ wrong: something is named, and it is not. What is solved for is the one effect o
 points, with none planted. Errors of lengths and places are those of a run elsewhere in the work space, in units of the least-squares bound.
 """
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2, f, ncf, ncx2
+from study import Study
 
 from lmeasure.api import reconstruct
 from lmeasure.calibration import CHANCE, CalibrationSettings, Campaign, Effect, Model, calibrate, effects, unknowns_of
@@ -36,7 +35,6 @@ from lmeasure.simulation import Leg, campaign_at, cell_rig, scattered_poses, sim
 from lmeasure.simulation.machine import true_counts
 
 FloatArray = NDArray[np.float64]
-RESULTS = Path(__file__).parent / "results" / "physical_effects.md"
 POSES, U_MM, HALF_MM, TILT = 24, 0.01, 280.0, 0.28
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -161,7 +159,7 @@ class Drawn:
         return any(effect.kind == KINDS[k].named and effect.channel == f"ch{p + 1}" for k, p in self.planted)
 
 
-def study(kind: str, number: int) -> Draw:
+def study(number: int, kind: str) -> Draw:
     """One campaign."""
     at = Drawn(kind, number)
     if kind == "nothing":
@@ -344,16 +342,7 @@ def _solved(every: list[Draw]) -> Iterator[str]:
 PAIRS = (("length_error", "length_bound"), ("place_error", "place_bound"), ("place_error", "place_stated"))
 
 
-def main() -> None:
-    """Each draw is kept as soon as it is done."""
-    parser = options(__doc__, "draws")
-    every = (*KINDS, "none", "nothing", *SEVERAL)
-    parser.add_argument("--kind", choices=every, nargs="+", default=list(every))
-    asked = parser.parse_args()
-    numbers = range(asked.first, asked.first + asked.draws)
-    runs = ((f"{kind} {number}", partial(study, kind, number)) for number in numbers for kind in asked.kind)
-    show(asked, table([Draw(**d) for d in run_all(asked, runs)]), RESULTS)
-
+STUDY = Study("physical_effects", study, table, "draws", factors={"kind": (*KINDS, "none", "nothing", *SEVERAL)}, record=Draw)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

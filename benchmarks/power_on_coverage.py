@@ -6,14 +6,13 @@ Each draw is a rig of six drums, zeroed anywhere within a count at the first sam
 zeros are known to 0.002 degrees and drawn so, and a motion of 2 s at 250 Hz. Squared errors are in units of the stated covariances.
 """
 
+import sys
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pieces import options, run_all, show
 from scipy.stats import binom, chi2
+from study import Study
 
 from lmeasure.core import LMeasureError, se3
 from lmeasure.rig import rig_from_dict
@@ -21,7 +20,6 @@ from lmeasure.sensors import span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.trajectory import align, covariances, prepared, reconstruct
 
-RESULTS = Path(__file__).parent / "results" / "power_on_coverage.md"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 TIME_S = np.arange(0.0, 2.0, 0.004)
 U_ZERO_DEG = 0.002
@@ -99,12 +97,7 @@ def table(draws: list[Draw]) -> str:
     return "\n".join([*lines, "", f"{missed} of {len(draws)} runs did not tell their start, and said so.", ""])
 
 
-def main() -> None:
-    """Each draw is kept as soon as it is done."""
-    asked = options(__doc__, "draws").parse_args()
-    numbers = range(asked.first, asked.first + asked.draws)
-    show(asked, table([Draw(**d) for d in run_all(asked, ((f"{n}", partial(draw, n)) for n in numbers))]), RESULTS)
-
+STUDY = Study("power_on_coverage", draw, table, "draws", record=Draw)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import scipy.stats
+from calibration_coverage import coverage, row
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -25,7 +26,6 @@ from lmeasure.estimation import Fit, fit
 from lmeasure.sensors import span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from coverage_table import command, row
 from random_campaigns import Drawn, draw, errors, shifted, square_of, true_unknowns
 
 FloatArray = NDArray[np.float64]
@@ -80,7 +80,7 @@ def lengths(model: Model, theta: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray((found[1:] - found[0]).reshape(-1))
 
 
-def study(case: str, seed: int) -> dict[str, object]:
+def study(seed: int, case: str) -> dict[str, object]:
     """One campaign, drawn and calibrated."""
     given, settings = CASES[case]
     drawn = draw(seed, phased=True, **given)  # type: ignore[arg-type]
@@ -138,11 +138,13 @@ def study(case: str, seed: int) -> dict[str, object]:
     }
 
 
-def line(case: str, own: pd.DataFrame) -> str | None:
+def line(case: str, own: pd.DataFrame) -> list[str] | None:
     """The case's line of the table: a warning of a misfit takes a campaign out of ratios and regions."""
     plain = own[~own["said"].astype(bool)]
     return None if own.empty else row(case, own, plain[plain["silent"] == 0], plain, own, STRAIGHT)
 
 
+STUDY = coverage("self_calibration_coverage", study, CASES, line)
+
 if __name__ == "__main__":
-    command(__doc__, CASES, study, line)
+    sys.exit(STUDY.command(__doc__))

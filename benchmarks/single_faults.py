@@ -12,14 +12,14 @@ central chi-squared), times the chance that the error, left in, brings the place
 a fault is judged over its run.
 """
 
+import sys
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
-from pathlib import Path
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from pieces import options, run_all, show
 from scipy.stats import beta, chi2, ncx2
+from study import Asked, Study
 
 from lmeasure.core import Status, se3
 from lmeasure.rig import Cable, Rig, rig_from_dict
@@ -31,7 +31,6 @@ from lmeasure.trajectory.faults.consistency import JUDGED, SIGNIFICANCE
 from lmeasure.trajectory.faults.reliability import Reliability, reliability
 
 FloatArray = NDArray[np.float64]
-RESULTS = Path(__file__).parent / "results" / "single_faults.md"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 TIME_S = np.arange(0.0, 4.0, 0.004)
 CODES = 2**17
@@ -185,7 +184,7 @@ def judged(at: Cell, j: int, error: FloatArray) -> tuple[bool, bool, float]:
     return True, all(apart), missed
 
 
-def study(name: str, number: int) -> Found:
+def study(number: int, name: str) -> Found:
     """One fault."""
     at, rng = cell(name, number // A_CELL), np.random.default_rng([number, 7])
     rig, counts = at.run.rig, at.run.passes[0]
@@ -290,16 +289,14 @@ def beyond(faults: list[Found]) -> list[str]:
     return [*lines, ""]
 
 
-def main() -> None:
-    """Each fault is kept as soon as it is done."""
-    parser = options(__doc__, "faults")
-    parser.add_argument("--rig", choices=RIGS, nargs="+", default=list(RIGS))
-    parser.add_argument("--kind", choices=KINDS, nargs="+", default=list(KINDS), help="of these numbers, those alone")
-    asked = parser.parse_args()
-    numbers = [k for k in range(asked.first, asked.first + asked.faults) if KINDS[k % len(KINDS)] in asked.kind]
-    runs = ((f"{name} {number}", partial(study, name, number)) for number in numbers for name in asked.rig)
-    show(asked, table([Found(**f) for f in run_all(asked, runs)]), RESULTS)
+def rigs_of(asked: Asked, seed: int) -> list[tuple[str]]:
+    """Return every rig, if the kind of this seed is asked for."""
+    return [(rig,) for rig in asked.rig if KINDS[seed % len(KINDS)] in asked.kind]
 
+
+STUDY = Study(
+    "single_faults", study, table, "faults", factors={"rig": RIGS, "kind": KINDS}, key="{rig} {seed}", cases=rigs_of, record=Found
+)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -8,11 +8,11 @@ only. Of each run: the speed of one sample on the line, drawn; the largest of al
 cycles, which are 0 in truth.
 """
 
-import argparse
 import sys
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from cells import cell
+from study import Study, table
 
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Counts, Program, Run
@@ -28,10 +29,10 @@ from lmeasure.sensors import counts_from_poses, recorded_from_counts
 from lmeasure.trajectory import Trajectory, motion_of, reconstruct, stamps_of
 from lmeasure.trajectory.reconstruction import screw_method
 from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import Stamps
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "stamp_jitter.md"
 SPEED, WAY, RAMP_S, REST_S = 250.0, 500.0, 0.25, 0.5
 CYCLES = 3
 BEFORE = 5
@@ -138,95 +139,80 @@ def recorded(law: Law, period_s: float, rng: np.random.Generator) -> tuple[Run, 
     return Run(rig, poses[0], (Counts(stamps, tuple(c.channel for c in rig.cable), counts),)), true
 
 
-@dataclass
-class Tally:
-    """What of one case and one way of taking the stamps was met."""
-
-    inside: dict[str, list[bool]]
-    error: dict[str, list[float]]
-    u95: dict[str, list[float]]
-
-    def add(self, name: str, error: float, u95: float) -> None:
-        self.inside.setdefault(name, []).append(abs(error) <= u95)
-        self.error.setdefault(name, []).append(error)
-        self.u95.setdefault(name, []).append(u95)
-
-    def told(self, name: str) -> str:
-        """Share inside, root mean square error and median U95."""
-        share, error = np.mean(self.inside[name]), np.sqrt(np.mean(np.square(self.error[name])))
-        return f"{100.0 * share:.1f} % ({error:.2g}; {np.median(self.u95[name]):.2g})"
-
-
 FIGURES = ("speed", "largest", "AV", "RV", "FV")
+Found = dict[str, tuple[float, float]]
 
 
-def measure(trajectory: Trajectory, run: Run, true: FloatArray, tally: Tally, judge: bool, rng: np.random.Generator) -> str:
-    """Errors of one run's figures into the tally; the kind its stamps were found to be."""
-    stamps = stamps_of(trajectory) if judge else sound(trajectory.time_s)
+def measure(trajectory: Trajectory, run: Run, true: FloatArray, stamps: Stamps, rng: np.random.Generator) -> Found:
+    """Return the error and U95 of one run's figures."""
     motion = motion_of(trajectory, stamps=stamps)
     phase = np.mod(true, REST_S + LEG_S) - REST_S
     level = np.flatnonzero((phase > RAMP_S + 0.05) & (phase < LEG_S - RAMP_S - 0.05) & ~np.isnan(motion.speed_mm_s))
     at = int(rng.choice(level))
-    tally.add("speed", float(motion.speed_mm_s[at] - SPEED), 1.96 * float(motion.u_speed_mm_s[at]))
     largest, u95 = motion.largest_speed()
-    tally.add("largest", largest - SPEED, u95)
+    out = {
+        "speed": (float(motion.speed_mm_s[at] - SPEED), 1.96 * float(motion.u_speed_mm_s[at])),
+        "largest": (float(largest - SPEED), float(u95)),
+    }
     found = evaluate(
         trajectory, program(true, trajectory.time_s), run=run, settings=CertificationSettings(trials=100, planes=50), stamps=stamps
     )
-    for c in found.characteristics:
-        if c.name in FIGURES:
-            tally.add(c.name, c.value, c.u95)
-    return stamps.kind
+    return out | {c.name: (c.value, c.u95) for c in found.characteristics if c.name in FIGURES}
 
 
-def main() -> None:
-    """Print the table, or write it."""
+def draw(seed: int, case: str) -> dict[str, Any]:
+    """Return the kind that stamps of one run are found to be, and its figures: after, and of one run of several before."""
     screw_method.COMPILING_PAYS = 1  # for so many short runs it does
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--cases", default=";".join(LAWS))
-    parser.add_argument("--write", action="store_true")
-    asked_for = parser.parse_args()
-    before_runs = max(asked_for.runs // BEFORE, 1)
-    lines = [
-        "# Time stamps that jitter",
-        "",
-        f"`python benchmarks/stamp_jitter.py --write`: {asked_for.runs} runs a case ({before_runs} before), seeded. A tool on "
-        "a line at 250 mm/s, whole counts of 0.012 mm. Each cell: share of runs whose U95 includes the truth (root mean square error; "
-        "median U95), of the speed of one sample [mm/s], the largest speed of the run as `motion` prints it [mm/s], and AV [%], RV [%], FV "
-        "[mm/s] of a certificate.",
-        "",
-        "| stamps | found | | " + " | ".join(FIGURES) + " |",
-        "|---|---|---|" + "---|" * len(FIGURES),
-    ]
-    for name in asked_for.cases.split(";"):
-        text, period_s, law = LAWS[name]
-        before, after = (Tally({}, {}, {}) for _ in range(2))
-        kinds: list[str] = []
-        for seed in range(asked_for.runs):
-            rng = np.random.default_rng([seed, list(LAWS).index(name)])
-            run, true = recorded(law, period_s, rng)
-            trajectory = reconstruct(run)
-            drawn = rng.integers(2**32)
-            kinds.append(measure(trajectory, run, true, after, True, np.random.default_rng(drawn)))
-            if seed < before_runs:
-                measure(trajectory, run, true, before, False, np.random.default_rng(drawn))
-        found = ", ".join(f"{kind} {kinds.count(kind)}" for kind in dict.fromkeys(kinds))
-        lines.append(f"| {text} | | before | " + " | ".join(before.told(f) for f in FIGURES) + " |")
-        lines.append(f"| | {found} | after | " + " | ".join(after.told(f) for f in FIGURES) + " |")
-        print("\n".join(lines[-2:]), flush=True)
-    lines += [
-        "",
-        "The largest speed of a run stands at the ends of its ramps, where the acceleration jumps by 1000 mm/s^2: there local cubics over "
-        "+-20 ms swing beyond the truth by some 0.4 mm/s whatever the stamps, which no U95 of independent errors holds (the sound case "
-        "shows it).",
-        "",
-        "RV of two clocks holds less than 95 %: a cycle begins a third of a sample later than the one before, and rounding errors of the "
-        "counts along one line are not independent between the three. With places that err independently RV holds 95 % (60 runs).",
-    ]
-    if asked_for.write:
-        RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    _, period_s, law = LAWS[case]
+    rng = np.random.default_rng([seed, list(LAWS).index(case)])
+    run, true = recorded(law, period_s, rng)
+    trajectory = reconstruct(run)
+    drawn, stamps = rng.integers(2**32), stamps_of(trajectory)
+    out = {"case": case, "kind": stamps.kind, "after": measure(trajectory, run, true, stamps, np.random.default_rng(drawn))}
+    if seed % BEFORE == 0:
+        out["before"] = measure(trajectory, run, true, sound(trajectory.time_s), np.random.default_rng(drawn))
+    return out
 
+
+def told(found: list[Found], name: str) -> str:
+    """Return the share inside, root mean square error and median U95 of a figure."""
+    error, u95 = np.array([f[name] for f in found if name in f]).T
+    return f"{100.0 * np.mean(np.abs(error) <= u95):.1f} % ({np.sqrt(np.mean(np.square(error))):.2g}; {np.median(u95):.2g})"
+
+
+def page(found: list[dict[str, Any]]) -> str:
+    """Return the page of results."""
+    rows = []
+    for case, (text, *_) in LAWS.items():
+        own = [f for f in found if f["case"] == case]
+        before = [f["before"] for f in own if "before" in f]
+        if not before:
+            continue
+        kinds = ", ".join(f"{kind} {times}" for kind, times in Counter(f["kind"] for f in own).items())
+        rows.append([text, "", "before", *(told(before, f) for f in FIGURES)])
+        rows.append(["", kinds, "after", *(told([f["after"] for f in own], f) for f in FIGURES)])
+    return "\n".join(
+        [
+            "# Time stamps that jitter",
+            "",
+            f"`python benchmarks/stamp_jitter.py --write`: {len(found)} runs of all cases (one of {BEFORE} before), seeded. A tool on a "
+            "line at 250 mm/s, whole counts of 0.012 mm. Each cell: share of runs whose U95 includes the truth (root mean square error; "
+            "median U95), of the speed of one sample [mm/s], the largest speed of the run as `motion` prints it [mm/s], and AV [%], RV "
+            "[%], FV [mm/s] of a certificate.",
+            "",
+            table(["stamps", "found", "", *FIGURES], rows),
+            "",
+            "The largest speed of a run stands at the ends of its ramps, where the acceleration jumps by 1000 mm/s^2: there local cubics "
+            "over +-20 ms swing beyond the truth by some 0.4 mm/s whatever the stamps, which no U95 of independent errors holds (the sound "
+            "case shows it).",
+            "",
+            "RV of two clocks holds less than 95 %: a cycle begins a third of a sample later than the one before, and rounding errors of "
+            "the counts along one line are not independent between the three. With places that err independently RV holds 95 % (60 runs).",
+        ]
+    )
+
+
+STUDY = Study("stamp_jitter", draw, page, "runs", 200, {"cases": tuple(LAWS)}, "{cases} {seed}")
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -12,14 +12,13 @@ cannot measure its run are passed over, and --keep goes on from what is kept.
 import itertools
 import sys
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import binomtest, chi2
+from study import Study
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
@@ -37,7 +36,6 @@ from lmeasure.trajectory import reconstruct
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "trajectory_coverage.md"
 POSES = 16
 U_REFERENCE_MM = 0.05
 U_START = (0.05, 0.0002)  # mm, rad
@@ -162,16 +160,7 @@ def table(found: list[Case]) -> str:
     return "\n".join([*lines, ""])
 
 
-def main() -> None:
-    """Each case is kept as soon as it is done."""
-    parser = options(__doc__, "cases")
-    parser.add_argument("--rig", choices=RIGS, default="calibrated")
-    parser.add_argument("--noise", choices=NOISES, default="gaussian")
-    asked = parser.parse_args()
-    seeds = range(asked.first, asked.first + asked.cases)
-    runs = ((f"{asked.rig} {asked.noise} {seed}", partial(case_of, seed, asked.rig, asked.noise)) for seed in seeds)
-    show(asked, table([Case(**case) for case in run_all(asked, runs) if case is not None]), RESULTS)
-
+STUDY = Study("trajectory_coverage", case_of, table, "cases", factors={"rig": RIGS, "noise": NOISES}, record=Case)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -1,6 +1,6 @@
 """Robots identified from a trajectory's file whose systematic errors are not as even over the places as `identify` takes them for.
 
-    python benchmarks/uneven_fields.py [--robots 100] [--out benchmarks/results/uneven_fields.md]
+    python benchmarks/uneven_fields.py [--robots 100] [--fields NAME ...] [--write]
 
 A six-axis arm with normal errors of 0.3 mm and 0.5 mrad in every parameter of its links, 60 poses in the cable cell of tests/authorities,
 stated of each: 0.01 mm and 0.03 mrad by itself, and systematic ones. What the latter really are is drawn for each robot: a constant with
@@ -10,25 +10,24 @@ calibration. At each place their standard uncertainties are those stated. The pr
 prediction of each robot.
 """
 
-import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
-import scipy.stats
-from identified_through_cables import RIG, Cell, joints_of, true_robot
+from identified_through_cables import RIG, Cell, joints_of, off_true, true_robot
 from numpy.typing import NDArray
+from study import Study, percent, table, two_sided
 
 from lmeasure.core import se3
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, span_lengths
 from lmeasure.rig import read_rig
 from lmeasure.robots import Settings, identify, predict
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined
 from lmeasure.robots.identification.trajectory_rests import fields_over, independent
 
 FloatArray = NDArray[np.float64]
@@ -86,58 +85,44 @@ FIELDS: dict[str, Field] = {
 }
 
 
-def row(name: str, field: Field, robots: int) -> str:
-    inside, one, within, single, sizes = [], [], [], [], []
-    for k in range(robots):
-        rng = np.random.default_rng([SEED, k])
-        nominal, true = true_robot("generic6", rng)
-        joints, stand = joints_of(nominal, POSES + LATER, rng)
-        there = se3.compose(np.tile(stand, (len(joints), 1)), true.forward(joints))
-        errors, covariance = field(there, rng)
-        seen = se3.displaced(there, errors + OWN * rng.normal(size=errors.shape))
-        rows = measured(joints, seen[:, :3], seen[:, 3:], u_position_mm=1.0, u_rotation_rad=1.0)
-        roots = np.linalg.cholesky(covariance[:POSES])
-        basis = fields_over(seen[:POSES])
-        factors = independent(np.einsum("nij,nb->nijb", roots, basis).reshape(POSES, 6, -1))
-        used = replace(rows.of(np.arange(POSES)), covariance=np.tile(np.diag(OWN**2), (POSES, 1, 1)), systematic=factors)
-        found = identify(nominal, used, Settings(outliers=False))
-        value = {p.name: p.value for p in true.parameters}
-        told, u, unknowns = determined(found.fit), np.sqrt(np.diag(found.fit.covariance)), found.fit.problem.unknowns
-        values = zip(unknowns.names, unknowns.values(found.fit.x), u, told, strict=True)
-        own = [(abs(v - value[n]) / s) for n, v, s, t in values if t and n in value]
-        sizes += own
-        inside += [off <= 1.96 for off in own]
-        one.append(bool(own[int(rng.integers(len(own)))] <= 1.96))
-        predicted = predict(found, joints[POSES:])
-        good = np.linalg.norm(predicted.pose[:, :3] - seen[POSES:, :3], axis=1) <= predicted.u95_mm
-        within.append(good.mean())
-        single.append(bool(good[0]))
-    p = [scipy.stats.binomtest(sum(v), len(v), 0.95).pvalue for v in (one, single)]
+def draw(seed: int, name: str) -> dict[str, Any]:
+    """Return the errors of one robot's parameters in parts of their standard uncertainty, one of them drawn, and which predictions hold."""
+    rng = np.random.default_rng([SEED, seed])
+    nominal, true = true_robot("generic6", rng)
+    joints, stand = joints_of(nominal, POSES + LATER, rng)
+    there = se3.compose(np.tile(stand, (len(joints), 1)), true.forward(joints))
+    errors, covariance = FIELDS[name](there, rng)
+    seen = se3.displaced(there, errors + OWN * rng.normal(size=errors.shape))
+    rows = measured(joints, seen[:, :3], seen[:, 3:], u_position_mm=1.0, u_rotation_rad=1.0)
+    roots = np.linalg.cholesky(covariance[:POSES])
+    factors = independent(np.einsum("nij,nb->nijb", roots, fields_over(seen[:POSES])).reshape(POSES, 6, -1))
+    used = replace(rows.of(np.arange(POSES)), covariance=np.tile(np.diag(OWN**2), (POSES, 1, 1)), systematic=factors)
+    found = identify(nominal, used, Settings(outliers=False))
+    sizes = off_true(found, true)
+    predicted = predict(found, joints[POSES:])
+    good = np.linalg.norm(predicted.pose[:, :3] - seen[POSES:, :3], axis=1) <= predicted.u95_mm
+    return {"field": name, "sizes": sizes, "one": sizes[int(rng.integers(len(sizes)))], "good": good}
+
+
+def page(found: list[dict[str, Any]]) -> str:
+    """Return the page of results."""
+    rows = []
+    for name in FIELDS:
+        own = [f for f in found if f["field"] == name]
+        if own:
+            sizes, good = np.concatenate([f["sizes"] for f in own]), np.concatenate([f["good"] for f in own])
+            one, single = [f["one"] <= 1.96 for f in own], [f["good"][0] for f in own]
+            cells = [name, len(own), percent(sizes <= 1.96), f"{np.sqrt(np.mean(np.square(sizes))):.2f}", percent(one)]
+            rows.append([*cells, f"{two_sided(one):.2g}", percent(good), percent(single), f"{two_sided(single):.2g}"])
+    head = ["field", "robots", "parameters within 95 %, %", "rms of error / u", "one of each robot: %", "two-sided p"]
+    head += ["predictions within u95, %", "one of each robot: %", "two-sided p"]
     return (
-        f"| {name} | {robots} | {100 * np.mean(inside):.1f} | {np.sqrt(np.mean(np.square(sizes))):.2f} | {100 * np.mean(one):.1f} "
-        f"| {p[0]:.2g} | {100 * np.mean(within):.1f} | {100 * np.mean(single):.1f} | {p[1]:.2g} |"
+        f"# Systematic errors of a trajectory's file that are not even\n\n`python benchmarks/uneven_fields.py`, seed {SEED}.\n\n"
+        + table(head, rows)
     )
 
 
-def main() -> None:
-    """Print the page, or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int, default=100)
-    parser.add_argument("--fields", default=",".join(FIELDS))
-    parser.add_argument("--out", type=Path, help="page to write")
-    asked = parser.parse_args()
-    lines = ["# Systematic errors of a trajectory's file that are not even", "", f"`python benchmarks/uneven_fields.py`, seed {SEED}.", ""]
-    lines += [
-        "| field | robots | parameters within 95 %, % | rms of error / u | one of each robot: % | two-sided p "
-        "| predictions within u95, % | one of each robot: % | two-sided p |",
-        "|---" * 9 + "|",
-    ]
-    for name in asked.fields.split(","):
-        lines.append(row(name, FIELDS[name], asked.robots))
-        print(lines[-1], flush=True)
-    if asked.out:
-        asked.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
+STUDY = Study("uneven_fields", draw, page, "robots", 100, {"fields": tuple(FIELDS)})
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -1,6 +1,6 @@
 """Does U95 hold where the robot vibrates while it rests or moves, and where it turns corners without any error?
 
-python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--keep vibration.jsonl] [--before earlier.jsonl]
+python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--keep vibration.jsonl]
 
 A robot with offsets and scatter of its own rests at two poses in turn, and swings about where it rests by a sinusoid of 5 to 13 Hz of one
 amplitude in a direction that is drawn for each pose, of a phase that is drawn for each dwell or, `locked`, is the same in all. The rig is
@@ -14,16 +14,15 @@ Of each campaign --keep holds case, seed, figure, reading, error, U95; with --be
 """
 
 import itertools
+import sys
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from certificate_coverage import NoErrors, trajectory_of
 from erring_robot import posed
 from numpy.typing import NDArray
-from pieces import kept, options, run_all
+from study import Study, table as as_table
 
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
 from lmeasure.recording import Counts, Program, Run
@@ -226,7 +225,7 @@ def arc(radius: float, rate_hz: float, seed: int) -> list[dict[str, object]]:
     ]
 
 
-def lines_of(case: str, seed: int) -> list[dict[str, object]]:
+def lines_of(seed: int, case: str) -> list[dict[str, object]]:
     """The lines of a campaign."""
     if case in SHAKEN or case in ARCS:
         own = shaken(*SHAKEN[case], seed) if case in SHAKEN else arc(*ARCS[case], seed)
@@ -250,29 +249,17 @@ SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
-def table(data: pd.DataFrame, before: pd.DataFrame | None) -> list[str]:
-    """Lines of the table of results, with those of an earlier program in the last column."""
-    head = [
-        "case",
-        "truth",
-        "figure",
-        "figures",
-        "inside U95",
-        "median U95, mm",
-        "median error / U95",
-        *(["before"] if before is not None else []),
-    ]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+def table(found: list[list[dict[str, object]]]) -> str:
+    """The table of results."""
+    data, rows = pd.DataFrame(list(itertools.chain(*found))), []
     for case in EVERY_CASE:
         for reading, figures in SHOWN.items():
             for name, members in figures.items():
-                own, old = (chosen(d, case, reading, members) for d in (data, data if before is None else before))
+                own = chosen(data, case, reading, members)
                 if len(own):
                     ratio, u95 = (own["error"].abs() / own["u95"]).median(), own["u95"].median()
-                    cells = [case, reading, name, str(len(own)), f"{own['inside'].mean():.1%}", f"{u95:.5f}", f"{ratio:.2f}"]
-                    cells += [f"{old['inside'].mean():.1%}"] if before is not None else []
-                    lines.append("| " + " | ".join(cells) + " |")
-    return lines
+                    rows.append([case, reading, name, len(own), f"{own['inside'].mean():.1%}", f"{u95:.5f}", f"{ratio:.2f}"])
+    return as_table(["case", "truth", "figure", "figures", "inside U95", "median U95, mm", "median error / U95"], rows)
 
 
 def chosen(data: pd.DataFrame, case: str, reading: str, members: tuple[str, ...]) -> pd.DataFrame:
@@ -281,17 +268,7 @@ def chosen(data: pd.DataFrame, case: str, reading: str, members: tuple[str, ...]
     return own.assign(inside=own["error"].abs() <= own["u95"] + 1e-12)
 
 
-def main() -> None:
-    """Run campaigns, each kept as soon as it is done, and print what is kept."""
-    parser = options(__doc__, "campaigns", 200, writes=False)
-    parser.add_argument("--case", default="all", choices=["all", *EVERY_CASE])
-    parser.add_argument("--before", type=Path)
-    asked = parser.parse_args()
-    every = itertools.product(range(asked.first, asked.first + asked.campaigns), EVERY_CASE if asked.case == "all" else [asked.case])
-    found = run_all(asked, ((f"{case} {seed}", partial(lines_of, case, seed)) for seed, case in every))
-    now, before = (pd.DataFrame(list(itertools.chain(*lines))) for lines in (found, kept(asked.before)))
-    print("\n".join(table(now, before if asked.before else None)))
-
+STUDY = Study("vibration_coverage", lines_of, table, "campaigns", 200, {"case": tuple(EVERY_CASE)}, "{case} {seed}")
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.command(__doc__))

@@ -223,10 +223,10 @@ def jittering(rng: np.random.Generator, law: str, edge: bool) -> tuple[Run, Floa
 
 @pytest.mark.parametrize(("law", "edge"), [("even", False), ("even", True), ("asked", False)])
 def test_stamps_that_jitter_in_either_pass_are_carried_into_poses(law: str, edge: bool) -> None:
-    """Squared errors over the stated covariances, at one sample of each of 40 runs, are chi-squared; taken as they are the stamps put the
+    """Squared errors over the stated covariances, at one sample of each of 15 runs, are chi-squared; taken as they are the stamps put the
     poses of pass 1 together with counts of pass 2 that are up to 10 ms from them."""
     squares = []
-    for seed in range(40):
+    for seed in range(15):
         rng = np.random.default_rng([seed, len(law)])
         run, truth, instants = jittering(rng, law, edge)
         found = reconstruct(run)
