@@ -2,6 +2,7 @@
 
     python3 run.py                      set up, then the demo
     python3 run.py test [PYTEST ARGS]   set up, then the tests: the whole suite on all processors, named files in one process
+    python3 run.py test --fast          set up, then the tests of a minute: laws, contract, one way through all commands, texts
     python3 run.py COMMAND ...          set up, then `lmeasure COMMAND ...`
 
 Everything is installed into `.venv` in this folder by uv: the one on the PATH, else one that pip fetches; by pip where uv cannot.
@@ -49,6 +50,14 @@ NOT_FOR_UV = {
 ON_ALL_PROCESSORS = ("-n", str(min((os.cpu_count() or 1) + 1, 8)), "--dist", "worksteal")
 """Of the whole suite. A worker goes through neighbouring tests, which share what is made once, and at the end takes others' tests. One
 more than there are processors: tests of programs and pages wait for a good part of their time."""
+FAST = (
+    "tests/cli/test_commands.py", "tests/cli/test_json_of_every_command.py", "tests/core", "tests/estimation/test_least_squares.py",
+    "tests/kernels/test_cable.py", "tests/kernels/test_screw.py",
+    "tests/layout", "tests/recording", "tests/rig", "tests/sensors/test_lengths.py",
+    "tests/text", "tests/trajectory/test_truth.py", "tests/documents/test_docs.py::test_links_lead_to_files",
+    "tests/documents/test_docs.py::test_every_command_line_names_a_command_and_options_that_there_are",
+)  # fmt: skip
+"""Of a minute: the contract and one way through all commands, laws of arrays, kernels and files, the layout, and texts."""
 PROBE = "import importlib.metadata as m, sys; m.distribution('lmeasure'); print(sys.version)"
 
 
@@ -61,7 +70,9 @@ def plan(arguments: list[str]) -> tuple[frozenset[str], list[str]]:
     if not arguments:
         return frozenset(), ["lmeasure", "demo"]
     if arguments[0] == "test":
-        return frozenset({"test"}), ["pytest", *(() if names_some(arguments[1:]) else ON_ALL_PROCESSORS), *arguments[1:]]
+        fast = FAST if "--fast" in arguments else ()
+        others = [a for a in arguments[1:] if a != "--fast"]
+        return frozenset({"test"}), ["pytest", *(() if names_some(others) else ON_ALL_PROCESSORS), *fast, *others]
     return frozenset({"workbench"} if arguments[0] == "workbench" else ()), ["lmeasure", *arguments]
 
 

@@ -26,10 +26,9 @@ from study import Study, table
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Counts, Program, Run
 from lmeasure.sensors import counts_from_poses, recorded_from_counts
-from lmeasure.trajectory import Trajectory, motion_of, reconstruct, stamps_of
+from lmeasure.trajectory import Stamps, Trajectory, motion_of, reconstruct, stamps_of
 from lmeasure.trajectory.reconstruction import screw_method
 from lmeasure.trajectory.time.passes import sound
-from lmeasure.trajectory.time.stamps import Stamps
 
 FloatArray = NDArray[np.float64]
 

@@ -1,8 +1,6 @@
 """`lmeasure import`: counts, faults, buses, passes, DBC files and the start pose of logs, through the command and through the function."""
 
 import os
-import subprocess
-import sys
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from typing import Any
 import can
 import numpy as np
 import pytest
+from in_process import lmeasure
 from log_corpus import write
 from log_fuzz import START_POSE, counter_log, six_cables
 
@@ -37,10 +36,6 @@ def counts_of(log: list[can.Message]) -> np.ndarray:
     return np.array(rows)
 
 
-def command(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "lmeasure", *map(str, words)], capture_output=True, text=True, check=False)
-
-
 def test_a_recording_is_not_written_over_and_faults_of_an_earlier_import_go(tmp_path: Path) -> None:
     log = counter_log(60, 5)
     path, broken = write(tmp_path / "drive.blf", log), write(tmp_path / "broken.blf", [m for i, m in enumerate(log) if i != 100])
@@ -52,7 +47,7 @@ def test_a_recording_is_not_written_over_and_faults_of_an_earlier_import_go(tmp_
     table["recording"][0]["frames"] = "pass1.log"
     files.write_toml(tmp_path / "run" / "run.toml", table)
     write_rig(tmp_path / "rig.toml", six_cables())
-    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--force")
+    done = lmeasure("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--force")
     assert (done.returncode, "is part of a recording, which is never written over" in done.stderr) == (2, True)
 
 
@@ -63,7 +58,7 @@ def test_the_start_file_states_its_uncertainty_too(tmp_path: Path) -> None:
         tmp_path / "start.toml",
         {"start": {"position_mm": [1, 2, 3], "quaternion_xyzw": [0, 0, 0, 1], "u_position_mm": 0.25, "u_rotation_deg": 0.5}},
     )
-    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--start", tmp_path / "start.toml")
+    done = lmeasure("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--start", tmp_path / "start.toml")
     assert done.returncode == 0, done.stderr
     assert read_run(tmp_path / "run").u_start == pytest.approx((0.25, np.radians(0.5)))
 
@@ -102,7 +97,7 @@ def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
     log = counter_log(200, 4)
     path = write(tmp_path / "drive.blf", log)
     write_rig(tmp_path / "rig.toml", six_cables())
-    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE)
+    done = lmeasure("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE)
     assert done.returncode == 0, done.stderr
     for words in ("1600 frames", "200 samples", "bus_error", "buses 0 (1600 frames)", "181 (200)", "error frames"):
         assert words in done.stdout
@@ -113,7 +108,7 @@ def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
     assert entry["ended"] == "complete"
     assert entry["sha256"] == {"drive.blf": files.sha256(path)}
     assert entry["received"] == 1600
-    again = command(
+    again = lmeasure(
         "import",
         path,
         "--rig",
@@ -133,10 +128,10 @@ def test_the_start_pose_is_stated_once_and_whole(tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", six_cables())
     words = ["import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run"]
     for extra in (POSE[:4], POSE[4:], [*POSE, "--start", path]):
-        done = command(*words, *extra)
+        done = lmeasure(*words, *extra)
         assert done.returncode == 2
         assert "start pose" in done.stderr
-    done = command(*words, "--start", tmp_path / "rig.toml")
+    done = lmeasure(*words, "--start", tmp_path / "rig.toml")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "[start] is missing" in done.stderr
     assert not (tmp_path / "run").exists()
@@ -145,7 +140,7 @@ def test_the_start_pose_is_stated_once_and_whole(tmp_path: Path) -> None:
 def test_without_a_start_pose_it_is_unknown(tmp_path: Path) -> None:
     path = write(tmp_path / "drive.log", counter_log(5, 4))
     write_rig(tmp_path / "rig.toml", six_cables())
-    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run")
+    done = lmeasure("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
     assert f"note: no start pose: where the tool started is unknown; state [start] in {tmp_path / 'run' / 'run.toml'}" in done.stdout
     assert "start" not in files.read_toml(tmp_path / "run" / "run.toml")
@@ -306,10 +301,10 @@ def test_signals_of_a_dbc_file_as_cantools_reads_them(tmp_path: Path) -> None:
     assert np.array_equal(found, expected - full * np.rint(expected[0] / full))
     write_import(tmp_path / "run", imported)
     write_rig(tmp_path / "rig.toml", without_counter_bits())
-    done = command("import", path, "--rig", tmp_path / "rig.toml", "--dbc", tmp_path / "rig.dbc", "--out", tmp_path / "other", *POSE)
+    done = lmeasure("import", path, "--rig", tmp_path / "rig.toml", "--dbc", tmp_path / "rig.dbc", "--out", tmp_path / "other", *POSE)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "other" / "pass1.csv").read_bytes() == (tmp_path / "run" / "pass1.csv").read_bytes()
-    again = command("import", path, "--rig", tmp_path / "run" / "rig.toml", "--out", tmp_path / "third", *POSE)
+    again = lmeasure("import", path, "--rig", tmp_path / "run" / "rig.toml", "--out", tmp_path / "third", *POSE)
     assert again.returncode == 0, again.stderr  # the DBC file went with the run
 
 

@@ -68,7 +68,7 @@ def test_a_count_with_a_slip_is_set_aside_alone() -> None:
     assert error_mm(result.rig, world) < 1.2 * sound_mm(12, False)
 
 
-@pytest.mark.parametrize("some", [[2, 6], [1, 4, 7]])
+@pytest.mark.parametrize("some", [[1, 4, 7]])
 def test_exchanged_poses_are_named_and_read_in_their_order(some: list[int]) -> None:
     world = made(8, True)
     rows = world.campaign.poses.rows.copy()

@@ -44,7 +44,7 @@ def test_forward_models_agree() -> None:
 
 def test_sound_data_raise_no_alarm() -> None:
     """Nothing is explained where nothing is the matter."""
-    for seed in range(4):
+    for seed in range(2):
         made, result = calibrated(Case(), seed)
         assert not misfits(result)
         assert result.refused is None

@@ -63,7 +63,7 @@ OPTIONS = {
 def test_regions_hold_the_truth_as_often_as_they_say(option: str, noise: str) -> None:
     """The short form of benchmarks/calibration_coverage.py, over every option."""
     inside, below = 0, []
-    for seed in range(16):
+    for seed in range(12):
         drawn = draw(500 + seed, poses=20 + seed % 6, noise=noise)
         record = calibrate(drawn.campaign, OPTIONS[option]).record
         if record.rank < record.unknowns:

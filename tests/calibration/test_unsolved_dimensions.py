@@ -20,7 +20,7 @@ from lmeasure.trajectory import reconstruct
 
 FloatArray = NDArray[np.float64]
 
-DRAWS = 12
+DRAWS = 8
 U_MM, U_RAD = 0.02, 1e-4
 
 

@@ -169,7 +169,7 @@ def test_encoders_that_are_mistaken_are_named(slip: str) -> None:
 
 
 def test_an_encoder_that_errs_is_named_and_reckoned_with() -> None:
-    campaign, _ = campaign_of(swivelled(), 16)
+    campaign, _ = campaign_of(swivelled(), 12)
     counts = campaign.counts.copy()
     counts[:, 9] += np.random.default_rng(4).normal(0, 0.05 / 360 * 131072, len(counts))
     found = [w for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code == "misfit"]

@@ -1,6 +1,5 @@
 """The command line as a user meets it: a process of its own, exit codes, one line of error, whole files or none."""
 
-import os
 import re
 import subprocess
 import sys
@@ -10,6 +9,7 @@ import can
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import lmeasure
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
@@ -24,11 +24,6 @@ from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 BOX = ("--x", "-200:200:200", "--y", "-200:200:200", "--z", "-200:200:200", "--tilt-rad", "0.1")
 HEAVY = {"numpy", "scipy", "numba", "pandas", "pyarrow", "xarray", "pydantic", "can", "canopen", "cantools", "rerun", "plotly", "typst"}
-
-
-def lmeasure(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "lmeasure", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1", **environment})
 
 
 def test_every_stage_writes_a_recording_when_asked() -> None:

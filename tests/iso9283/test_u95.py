@@ -60,13 +60,13 @@ def test_linear_law_and_monte_carlo_are_the_law_written_out() -> None:
     assert found["AD_p", "P1-P2"].u_systematic == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.005, 0.01, 0.02, 0.05])
+@pytest.mark.parametrize("offset", [0.0, 0.01, 0.05])
 def test_a_small_offset_has_an_honest_interval(offset: float) -> None:
     # an instrument that errs by 0.01 mm per axis makes a robot that is off by less look worse than it is
     shared = np.zeros((6, 3))
     shared[3:] = 0.01 * np.eye(3)
     ratios = []
-    for seed in range(150):
+    for seed in range(100):
         error = 0.01 * np.random.default_rng(seed).normal(size=3)
         trajectory, program = made_campaign(np.array([offset, 0.0, 0.0]) + error, 0.0, cycles=2, seed=seed, names=("P1",))
         found = evaluate(

@@ -84,6 +84,13 @@ def test_arguments(launcher: ModuleType, arguments: list[str], extras: frozenset
     assert launcher.plan(arguments) == (extras, command)
 
 
+def test_a_minute_of_tests_names_tests_that_there_are(launcher: ModuleType) -> None:
+    extras, command = launcher.plan(["test", "-x", "--fast"])
+    assert (extras, command) == (TEST, ["pytest", *EVERYWHERE, *launcher.FAST, "-x"])
+    for file, _, function in (name.partition("::") for name in launcher.FAST):
+        assert f"def {function}(" in (ROOT / file).read_text(encoding="utf-8") if function else (ROOT / file).exists()
+
+
 @pytest.mark.parametrize(("windows", "path"), [(False, "bin/python"), (True, "Scripts/python.exe")])
 def test_programs_of_the_environment(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch, windows: bool, path: str) -> None:
     monkeypatch.setattr(launcher, "WINDOWS", windows)

@@ -48,7 +48,7 @@ def behind(sample: int) -> FloatArray:
     return (np.arange(len(TIME_S)) >= sample).astype(float)
 
 
-@pytest.mark.parametrize(("by", "known"), [(500.0, True), (20.0, False), (8.0, True), (5000.0, True)])
+@pytest.mark.parametrize(("by", "known"), [(500.0, True), (20.0, False), (8.0, True)])
 def test_a_drum_that_slips_goes_on_from_a_restored_origin(by: float, known: bool) -> None:
     run = faulty("ch3", by * behind(700))
     found = reconstruct(run if known else replace(run, start=None))
