@@ -21,10 +21,9 @@ import cantools
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition import counter_fields
+from lmeasure.acquisition import LogReport, counter_fields
 from lmeasure.acquisition.counters.assembly import counts_from_frames
 from lmeasure.acquisition.logs.read import log_batches
-from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.rig import Rig, rig_from_dict
 
 FIRST_IDENTIFIER, SYNC = 0x181, 0x80

@@ -17,8 +17,7 @@ from lmeasure import api
 from lmeasure.accuracy import Placement
 from lmeasure.core import CalibrationError, CertificationError, LMeasureError, Shown
 from lmeasure.report.plots import DRAWN
-from lmeasure.robot_programs import Corrected, Outcome
-from lmeasure.robot_programs.program import Target
+from lmeasure.robot_programs import Corrected, Outcome, Target
 from lmeasure.robots import Limits
 from lmeasure.robots.correction.correction import correct
 from lmeasure.robots.identification.measurements import measured

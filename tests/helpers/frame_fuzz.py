@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 from rigged_feed import cell, frames_of, motion
 
-from lmeasure.acquisition import counter_fields
-from lmeasure.acquisition.bus.frames import Frames, TimestampSource, messages_from_frames
+from lmeasure.acquisition import Frames, counter_fields
+from lmeasure.acquisition.bus.frames import TimestampSource, messages_from_frames
 from lmeasure.acquisition.counters.assembly import new_assembler
 from lmeasure.acquisition.counters.events import EVENTS_KEPT
 from lmeasure.acquisition.logs.growing_files import candump_lines, count_lines

@@ -13,8 +13,8 @@ import can
 import numpy as np
 from log_corpus import Row, library_rows, messages, rows, write
 
-from lmeasure.acquisition import counter_fields, import_logs, read_frames
-from lmeasure.acquisition.bus.frames import ERROR, Frames, messages_from_frames
+from lmeasure.acquisition import Frames, counter_fields, import_logs, read_frames
+from lmeasure.acquisition.bus.frames import ERROR, messages_from_frames
 from lmeasure.core import LMeasureError
 from lmeasure.io import files
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.robot_programs import Dialect, Listing, dialect_of
-from lmeasure.robot_programs.program import Source
+from lmeasure.robot_programs import Dialect, Listing, Source, dialect_of
 
 FOLDER = Path(__file__).parents[1] / "robot_programs" / "programs"
 WHOLE = {

@@ -4,9 +4,8 @@ from pathlib import Path
 
 from log_corpus import Row, rows
 
-from lmeasure.acquisition import read_frames
+from lmeasure.acquisition import LogReport, read_frames
 from lmeasure.acquisition.bus.frames import messages_from_frames
-from lmeasure.acquisition.logs.report import LogReport
 
 ERROR_COLUMN = 4
 BUS_ERROR = 0x80

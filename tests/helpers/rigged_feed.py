@@ -11,9 +11,8 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition import Recording, counter_fields, record
+from lmeasure.acquisition import Frames, Recording, counter_fields, record
 from lmeasure.acquisition.bus.feed import frames_from_counts, send, virtual_place
-from lmeasure.acquisition.bus.frames import Frames
 from lmeasure.acquisition.bus.sources import BusSource
 from lmeasure.io import files
 from lmeasure.recording import Counts, Run, read_run

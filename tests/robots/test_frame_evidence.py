@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import RobotError
 from lmeasure.io import Column, columns_of
-from lmeasure.robot_programs import Corrected, corrected_program, dialect_of
-from lmeasure.robot_programs.program import Source
+from lmeasure.robot_programs import Corrected, Source, corrected_program, dialect_of
 from lmeasure.robots import IdentifiedRobot, Limits, Robot, write_robot
 from lmeasure.robots.file_fields import Frame
 from lmeasure.robots.robot import Revolute, shipped
