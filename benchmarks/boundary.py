@@ -3,11 +3,10 @@
 python benchmarks/boundary.py --out benchmarks/results/boundary.md
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
+from study import options, show
 
 from lmeasure.core import FloatArray
 from lmeasure.linkages import Bounds, Slice, boundary
@@ -82,9 +81,8 @@ def apart(place: FloatArray, line: FloatArray) -> float:
 
 def main() -> None:
     """Print the page, or write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="page to write")
-    out = parser.parse_args().out
+    parser = options(__doc__)
+    asked = parser.parse_args()
     level = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     bounds = Bounds(BASE, BODY, level, np.radians(84.0))
     plane = Slice(level, np.array([(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]), 40.0)
@@ -129,10 +127,7 @@ def main() -> None:
         "forty places of each."
     )
     page += cell_of_the_origin()
-    text = "\n".join([*page, ""])
-    print(text)
-    if out:
-        out.write_text(text, encoding="utf-8")
+    show(asked, "\n".join(page), "boundary")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ over `can.LogReader`, decode each counter frame with cantools, take a row at eve
 --keep writes the table to benchmarks/results/log_files.md.
 """
 
-import argparse
 import os
 import platform
 import tempfile
@@ -20,6 +19,7 @@ import can
 import cantools
 import numpy as np
 from numpy.typing import NDArray
+from study import options, show
 
 from lmeasure.acquisition import LogReport, counter_fields
 from lmeasure.acquisition.counters.assembly import counts_from_frames
@@ -128,10 +128,9 @@ def best(*calls: tuple[Callable[[Path], object], int], path: Path) -> list[float
 
 def main() -> None:
     """Measure and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--samples", type=int, default=60_000)
     parser.add_argument("--repeat", type=int, default=5)
-    parser.add_argument("--keep", action="store_true")
     asked = parser.parse_args()
     rng = np.random.default_rng(0)
     counts = np.cumsum(rng.integers(-40, 41, (asked.samples, CABLES)), axis=0)
@@ -154,12 +153,7 @@ def main() -> None:
                 f"| {path.suffix} | {path.stat().st_size / 1e6:.1f} | {cells[0]} | {cells[1]} | {t[0] / t[1]:.0f} | {GOALS[path.suffix]} "
                 f"| {cells[2]} | {cells[3]} | {t[2] / t[3]:.0f} |"
             )
-    table = "\n".join(lines)
-    print(table)
-    if asked.keep:
-        target = Path(__file__).parent / "results" / "log_files.md"
-        target.parent.mkdir(exist_ok=True)
-        target.write_text(f"# Log files to counts\n\n`python benchmarks/log_files.py --keep`\n\n{table}\n", encoding="utf-8")
+    show(asked, "# Log files to counts\n\n`python benchmarks/log_files.py --write`\n\n" + "\n".join(lines), "log_files")
 
 
 if __name__ == "__main__":

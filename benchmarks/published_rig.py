@@ -7,13 +7,13 @@ they may be, and for each draw the place of B is solved for whose lengths, wrap 
 unknowns. docs/published-rig.md prints these tables, and a test holds them against the page.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
+from study import options, show
 
 from lmeasure.calibration.solve.points import coarse_solutions
 from lmeasure.core import rotation_from_angles
@@ -23,7 +23,6 @@ from lmeasure.sensors import span_rows
 FloatArray = NDArray[np.float64]
 
 DATA = Path(__file__).parents[1] / "datasets" / "thesis-5.5"
-RESULTS = Path(__file__).parent / "results" / "published_rig.md"
 COUNT_MM, COUNTS_PER_TURN = 0.012, 6000
 CHANNELS = (("K1", 1.0), ("K2", 1.0), ("K3", 1.0), ("K3, counts doubled", 2.0))
 DRAWN = 1024
@@ -105,8 +104,7 @@ def fine_table() -> list[str]:
 
 def main() -> None:
     """Print the tables, or write them."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--write", action="store_true")
+    parser = options(__doc__)
     lines = [
         "# What four published poses say of three observation points",
         "",
@@ -119,9 +117,7 @@ def main() -> None:
         "",
         *fine_table(),
     ]
-    print("\n".join(lines))
-    if parser.parse_args().write:
-        RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    show(parser.parse_args(), "\n".join(lines), "published_rig")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,13 @@
 """Recordings whose clocks are wrong, and SYNC as CiA 301 has it: written by python-can or by own bytes, imported, compared with the truth.
 
-    python benchmarks/recordings_clock.py [--keep]
+    python benchmarks/recordings_clock.py [--write]
 
 Six encoders move on smooth random ways. A row of the table is one recording: its fault, who wrote it, and what the import made of it. A
 count is wrong where it is there and differs from the truth by more than half a count and the steps that the events state for its gaps;
-where encoders have timers of their own, also by more than the motion within the lateness of the stamps. --keep writes the table to
+where encoders have timers of their own, also by more than the motion within the lateness of the stamps. --write writes the table to
 benchmarks/results/recordings_clock.md.
 """
 
-import argparse
 import csv
 import re
 import tempfile
@@ -20,12 +19,12 @@ from typing import Any
 import can
 import numpy as np
 from numpy.typing import NDArray
+from study import options, show
 
 from lmeasure.acquisition import import_logs
 from lmeasure.rig import Rig, read_rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]
-RESULTS = Path(__file__).parent / "results" / "recordings_clock.md"
 RIG = Path(__file__).parent.parent / "tests" / "authorities" / "sixteen-bits-one-late-stamp" / "rig.toml"
 STATED = re.compile(r"a step below (\d+) units")
 PERIOD_S, SAMPLES, BEGIN_S = 0.01, 600, 1_700_000_000.0
@@ -281,13 +280,12 @@ def judged(path: Path, one: Recording) -> Outcome:
 
 def main() -> None:
     """Make the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", action="store_true")
+    parser = options(__doc__)
     asked = parser.parse_args()
     lines = [
         "# Recordings with wrong clocks, and SYNC as CiA 301 has it",
         "",
-        "`python benchmarks/recordings_clock.py --keep`",
+        "`python benchmarks/recordings_clock.py --write`",
         "",
         "| recording | written by | timing | bits | samples | empty cells | wrong counts | time off [ms] | events |",
         "|---|---|---|---|---|---|---|---|---|",
@@ -304,9 +302,7 @@ def main() -> None:
             cells = (one.timing, one.bits, got.samples, got.empty, got.wrong, f"{got.time_ms:.3g}", events)
             lines.append(f"| {name}{'' if good else ' **WRONG**'} | {writer} | {' | '.join(map(str, cells))} |")
         lines += ["", f"{len(ROWS)} recordings, {failed} wrong."]
-    print("\n".join(lines))
-    if asked.keep:
-        RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    show(asked, "\n".join(lines), "recordings_clock")
 
 
 if __name__ == "__main__":

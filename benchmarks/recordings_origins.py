@@ -6,7 +6,6 @@ Inputs of a kind each, written by python-can or by own bytes, with the right cel
 that differs from the true one. Random restarts: recordings_study.py.
 """
 
-import argparse
 import struct
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from typing import Any
 
 import can
 import numpy as np
+from study import options, show
 
 from lmeasure.acquisition import Imported, import_logs, read_frames, write_import
 from lmeasure.acquisition.bus.network import NetworkWatch
@@ -24,7 +24,6 @@ from lmeasure.io.tables import read_table
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
 
-RESULTS = Path(__file__).parent / "results" / "recordings_origins.md"
 PERIOD_S, ROWS, NODES = 0.01, 60, 6
 T0 = 1_700_000_000.0
 Message = can.Message
@@ -410,8 +409,7 @@ def events() -> tuple[list[str], int]:
 
 def main() -> int:
     """Print the tables; 1 where something is not right."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true")
+    parser = options(__doc__)
     settings = parser.parse_args()
     table, wrong = cases()
     more, bad = events()
@@ -420,9 +418,7 @@ def main() -> int:
         + ["Inputs written by python-can; cells: whether each has the true count or is rightly empty.", "", *table, ""]
         + ["Errors of the bus as written by python-can or by own bytes, and events of imports beside pass1.csv.", "", *more, ""]
     )
-    print(text)
-    if settings.write:
-        RESULTS.write_text(text, encoding="utf-8")
+    show(settings, text, "recordings_origins")
     return int(bool(wrong or bad))
 
 

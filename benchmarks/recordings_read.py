@@ -7,7 +7,6 @@ known from the writing; "same" says that identifiers, data and times (from the f
 table to benchmarks/results/recordings_read.md.
 """
 
-import argparse
 import logging
 import struct
 import tempfile
@@ -19,6 +18,7 @@ from typing import Any
 import can
 import cantools
 import numpy as np
+from study import options, show
 
 import lmeasure as lm
 
@@ -176,8 +176,7 @@ def by_library(path: Path) -> str:
 
 def main() -> None:
     """Read all, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", action="store_true")
+    parser = options(__doc__)
     asked = parser.parse_args()
     logging.disable(logging.ERROR)
     log = traffic()
@@ -198,13 +197,8 @@ def main() -> None:
             said = "; ".join(report.notes()).replace("|", " ")[:90]
             row = [title, len(wanted), len(frames), "yes" if same else "no", report.known, report.unread, said, by_library(path)]
             lines.append(f"| {' | '.join(map(str, row))} |")
-    table = "\n".join(lines)
-    print(table)
-    if asked.keep:
-        target = Path(__file__).parent / "results" / "recordings_read.md"
-        target.write_text(
-            f"# Recordings that other readers lose\n\n`python benchmarks/recordings_read.py --keep`\n\n{table}\n", encoding="utf-8"
-        )
+    head = "# Recordings that other readers lose\n\n`python benchmarks/recordings_read.py --write`\n\n"
+    show(asked, head + "\n".join(lines), "recordings_read")
 
 
 if __name__ == "__main__":

@@ -1,15 +1,14 @@
 """Random recordings with restarts of encoders, wraps and late stamps: which counts are wrong, and whether the log's events state it.
 
-    python benchmarks/recordings_study.py [--count 1000] [--seed 1] [--keep]
+    python benchmarks/recordings_study.py [--count 1000] [--seed 1] [--write]
 
 Each recording has counters of 16, 24 or 32 bits of six cables on smooth random ways, and at random: an encoder that starts again, with a
 boot-up frame, a reset by the master, or no word, behind a gap or none; late stamps; wrong stamps; a clock that starts again; a silent
 channel; lost frames. A log is written as by candump -L and imported. A count is wrong where it differs from the truth by more than the
-steps that the events state for the gaps before it; behind a word of the device, where it differs at all. --keep writes the table to
+steps that the events state for the gaps before it; behind a word of the device, where it differs at all. --write writes the table to
 benchmarks/results/recordings_study.md.
 """
 
-import argparse
 import sys
 import tempfile
 from collections import Counter
@@ -18,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 from recordings_clock import BEGIN_S, PERIOD_S, SAMPLES, Recording, away, by_candump, held, judged, lost, recorded, stamped
+from study import options, show
 
-RESULTS = Path(__file__).parent / "results" / "recordings_study.md"
 GAPS = (0, 1, 2, 5, 10, 30, 60)
 """Samples without an answer before a restart."""
 
@@ -111,17 +110,14 @@ def study(count: int, seed: int) -> tuple[list[str], int]:
 
 def main() -> int:
     """Print the table; 1 where a recording is not right."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", action="store_true")
     asked = parser.parse_args()
     lines, bad = study(asked.count, asked.seed)
     head = ["# Random restarts, wraps and late stamps", "", f"`python benchmarks/recordings_study.py --count {asked.count}`", ""]
     text = "\n".join([*head, *lines, ""])
-    print(text)
-    if asked.keep:
-        RESULTS.write_text(text, encoding="utf-8")
+    show(asked, text, "recordings_study")
     return int(bad > 0)
 
 

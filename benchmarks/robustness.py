@@ -10,13 +10,12 @@ uncertainty reaches so far. It is wrong when it is another pose than the true on
 --write keeps the result in results/robustness.md.
 """
 
-import argparse
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from study import options, show
 
 from lmeasure.core import Status
 from lmeasure.kernels import CABLE_COLUMNS, screw, span_lengths
@@ -25,7 +24,6 @@ from lmeasure.kernels.decorators import kernel
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "robustness.md"
 LIMIT_RAD = math.radians(75.0)
 OFF_MM, OFF_RAD = 50.0, 0.2
 POSES_PER_RIG = 200
@@ -94,10 +92,9 @@ def off(generator: np.random.Generator, poses: FloatArray) -> FloatArray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--poses", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
     generator = np.random.default_rng(arguments.seed)
     counts, rigs = np.zeros(4, np.int64), 0
@@ -126,10 +123,7 @@ def main() -> None:
             "",
         ]
     )
-    print(text)
-    if arguments.write:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(text)
+    show(arguments, text, "robustness")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ to the structure's own; and Newton's method from random starts, which knows no h
 python benchmarks/straight_assemblies.py --out benchmarks/results/straight_assemblies.md
 """
 
-import argparse
 import sys
 import time
 from pathlib import Path
@@ -19,6 +18,7 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from linkages import DIETMAIER, lengths_at, nearest, rig
+from study import options, show
 
 from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, CABLE_COLUMNS, GUIDE_XYZ, REACHED, follow_homotopy, screw
@@ -149,8 +149,7 @@ def at_folds() -> str:
 
 def main() -> None:
     """Print the page, or write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="page to write")
+    parser = options(__doc__)
     parser.add_argument("--poses", type=int, default=100_000, help="poses of each structure in closed form")
     parser.add_argument("--rigs", type=int, default=200, help="rigs of each structure")
     asked = parser.parse_args()
@@ -180,9 +179,7 @@ def main() -> None:
     ]
     page += ["|---" * 11 + "|", *(rigs_of(s, asked.rigs) for s in structures() if s.degenerate is None)]
     page += ["", "## Two assemblies that meet", "", at_folds(), ""]
-    print("\n".join(page))
-    if asked.out:
-        asked.out.write_text("\n".join(page), encoding="utf-8")
+    show(asked, "\n".join(page), "straight_assemblies")
 
 
 if __name__ == "__main__":

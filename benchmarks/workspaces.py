@@ -8,25 +8,23 @@ cones', the centre of mass and the distance from singular poses. Its volume is t
 cells at the boundary at most, which is its error here. Robots of fewer freedoms are in `workspaces_told`.
 """
 
-import argparse
 import math
 import sys
 import tomllib
 from collections.abc import Callable
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import workspaces_told
 from numpy.typing import NDArray
+from study import options, show
 
 from lmeasure.core import se3
 from lmeasure.robots import ParallelFile, any_shipped, checked, over_grid
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-RESULTS = Path(__file__).parent / "results" / "workspaces.md"
 SEED = 20
 
 
@@ -295,9 +293,8 @@ def beside_told(case: Told, poses: int) -> tuple[int, int, float, float, float, 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options(__doc__)
     parser.add_argument("--poses", type=int, default=2_000_000)
-    parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
     lines = ["| robot | turn | nodes | judged otherwise | volume, litres | at most off by | random places, litres | standard uncertainty |"]
     lines.append("|---" * 8 + "|")
@@ -325,9 +322,8 @@ def main() -> None:
         lines.append(f"| {told.robot} | {told.unit} | {nodes} | {other} | {sizes} |")
         print(lines[-1], flush=True)
         bad |= other > 0 or abs(volume - random) > error + 3.0 * u
-    if asked.write:
-        run = f"`python benchmarks/{Path(__file__).name} --poses {asked.poses} --write`, seed {SEED}."
-        RESULTS.write_text(f"# Workspaces beside brute force\n\n{run}\n\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    run = f"`python benchmarks/workspaces.py --poses {asked.poses} --write`, seed {SEED}."
+    show(asked, f"# Workspaces beside brute force\n\n{run}\n\n" + "\n".join(lines), "workspaces")
     sys.exit(1 if bad else 0)
 
 

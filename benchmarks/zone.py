@@ -8,11 +8,9 @@ covariance's factor, lengths, wraps, determinant and norm of the inverse from th
 NumPy at the same task. --write keeps the table in results/zone.md.
 """
 
-import argparse
 import os
 import platform
 import resource
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from numpy.typing import NDArray
+from study import options, show
 
 from lmeasure.accuracy import axis, scan_zone, tilts
 from lmeasure.accuracy.scan import Plan, run
@@ -34,7 +33,6 @@ from lmeasure.rig import Rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "zone.md"
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
@@ -241,14 +239,10 @@ def large_scan() -> tuple[int, float, float]:
 
 def main() -> None:
     """Measure and print; keep the table when asked."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help=f"keep the table in {RESULTS.relative_to(Path(__file__).parent)}")
+    parser = options(__doc__)
     arguments = parser.parse_args()
     text = f"# Zone scan\n\n{machine()}. `python benchmarks/zone.py --write`\n\n{table()}\n"
-    sys.stdout.write(text)
-    if arguments.write:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(text, encoding="utf-8")
+    show(arguments, text, "zone")
 
 
 if __name__ == "__main__":

@@ -184,7 +184,7 @@ def random_file(
     return text, base, platform, lengths, pose
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_files_of_strangers_against_brute_force(run, tmp_path: Path, seed: int) -> None:  # type: ignore[no-untyped-def]
     """Class by counting, assemblies against SciPy from many starts, determinant, gradient and pressure angles from their definitions."""
     rng = np.random.default_rng(seed)
@@ -204,7 +204,7 @@ def test_files_of_strangers_against_brute_force(run, tmp_path: Path, seed: int) 
 
     found = np.array([one["position_mm"] + one["quaternion_xyzw"] for one in record["assemblies"]])
     assert np.abs(np.linalg.norm(se3.apply(found[:, None], platform) - base, axis=2) - lengths).max() < 1e-9
-    for _ in range(40):
+    for _ in range(25):
         near = np.concatenate([Rotation.random(rng=rng).as_rotvec(), 200.0 * rng.normal(size=3)])
         end = least_squares(missed, near, xtol=1e-14, ftol=1e-14, gtol=1e-14)
         if np.abs(end.fun).max() < 1e-9:
