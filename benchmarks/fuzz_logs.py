@@ -1,14 +1,13 @@
 """Mutated logs, DBC files and rig files: each is read, or refused in one line, and no line or object of a log is lost without a word.
 
-    python benchmarks/fuzz_logs.py [--mutations 200] [--seed 0] [--keep]
+    python benchmarks/fuzz_logs.py [--mutations 200] [--seed 0] [--write]
 
 --mutations are of each kind of file: half of those of text logs change lines and words, the others bytes. Every log that is read must
 account for all lines or BLF objects, counted independently (silent: it does not). Its frames must be those that python-can reads, where it
 reads that kind. A file that misbehaves otherwise (a traceback, other frames) is "neither". Both are kept in the folder named; a file that
-takes longer than a minute ends the run. --keep writes the table to benchmarks/results/fuzz_logs.md.
+takes longer than a minute ends the run. --write writes the table to benchmarks/results/fuzz_logs.md.
 """
 
-import argparse
 import faulthandler
 import logging
 import platform
@@ -22,6 +21,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 import log_fuzz
+from study import options, show
 
 LONGEST_S = 60.0
 OUTCOMES = ("accepted", "refused", "silent", "neither")
@@ -29,10 +29,9 @@ OUTCOMES = ("accepted", "refused", "silent", "neither")
 
 def main() -> None:
     """Run, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--mutations", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--keep", action="store_true")
     asked = parser.parse_args()
     logging.disable(logging.WARNING)  # python-can's remarks about the mutated files
     outcomes: Counter[tuple[str, str]] = Counter()
@@ -62,14 +61,10 @@ def main() -> None:
         "|---|---|---|---|---|",
         *(f"| {kind} | {' | '.join(str(outcomes[kind, outcome]) for outcome in OUTCOMES)} |" for kind in sorted(kinds)),
     ]
-    table = "\n".join(lines)
-    print(table)
+    command = f"python benchmarks/fuzz_logs.py --mutations {asked.mutations} --seed {asked.seed} --write"
+    show(asked, f"# Mutated logs, DBC files and rig files\n\n`{command}`\n\n" + "\n".join(lines), "fuzz_logs")
     if any(outcome in ("silent", "neither") for _, outcome in outcomes):
         print(f"kept: {folder}")
-    if asked.keep:
-        target = Path(__file__).parent / "results" / "fuzz_logs.md"
-        command = f"python benchmarks/fuzz_logs.py --mutations {asked.mutations} --seed {asked.seed} --keep"
-        target.write_text(f"# Mutated logs, DBC files and rig files\n\n`{command}`\n\n{table}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

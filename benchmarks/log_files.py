@@ -1,10 +1,10 @@
 """Log files to counts: `lmeasure` beside python-can's readers with cantools, in one run, on the same files, to the same counts.
 
-    python benchmarks/log_files.py [--samples 60000] [--repeat 5] [--keep]
+    python benchmarks/log_files.py [--samples 60000] [--repeat 5] [--write]
 
 The log is that of six encoders at 1 kHz: SYNC and six frames of 4 bytes per sample. The other side is what a user would write: iterate
 over `can.LogReader`, decode each counter frame with cantools, take a row at every SYNC. Both run in turns; least CPU time of each.
---keep writes the table to benchmarks/results/log_files.md.
+--write writes the table to benchmarks/results/log_files.md.
 """
 
 import os

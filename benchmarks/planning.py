@@ -9,18 +9,17 @@ to 0.05 mm. Errors are those of length changes since the cell's middle at 150 he
 results/planning.md.
 """
 
-import argparse
 import os
 import platform
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from numpy.typing import NDArray
+from study import options, show
 
 from lmeasure.calibration import Campaign, PlanSettings, Region, calibrate, plan_poses
 from lmeasure.recording import Poses
@@ -30,7 +29,6 @@ from lmeasure.simulation import cell_rig, scattered_poses
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "planning.md"
 REGION = Region(np.full(3, -300.0), np.full(3, 300.0), 0.3, np.array([0.0, 0.0, 0.0, 1.0]))
 HALF = (300.0, 300.0, 300.0)
 SEED = 20
@@ -110,9 +108,8 @@ def measure(campaigns: int) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options(__doc__)
     parser.add_argument("--campaigns", type=int, default=20)
-    parser.add_argument("--write", action="store_true")
     chosen = parser.parse_args()
     lines = measure(chosen.campaigns)
     head = (
@@ -120,9 +117,7 @@ def main() -> None:
         f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}.\n\n"
         f"{chosen.campaigns} campaigns a row; each random campaign has poses of its own.\n\n"
     )
-    if chosen.write:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
+    show(chosen, head + "\n".join(lines), "planning")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Recordings that other readers lose: logs by independent writers, read whole or refused, beside python-can.
 
-    python benchmarks/recordings_read.py [--keep]
+    python benchmarks/recordings_read.py [--write]
 
 The logs are written by python-can's writers, by cantools' encoder, or byte by byte here, never by lmeasure. Expected numbers of frames are
-known from the writing; "same" says that identifiers, data and times (from the first frame) are those that were written. --keep writes the
+known from the writing; "same" says that identifiers, data and times (from the first frame) are those that were written. --write writes the
 table to benchmarks/results/recordings_read.md.
 """
 
