@@ -55,7 +55,7 @@ def test_what_tetrahedra_prove_holds_for_draws(structure: Structure) -> None:
     assert not told[-1]
 
 
-@pytest.mark.parametrize("structure", [s for s in structures() if s.degenerate is None], ids=lambda s: s.notation)
+@pytest.mark.parametrize("structure", [s for s in structures() if s.degenerate is None][::4], ids=lambda s: s.notation)
 def test_what_is_proved_around_a_pose_holds_for_draws(structure: Structure) -> None:
     base, platform, poses = rig(structure, 1, poses=30)
     best = int(np.argmin([singularity.hold(base, platform, pose).mm_per_mm for pose in poses]))

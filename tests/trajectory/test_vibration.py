@@ -133,8 +133,7 @@ def test_dwells_of_which_only_later_ones_swing() -> None:
     assert (found[:, 3] < 1.0).all()
 
 
-@pytest.mark.parametrize(("amplitude_mm", "window_s"), [(0.02, 0.4), (0.05, 0.12)])
-@pytest.mark.parametrize("rate_hz", [100.0, 400.0])
+@pytest.mark.parametrize(("amplitude_mm", "window_s", "rate_hz"), [(0.02, 0.4, 100.0), (0.05, 0.12, 400.0)])
 def test_u95_of_a_vibrating_robot_holds_where_it_rests(amplitude_mm: float, window_s: float, rate_hz: float) -> None:
     """5 to 13 Hz, three axes read in counts: half of the figures lay outside where samples were taken as independent."""
     ratios: dict[str, list[float]] = {}
