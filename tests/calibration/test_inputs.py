@@ -75,7 +75,7 @@ def test_a_tracker_s_covariance_is_that_of_drawn_poses(tmp_path: Path) -> None:
     assert C[0, 3, 4] == pytest.approx(-0.8 * 0.01 * 0.06)
     assert C[0, 0, 5] == pytest.approx(0.5 * np.radians(0.005) * 0.05)
     rng, base, drawn = np.random.default_rng(0), model.residuals(model.parameters.nominal), []
-    for _ in range(1000):
+    for _ in range(3000):
         error = np.array([rng.multivariate_normal(np.zeros(6), c) for c in C])
         rows = campaign.poses.rows.copy()
         rows[:, :3] += error[:, 3:]
