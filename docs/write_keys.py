@@ -1,4 +1,4 @@
-"""Writes what is made of the models: the JSON Schemas that come along, and the lists of keys in rig.md and files.md.
+"""Write the JSON Schemas of the models, and the tables of keys in rig.md and files.md.
 
 python docs/write_keys.py
 """
@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from lmeasure.io import FILE_KINDS
-from lmeasure.io.schemas import keys_of, schema_of, tables_of
+from lmeasure.io.schemas import keys_of, prose, schema_of, tables_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = {"rig.md": ("rig", "drums", "placement", "bodies"), "files.md": ("run", "scenario", "program", "details", "robot", "structure")}
@@ -16,31 +16,32 @@ MARK = re.compile(r"(<!-- keys of (\w+), made by docs/write_keys.py -->\n).*?(<!
 
 
 def schema_text(name: str) -> str:
-    """A schema as it is shipped."""
+    """Return the text of a shipped schema."""
     return json.dumps(schema_of(name), indent=1, ensure_ascii=False) + "\n"
 
 
 def listed(name: str) -> str:
-    """The keys of a kind of file, a section for each table."""
-    parts = []
-    told: set[str] = set()
-    several = bool(FILE_KINDS[name].others)
-    for path, model in (table for whole in FILE_KINDS[name].load() for table in tables_of(whole)):
+    """Return the keys of a kind of file, one section per table."""
+    tables = list(dict.fromkeys(table for whole in FILE_KINDS[name].load() for table in tables_of(whole)))
+    words = ("decoder", "type", "kind") if FILE_KINDS[name].others else ("decoder", "type")
+    kinds: dict[str, str] = {}
+    parts: dict[str, str] = {}
+    for path, model in tables:
         header = f"[[{path.removesuffix('[]').replace('[]', '')}]]" if path.endswith("[]") else f"[{path.replace('[]', '')}]"
-        told_by = ("decoder", "type", "kind") if several else ("decoder", "type")
-        kind = next((f" with `{k} = {v}`" for k, v, *_ in keys_of(model) if k in told_by), "")
-        title = f"`{header}`{kind}" if path else f"`{FILE_KINDS[name].file}`{kind}, outside of tables"
-        if title in told:
-            continue
-        told.add(title)
-        about = " ".join((model.__doc__ or "").split())
-        rows = [f"| `{key}` | {held} | {default} | {text} |" for key, held, default, text in keys_of(model)]
-        parts.append("\n".join([f"### {title}", "", about, "", "| key | holds | default | what it is |", "|---|---|---|---|", *rows, ""]))
-    return "\n".join(parts)
+        kind = next((f" with `{key} = {value}`" for key, value, *_ in keys_of(model) if key in words), "")
+        if not kind and path and len([1 for other, _ in tables if other == path]) > 1:
+            # one of several tables of this name, by the kind of the table around it
+            kind = kinds.get(path.removesuffix("[]").rpartition(".")[0], "")
+        kinds[path] = kind
+        title = f"`{header}`{kind}" if path else f"`{FILE_KINDS[name].file}`{kind}, keys outside tables"
+        rows = [f"| `{key}` | {values} | {default} | {text} |" for key, values, default, text in keys_of(model)]
+        head = ["| key | type | default | meaning |", "|---|---|---|---|"]
+        parts.setdefault(title, "\n".join([f"### {title}", "", prose(model.__doc__), "", *head, *rows, ""]))
+    return "\n".join(parts.values())
 
 
 def page(text: str) -> str:
-    """A page with its lists of keys as the models are."""
+    """Return a page with the keys of the current models."""
     return MARK.sub(lambda found: f"{found[1]}\n{listed(found[2])}\n{found[3]}", text)
 
 

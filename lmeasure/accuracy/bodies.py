@@ -23,30 +23,28 @@ Length = Annotated[float, AfterValidator(_length)]
 
 
 class Body(Strict):
-    """All points within radius_mm of the piece from from_mm to to_mm (equal: a ball), in the base frame or moving with the tool.
-
-    A tool's body must leave the attachment points free: no clearance can be more than their distance from it.
-    """
+    """Capsule: all points within `radius_mm` of a line segment. Keep bodies of the tool away from attachment points: this distance limits
+    the clearance."""
 
     name: Annotated[str, Field(min_length=1)]
-    """By which reports call it."""
+    """Name of the body in reports."""
     frame: Literal["base", "tool"] = "base"
-    """Whether it stands in the cell or moves with the tool."""
+    """base: the body is fixed in the cell; tool: it moves with the tool."""
     from_mm: tuple[Length, Length, Length]
-    """One end of its axis."""
+    """First end of the segment, in that frame."""
     to_mm: tuple[Length, Length, Length]
-    """The other end; the same for a ball."""
+    """Second end of the segment, in that frame; equal to the first for a ball."""
     radius_mm: Annotated[float, Field(gt=0), AfterValidator(_length)]
-    """How far it reaches around the axis."""
+    """Radius of the body around the segment."""
 
 
 class BodiesFile(Strict):
-    """Bodies that cables must not touch, for `lmeasure zone --bodies`."""
+    """Bodies that cables must not touch, input of `lmeasure zone --bodies`."""
 
     schema_: Annotated[Literal["lmeasure.bodies/1"], Field(alias="schema")]
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     body: tuple[Body, ...]
-    """The bodies, a table `[[body]]` each."""
+    """Bodies, one table `[[body]]` each."""
 
 
 def read_bodies(path: Path) -> tuple[Body, ...]:

@@ -37,10 +37,10 @@ BROKEN_PER_MM = 0.02  # cost of a millimetre across a rule: ten times what a mil
 
 
 class Box(Strict):
-    """A box along the axes [mm]."""
+    """Box with edges along the axes of its frame."""
 
     low_mm: Vector
-    """Corner with the least coordinates."""
+    """Corner with the smallest coordinates."""
     high_mm: Vector
     """Corner with the largest coordinates."""
 
@@ -52,51 +52,44 @@ class Box(Strict):
 
 
 class Where(Box):
-    """A box (flat for a surface) in which the named points may be put.
-
-    In the base frame for observation points, in the tool frame for attachment points.
-    """
+    """Box for the named points; a flat box is a surface. Base frame for observation points, tool frame for attachment points."""
 
     points: Annotated[tuple[str, ...], Field(min_length=1)]
-    """Names of the points that may be put there."""
+    """Names of the points that can be placed in the box."""
 
 
 class Work(Box):
-    """The robot's task: a box of the tool origin and tilts about an orientation; every limit is held at all of it."""
+    """Task of the robot: a box of tool origins, base frame, and tilts about an orientation. All limits apply to the whole task."""
 
     nodes: Annotated[Whole, Field(ge=2, le=20)] = 3
-    """Places along each edge at which the task is looked at."""
+    """Evaluated positions along each edge."""
     tilt_rad: Annotated[float, Field(ge=0, le=math.pi)] = 0.0
-    """Largest component of the rotation vectors by which the tool is tilted."""
+    """Largest component of the rotation vectors of the tilts."""
     tilt_steps: Annotated[Whole, Field(ge=1, le=20)] = 3
-    """Equal steps from -tilt to +tilt; 1 means no tilt."""
+    """Equal steps from -tilt to +tilt; 1: no tilt."""
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    """Orientation that is tilted."""
+    """Orientation base_from_tool before the tilts."""
 
 
 class Placement(Strict):
-    """What may be moved, where to, and for which task; the content of a placement file.
-
-    objective: the worst pressure angle, or the worst 95 % radius of the position, over the task; tolerance_mm: how well a point is
-    mounted, per axis: the result is the best in the worst of draws within it; length_mm: cables allowed at the task.
-    """
+    """Task, and boxes for the points to place; input of `lmeasure place --task`."""
 
     schema_: Annotated[Literal["lmeasure.placement/1"], Field(alias="schema")] = "lmeasure.placement/1"
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     objective: Literal["pressure_angle", "u95"] = "pressure_angle"
-    """What is made best: the worst pressure angle, or the worst 95 % radius of the position."""
+    """Quantity to minimise at the task: largest pressure angle, or largest expanded uncertainty U95 of the position."""
     tolerance_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    """How well a point is mounted, per axis; the result is the best in the worst of it."""
+    """Mounting tolerance of a point per axis; the search optimises the worst case within it."""
     length_mm: tuple[float, float] | None = None
-    """Shortest and longest cable allowed at the task."""
+    """Shortest and longest allowed cable at the task."""
     task: Work
-    """Where the robot works."""
+    """Task of the robot."""
     mount: tuple[Where, ...] = ()
     """Boxes for observation points, base frame."""
     attachment: tuple[Where, ...] = ()
     """Boxes for attachment points, tool frame."""
     keep_out: tuple[Box, ...] = ()
-    """Boxes where no observation point may be."""
+    """Boxes without observation points, base frame."""
 
 
 def read_placement(path: Path) -> Placement:

@@ -45,21 +45,21 @@ Day = Annotated[str, BeforeValidator(_day)]
 
 
 class Party(Strict):
-    """The laboratory or the customer."""
+    """Laboratory or customer."""
 
     name: Text | None = None
     """Name."""
     address: Text | None = None
-    """Address."""
+    """Postal address."""
     contact: Text | None = None
-    """Telephone or mail."""
+    """Telephone number or e-mail address."""
 
 
 class Item(Strict):
-    """The robot under test. condition: in which it came, and what of it matters to the result (load, tool, warm-up)."""
+    """Robot under test."""
 
     maker: Text | None = None
-    """Maker."""
+    """Manufacturer."""
     model: Text | None = None
     """Model."""
     serial: Text | None = None
@@ -67,22 +67,22 @@ class Item(Strict):
     controller: Text | None = None
     """Controller and its version."""
     description: Text | None = None
-    """Anything else by which it is known."""
+    """Other identification."""
     condition: Text | None = None
-    """In which it came, and what of it matters to the result."""
+    """Condition that matters to the results: state on receipt, load, tool, warm-up."""
 
 
 class Dates(Strict):
-    """Days of receipt, of the measurement's begin and end, and of issue."""
+    """Dates of receipt, measurement and issue."""
 
     received: Day | None = None
-    """Day on which the robot was received."""
+    """Date of receipt of the robot."""
     measured_from: Day | None = None
-    """First day of measuring."""
+    """First day of the measurement."""
     measured_to: Day | None = None
-    """Last day of measuring."""
+    """Last day of the measurement."""
     issued: Day | None = None
-    """Day of issue."""
+    """Date of issue of the report."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -97,17 +97,17 @@ class Conditions(Strict):
     """Environmental conditions during the measurement."""
 
     text: Text | None = None
-    """In words."""
+    """Conditions in words."""
     temperature_c: Annotated[float, Field(gt=-100, lt=200)] | None = None
-    """Temperature in the middle."""
+    """Mean air temperature."""
     temperature_range_c: Annotated[float, Field(ge=0, lt=200)] | None = None
-    """Largest less smallest temperature."""
+    """Largest minus smallest temperature."""
     humidity_percent: Annotated[float, Field(ge=0, le=100)] | None = None
     """Relative humidity."""
 
 
 class Authoriser(Strict):
-    """Who answers for the report."""
+    """Person responsible for the report."""
 
     name: Text | None = None
     """Name."""
@@ -116,10 +116,10 @@ class Authoriser(Strict):
 
 
 class Accreditation(Strict):
-    """Stated by the user only: without it the report is a test report of no accredited laboratory."""
+    """Accreditation of the laboratory. Without this table, the report is a test report without accreditation."""
 
     statement: Text
-    """What is printed."""
+    """Statement to print."""
     body: Text
     """Accreditation body."""
     number: Text
@@ -127,50 +127,50 @@ class Accreditation(Strict):
 
 
 class Details(Strict):
-    """A details file, `schema = "lmeasure.report/1"`."""
+    """Administrative details of a test report (ISO/IEC 17025)."""
 
     schema_: Annotated[Literal["lmeasure.report/1"], Field(alias="schema")] = "lmeasure.report/1"
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     number: Text | None = None
-    """The laboratory's own number of the report."""
+    """Report number of the laboratory."""
     country: Annotated[str, Field(pattern="^[A-Z]{2}$")] | None = None
-    """ISO 3166-1 code of the laboratory's country, for the DCC."""
+    """Country of the laboratory (ISO 3166-1 code), for the DCC."""
     location: Text | None = None
-    """Where the test was done."""
+    """Location of the test."""
     performed_at: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] | None = None
-    """Where the test was done, in the DCC's words."""
+    """Location of the test as a DCC code."""
     method: Text | None = None
-    """Method of test, where it is not ISO 9283 as this program follows it."""
+    """Test method; default: ISO 9283 as lmeasure implements it."""
     deviations: Text | None = None
     """Additions to, deviations or exclusions from the method."""
     sampling: Text | None = None
-    """How robot, poses or time were chosen."""
+    """Selection of robot, poses or time."""
     traceability: Text | None = None
-    """To what the instrument's calibration is traceable."""
+    """Metrological traceability of the instrument's calibration."""
     supplied: Text | None = None
-    """Information that the customer supplied."""
+    """Information supplied by the customer."""
     external: Text | None = None
     """Results from external providers."""
     remarks: Text | None = None
-    """Anything else."""
+    """Other remarks."""
     logo: Text | None = None
-    """The laboratory's mark on the first page: an .svg, .png or .jpg file, relative to this one."""
+    """Logo of the laboratory for the first page: .svg, .png or .jpg, path relative to this file."""
     show_not_stated: bool | None = None
-    """A row of its own for everything that is not stated, instead of one row that names it all."""
+    """true: one row for each missing detail; default: one row that lists all of them."""
     laboratory: Party = Party()
-    """Who measured."""
+    """Laboratory that measured."""
     customer: Party = Party()
-    """For whom."""
+    """Customer."""
     item: Item = Item()
-    """The robot."""
+    """Robot under test."""
     dates: Dates = Dates()
-    """Days."""
+    """Dates."""
     conditions: Conditions = Conditions()
-    """Of the environment."""
+    """Environmental conditions."""
     authoriser: Authoriser = Authoriser()
-    """Who answers for the report."""
+    """Person responsible for the report."""
     accreditation: Accreditation | None = None
-    """Only of an accredited laboratory."""
+    """Accreditation; for accredited laboratories only."""
 
     def stated(self) -> dict[str, Any]:
         """What is stated, as the tables of the file; nothing else."""

@@ -56,18 +56,18 @@ Windows = Annotated[tuple[tuple[float, float], ...], AfterValidator(_in_order)]
 
 
 class _Run(Strict):
-    """What poses and paths have in common: a name, when they were run, at what speed and load."""
+    """Common keys of poses and paths: name, cycles, speed and load."""
 
     name: Label
-    """Name, as certificates write it."""
+    """Name in certificates."""
     windows_s: Windows = ()
-    """When it was run, [begin, end], one per cycle; `certify` can find them by itself."""
+    """Times [begin, end] of the dwells or runs, one per cycle; default: found by `certify`."""
     cycles: Cycles | None = None
-    """How many there should be; windows of another number are refused."""
+    """Number of cycles; another number of windows is refused."""
     speed_percent: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Speed, of the rated one."""
+    """Speed in percent of the rated speed."""
     load_kg: Annotated[float, Field(ge=0)] | None = None
-    """Load, where it is not the program's."""
+    """Load at the flange; default: the load of the program."""
 
     @model_validator(mode="after")
     def _all_cycles(self) -> Self:
@@ -77,25 +77,20 @@ class _Run(Strict):
 
 
 class CommandedPose(_Run):
-    """A pose the robot is told to take; windows_s are its dwells, one per cycle.
-
-    approaches: the direction each dwell was reached from (7.2.3), units: the robot each belongs to (7.7), as many as windows. settling_s:
-    from before the arrival until rest, one per cycle, for stabilisation and overshoot (7.4, 7.5) with limit_band_mm about the pose at the
-    end, by default the pose's repeatability.
-    """
+    """Pose that the robot is commanded to reach. Its windows are dwells."""
 
     position_mm: Vector
-    """Of the tool origin, base frame."""
+    """Position of the tool origin, base frame."""
     quaternion_xyzw: Quaternion
     """Orientation base_from_tool."""
     approaches: tuple[Label, ...] = ()
-    """Direction each dwell was reached from (7.2.3), one per window."""
+    """Direction of approach of each dwell (7.2.3), one per window."""
     units: tuple[Label, ...] = ()
-    """Robot each dwell belongs to (7.7), one per window."""
+    """Robot of each dwell (7.7), one per window."""
     settling_s: Windows = ()
-    """From before the arrival until rest, one per cycle, for stabilisation and overshoot (7.4, 7.5)."""
+    """Times [before arrival, at rest], one per cycle, for stabilisation time and overshoot (7.4, 7.5)."""
     limit_band_mm: Positive | None = None
-    """Band about the pose at the end for these; absent: the pose's repeatability."""
+    """Limit band around the final pose for the same; default: the pose repeatability."""
 
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
@@ -107,41 +102,36 @@ class CommandedPose(_Run):
 
 
 class CommandedPath(_Run):
-    """A path of the tool origin [mm, base frame] at a commanded speed; windows_s hold its runs, one per cycle.
-
-    quaternion_xyzw: the orientation on it, or at its start when end_quaternion_xyzw says another for its end (8.4: turning at constant rate
-    about one axis). stabilisation_mm: the deviation within which the robot is back on the path after a corner (8.5). weave_stroke_mm,
-    weave_distance_mm: peak to peak across a linear path and the way along it of one weave (11).
-    """
+    """Path of the tool origin at a commanded speed, base frame. Its windows are runs."""
 
     kind: Literal["linear", "circular", "rectangular", "points"]
-    """Its shape, which says what else is needed."""
+    """Shape of the path; it decides which other keys are required."""
     start_mm: Vector | None = None
-    """Begin of a linear path; of a circular one a point on it."""
+    """Start of a linear path, or a point on a circular path."""
     end_mm: Vector | None = None
     """End of a linear path."""
     centre_mm: Vector | None = None
     """Centre of a circular path."""
     normal: Vector | None = None
-    """Axis of a circular path, about which it is run right-handed."""
+    """Axis of a circular path; the motion is right-handed about it."""
     radius_mm: Positive | None = None
     """Radius of a circular path."""
     corners_mm: Annotated[tuple[Vector, ...], Field(min_length=3)] | None = None
     """Corners of a rectangular path, in order."""
     points_mm: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = None
-    """Corners of a path of straight pieces."""
+    """Corners of a path of straight segments, in order."""
     speed_mm_s: Positive | None = None
     """Commanded speed."""
     quaternion_xyzw: Quaternion | None = None
-    """Orientation on it, or at its start."""
+    """Orientation base_from_tool on the path, or at its start."""
     end_quaternion_xyzw: Quaternion | None = None
-    """Orientation at its end, where that is another (8.4)."""
+    """Orientation at the end (8.4); default: that of the start. Between them the tool turns at a constant rate."""
     stabilisation_mm: Positive | None = None
-    """Deviation within which the robot is back on the path after a corner (8.5)."""
+    """Deviation from the path below which a corner's error has settled (8.5)."""
     weave_stroke_mm: Positive | None = None
-    """Of a weave across a linear path, peak to peak (11)."""
+    """Stroke of a weave across a linear path, peak to peak (11)."""
     weave_distance_mm: Positive | None = None
-    """Way along the path of one weave."""
+    """Length of one weave along the path (11)."""
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -214,12 +204,12 @@ class CommandedPath(_Run):
 
 
 class Distance(Strict):
-    """Two poses whose distance is certified (7.3)."""
+    """Two poses for distance accuracy and repeatability (7.3)."""
 
     from_pose: Annotated[Label, Field(alias="from")]
-    """Name of one pose."""
+    """Name of the first pose."""
     to_pose: Annotated[Label, Field(alias="to")]
-    """Name of the other."""
+    """Name of the second pose."""
 
     @property
     def name(self) -> str:
@@ -228,33 +218,32 @@ class Distance(Strict):
 
 
 class Posing(Distance):
-    """Moves between two poses whose time is certified (9): windows from before departure until rest, one per cycle; the robot has arrived
-    when it stays within limit_band_mm of where it ends, by default the repeatability of that pose."""
+    """Moves between two poses for the posing time (9). The robot has arrived when it stays within the limit band of its final position."""
 
     windows_s: Windows = ()
-    """From before departure until rest, one per cycle."""
+    """Times [before departure, at rest], one per cycle."""
     limit_band_mm: Positive | None = None
-    """Band in which the robot has arrived; absent: the repeatability of the pose."""
+    """Limit band for the arrival; default: the repeatability of the final pose."""
 
 
 class Drift(Strict):
-    """A pose whose cycles, so many at a time, show its drift (7.6)."""
+    """Pose for the drift of pose characteristics (7.6)."""
 
     pose: Label
     """Name of the pose."""
     group: Annotated[Whole, Field(ge=2, le=100_000)] = 10
-    """Cycles that are taken together."""
+    """Successive cycles that are evaluated together."""
 
 
 class Compliance(Strict):
-    """Dwells at a pose under forces on the tool [N, base frame], one force per window (10)."""
+    """Dwells at a pose under forces on the tool (10)."""
 
     pose: Label
     """Name of the pose."""
     force_n: tuple[tuple[float, float, float], ...]
     """Force on the tool, base frame, one per window."""
     windows_s: Windows = ()
-    """The dwells, one per force."""
+    """Times [begin, end] of the dwells, one per force."""
 
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
@@ -264,20 +253,20 @@ class Compliance(Strict):
 
 
 class Tolerance(Strict):
-    """Limits of a characteristic, at one pose or path or at all that have it; rule of decision by JCGM 106, else the evaluation's."""
+    """Limits of a characteristic, at one pose or path or at all."""
 
     characteristic: Label
     """Name of the characteristic, such as AP_p."""
     pose: Label | None = None
-    """Pose it is for; absent: all that have it."""
+    """Pose of the characteristic; default: all poses."""
     path: Label | None = None
-    """Path it is for; absent: all that have it."""
+    """Path of the characteristic; default: all paths."""
     lower: float | None = None
-    """Least allowed value."""
+    """Smallest allowed value, in the characteristic's unit."""
     upper: float | None = None
-    """Largest allowed value."""
+    """Largest allowed value, in the characteristic's unit."""
     rule: Literal["simple", "guarded"] | None = None
-    """Rule of decision (JCGM 106); absent: the evaluation's."""
+    """Decision rule (JCGM 106); default: the rule of the evaluation."""
 
     @model_validator(mode="after")
     def _limits(self) -> Self:
@@ -292,25 +281,25 @@ class Program(Shown, Strict):
     """A program.toml: poses and paths in file order, and what is to be told of them."""
 
     schema_: Annotated[Literal["lmeasure.program/1"], Field(alias="schema")]
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     name: Label | None = None
     """Name of the program."""
     angles: str | None = None
-    """Convention of component-wise angles; see `lmeasure.core.conventions`."""
+    """Angle convention of component-wise characteristics; default: that of the rig."""
     load_kg: Annotated[float, Field(ge=0)] | None = None
     """Load at the flange."""
     characteristics: tuple[Label, ...] = ()
-    """Characteristics that other packages add (docs/extending.md), by the names of their entry points."""
+    """Characteristics of other packages, by the names of their entry points (docs/extending.md)."""
     pose: tuple[CommandedPose, ...] = ()
     """Commanded poses."""
     path: tuple[CommandedPath, ...] = ()
     """Commanded paths."""
     distance: tuple[Distance, ...] = ()
-    """Pairs of poses whose distance is certified (7.3)."""
+    """Pairs of poses for distance characteristics (7.3)."""
     drift: tuple[Drift, ...] = ()
-    """Poses whose drift is certified (7.6)."""
+    """Poses for drift (7.6)."""
     posing: tuple[Posing, ...] = ()
-    """Moves whose time is certified (9)."""
+    """Moves for the posing time (9)."""
     compliance: tuple[Compliance, ...] = ()
     """Poses under forces (10)."""
     tolerance: tuple[Tolerance, ...] = ()

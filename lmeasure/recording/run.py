@@ -23,29 +23,29 @@ def _temperature(value: float) -> float:
 
 
 class RunPass(Strict):
-    """A pass of the motion."""
+    """Pass of the motion."""
 
     counts: str
-    """Counts file of the pass, in the run folder: .csv or .parquet."""
+    """Counts file of the pass, .csv or .parquet, in the run folder."""
 
 
 class RunFile(Strict):
-    """A recorded run: its rig, its counts and where it started."""
+    """Recorded run: rig, counts and start pose."""
 
     schema_: Annotated[Literal["lmeasure.run/1"], Field(alias="schema")]
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     rig: str | None = None
-    """Rig file, in the run folder; may be missing where `--rig` names one."""
+    """Rig file in the run folder; not needed with `--rig`."""
     passes: Annotated[tuple[RunPass, ...], Field(alias="pass")]
-    """The passes, a table `[[pass]]` each; the n-th is pass n."""
+    """Passes in order, one table `[[pass]]` each."""
     temperature_c: Annotated[float, AfterValidator(_temperature)] | None = None
-    """Temperature at the start pose, and of every pass whose counts do not state theirs."""
+    """Temperature at the start pose, and of passes without recorded temperatures."""
     start: StartTable | None = None
-    """The pose at which the counters were zeroed; absent: unknown."""
+    """Pose at which the counters were zeroed; default: unknown."""
     note: Any = None
-    """A remark."""
+    """Remark."""
     recording: Any = None
-    """What `record` and `import` write about each pass: bus, clock, faults, closure, digests. Not for editing."""
+    """Bus, clock, faults, closure and digests of each pass, written by `record` and `import`. Do not edit."""
 
 
 @dataclass(frozen=True, repr=False)

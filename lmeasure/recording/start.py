@@ -30,33 +30,32 @@ Triple = tuple[float, float, float]
 
 
 class StartTable(Strict):
-    """The pose at which the counters were zeroed: a position with a quaternion or with angles of the rig's convention, or the lengths of
-    all cables there."""
+    """Pose at which the counters were zeroed. State position and orientation, or the lengths of all cables."""
 
     position_mm: Triple | None = None
-    """Of the tool origin, base frame; with `lengths_mm` only about where it is."""
+    """Position of the tool origin, base frame; approximate if you state `lengths_mm`."""
     quaternion_xyzw: tuple[float, float, float, float] | None = None
     """Orientation base_from_tool."""
     o_a_t_deg: Triple | None = None
-    """The same in angles of a rig of `angles = "puma-oat"`."""
+    """Orientation in angles, for rigs with `angles = "puma-oat"`."""
     a_b_c_deg: Triple | None = None
-    """The same of `kuka-abc`."""
+    """Orientation in angles, for rigs with `angles = "kuka-abc"`."""
     w_p_r_deg: Triple | None = None
-    """The same of `fanuc-wpr`."""
+    """Orientation in angles, for rigs with `angles = "fanuc-wpr"`."""
     rx_ry_rz_deg: Triple | None = None
-    """The same of `staubli-xyz`."""
+    """Orientation in angles, for rigs with `angles = "staubli-xyz"`."""
     phi_theta_psi_deg: Triple | None = None
-    """The same of `zyz`."""
+    """Orientation in angles, for rigs with `angles = "zyz"`."""
     rx_ry_rz_rad: Triple | None = None
-    """The same of `ur-rotation-vector`."""
+    """Orientation as a rotation vector, for rigs with `angles = "ur-rotation-vector"`."""
     lengths_mm: dict[str, float] | None = None
-    """Length of every cable at the start, from its observation point to its attachment point along the cable, by its name."""
+    """Length of each cable by its name, along the cable from observation point to attachment point."""
     u_position_mm: Annotated[float, Field(ge=0)] | None = None
-    """Standard uncertainty of each coordinate."""
+    """Standard uncertainty of each coordinate; default: 0."""
     u_rotation_deg: Annotated[float, Field(ge=0)] | None = None
-    """Standard uncertainty of a rotation about each axis."""
+    """Standard uncertainty of the rotation about each axis; default: 0."""
     u_length_mm: Annotated[float, Field(ge=0)] | None = None
-    """Standard uncertainty of each length."""
+    """Standard uncertainty of each length; default: 0."""
 
 
 @dataclass(frozen=True)

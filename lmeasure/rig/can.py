@@ -18,40 +18,40 @@ Identifier = Annotated[int, Field(ge=0, lt=2**29)]
 
 
 class CounterChannel(Strict):
-    """What every decoder needs to know of one counter."""
+    """Common keys of a counter on the bus."""
 
     channel: Name
-    """Channel of the cables that this counter serves."""
+    """Channel of the rig that this counter measures."""
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     """Recorded counts per unit of the device."""
     range: Annotated[int, Field(ge=256, le=2**64)] | None = None
-    """How many units the device counts before it starts again; default the drum's counter_bits, or all values of its field."""
+    """Units until the device's counter wraps around; default: the drum's `counter_bits`, or all values of its field."""
     start: int = 0
-    """What the device shows at the start pose."""
+    """Value of the device at the start pose."""
     absolute: bool = False
-    """Whether the device still knows its count after it was switched off, as absolute multiturn encoders do."""
+    """true: the device keeps its count while switched off, as absolute multiturn encoders do."""
 
 
 Node = Annotated[int, Field(ge=1, le=127)]
 
 
 class RawChannel(CounterChannel):
-    """A counter at a fixed place of a frame."""
+    """Counter at a fixed position of a frame."""
 
     id: Identifier
-    """Identifier of the frame."""
+    """CAN identifier of the frame."""
     extended: bool = False
-    """Whether the identifier has 29 bits."""
+    """true: the identifier has 29 bits."""
     byte_offset: Annotated[int, Field(ge=0, le=63)] = 0
     """First byte of the counter in the frame."""
     bits: Literal[16, 24, 32, 64] = 32
-    """Width of the counter."""
+    """Width of the counter in bits."""
     signed: bool = True
-    """Whether its highest bit is a sign."""
+    """true: the highest bit is the sign."""
     byte_order: Literal["little", "big"] = "little"
-    """Which byte comes first."""
+    """Order of the bytes: lowest (little) or highest (big) first."""
     node: Node | None = None
-    """Number of the CANopen node that sends it; default the identifier's lowest seven bits, from 181h to 57Fh."""
+    """CANopen node that sends the frame; default: the lowest seven bits of an identifier from 181h to 57Fh."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -63,34 +63,31 @@ class RawChannel(CounterChannel):
 
 
 class DbcChannel(CounterChannel):
-    """A counter as a signal of a DBC file."""
+    """Counter as a signal of a DBC file."""
 
     message: str
     """Message of the DBC file."""
     signal: str
-    """Signal in that message."""
+    """Signal of that message."""
     node: Node | None = None
-    """Number of the CANopen node that sends it; default the identifier's lowest seven bits, from 181h to 57Fh."""
+    """CANopen node that sends the frame; default: the lowest seven bits of an identifier from 181h to 57Fh."""
     whole_range: bool = False
-    """Whether all values are counts, those outside [min|max] of the DBC file and those named invalid or error in it too."""
+    """true: all values are counts, also those outside [min|max] or named invalid or error in the file."""
 
 
 class NodeChannel(CounterChannel):
-    """A counter that is the position value of a CiA 406 encoder; serial, when given, must be what the device says (1018h).
-
-    cob_id, byte_offset and bits say which frame holds it where nobody can be asked, in a log; a recording states them in its own rig.
-    """
+    """Position value of a CiA 406 encoder. `cob_id`, `byte_offset` and `bits` locate it in a log; recordings state them in their rig."""
 
     node: Node
     """Node number of the encoder."""
     serial: Annotated[int, Field(ge=0, lt=2**32)] | None = None
-    """Its serial number (1018h); another one is refused."""
+    """Serial number of the encoder (object 1018h); any other encoder is refused."""
     cob_id: Identifier | None = None
-    """Frame that holds the position in a log, where nobody can be asked."""
+    """Frame of the position value, for logs."""
     byte_offset: Annotated[int, Field(ge=0, le=7)] = 0
-    """First byte of the position in that frame."""
+    """First byte of the position value in that frame."""
     bits: Literal[16, 24, 32, 64] = 32
-    """Width of the position in that frame."""
+    """Width of the position value in bits."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -100,22 +97,22 @@ class NodeChannel(CounterChannel):
 
 
 class J1939Channel(CounterChannel):
-    """A counter in a J1939 parameter group of a draw-wire sensor; source_address absent: any sender."""
+    """Counter in a J1939 parameter group of a draw-wire sensor."""
 
     pgn: Annotated[int, Field(ge=0, lt=2**18)]
     """Parameter group number."""
     source_address: Annotated[int, Field(ge=0, le=255)] | None = None
-    """Address of the sender; absent: any."""
+    """Address of the sender; default: any."""
     byte_offset: Annotated[int, Field(ge=0, le=7)] = 0
-    """First byte of the counter."""
+    """First byte of the counter in the frame."""
     bits: Literal[16, 24, 32, 64] = 32
-    """Width of the counter."""
+    """Width of the counter in bits."""
     signed: bool = False
-    """Whether its highest bit is a sign."""
+    """true: the highest bit is the sign."""
     byte_order: Literal["little", "big"] = "little"
-    """Which byte comes first."""
+    """Order of the bytes: lowest (little) or highest (big) first."""
     whole_range: bool = False
-    """Whether all values are counts, those with a highest byte from FBh on too, which J1939 reserves for errors and `not available`."""
+    """true: all values are counts, also those with a highest byte from FBh, which J1939 reserves for errors."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -125,77 +122,73 @@ class J1939Channel(CounterChannel):
 
 
 class StartInput(Strict):
-    """One bit of a frame that rises when counting starts (thesis Rashoyan 2021, 5.4); it becomes the column `sync`."""
+    """Bit of a frame that rises when counting starts (thesis Rashoyan 2021, 5.4), recorded as the column `sync`."""
 
     id: Identifier
-    """Identifier of the frame."""
+    """CAN identifier of the frame."""
     extended: bool = False
-    """Whether the identifier has 29 bits."""
+    """true: the identifier has 29 bits."""
     byte_offset: Annotated[int, Field(ge=0, le=63)] = 0
-    """Byte of the bit."""
+    """Byte of the bit in the frame."""
     bit: Annotated[int, Field(ge=0, le=7)] = 0
-    """The bit, 0 the lowest."""
+    """Number of the bit in that byte, 0 for the lowest."""
 
 
 class _Bus(Strict):
-    """What every decoder needs to know of the bus."""
+    """Common keys of all decoders."""
 
     bit_rate: Annotated[int, Field(gt=0, le=20_000_000)] | None = None
-    """Bits per second, handed to the adapter."""
+    """Bit rate [bit/s], passed to the adapter."""
     timing: Literal["sync", "free"] = "sync"
-    """sync: every encoder latches its count at the SYNC frame and then sends it; free: each sends by its own timer."""
+    """sync: encoders latch their counts at the SYNC frame; free: each encoder sends by its own timer."""
     sync_id: Identifier = SYNC_ID
-    """Identifier of the SYNC frame."""
+    """CAN identifier of the SYNC frame."""
     start_input: StartInput | None = None
-    """A bit that rises when counting starts."""
+    """Bit that rises when counting starts."""
 
 
 class RawCan(_Bus):
-    """Counters at fixed places of frames."""
+    """Counters at fixed positions of frames."""
 
     decoder: Literal["raw"] = "raw"
-    """Counters at fixed places of frames."""
+    """Decoder: counters at fixed positions of frames."""
     channel: Annotated[tuple[RawChannel, ...], Field(min_length=1)]
-    """The counters, a table `[[can.channel]]` each."""
+    """Counters, one table `[[can.channel]]` each."""
 
 
 class DbcCan(_Bus):
-    """Counters named by a DBC file, a path beside the rig file."""
+    """Counters described by a DBC file."""
 
     decoder: Literal["dbc"]
-    """Counters named by a DBC file."""
+    """Decoder: counters described by a DBC file."""
     dbc: Annotated[str, Field(min_length=1)]
-    """The DBC file, beside the rig file."""
+    """DBC file; path relative to the rig file."""
     channel: Annotated[tuple[DbcChannel, ...], Field(min_length=1)]
-    """The counters, a table `[[can.channel]]` each."""
+    """Counters, one table `[[can.channel]]` each."""
 
 
 class CanOpenCan(_Bus):
-    """CiA 406 encoders, asked over SDO where they put their position.
-
-    sync_period_ms: this program produces the SYNC itself with that period; absent, somebody else does. eds: the devices' electronic data
-    sheet, a path beside the rig file; they must be what it describes, and in a log their frames are mapped as it says.
-    """
+    """CiA 406 encoders. lmeasure asks them over SDO for the frame of their position value."""
 
     decoder: Literal["cia406"]
-    """CiA 406 encoders that are asked where they put their position."""
+    """Decoder: CiA 406 encoders that are asked over SDO."""
     eds: Annotated[str, Field(min_length=1)] | None = None
-    """Their electronic data sheet, beside the rig file."""
+    """Electronic data sheet; path relative to the rig file. Devices must match it, and logs are decoded by it."""
     sync_period_ms: Annotated[float, Field(ge=0.5, le=10_000)] | None = None
-    """Period of the SYNC that this program sends; absent: a device sends it."""
+    """Period of the SYNC frames that lmeasure sends; default: another device sends them."""
     channel: Annotated[tuple[NodeChannel, ...], Field(min_length=1)]
-    """The counters, a table `[[can.channel]]` each."""
+    """Counters, one table `[[can.channel]]` each."""
 
 
 class J1939Can(_Bus):
-    """Draw-wire sensors that send parameter groups by their own timers."""
+    """Draw-wire sensors that send J1939 parameter groups by their own timers."""
 
     decoder: Literal["j1939"]
-    """Draw-wire sensors that send parameter groups."""
+    """Decoder: draw-wire sensors that send J1939 parameter groups."""
     timing: Literal["sync", "free"] = "free"
-    """As above; they send by their own timers."""
+    """free: each sensor sends by its own timer; sync: at the SYNC frame."""
     channel: Annotated[tuple[J1939Channel, ...], Field(min_length=1)]
-    """The counters, a table `[[can.channel]]` each."""
+    """Counters, one table `[[can.channel]]` each."""
 
 
 CanTable = Annotated[RawCan | DbcCan | CanOpenCan | J1939Can, Field(discriminator="decoder")]

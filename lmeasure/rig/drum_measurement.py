@@ -33,32 +33,32 @@ AGREEMENT = 0.01  # of a turn's cable: beyond it the radius and the length of a 
 
 
 class DrumMeasurement(Strict):
-    """What is measured on the drum of one observation point [mm], each with an optional standard uncertainty `u_<key>`.
+    """Measured dimensions of the drum of one observation point.
 
-    Radii are to the middle of the cable. Of drum_radius_mm and count_length_mm one is enough; with both, the length of a count is
-    believed and the radius is held against it.
+    Radii are to the middle of the cable. State `drum_radius_mm` or `count_length_mm`. If you state both, `count_length_mm` is used,
+    and the radius must agree with it within 1 %.
     """
 
     point: Name
-    """Observation point whose drum it is."""
+    """Observation point of the drum."""
     counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
-    """Counts in one turn of the drum (N)."""
+    """Encoder counts per turn of the drum (N)."""
     groove_pitch_mm: Positive
-    """From groove to groove (t_m): ruler over ten grooves, divided by ten."""
+    """Distance from groove to groove (t_m): ruler over ten grooves, divided by ten."""
     drum_radius_mm: Positive | None = None
-    """Half the diameter over the wound cable, less half the cable's thickness (R1)."""
+    """Drum radius (R1): half the diameter over the wound cable, minus half the cable's thickness."""
     count_length_mm: Positive | None = None
-    """Pull a known length of cable and divide by the counts (c)."""
+    """Cable length per count (c): a known length pulled out, divided by the counts."""
     fixed_pulley_radius_mm: Positive
-    """Radius of the fixed pulley's groove bottom, plus half the cable's thickness (R2)."""
+    """Radius of the fixed pulley (R2): groove bottom plus half the cable's thickness."""
     centre_distance_mm: Positive
-    """Between the axes of drum and fixed pulley, square to them (a)."""
+    """Perpendicular distance between the axes of drum and fixed pulley (a)."""
     pulley_plane_mm: Length
-    """Along the drum's axis, from its end face to the middle plane of the fixed pulley (C)."""
+    """Axial distance from the drum's end face to the middle plane of the fixed pulley (C)."""
     cable_end_mm: NotNegative
-    """From the same end face to where the cable is fastened (g)."""
+    """Axial distance from the same end face to the fastened end of the cable (g)."""
     full_wind_counts: Annotated[float, Field(gt=0, le=1e12)]
-    """Counts that wind the cable up from its end until it is taut to the robot at the zero pose (K)."""
+    """Counts to wind the cable from its end until it is taut at the zero pose (K)."""
     u_groove_pitch_mm: NotNegative = 0.0
     """Standard uncertainty of `groove_pitch_mm`."""
     u_drum_radius_mm: NotNegative = 0.0
@@ -102,12 +102,12 @@ class DrumMeasurement(Strict):
 
 
 class DrumsFile(Strict):
-    """What a mechanic measures on drums, for `lmeasure drum`."""
+    """Measured dimensions of drums, input of `lmeasure drum`."""
 
     schema_: Annotated[Literal["lmeasure.drum/1"], Field(alias="schema")]
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     drum: Annotated[tuple[DrumMeasurement, ...], Field(min_length=1)]
-    """The drums, a table `[[drum]]` each."""
+    """Drums, one table `[[drum]]` each."""
 
     @model_validator(mode="after")
     def _one_per_point(self) -> Self:

@@ -37,24 +37,24 @@ Tension = Annotated[float, Field(gt=0, le=1e5)]
 
 
 class CableOnDrum(Strict):
-    """What temperature, tension and weight do to the cable of a drum; nothing where a key is not given. See `kernels.effects`."""
+    """Effects of temperature, tension and weight on the cable of a drum; an omitted key has no effect. See `kernels.effects`."""
 
     cable_expansion_per_k: Expansion | None = None
-    """Relative growth of the cable per kelvin: 16e-6 for steel rope."""
+    """Thermal expansion coefficient of the cable; 16e-6 for steel rope."""
     drum_expansion_per_k: Expansion | None = None
-    """Of the drum and the swivel pulley."""
+    """Thermal expansion coefficient of the drum and the swivel pulley."""
     guide_length_mm: NotNegative | None = None
-    """Cable from the fixed pulley's tangent point to B, which expands with the rest."""
+    """Cable length from the fixed pulley's tangent point to B, which also expands and stretches."""
     cable_stiffness_n: Annotated[float, Field(gt=0, le=1e9)] | None = None
-    """EA: tension over strain."""
+    """Axial stiffness EA of the cable: tension divided by strain."""
     cable_mass_kg_per_m: Annotated[float, Field(ge=0, le=10)] | None = None
-    """Mass of a metre of cable, by which it sags."""
+    """Mass of the cable per metre, for its sag."""
     cable_tension_n: Tension | None = None
-    """Tension that the drum keeps, at k = 0."""
+    """Tension of the cable at the zero pose (k = 0)."""
     cable_tension_n_per_m: Annotated[float, Field(ge=-1e4, le=1e4)] | None = None
-    """How it rises with the cable paid out."""
+    """Increase of the tension per metre of cable paid out."""
     winding_tension_n: Tension | None = None
-    """Tension with which the cable was wound, when it was not the drum's own."""
+    """Tension at which the cable was wound; default: the tension of the drum."""
     u_cable_expansion_per_k: NotNegative | None = None
     """Standard uncertainty of `cable_expansion_per_k`."""
     u_cable_stiffness_n: NotNegative | None = None
@@ -64,7 +64,7 @@ class CableOnDrum(Strict):
     u_cable_tension_n: NotNegative | None = None
     """Standard uncertainty of `cable_tension_n`, at most half of it."""
     u_cable_tension_change_n: NotNegative | None = None
-    """How far the tension may be from the drum's law at a moment: friction, which turns with the direction of travel."""
+    """Standard uncertainty of the momentary tension, from friction that reverses with the direction of travel."""
 
     @model_validator(mode="after")
     def _tension_is_given(self) -> Self:
@@ -86,57 +86,53 @@ class CableOnDrum(Strict):
 
 
 class Drum(CableOnDrum):
-    """A grooved drum with its encoder; `lmeasure drum` makes this table of what a mechanic measures."""
+    """Grooved drum with its encoder. `lmeasure drum` computes this table from measured dimensions."""
 
     UNTRUE: ClassVar[tuple[str, ...]] = ("run_out_mm", "cable_oversize_mm", "backlash_counts")
     counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
-    """Counts of the encoder in one turn of the drum (N)."""
+    """Encoder counts per turn of the drum (N)."""
     count_length_mm: Positive
-    """Cable paid out along the groove by one count (c)."""
+    """Cable length per count, along the groove (c)."""
     groove_pitch_mm: Length
-    """How far the place where the cable leaves the drum travels along the axis in a turn (t_m); positive when paying out lengthens
-    `axial_offset_mm`."""
+    """Axial travel of the pay-out point per turn (t_m); positive if paying out increases `axial_offset_mm`."""
     tangent_length_mm: NotNegative
-    """Cable from drum to fixed pulley, looked at along the drum's axis."""
+    """Cable length from drum to fixed pulley, projected along the drum's axis."""
     axial_offset_mm: Length
-    """From where the cable leaves the drum to the plane of the fixed pulley, along the drum's axis, at k = 0."""
+    """Axial distance from the pay-out point to the plane of the fixed pulley, at the zero pose (k = 0)."""
     count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
-    """1 when the counter rises as cable is paid out, -1 when it falls."""
+    """1: the count rises as cable is paid out; -1: it falls."""
     scale: Annotated[float, Field(gt=0, le=1e6), AfterValidator(_scale)] = 1.0
-    """Decoding factor: recorded count = count_sign * scale * k; 1 unless the counter is decoded at another resolution than it has."""
+    """Decoding factor: recorded count = count_sign * scale * k. It is 1 if the decoder keeps the encoder's resolution."""
     zero_exact: bool = False
-    """Whether k = 0 is exact. A counter is zeroed anywhere within a count: recorded = round(count_sign * scale * k + phase), the phase
-    uniform within half a recorded count and one draw for all rows until the counter is zeroed again."""
+    """true: k = 0 is exact. Default: an unknown sub-count offset at zeroing, uniform within half a recorded count."""
     counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
-    """After how many bits the counter starts again; absent: inferred from jumps, and noted."""
+    """Width of the counter, after which it wraps around; default: inferred from jumps, with a note."""
     braked: bool = False
-    """Its winch stood still on purpose: a count that never changes is a reading, not a dead encoder."""
+    """true: the winch is locked, so a constant count is a valid reading and not a dead encoder."""
     max_cable_speed_mm_s: Positive = 20000.0
-    """Beyond which a change of counts is no motion but a fault."""
+    """Largest cable speed; faster changes of the count are faults."""
     max_cable_acceleration_mm_s2: Positive | None = None
-    """Beyond which a cable does not follow the tool: it went slack or is taut again."""
+    """Largest acceleration of a taut cable; beyond it the cable went slack or became taut again."""
     u_scale: NotNegative | None = None
-    """Standard uncertainty of `scale`, when it is solved for."""
+    """Standard uncertainty of `scale`, if calibration solves for it."""
     u_count_length_mm: NotNegative | None = None
     """Standard uncertainty of `count_length_mm`, at most half of it."""
     u_groove_pitch_mm: NotNegative | None = None
     """Standard uncertainty of `groove_pitch_mm`."""
     run_out_mm: tuple[Length, Length] | None = None
-    """a and b, where the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more than k counts: out of round, or off its axis; k from where
-    `phase_length_mm` says."""
+    """Run-out [a, b]: the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more cable; phase from `phase_length_mm`."""
     cable_oversize_mm: Length | None = None
-    """How much thicker the cable is than the one with which `count_length_mm` and `pulley_radius_mm` were stated."""
+    """Cable diameter minus the diameter assumed in `count_length_mm` and `pulley_radius_mm`."""
     backlash_counts: Length | None = None
-    """Half the width of the band in which a reading lies by the way it was come from: the true count is s times it more than what is
-    recorded, s = 1 while cable is paid out and -1 while it is wound in. Play of the encoder and friction along the cable."""
+    """Half the dead band from play and friction: true minus recorded count while cable is paid out."""
     u_run_out_mm: NotNegative | None = None
-    """Of each of a and b, where the cable paid out errs by a cos(2 pi k/N) + b sin(2 pi k/N): a drum out of round or off its axis."""
+    """Standard uncertainty of each of a and b in `run_out_mm`."""
     u_cable_oversize_mm: NotNegative | None = None
     """Standard uncertainty of `cable_oversize_mm`."""
     u_backlash_counts: NotNegative | None = None
-    """Of half the width of the band in which a reading lies by the way it was come from: play between drum and encoder."""
+    """Standard uncertainty of `backlash_counts` from play between drum and encoder."""
     u_friction_counts: NotNegative | None = None
-    """The same of friction, which stretches the cable one way or the other."""
+    """Standard uncertainty of `backlash_counts` from friction, which stretches the cable by the direction of travel."""
     u_tangent_length_mm: NotNegative | None = None
     """Standard uncertainty of `tangent_length_mm`."""
     u_axial_offset_mm: NotNegative | None = None
@@ -216,43 +212,43 @@ class Drum(CableOnDrum):
 
 
 class ObservationPoint(Strict):
-    """A fixed point B with its swivel pulley and drum."""
+    """Fixed point B with its swivel pulley and drum."""
 
     UNTRUE: ClassVar[tuple[str, ...]] = ("pulley_eccentricity_mm", "swivel_offset_mm")
     name: Name
-    """By which cables, `assumed` and reports call it."""
+    """Name in cables, `assumed` and reports."""
     position_mm: tuple[Length, Length, Length]
-    """B in the robot's base frame: where the swivel axis touches the pulley's groove, and the cable comes up to it."""
+    """Point B, base frame: contact of the swivel axis with the pulley's groove, where the cable arrives."""
     guide_alpha_deg: Annotated[float, Field(ge=-90, le=90)]
-    """Inclination below the horizontal of the way from B to the fixed pulley."""
+    """Inclination below the horizontal of the path from B to the fixed pulley."""
     guide_beta_deg: Annotated[float, Field(ge=-360, le=360)]
-    """From +Y to that way's horizontal projection, positive towards +X."""
+    """Angle from +Y to the horizontal projection of that path, positive towards +X, base frame."""
     pulley_radius_mm: NotNegative
-    """Radius R of the swivel pulley to the middle of the cable; 0 means a straight cable from B."""
+    """Radius R of the swivel pulley to the middle of the cable; 0: a straight cable from B."""
     drum: Drum
-    """Its drum, a table `[observation_point.drum]`."""
+    """Drum, a table `[observation_point.drum]`."""
     u_position_mm: NotNegative | None = None
-    """Standard uncertainty of each coordinate of B, where it is better or worse known than the usual 30 mm."""
+    """Standard uncertainty of each coordinate of B; default: 30 mm."""
     u_guide_deg: NotNegative | None = None
-    """Standard uncertainty of the guide's angles, where it is not the usual 5 degrees; beta's is more where steeper than 60 degrees."""
+    """Standard uncertainty of the guide's angles; default: 5°. For beta it grows above 60° of inclination."""
     u_pulley_radius_mm: NotNegative | None = None
     """Standard uncertainty of `pulley_radius_mm`."""
     pulley_eccentricity_mm: tuple[Length, Length] | None = None
-    """Way from the swivel pulley's axle to the centre of its groove, in the pulley's plane: along the cable's travel at B and away from the
-    swivel axis, as the pulley stands where `phase_length_mm` says."""
+    """Eccentricity of the groove from the axle: along the cable's travel at B, and away from the swivel axis; phase from
+    `phase_length_mm`."""
     swivel_offset_mm: Length | None = None
-    """How much farther from the swivel axis the pulley's centre is than its radius: the axis does not touch the groove."""
+    """Distance of the pulley's centre from the swivel axis, minus its radius; 0: the axis touches the groove."""
     swivel_tilt_deg: tuple[SmallTilt, SmallTilt] | None = None
-    """By which the swivel axis is off the incoming cable, added to `guide_alpha_deg` and `guide_beta_deg`."""
+    """Deviation of the swivel axis from the incoming cable, added to `guide_alpha_deg` and `guide_beta_deg`."""
     phase_length_mm: NotNegative | None = None
-    """Cable from B to the attachment point with which drum and pulley stand as `run_out_mm` and `pulley_eccentricity_mm` say; absent:
-    where the counter was zeroed. It holds until the cable is taken off the drum or the pulley."""
+    """Cable length from B to the attachment point at phase 0 of run-out and eccentricity. Default: the length at the zero pose. Valid until
+    the cable is taken off drum or pulley."""
     u_swivel_offset_mm: NotNegative | None = None
     """Standard uncertainty of `swivel_offset_mm`."""
     u_swivel_tilt_deg: NotNegative | None = None
-    """Standard uncertainty of each of `swivel_tilt_deg`."""
+    """Standard uncertainty of each angle of `swivel_tilt_deg`."""
     u_pulley_eccentricity_mm: NotNegative | None = None
-    """Of each of two components of the way from the swivel pulley's axle to the centre of its groove."""
+    """Standard uncertainty of each component of `pulley_eccentricity_mm`."""
 
     @model_validator(mode="after")
     def _turns_about_an_axle(self) -> Self:
@@ -270,18 +266,18 @@ class ObservationPoint(Strict):
 
 
 class Cable(Strict):
-    """A cable from an observation point to an attachment point, counted by a channel in one pass of the motion."""
+    """Cable from an observation point to an attachment point, counted by one channel in one pass of the motion."""
 
     name: Name
-    """By which reports call it."""
+    """Name of the cable in reports."""
     channel: Name
-    """Its counter's column in counts files; a channel may serve one cable per pass."""
+    """Column of its counter in counts files; one cable per channel and pass."""
     from_point: Annotated[str, Field(alias="from")]
-    """Name of its observation point."""
+    """Observation point of the cable."""
     to_point: Annotated[str, Field(alias="to")]
-    """Name of its attachment point in `[tool]`."""
+    """Attachment point of the cable in `[tool]`."""
     passage: Annotated[Whole, Field(alias="pass", ge=1, le=1000)] = 1
-    """Which repetition of the motion it is counted in."""
+    """Pass of the motion that counts the cable."""
     is_cable: ClassVar[bool] = True
     kind: ClassVar[str] = "cable"
     is_length: ClassVar[bool] = True

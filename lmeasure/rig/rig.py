@@ -43,43 +43,43 @@ class Rig(Shown, Strict):
     """The instrument as rig.toml states it."""
 
     schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     name: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
-    """By which reports call the rig."""
+    """Name of the rig in reports."""
     angles: Annotated[str, Field(json_schema_extra={"enum": list(conventions.CONVENTIONS)})] = conventions.DEFAULT
-    """The controller's convention of angles, in which reference poses and start poses are written."""
+    """Angle convention of the controller, for reference poses and start poses."""
     assumed: tuple[str, ...] = ()
-    """Values of this file that nobody measured, such as `B1.pulley_radius_mm` or `P1`: they have wide priors and are named in reports."""
+    """Guessed values of this file, such as `B1.pulley_radius_mm` or `P1`: they get wide priors, and reports name them."""
     calibration: str | None = None
-    """Record beside this file that `calibrate` wrote, and links here; it brings the covariance."""
+    """Calibration record beside this file, with the covariance of the parameters; `calibrate` writes it and this link."""
     constraint: Literal["planar", "vertical-axis"] | None = None
-    """What holds the tool where fewer than six cables measure it."""
+    """Constraint for rigs with fewer than six cables: z and tilts fixed (planar), or tilts fixed (vertical-axis)."""
     side: tuple[float, float, float] | None = None
-    """Direction in which the tool lies from the middle of the observation points: tells assemblies apart where a run gives lengths."""
+    """Direction from the middle of the observation points to the tool, base frame; selects the assembly mode at the start."""
     frame_expansion_per_k: Expansion | None = None
-    """Of what carries the observation points and drums, from the base frame's origin."""
+    """Thermal expansion coefficient of the frame with observation points and drums, about the base frame's origin."""
     reference_temperature_c: Annotated[float, Field(ge=-100, le=200)] | None = None
-    """Temperature at which the rig has the dimensions stated here; 20 where it is not given (ISO 1)."""
+    """Temperature at which the rig has the dimensions of this file; default: 20 °C (ISO 1)."""
     u_frame_expansion_per_k: NotNegative | None = None
     """Standard uncertainty of `frame_expansion_per_k`."""
     u_temperature_k: NotNegative | None = None
-    """Standard uncertainty of a temperature: of the parts against the thermometer."""
+    """Standard uncertainty of the parts' temperature, relative to the thermometer."""
     u_attachment_mm: NotNegative | None = None
-    """Of each coordinate of every attachment point in the tool frame."""
+    """Standard uncertainty of each coordinate of every attachment point, tool frame."""
     observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
-    """The observation points, a table `[[observation_point]]` each."""
+    """Observation points, one table `[[observation_point]]` each."""
     tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
-    """Attachment points by their names, in the tool frame [mm]."""
+    """Attachment points by name, tool frame [mm]."""
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
-    """The cables, a table `[[cable]]` each."""
+    """Cables, one table `[[cable]]` each."""
     swivel: tuple[Swivel, ...] = ()
-    """Encoders on swivel pulleys, a table `[[swivel]]` each."""
+    """Encoders on swivel pulleys, one table `[[swivel]]` each."""
     inclination: tuple[Inclination, ...] = ()
-    """Axes of inclinometers on the tool, a table `[[inclination]]` each."""
+    """Axes of inclinometers on the tool, one table `[[inclination]]` each."""
     distance: tuple[Distance, ...] = ()
-    """Straight distances, a table `[[distance]]` each."""
+    """Straight distances, one table `[[distance]]` each."""
     can: CanTable | None = None
-    """Which frames of the bus carry the counters; absent: the default frames of CiA 406 encoders on nodes 1, 2, ..."""
+    """Frames of the bus that carry the counters; default: those of CiA 406 encoders on nodes 1, 2, ..."""
 
     def about(self) -> dict[str, str]:
         """Name, cables, points, calibration."""

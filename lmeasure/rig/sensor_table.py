@@ -152,15 +152,15 @@ class SensorTable(Strict):
     motion: ClassVar[str] = ""
     """What `lmeasure check` asks a person to do so that its reading rises, such as "Move the tool away from the range finder"."""
     channel: Name
-    """Its column in counts files."""
+    """Column of the sensor in counts files."""
     count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
-    """1 when the count rises with the reading, -1 when it falls."""
+    """1: the count rises with the reading; -1: it falls."""
     absolute: bool = True
-    """Whether it knows its reading at power-on; false: incremental, zero where the counter was zeroed."""
+    """true: the reading is known at power-on. false: incremental, 0 where the counter was zeroed."""
     counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
-    """Of an incremental one: after how many bits the counter starts again."""
+    """Width of an incremental counter, after which it wraps around."""
     zero_exact: bool = False
-    """Of an incremental one, as of drums."""
+    """true: count 0 of an incremental sensor is exact. Default: an unknown sub-count offset, as for drums."""
 
     @property
     def per_count(self) -> float:
@@ -298,19 +298,19 @@ class LengthSensor(SensorTable):
     is_length: ClassVar[bool] = True
     zero: ClassVar[str] = "zero_mm"
     count_length_mm: Positive
-    """Length of a count."""
+    """Length per count."""
     u_count_length_mm: NotNegative | None = None
     """Standard uncertainty of `count_length_mm`."""
     scale: Annotated[float, Field(gt=1e-6, le=1e6)] = 1.0
     """Decoding factor: recorded count = count_sign * scale * count."""
     zero_mm: float | None = None
-    """Length at count 0 of an absolute sensor; absent: to be found."""
+    """Length at count 0 of an absolute sensor; default: unknown, found by calibration."""
     u_zero_mm: NotNegative | None = None
-    """Its standard uncertainty; absent: 0 where zero_mm is given."""
+    """Standard uncertainty of `zero_mm`; default: 0 if `zero_mm` is stated."""
     u_reading_mm: NotNegative | None = None
-    """Standard uncertainty of one reading besides the rounding of its count: independent from reading to reading."""
+    """Standard uncertainty of one reading besides the rounding to counts; independent from reading to reading."""
     max_speed_mm_s: Positive = 20000.0
-    """Beyond which a change of counts is no motion but a fault."""
+    """Largest speed; faster changes of the count are faults."""
 
     def u(self, p: OwnParameter) -> float:
         """Return a parameter's standard uncertainty in its own unit, 0 where none is stated."""
@@ -344,15 +344,15 @@ class AngleSensor(SensorTable):
     incremental one counts from where it was zeroed."""
 
     counts_per_revolution: Annotated[Whole, Field(ge=4, le=2**32)]
-    """Counts in a turn of the encoder."""
+    """Counts per turn of the encoder."""
     zero_deg: Degrees | None = None
-    """Angle at count 0 of an absolute encoder; absent: to be found."""
+    """Angle at count 0 of an absolute encoder; default: unknown, found by calibration."""
     u_zero_deg: SmallAngle | None = None
-    """Its standard uncertainty; absent: 0 where zero_deg is given."""
+    """Standard uncertainty of `zero_deg`; default: 0 if `zero_deg` is stated."""
     u_reading_deg: NotNegative | None = None
-    """Standard uncertainty of one reading besides the rounding of its count: independent from reading to reading."""
+    """Standard uncertainty of one reading besides the rounding to counts; independent from reading to reading."""
     max_speed_deg_s: Annotated[float, Field(gt=0, le=1e6)] = 3600.0
-    """Beyond which a change of counts is no motion but a fault."""
+    """Largest angular speed; faster changes of the count are faults."""
 
     @property
     def scale(self) -> float:

@@ -41,23 +41,19 @@ Way = Annotated[tuple[float, float, float], AfterValidator(_has_length)]
 
 @register_table
 class Swivel(AngleSensor):
-    """An encoder of the angle by which the swivel pulley of an observation point is turned about the incoming cable.
-
-    It reads angle + eccentricity sin(angle - phase), and backlash_deg is the width of the band in which a reading lies by the direction of
-    the last turning.
-    """
+    """Encoder of the rotation of a swivel pulley about the incoming cable. It reads angle + eccentricity sin(angle - phase)."""
 
     kind: ClassVar[str] = "swivel"
     point: Annotated[str, Field(min_length=1)]
-    """Name of the observation point whose pulley turns."""
+    """Observation point of the swivel pulley."""
     cable: str | None = None
-    """The cable that turns it, where several leave the point in one pass."""
+    """Cable that turns the pulley; needed if several cables leave the point in one pass."""
     eccentricity_deg: Annotated[float, Field(ge=0, le=10)] | None = None
-    """By how much a reading is off at most by an encoder that stands off its axis."""
+    """Amplitude of the error from an encoder off its axis; default: 0."""
     eccentricity_phase_deg: Degrees | None = None
-    """Swivel angle from which on that error rises."""
+    """Swivel angle at which this error is zero and rising; default: 0."""
     backlash_deg: Annotated[float, Field(ge=0, le=10)] | None = None
-    """Width of the band in which a reading lies by the way it turned last."""
+    """Full width of the dead band between the two directions of rotation."""
 
     @model_validator(mode="after")
     def _phase_is_of_something(self) -> "Swivel":
@@ -111,14 +107,13 @@ def fill_point(rig: Instrument, point: str, row: FloatArray) -> None:
 
 @register_table
 class Inclination(AngleSensor):
-    """One axis of an inclinometer on the tool: the angle of a sensing axis, tool frame, above the horizontal; an inclinometer of two axes
-    is two of them."""
+    """One axis of an inclinometer on the tool: angle of a sensing axis above the horizontal. Two axes need two tables."""
 
     kind: ClassVar[str] = "inclination"
     axis: Way
-    """The sensing axis in the tool frame, of any length."""
+    """Sensing axis in the tool frame, of any length."""
     up: Way = (0.0, 0.0, 1.0)
-    """The way against gravity in the base frame."""
+    """Upward direction, against gravity, base frame."""
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row: the way up for the fixed point, the axis for the tool point."""
@@ -130,16 +125,16 @@ class Inclination(AngleSensor):
 
 @register_table
 class Distance(LengthSensor):
-    """A straight distance from a fixed point to a point of the tool: a range finder, or a draw wire without a pulley."""
+    """Straight distance from a fixed point to a point of the tool: range finder, or draw wire without a pulley."""
 
     kind: ClassVar[str] = "distance"
     own: ClassVar[tuple[str, ...]] = ("position_mm",)
     position_mm: tuple[Length, Length, Length]
-    """The fixed point in the robot's base frame."""
+    """Fixed point, base frame."""
     u_position_mm: NotNegative | None = None
-    """Standard uncertainty of each coordinate of it; absent: 0."""
+    """Standard uncertainty of each coordinate of the fixed point; default: 0."""
     to: str
-    """Name of its point in `[tool]`."""
+    """Point of the tool in `[tool]`."""
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row."""

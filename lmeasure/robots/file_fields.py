@@ -36,7 +36,7 @@ def named_once(kind: str, names: list[str]) -> None:
 
 
 class Place(Strict):
-    """A pose: of the first axis or of home in the robot's base, or of the tool on the flange."""
+    """Pose: of the home pose or the first axis in the robot's base, or of the tool on the flange."""
 
     position_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     """Position."""
@@ -58,7 +58,7 @@ class Place(Strict):
 
 
 class Frame(Place):
-    """A frame of the controller: its base, or its flange."""
+    """Pose of the first axis in the controller's base, or of the controller's flange behind the last link."""
 
     link: Name | None = None
-    """Link of the URDF that it was read from."""
+    """Link of the URDF file that the frame was read from."""

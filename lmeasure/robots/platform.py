@@ -160,39 +160,39 @@ class Platform:
 
 
 class Leg(Strict):
-    """From a point of the base to one of the platform; its length is scale times the joint's value plus offset."""
+    """Leg or cable from base to platform. Its length is scale * joint value + offset."""
 
     name: Name
-    """Of the leg and its joint; `measurements.csv` has its values in `NAME_mm`."""
+    """Name of the leg and its joint; `measurements.csv` has the joint's values in `NAME_mm`."""
     base_mm: tuple[Length, Length, Length]
-    """Its lower end, in the base's frame."""
+    """Lower end, in the base's frame."""
     platform_mm: tuple[Length, Length, Length]
-    """Its upper end, in the flange's frame."""
+    """Upper end, in the flange's frame."""
     offset_mm: Length = 0.0
-    """Its length at joint value 0."""
+    """Length at joint value 0."""
     scale: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
-    """Of the joint's value."""
+    """Change of length per joint value."""
     min_mm: Length
-    """Least value of its joint."""
+    """Smallest joint value."""
     max_mm: Length
-    """Largest value."""
+    """Largest joint value."""
 
 
 class PlatformFile(Strict):
-    """A platform as robot.toml states it."""
+    """Platform on legs or cables of variable length."""
 
     schema_: Annotated[Literal["lmeasure.robot/1"], Field(alias="schema")] = "lmeasure.robot/1"
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     name: Name
     """Name of the robot."""
     kind: Literal["hexapod", "cables"]
-    """A platform on six legs that change their lengths, or suspended on six or more straight cables."""
+    """Platform on six legs of variable length, or suspended on six or more straight cables."""
     home: Place
-    """Base from flange, near which it works: it tells which of several assemblies is meant."""
+    """Pose of the flange in the base's frame, near which the robot works. It selects the assembly mode."""
     tool: Place | None = None
-    """Flange from tool."""
+    """Pose of the tool on the flange; default: the flange itself."""
     leg: Annotated[tuple[Leg, ...], Field(min_length=LEGS, max_length=32)]
-    """Its legs or cables, a table `[[leg]]` each."""
+    """Legs or cables, one table `[[leg]]` each."""
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:

@@ -25,26 +25,26 @@ GEOMETRY = frozenset(("name", "type", "theta_deg", "d_mm", "a_mm", "alpha_deg", 
 
 
 class _Link(Strict):
-    """Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), the joint's value added to theta where it turns and to d where it slides."""
+    """Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta). The joint's value is added to theta of a turning joint and to d of a sliding one."""
 
     name: Name
     """Name of the joint; `measurements.csv` has its values in `NAME_deg` or `NAME_mm`."""
     theta_deg: Angle = 0.0
-    """Rotation about the joint's axis."""
+    """Rotation about the joint's axis, z."""
     d_mm: Length = 0.0
-    """Shift along it."""
+    """Displacement along the joint's axis, z."""
     a_mm: Length = 0.0
-    """Shift along the new x."""
+    """Displacement along the new x."""
     alpha_deg: Angle = 0.0
     """Rotation about the new x."""
     beta_deg: Angle = 0.0
-    """Hayati's rotation about the new y, for nearly parallel axes."""
+    """Rotation about the new y (Hayati), for nearly parallel axes."""
     scale: Annotated[float, Field(ge=-10.0, le=10.0)] = 1.0
-    """Of the joint's value; -1 where it counts the other way."""
+    """Factor of the joint's value; -1: the joint counts in the opposite direction."""
     follows: Name | None = None
-    """Name of the joint that moves this one too, as in a parallelogram: it has no value, limits or terms of its own."""
+    """Name of a joint that also moves this one, as in a parallelogram. This joint then has no value or limits."""
     ratio: Annotated[float, Field(ge=-1e4, le=1e4)] = 1.0
-    """Value of this joint per value of the joint that it follows, in degrees or mm; theta_deg or d_mm hold its offset."""
+    """Value of this joint per value of the followed joint; `theta_deg` or `d_mm` is its offset."""
 
     @model_validator(mode="after")
     def _scale_is_not_nothing(self) -> Self:
@@ -54,26 +54,26 @@ class _Link(Strict):
 
 
 class Revolute(_Link):
-    """A joint that turns."""
+    """Joint that turns."""
 
     type: Literal["revolute"] = "revolute"
-    """A joint that turns."""
+    """Joint that turns."""
     min_deg: Angle = -360.0
-    """Least value."""
+    """Smallest joint value."""
     max_deg: Angle = 360.0
-    """Largest value."""
+    """Largest joint value."""
     sin1_deg: Small = 0.0
-    """Error once per turn, in phase with the sine."""
+    """Amplitude of the error once per turn, sine."""
     cos1_deg: Small = 0.0
-    """The same with the cosine."""
+    """Amplitude of the error once per turn, cosine."""
     sin2_deg: Small = 0.0
-    """Error twice per turn, in phase with the sine."""
+    """Amplitude of the error twice per turn, sine."""
     cos2_deg: Small = 0.0
-    """The same with the cosine."""
+    """Amplitude of the error twice per turn, cosine."""
     compliance_deg_per_nm: Small = 0.0
-    """How far the joint gives way under the payload's torque."""
+    """Compliance of the joint under the payload's torque."""
     backlash_deg: Small = 0.0
-    """Play, whole width."""
+    """Play of the joint, full width."""
 
     @property
     def terms(self) -> tuple[float, ...]:
@@ -83,28 +83,28 @@ class Revolute(_Link):
 
 
 class Prismatic(_Link):
-    """A joint that slides."""
+    """Joint that slides."""
 
     type: Literal["prismatic"] = "prismatic"
-    """A joint that slides."""
+    """Joint that slides."""
     min_mm: Length = 0.0
-    """Least value."""
+    """Smallest joint value."""
     max_mm: Length = 0.0
-    """Largest value."""
+    """Largest joint value."""
     pitch_mm: Annotated[Length, Field(gt=0)] | None = None
-    """Of the screw that drives it: the length of one turn, over which harmonics repeat."""
+    """Pitch of the driving screw: the period of the harmonic errors."""
     sin1_mm: Small = 0.0
-    """Error once per pitch, in phase with the sine."""
+    """Amplitude of the error once per pitch, sine."""
     cos1_mm: Small = 0.0
-    """The same with the cosine."""
+    """Amplitude of the error once per pitch, cosine."""
     sin2_mm: Small = 0.0
-    """Error twice per pitch, in phase with the sine."""
+    """Amplitude of the error twice per pitch, sine."""
     cos2_mm: Small = 0.0
-    """The same with the cosine."""
+    """Amplitude of the error twice per pitch, cosine."""
     compliance_mm_per_n: Small = 0.0
-    """How far the joint gives way under the payload's weight."""
+    """Compliance of the joint under the payload's weight."""
     backlash_mm: Small = 0.0
-    """Play, whole width."""
+    """Play of the joint, full width."""
 
     @model_validator(mode="after")
     def _has_limits(self) -> Self:
@@ -120,36 +120,36 @@ class Prismatic(_Link):
 
 
 class Payload(Strict):
-    """What hangs from the flange."""
+    """Payload at the flange."""
 
     mass_kg: Annotated[float, Field(ge=0, le=1e5)]
     """Mass."""
     centre_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
-    """In the flange's frame."""
+    """Centre of mass, in the flange's frame."""
 
 
 Joint = Annotated[Revolute | Prismatic, Field(discriminator="type")]
 
 
 class Robot(Strict):
-    """A robot as robot.toml states it."""
+    """Serial robot: joints from the base to the flange."""
 
     schema_: Annotated[Literal["lmeasure.robot/1"], Field(alias="schema")] = "lmeasure.robot/1"
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     name: Name
     """Name of the robot."""
     kind: Literal["serial"] = "serial"
-    """Joints one after the other."""
+    """Serial chain of joints."""
     base: Frame | None = None
-    """Controller's base from the frame whose z is the first axis; the same frame where it is not given."""
+    """Pose of the first axis' frame (z along the axis) in the controller's base; default: identity."""
     flange: Frame | None = None
-    """Frame behind the last link from the controller's flange; the same frame where it is not given."""
+    """Pose of the controller's flange in the last link's frame; default: identity."""
     tool: Place | None = None
-    """Flange from tool."""
+    """Pose of the tool on the flange; default: the flange itself."""
     payload: Payload | None = None
-    """What hangs from the flange."""
+    """Payload at the flange."""
     joint: Annotated[tuple[Joint, ...], Field(min_length=1, max_length=MOST_JOINTS)]
-    """The joints from the base to the flange, a table `[[joint]]` each."""
+    """Joints from the base to the flange, one table `[[joint]]` each."""
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:

@@ -33,119 +33,119 @@ Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
 
 
 class Start(Strict):
-    """Where the counters are zeroed and the motion starts."""
+    """Pose at which counters are zeroed and the motion starts."""
 
     position_mm: Position = (0.0, 0.0, 0.0)
-    """Of the tool origin, base frame."""
+    """Position of the tool origin, base frame."""
     quaternion_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     """Orientation base_from_tool."""
 
 
 class Waypoint(Strict):
-    """A pose to stop at; what is not given is taken from [motion], an orientation not given from the waypoint before."""
+    """Stop of the motion. Omitted speeds and rests are those of `[motion]`."""
 
     position_mm: Position
-    """Of the tool origin, base frame."""
+    """Position of the tool origin, base frame."""
     quaternion_xyzw: Quaternion | None = None
-    """Orientation; absent: that of the waypoint before."""
+    """Orientation base_from_tool; default: that of the previous waypoint."""
     speed_mm_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
-    """Largest speed on the way there."""
+    """Largest speed on the way to this stop."""
     rotation_speed_deg_s: Annotated[float, Field(gt=0, le=1e5)] | None = None
-    """Largest rate of turning on the way there."""
+    """Largest angular speed on the way to this stop."""
     dwell_s: Annotated[float, Field(ge=0, le=1e5)] | None = None
-    """Rest there."""
+    """Rest at this stop."""
 
 
 class Motion(Strict):
-    """Largest speeds on the way, rest at each waypoint, and how often the waypoints are gone through."""
+    """Speeds, rests and repetitions of the motion."""
 
     speed_mm_s: Annotated[float, Field(gt=0, le=1e6)] = 500.0
     """Largest speed."""
     rotation_speed_deg_s: Annotated[float, Field(gt=0, le=1e5)] = 60.0
-    """Largest rate of turning."""
+    """Largest angular speed."""
     dwell_s: Annotated[float, Field(ge=0, le=1e5)] = 0.2
     """Rest at each waypoint."""
     cycles: Annotated[int, Field(ge=1, le=100_000)] = 1
-    """How often the waypoints are gone through."""
+    """Repetitions of the sequence of waypoints."""
     back_to_start: bool = True
-    """Whether each cycle ends at the start."""
+    """true: each cycle ends at the start."""
 
 
 class ReferencePoses(Strict):
-    """A calibration campaign: scattered poses about the start, measured with the stated uncertainty."""
+    """Calibration campaign: random poses around the start, measured with the stated uncertainty."""
 
     count: Annotated[int, Field(ge=1, le=100_000)] = 12
-    """How many poses."""
+    """Number of poses."""
     half_mm: tuple[Coordinate, Coordinate, Coordinate] = (WORK_SPACE_MM, WORK_SPACE_MM, WORK_SPACE_MM)
-    """Half the edges of the box about the start in which they lie."""
+    """Half the edge lengths of the box of positions around the start, base frame."""
     tilt_rad: Annotated[float, Field(ge=0, le=math.pi)] = WORK_TILT_RAD
-    """Largest component of their rotation vectors."""
+    """Largest component of the rotation vectors from the start."""
     u_position_mm: Annotated[float, Field(ge=0, le=1e3)] = 0.0
-    """Standard uncertainty with which positions are measured."""
+    """Standard uncertainty of the measured positions, per coordinate."""
     u_rotation_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
-    """The same of orientations."""
+    """Standard uncertainty of the measured orientations, per axis."""
     nominal_shift_mm: Annotated[float, Field(ge=0, le=1e3)] = 30.0
-    """How far the nominal observation points are off, per axis."""
+    """Largest error of the nominal observation points, per axis."""
     nominal_shift_deg: Annotated[float, Field(ge=0, le=45)] = 5.0
-    """How far the nominal guides are off."""
+    """Largest error of the nominal guide angles."""
 
 
 class TestedRobot(Strict):
-    """A robot that goes through the waypoints, or the commands of a file: its controller follows its drawing, it was built otherwise."""
+    """Robot that moves the tool. Its controller uses the nominal model; the simulated robot has errors."""
 
     model: Annotated[str, Field(min_length=1)]
-    """A robot by its name, such as rotopod-cell or ur5, or a robot.toml beside this file."""
+    """Name of a robot, such as rotopod-cell or ur5, or a robot.toml beside this file."""
     position_mm: Position | None = None
-    """Of its base in the rig's frame; absent: so that its tool is at the start when it is at home."""
+    """Position of the robot's base in the rig's base frame; default: home puts the tool at the start."""
     quaternion_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    """Orientation of its base, with position_mm."""
+    """Orientation of the robot's base in the rig's base frame, used with `position_mm`."""
     commands: str | None = None
-    """File beside this one: commands.csv of `lmeasure program`, or joint values of `plan-poses --robot`; absent: the waypoints."""
+    """File beside this one: commands.csv of `program`, or joint values of `plan-poses --robot`. Default: the waypoints."""
     errors: dict[str, Annotated[float, Field(ge=-1e4, le=1e4)]] = Field(default_factory=dict)
-    """By how much parameters of the robot that was built are more, by their names: "leg_1.rod_mm" = 0.3."""
+    """Errors of parameters by name, true minus nominal: "leg_1.rod_mm" = 0.3."""
     u_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
-    """Standard deviation of drawn errors of all other lengths of its links or legs."""
+    """Standard deviation of random errors of all other lengths of links or legs."""
     u_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
-    """The same of angles."""
+    """Standard deviation of random errors of all other angles."""
     repeatability_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
-    """Standard deviation with which a sliding joint comes back, drawn for every command."""
+    """Standard deviation of the position of a sliding joint, drawn at every command."""
     repeatability_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
-    """The same of a turning joint."""
+    """Standard deviation of the position of a turning joint, drawn at every command."""
     stiffness_n_mm: Annotated[float, Field(gt=0, le=1e12)] = 2e4
-    """Of a sliding joint under load."""
+    """Stiffness of a sliding joint under load [N/mm]."""
     stiffness_nm_deg: Annotated[float, Field(gt=0, le=1e12)] = 2e4
-    """Of a turning joint."""
+    """Stiffness of a turning joint under load [N m/deg]."""
 
 
 class Scenario(Strict):
-    """A scenario as scenario.toml states it; rig is a path beside the file, a whole rig table, or absent: the built-in cell."""
+    """Scenario of a simulation: rig, motion and calibration campaign."""
 
     schema_: Annotated[Literal["lmeasure.scenario/1"], Field(alias="schema")]
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     rig: str | dict[str, Any] | None = None
-    """Rig file beside this one, or a whole rig as a table; absent: the built-in cell."""
+    """Rig file beside this one, or a rig as a table; default: the built-in cell."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    """Of everything that is drawn; the same gives the same counts."""
+    """Seed of all random numbers; equal seeds give equal counts."""
     rate_hz: Annotated[float, Field(gt=0, le=1e6)] = 1000.0
-    """Samples per second."""
+    """Sampling rate."""
     noise_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
-    """Standard deviation of noise of the lengths."""
+    """Standard deviation of the noise of lengths."""
     noise_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
-    """Of encoders of angles."""
+    """Standard deviation of the noise of angle encoders."""
     temperature_c: Temperature | None = None
-    """At the start; recorded when it is given."""
+    """Temperature at the start; recorded if stated."""
     end_temperature_c: Temperature | None = None
-    """At the end of the motion and at the last reference pose, reached evenly."""
+    """Temperature at the end of the motion and at the last reference pose; the change is linear."""
     start: Start = Start()
-    """Where counters are zeroed and the motion starts."""
+    """Start of the motion."""
     motion: Motion = Motion()
     """Speeds, rests and repetitions."""
     waypoint: tuple[Waypoint, ...] = ()
-    """The motion, a table `[[waypoint]]` for each stop; none: no run is made."""
+    """Stops of the motion, one table `[[waypoint]]` each; default: no run."""
     reference_poses: ReferencePoses | None = None
-    """A calibration campaign; absent: none is made."""
+    """Calibration campaign; default: none."""
     robot: TestedRobot | None = None
-    """A robot that makes the motion; absent: every waypoint is reached as it stands."""
+    """Robot that moves the tool; default: every waypoint is reached exactly."""
 
     def temperatures(self, count: int) -> FloatArray | None:
         """(count,) temperatures from the start to the end [deg C]; None where none is given."""

@@ -32,16 +32,16 @@ Length = Annotated[float, Field(gt=0, le=1e7)]
 
 
 class Link(Strict):
-    """A straight link between two points."""
+    """Straight link between two points."""
 
     from_point: Annotated[str, Field(alias="from")]
     """Point of the base."""
     to_point: Annotated[str, Field(alias="to")]
     """Point of the platform."""
     length_mm: Length | None = None
-    """Length; all links have it or none."""
+    """Length; state it for all links or for none."""
     limits_mm: tuple[Length, Length] | None = None
-    """Least and greatest length; all links have them or none."""
+    """Smallest and largest length; state them for all links or for none."""
 
     @model_validator(mode="after")
     def _rising(self) -> "Link":
@@ -51,16 +51,16 @@ class Link(Strict):
 
 
 class StructureFile(Strict):
-    """Points and links of a mechanism, of six links or more."""
+    """Points and links of a mechanism with at least six links."""
 
     schema_: Annotated[Literal["lmeasure.structure/1"], Field(alias="schema")]
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     base: Points
-    """Points of the base by their names [mm]."""
+    """Points of the base by name, base frame [mm]."""
     platform: Points
-    """Points of the platform by their names, in its own frame [mm]."""
+    """Points of the platform by name, platform frame [mm]."""
     link: Annotated[tuple[Link, ...], Field(min_length=1)]
-    """The links, a table `[[link]]` each."""
+    """Links, one table `[[link]]` each."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""The files that a person writes: the model of each, its JSON Schema, and its keys as a document lists them.
+"""Files that users write: their models, JSON Schemas, and keys for the documentation.
 
-The schemas lie beside this module as `NAME.json`, made of the models by `docs/write_keys.py`, for editors that complete and check TOML by a
-first line such as `#:schema schemas/rig.json` (taplo, Even Better TOML).
+`docs/write_keys.py` writes the schemas `NAME.json` beside this module. Editors use them to complete and check TOML by a first line such as
+`#:schema schemas/rig.json` (taplo, Even Better TOML).
 """
 
 import json
@@ -21,8 +21,8 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file: the name it usually has, the model of its content, what it is; others: module and model where its key `kind` says
-    that it holds something else."""
+    """Kind of file: usual name, module and model of its content, description; others: modules and models for other values of its key
+    `kind`."""
 
     file: str
     module: str
@@ -31,24 +31,24 @@ class Kind:
     others: tuple[tuple[str, str], ...] = ()
 
     def load(self) -> tuple[type[BaseModel], ...]:
-        """The models, one but where there are others."""
+        """Return the models: one, and the others if there are any."""
         return tuple(getattr(import_module(module), model) for module, model in ((self.module, self.model), *self.others))
 
 
 FILE_KINDS = {
     "rig": Kind("rig.toml", "lmeasure.rig.rig", "Rig", "the instrument: points, drums, cables"),
-    "drums": Kind("drums.toml", "lmeasure.rig.drum_measurement", "DrumsFile", "what a mechanic measures on drums"),
-    "placement": Kind("placement.toml", "lmeasure.accuracy.placement", "Placement", "a task, and where points may be put"),
-    "bodies": Kind("bodies.toml", "lmeasure.accuracy.bodies", "BodiesFile", "what cables must not touch"),
+    "drums": Kind("drums.toml", "lmeasure.rig.drum_measurement", "DrumsFile", "measured dimensions of drums"),
+    "placement": Kind("placement.toml", "lmeasure.accuracy.placement", "Placement", "a task, and boxes for points"),
+    "bodies": Kind("bodies.toml", "lmeasure.accuracy.bodies", "BodiesFile", "bodies that cables must not touch"),
     "run": Kind("run.toml", "lmeasure.recording.run", "RunFile", "a recorded run"),
     "scenario": Kind("scenario.toml", "lmeasure.simulation.scenario", "Scenario", "a motion to simulate"),
-    "program": Kind("program.toml", "lmeasure.recording.program", "Program", "poses and paths that a robot is told to take"),
-    "details": Kind("details.toml", "lmeasure.certificate.details", "Details", "what a report must say besides its figures"),
+    "program": Kind("program.toml", "lmeasure.recording.program", "Program", "commanded poses and paths of a robot"),
+    "details": Kind("details.toml", "lmeasure.certificate.details", "Details", "administrative details of a test report"),
     "robot": Kind(
         "robot.toml",
         "lmeasure.robots.robot",
         "Robot",
-        "a robot's joints, or its legs",
+        "joints or legs of a robot",
         (("lmeasure.robots.platform", "PlatformFile"), ("lmeasure.robots.parallel.file", "ParallelFile")),
     ),
     "structure": Kind("structure.toml", "lmeasure.structure.links", "StructureFile", "points and links of a mechanism"),
@@ -57,14 +57,14 @@ FILE_KINDS = {
 
 
 def shipped(name: str) -> str:
-    """The JSON Schema of a kind of file, as it comes along; KeyError for what is none."""
+    """Return the shipped JSON Schema of a kind of file; KeyError for an unknown kind."""
     if name not in FILE_KINDS:
         raise KeyError(name)
     return files("lmeasure.io.schemas").joinpath(f"{name}.json").read_text(encoding="utf-8")
 
 
 def schema_of(name: str) -> dict[str, Any]:
-    """The JSON Schema that the model gives, or any of several."""
+    """Return the JSON Schema of the model, or of any of several models."""
     kind = FILE_KINDS[name]
     models = kind.load()
     whole: Any = Union[models]  # noqa: UP007
@@ -73,7 +73,7 @@ def schema_of(name: str) -> dict[str, Any]:
 
 
 def _plain(value: Any, properties: bool = False) -> Any:
-    """Without pydantic's titles, and arrays of one kind said so that older readers of schemas understand them."""
+    """Remove pydantic's titles, and write arrays of one type in the form of older schema readers."""
     if isinstance(value, list):
         return [_plain(one) for one in value]
     if not isinstance(value, dict):
@@ -88,12 +88,17 @@ def _plain(value: Any, properties: bool = False) -> Any:
         # a name that is none is refused
         out.setdefault("additionalProperties", False)
     if not properties and isinstance(out.get("description"), str):
-        out["description"] = " ".join(out["description"].split())
+        out["description"] = prose(out["description"])
     return out
 
 
+def prose(docstring: str | None) -> str:
+    """Return a docstring on one line, without its numpydoc sections."""
+    return " ".join(re.split(r"^ *\w+\n *-{3,}$", docstring or "", maxsplit=1, flags=re.MULTILINE)[0].split())
+
+
 def tables_of(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
-    """The tables of a file: the path of each, as its header writes it, and its model; the file itself first."""
+    """Yield the tables of a file, itself first: path as in the table's header, and model."""
     yield path, model
     for name, field in model.model_fields.items():
         key = field.alias or name
@@ -104,15 +109,17 @@ def tables_of(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, typ
 
 
 def keys_of(model: type[BaseModel]) -> list[tuple[str, str, str, str]]:
-    """(key, what it holds, its default or "needed", what it means) of a table's keys."""
+    """Return (key, type, default or "required", meaning) of a table's keys, required keys first."""
     schema: dict[str, Any] = _plain(model.model_json_schema(by_alias=True))
     if "$ref" in schema:
         schema = schema["$defs"][schema["$ref"].rpartition("/")[2]]
-    needed = set(schema.get("required", ()))
-    # a schema that only points to another leaves out a description that is the other's own
-    texts = {f.alias or name: " ".join((f.description or "").split()) for name, f in model.model_fields.items()}
-    rows = [(key, _held(about), "needed" if key in needed else _default(about), texts[key]) for key, about in schema["properties"].items()]
-    return sorted(rows, key=lambda row: row[2] != "needed")
+    required = set(schema.get("required", ()))
+    # a schema that refers to another omits the field's own description
+    texts = {f.alias or name: prose(f.description) for name, f in model.model_fields.items()}
+    rows = [
+        (key, _held(about), "required" if key in required else _default(about), texts[key]) for key, about in schema["properties"].items()
+    ]
+    return sorted(rows, key=lambda row: row[2] != "required")
 
 
 def _default(about: dict[str, Any]) -> str:
@@ -152,5 +159,5 @@ def _one_kind(about: dict[str, Any]) -> str:
 
 
 _AS_SCHEMA = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
-"""What pydantic leaves as it is where a validator of ours stands before the number."""
+"""Names that pydantic keeps if a validator precedes the number."""
 _LIMITS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}

@@ -11,17 +11,17 @@ Cone = Annotated[float, Field(gt=0.0, le=180.0)]
 
 
 class Limits(Strict):
-    """Angles are of legs to the base's z and to the platform's; gaps between neighbouring carriages of one circle, in the order of legs."""
+    """Limits of the workspace. Neighbouring carriages are those of one circular guide, in the order of the legs."""
 
     least_gap_deg: Annotated[float, Field(ge=0.0, le=180.0)] | None = None
-    """Least angle between neighbouring carriages."""
+    """Smallest angle between neighbouring carriages."""
     most_gap_deg: Annotated[float, Field(ge=0.0, le=180.0)] | None = None
     """Largest angle between neighbouring carriages."""
     base_cone_deg: Cone | None = None
-    """Largest angle of a leg to the base's z."""
+    """Largest angle between a leg and the base's z."""
     platform_cone_deg: Cone | None = None
-    """Largest angle of a leg to the platform's z."""
+    """Largest angle between a leg and the platform's z."""
     singular: Annotated[float, Field(ge=0.0, lt=1.0)] = 1e-3
-    """Least distance from a singular pose: smallest over largest singular value of the rows."""
+    """Smallest allowed ratio of the smallest to the largest singular value of the Jacobian."""
     mass_mm: tuple[Length, Length, Length] | None = None
-    """Centre of mass, in the flange's frame: must stay over the polygon of the legs' lower ends."""
+    """Centre of mass in the flange's frame. It must stay above the polygon of the legs' lower ends."""

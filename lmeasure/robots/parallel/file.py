@@ -87,14 +87,14 @@ Positive = Annotated[Length, Field(gt=0.0)]
 
 
 class _Leg(Strict):
-    """What every leg has."""
+    """Common keys of all legs."""
 
     type: str
-    """Its kind."""
+    """Kind of the leg."""
     name: Name
-    """Of the leg and its joint; `measurements.csv` has its values in `NAME_deg` or `NAME_mm`."""
+    """Name of the leg and its joint; `measurements.csv` has the joint's values in `NAME_deg` or `NAME_mm`."""
     platform_mm: Point
-    """Its upper end, in the flange's frame."""
+    """Upper end, in the flange's frame."""
 
     @property
     def values(self) -> FloatArray:
@@ -116,42 +116,42 @@ class _Leg(Strict):
 
 class _Turning(_Leg):
     min_deg: Angle = -360.0
-    """Least value of its joint."""
+    """Smallest joint value."""
     max_deg: Angle = 360.0
-    """Largest value."""
+    """Largest joint value."""
 
 
 class _Sliding(_Leg):
     min_mm: Length
-    """Least value of its joint."""
+    """Smallest joint value."""
     max_mm: Length
-    """Largest value."""
+    """Largest joint value."""
 
 
 class _Ring(_Turning):
     ring_mm: Positive
-    """Radius of the circle on which its carriage runs, about the base's z."""
+    """Radius of the circular guide about the base's z."""
     height_mm: Length = 0.0
-    """Of its carriage over the base's z = 0."""
+    """Height of the carriage above the base's z = 0."""
     offset_deg: Angle = 0.0
-    """Azimuth of its carriage at joint value 0."""
+    """Azimuth of the carriage at joint value 0."""
 
 
 class Strut(_Sliding):
-    """Of changing length: scale times the joint's value plus offset."""
+    """Leg of variable length, scale * joint value + offset."""
 
     type: Literal["strut"]
-    """Of changing length: a hexapod's leg."""
+    """Leg of variable length, as of a hexapod."""
     base_mm: Point
-    """Its lower end, in the base's frame."""
+    """Lower end, in the base's frame."""
     offset_mm: Length = 0.0
-    """Its length at joint value 0."""
+    """Length at joint value 0."""
     scale: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
-    """Of the joint's value."""
+    """Change of length per joint value."""
     base_axis: Point | None = None
-    """Direction of the lower Hooke joint's first axis, in the base's frame."""
+    """Direction of the first axis of the lower Hooke joint, in the base's frame."""
     platform_axis: Point | None = None
-    """Direction of the upper Hooke joint's first axis, in the flange's frame."""
+    """Direction of the first axis of the upper Hooke joint, in the flange's frame."""
 
     @model_validator(mode="after")
     def _axes_are_two(self) -> Self:
@@ -164,122 +164,122 @@ class Strut(_Sliding):
 
 
 class Rod(_Leg):
-    """Of constant length between ball joints."""
+    """Rod of constant length between ball joints."""
 
     type: Literal["rod"]
-    """Of constant length between ball joints."""
+    """Rod of constant length between ball joints."""
     base_mm: Point
-    """Its lower end, in the base's frame."""
+    """Lower end, in the base's frame."""
     rod_mm: Positive
-    """Its length."""
+    """Length of the rod."""
 
 
 class Carriage(_Ring):
-    """A rod from a carriage on a circular guide."""
+    """Rod from a carriage on a circular guide."""
 
     type: Literal["carriage"]
-    """A rod from a carriage on a circular guide."""
+    """Rod from a carriage on a circular guide."""
     rod_mm: Positive
-    """Its length."""
+    """Length of the rod."""
     elbow: Literal[1, 2] = 1
-    """At which of the two places for its carriage it stands at home: 1 is turned less."""
+    """Solution for the carriage at home: 1 is the smaller rotation, 2 the larger."""
 
 
 class Crank(_Turning):
-    """A rod from a crank that turns in an upright plane."""
+    """Rod from a crank that turns in a vertical plane."""
 
     type: Literal["crank"]
-    """A rod from a crank that turns in an upright plane."""
+    """Rod from a crank that turns in a vertical plane."""
     base_mm: Point
-    """The crank's axis, in the base's frame."""
+    """Axis of the crank, in the base's frame."""
     azimuth_deg: Angle
-    """Of the crank's axis; the crank turns across it, positive towards azimuth + 90 degrees."""
+    """Azimuth of the crank's axis; the crank turns across it, positive towards azimuth + 90°."""
     tilt_deg: Angle = 0.0
-    """By which the crank's upright leans towards the azimuth."""
+    """Tilt of the crank's vertical towards the azimuth."""
     crank_mm: Positive
     """Length of the crank."""
     offset_deg: Angle = 0.0
-    """From upright at joint value 0."""
+    """Angle of the crank from vertical at joint value 0."""
     rod_mm: Positive
     """Length of the rod."""
     elbow: Literal[1, 2] = 2
-    """At which of its two roots it stands at home: 2 is turned further."""
+    """Solution for the crank at home: 1 is the smaller rotation, 2 the larger."""
 
 
 class Slider(_Sliding):
-    """A rod from a carriage on a straight guide."""
+    """Rod from a carriage on a straight guide."""
 
     type: Literal["slider"]
-    """A rod from a carriage on a straight guide."""
+    """Rod from a carriage on a straight guide."""
     base_mm: Point
-    """Where its carriage is at joint value 0, in the base's frame."""
+    """Position of the carriage at joint value 0, in the base's frame."""
     azimuth_deg: Angle
-    """Of the guide's direction."""
+    """Azimuth of the guide."""
     elevation_deg: Angle = 0.0
-    """Of the guide's direction over the horizontal."""
+    """Elevation of the guide above the horizontal."""
     rod_mm: Positive
     """Length of the rod."""
     elbow: Literal[1, 2] = 1
-    """At which of the two places for its carriage it stands at home: 2 is farther along."""
+    """Solution for the carriage at home: 2 is farther along the guide."""
 
 
 class _Hinged(_Ring):
     turn_deg: Angle = 0.0
-    """By which the carriage's hinge is turned from along the guide, about the vertical."""
+    """Rotation of the hinge from the direction along the guide, about the vertical."""
     tilt_deg: Angle = 0.0
-    """By which it is tilted, about the direction outwards."""
+    """Tilt of the hinge about the outward direction."""
 
 
 class Radial(_Hinged):
-    """From a carriage on a circular guide, hinged along it, with a slide."""
+    """Carriage on a circular guide, with a hinge along the guide and a slide."""
 
     type: Literal["radial"]
-    """From a carriage on a circular guide, hinged along it, with a slide."""
+    """Carriage on a circular guide, with a hinge and a slide."""
     slide_offset_mm: Length = 0.0
-    """Its length at slide value 0."""
+    """Length at slide value 0."""
     slide_min_mm: Length
-    """Least value of its slide."""
+    """Smallest slide value."""
     slide_max_mm: Length
-    """Largest value."""
+    """Largest slide value."""
 
 
 class RadialArm(_Hinged):
-    """From a carriage on a circular guide, hinged along it, with two arms."""
+    """Carriage on a circular guide, with a hinge along the guide and two arms."""
 
     type: Literal["radial-arm"]
-    """From a carriage on a circular guide, hinged along it, with two arms."""
+    """Carriage on a circular guide, with a hinge and two arms."""
     lift_deg: Angle = 0.0
-    """Of the lower arm above the way inwards, at lift value 0."""
+    """Angle of the lower arm above the inward direction at lift value 0."""
     lower_mm: Positive
     """Length of the arm at the carriage."""
     upper_mm: Positive
     """Length of the arm at the platform."""
     lift_min_deg: Angle = -360.0
-    """Least value of its lift."""
+    """Smallest lift value."""
     lift_max_deg: Angle = 360.0
-    """Largest value."""
+    """Largest lift value."""
     elbow: Literal[1, 2] = 2
-    """At which of its two lifts it stands at home: 2 is lifted more."""
+    """Solution for the lift at home: 1 is the smaller lift, 2 the larger."""
 
 
 class Plane(_Leg):
-    """Keeps its point of the platform at a height."""
+    """Constraint that keeps a point of the platform at a height."""
 
     type: Literal["plane"]
-    """Keeps its point of the platform at a height: three of them make a platform planar."""
+    """Constraint to a height; three of them make a platform planar."""
     height_mm: Length = 0.0
-    """Over the base's z = 0."""
+    """Height above the base's z = 0."""
 
 
 class Way(_Sliding):
-    """Drives its point of the platform along the way that five rods leave it."""
+    """Drive of a point of the platform along the path that five rods allow."""
 
     type: Literal["way"]
-    """Drives its point of the platform along the way that five rods leave it; 0 at home."""
+    """Drive along the path that five rods allow; 0 at home."""
     way_offset_mm: Length = 0.0
-    """Of the way at joint value 0."""
+    """Path length at joint value 0."""
     step_mm: Positive = 10.0
-    """Of nodes on the way."""
+    """Distance of nodes along the path."""
 
 
 AnyLeg = Annotated[Strut | Rod | Carriage | Crank | Slider | Radial | RadialArm | Plane | Way, Field(discriminator="type")]
@@ -287,24 +287,24 @@ Component = Literal["rx", "ry", "rz", "x", "y", "z"]
 
 
 class ParallelFile(Strict):
-    """A parallel robot as robot.toml states it."""
+    """Parallel robot: a platform on legs."""
 
     schema_: Annotated[Literal["lmeasure.robot/1"], Field(alias="schema")] = "lmeasure.robot/1"
-    """What the file is, and in which version."""
+    """Kind and version of the file."""
     name: Name
     """Name of the robot."""
     kind: Literal["parallel"]
-    """A platform on legs of several kinds, six equations together."""
+    """Platform on legs of several kinds, six equations in total."""
     home: Place
-    """Base from flange, near which it works: it tells which of several assemblies is meant."""
+    """Pose of the flange in the base's frame, near which the robot works. It selects the assembly mode."""
     tool: Place | None = None
-    """Flange from tool."""
+    """Pose of the tool on the flange; default: the flange itself."""
     commanded: tuple[Component, ...] = ()
-    """What a robot with fewer than six joints is told: as many of rx, ry, rz (about the platform's axes), x, y, z as it has joints."""
+    """Commanded coordinates of a robot with fewer than six joints, as many as joints; rotations about the platform's axes."""
     limits: Limits = Limits()
-    """What else bounds its workspace."""
+    """Limits of the workspace besides those of the joints."""
     leg: Annotated[tuple[AnyLeg, ...], Field(min_length=3, max_length=EQUATIONS + 3)]
-    """Its legs, a table `[[leg]]` each."""
+    """Legs, one table `[[leg]]` each."""
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
