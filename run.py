@@ -3,6 +3,7 @@
     python3 run.py                      set up, then the demo
     python3 run.py test [PYTEST ARGS]   set up, then the tests: the whole suite on all processors, named files in one process
     python3 run.py test --fast          set up, then the tests of a minute: laws, contract, one way through all commands, texts
+    python3 run.py docs                 set up, then build the documentation in build/docs and open it (--no-browser: only build)
     python3 run.py COMMAND ...          set up, then `lmeasure COMMAND ...`
 
 Everything is installed into `.venv` in this folder by uv: the one on the PATH, else one that pip fetches; by pip where uv cannot.
@@ -73,6 +74,8 @@ def plan(arguments: list[str]) -> tuple[frozenset[str], list[str]]:
         fast = FAST if "--fast" in arguments else ()
         others = [a for a in arguments[1:] if a != "--fast"]
         return frozenset({"test"}), ["pytest", *(() if names_some(others) else ON_ALL_PROCESSORS), *fast, *others]
+    if arguments[0] == "docs":
+        return frozenset({"docs"}), ["python", str(ROOT / "docs" / "build_site.py"), *arguments[1:]]
     return frozenset({"workbench"} if arguments[0] == "workbench" else ()), ["lmeasure", *arguments]
 
 

@@ -1,0 +1,185 @@
+"""Parts of the site that come from the program: toctrees, commands, Python names, schemas and codes. Needs only lmeasure itself."""
+
+import inspect
+import re
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import lmeasure
+
+ROOT = Path(__file__).parents[1]
+PARTS = ("start", "how-to", "hardware", "reference", "explanation")
+"""Pages that list the pages of one part of the documentation."""
+INDEXES = ("docs/README", *(f"docs/{part}" for part in PARTS), "docs/decisions/README")
+ENTRY = re.compile(r"^(?:- |\| )\[[^\]]+\]\(([^)#]+)\.md\)", re.MULTILINE)
+LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([\w/.-]+)(?:#[\w-]*)?\)")
+PAGES = ("docs/*.md", "docs/decisions/*.md", "benchmarks/results/*.md", "README.md", "CHANGELOG.md", "CONTRIBUTING.md")
+"""Sources of the site's pages, from the folder of the project."""
+SUBJECTS = {
+    "api": "Stages",
+    "rig": "Rigs",
+    "recording": "Counts, poses, programs and runs",
+    "sensors": "Lengths",
+    "calibration": "Calibration",
+    "acquisition": "Frames of a bus",
+    "trajectory": "Trajectories",
+    "accuracy": "Accuracy zones",
+    "structure": "Structures",
+    "robots": "Robots",
+    "iso9283": "Characteristics",
+    "certificate": "Certificates",
+    "core": "Angles and errors",
+}
+"""Headings of the Python reference, by the package that defines a name."""
+
+
+@cache
+def sources() -> frozenset[Path]:
+    """Return the files of all pages of the site."""
+    return frozenset(path for pattern in PAGES for path in ROOT.glob(pattern))
+
+
+def completed(page: str, text: str) -> str:
+    """Return the source of a page with its toctree and its generated parts, and without links to folders."""
+    parts = {"docs/commands": commands, "docs/python": names, "docs/schemas": schemas}
+    text = without_foreign_links(ROOT / f"{page}.md", text)
+    if page in parts:
+        text = f"{text.rstrip()}\n\n{parts[page]()}"
+    if page in INDEXES:
+        text = f"{cards(text) if page == INDEXES[0] else text.rstrip()}\n\n{toctree(entries(text))}"
+    if page == "docs/results":
+        text = f"{text.rstrip()}\n\n{toctree(['../benchmarks/results/*'], 'glob')}"
+    return text
+
+
+def entries(text: str) -> list[str]:
+    """Return the pages that an index page lists: the first link of each item of a list and of each row of a table."""
+    return list(dict.fromkeys(ENTRY.findall(text)))
+
+
+def toctree(pages: Iterable[str], *options: str) -> str:
+    """Return the toctree of pages; the list on the page itself shows them."""
+    return "\n".join(["```{toctree}", ":hidden:", *(f":{option}:" for option in options), "", *pages, "```", ""])
+
+
+def cards(text: str) -> str:
+    """Return the first page with a card for each item of its list."""
+    grid = re.sub(r"^- (\[[^\]]+\]\([^)]+\)): ([^\n]+(?:\n  [^\n]+)*)$", r"```{grid-item-card} \1\n\2\n```", text, flags=re.MULTILINE)
+    first, last = grid.index("```{"), grid.rindex("```") + 3
+    return f"{grid[:first]}````{{grid}} 1 2 2 2\n:gutter: 3\n\n{grid[first:last]}\n````{grid[last:]}"
+
+
+def without_foreign_links(page: Path, text: str) -> str:
+    """Return a text without links to folders, and to documents that are no pages of the site: a code host shows these, a site does not."""
+
+    def replaced(link: re.Match[str]) -> str:
+        target = (page.parent / link[2]).resolve()
+        foreign = target.suffix == ".md" and target not in sources()
+        return link[1] if target.is_dir() or foreign else link[0]
+
+    return LINK.sub(replaced, text)
+
+
+def escaped(text: str) -> str:
+    """Return a text in which no sign has a meaning in Markdown."""
+    return re.sub(r"([\\`*_{}\[\]<>|#$~])", r"\\\1", " ".join(text.split()))
+
+
+def commands() -> str:
+    """Return every command with its arguments and options, by job, from the definitions that the command line uses."""
+    from lmeasure.workflows import JOBS
+
+    return "\n".join(line for job, of_job in JOBS.items() for line in (f"## {job}", "", *(x for name in of_job for x in _command(name))))
+
+
+def _command(name: str) -> Iterator[str]:
+    from lmeasure.cli.commands import command
+
+    made = command(name)
+    context = made.make_context(name, [], resilient_parsing=True)
+    yield from (f"### {name}", "")
+    for paragraph in (made.help or "").split("\n\n"):
+        yield from (escaped(paragraph), "")
+    yield from ("```text", f"lmeasure {name} {' '.join(made.collect_usage_pieces(context))}", "```", "")
+    for parameter in made.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None:
+            yield from (f"`{record[0]}`", f": {escaped(record[1]) or '–'}", "")
+
+
+def names() -> str:
+    """Return a section per subject with the documentation of each public name, as autodoc directives."""
+    out: list[str] = []
+    for package, title in SUBJECTS.items():
+        out += [f"## {title}", "", "```{eval-rst}"]
+        for name in names_of(package):
+            kind = _directive(getattr(lmeasure, name))
+            out += [f".. {kind}:: lmeasure.{name}", *(["   :members:"] if kind == "autoclass" else []), ""]
+        out += ["```", ""]
+    return "\n".join(out)
+
+
+def _directive(named: Any) -> str:
+    if not inspect.isclass(named):
+        return "autofunction"
+    return "autoexception" if issubclass(named, BaseException) else "autoclass"
+
+
+def names_of(package: str) -> list[str]:
+    """Return the public names that a package defines, functions first."""
+    own = [name for name in lmeasure.__all__ if _package(getattr(lmeasure, name)) == package]
+    return sorted(own, key=lambda name: (inspect.isclass(getattr(lmeasure, name)), name))
+
+
+def _package(named: Any) -> str:
+    return str(named.__module__).split(".")[1]
+
+
+def schemas() -> str:
+    """Return the keys of every file that has a JSON Schema, table by table."""
+    import json
+
+    from lmeasure.io import FILE_KINDS, shipped
+
+    out: list[str] = []
+    for name, kind in FILE_KINDS.items():
+        schema = json.loads(shipped(name))
+        out += [f"## {kind.file}", "", escaped(kind.text), "", f"`lmeasure schema {name}` prints its schema.", ""]
+        out += _keys(schema, "Keys of the file")
+        for title, table in schema.get("$defs", {}).items():
+            out += _keys(table, title)
+    return "\n".join(out)
+
+
+def _keys(table: dict[str, Any], title: str) -> Iterator[str]:
+    keys = table.get("properties", {})
+    if not keys:
+        return
+    yield from (f"### {title}", "")
+    if "description" in table:
+        yield from (escaped(table["description"]), "")
+    for key, value in keys.items():
+        needed = " Required." if key in table.get("required", ()) else ""
+        default = f" Default: {escaped(str(value['default']))}." if value.get("default") not in (None, [], "") else ""
+        yield from (f"`{key}` ({escaped(kind_of(value))})", f": {escaped(value.get('description', ''))}{needed}{default}", "")
+
+
+def kind_of(value: dict[str, Any]) -> str:
+    """Return the kind of a key's value in words."""
+    if "anyOf" in value or "oneOf" in value:
+        several = dict.fromkeys(kind_of(one) for one in value.get("anyOf", value.get("oneOf", ())) if one.get("type") != "null")
+        return " or ".join(several)
+    if "$ref" in value:
+        return f"table {value['$ref'].rpartition('/')[2]}"
+    if "enum" in value:
+        return ", ".join(map(str, value["enum"]))
+    if "const" in value:
+        return str(value["const"])
+    if value.get("type") == "array":
+        count = f"{value['minItems']} " if value.get("minItems") == value.get("maxItems") and "minItems" in value else ""
+        return f"list of {count}{kind_of(value.get('items', {})) or 'values'}"
+    return {"object": "table", "integer": "whole number", "boolean": "true or false", "string": "text"}.get(
+        value.get("type", ""), value.get("type", "value")
+    )

@@ -1,0 +1,85 @@
+"""The documentation site: its parts that come from the program, and that its index reaches every page.
+
+The site itself is built with warnings as errors by .ci/run: a build takes half a minute.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import lmeasure as lm
+from lmeasure.core import Shown
+from lmeasure.report.plots import DRAWN
+from lmeasure.workflows import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+import generated_pages as pages  # noqa: E402 - it lies beside the pages
+
+NOT_DRAWN = {"DrumMeasurement", "PoseCovariances", "Campaign", "CalibrationSettings", "CertificationSettings", "LMeasureError"}
+"""Settings, covariances and errors: they are no picture."""
+
+
+def source(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def test_the_index_reaches_every_page() -> None:
+    every, reached, left = pages.sources(), set(), [ROOT / "docs" / "README.md"]
+    while left:
+        page = left.pop()
+        reached.add(page)
+        name = page.relative_to(ROOT).with_suffix("").as_posix()
+        listed = {(page.parent / f"{entry}.md").resolve() for entry in pages.entries(source(page))} if name in pages.INDEXES else set()
+        left += listed - reached
+    results = set((ROOT / "benchmarks" / "results").glob("*.md"))
+    assert sorted(every - reached - results) == []
+    assert "../benchmarks/results/*" in pages.completed("docs/results", "")
+
+
+def test_each_page_belongs_to_one_part() -> None:
+    listed = [(index, entry) for index in pages.INDEXES for entry in pages.entries(source(ROOT / f"{index}.md"))]
+    parts = [entry for index, entry in listed if index in [f"docs/{part}" for part in pages.PARTS]]
+    own = {"docs/start": 5, "docs/how-to": 15, "docs/reference": 8, "docs/explanation": 12}
+    assert all(sum(index == part for index, _ in listed) >= least for part, least in own.items())
+    assert sorted({entry for entry in parts if parts.count(entry) > 1}) == []
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    text = pages.names()
+    shown = re.findall(r"^\.\. auto\w+:: lmeasure\.(\w+)$", text, re.MULTILINE)
+    assert sorted(shown) == sorted(lm.__all__)
+
+
+@pytest.mark.parametrize("name", [name for name in lm.__all__ if not isinstance(getattr(lm, name), type)])
+def test_every_public_function_has_a_docstring_with_an_example(name: str) -> None:
+    assert re.search(r"^\s*Examples\n\s*-+\n[\s\S]*>>> ", getattr(lm, name).__doc__ or "", re.MULTILINE), name
+
+
+def test_every_command_is_in_the_reference_with_its_options() -> None:
+    text = pages.commands()
+    assert re.findall(r"^### (\S+)$", text, re.MULTILINE) == list(COMMANDS)
+    assert "`--neighbourhood-mm NUMBER`\n: " in text
+
+
+def test_keys_of_schemas_have_kinds_and_texts() -> None:
+    text = pages.schemas()
+    assert "`position_mm` (list of 3 number)" in text
+    assert not re.search(r"^`[^`]*` \(\)", text, re.MULTILINE)
+
+
+def test_links_to_what_is_no_page_are_words_on_the_site() -> None:
+    page = ROOT / "docs" / "page.md"
+    text = "[notebooks](notebooks) [zone](zone.md#criteria) [origin](../tests/authorities/truth/README.md) ![cable](images/cable.svg)"
+    assert pages.without_foreign_links(page, text) == "notebooks [zone](zone.md#criteria) origin ![cable](images/cable.svg)"
+
+
+def test_nouns_print_and_plot() -> None:
+    nouns = {name: kind for name in lm.__all__ if isinstance(kind := getattr(lm, name), type)}
+    assert {name for name, kind in nouns.items() if kind not in DRAWN} == NOT_DRAWN
+    for name, kind in nouns.items():
+        if kind in DRAWN:
+            assert issubclass(kind, Shown), name
+            assert kind._repr_html_ is Shown._repr_html_, name
