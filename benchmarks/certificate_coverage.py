@@ -30,7 +30,7 @@ from lmeasure.recording import Counts, Run
 from lmeasure.sensors import counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts
 from lmeasure.simulation import cell_rig, write_campaign
 from lmeasure.simulation.instrument import simulate_campaign
-from lmeasure.trajectory import PoseErrors, Reconstruction, Trajectory
+from lmeasure.trajectory import PoseErrors, RunModel, Trajectory, reconstruction_of
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ class Instrument:
             write_campaign(Path(folder), c)
             found = calibrate(read_campaign(Path(folder)))
         self.run = Run(found.rig, START, (), found.record)
-        self.solver = Reconstruction(found.rig, START, found.record)
+        self.solver = reconstruction_of(RunModel(found.rig, START, found.record))
 
     def measure(self, motion: Motion, rng: np.random.Generator) -> tuple[Run, Trajectory]:
         """What the true rig records of a motion, whole counts zeroed anywhere within one, and what the calibrated rig makes of them."""
@@ -78,7 +78,7 @@ class Instrument:
         counts = Counts(time_s, tuple(c.channel for c in self.true.cable), recorded, source="simulated")
         run = replace(self.run, passes=(counts,))
         lengths = lengths_from_counts(run)
-        found = self.solver.solve(self.solver.scheme.rows, self.solver.start, lengths.change_mm, lengths.flags)
+        found = self.solver.solve(self.solver.model.scheme.rows, self.solver.model.zero_pose, lengths.change_mm, lengths.flags)
         return run, trajectory_of(time_s, found)
 
 

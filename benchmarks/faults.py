@@ -36,7 +36,7 @@ from real_world import Case, make  # noqa: E402
 
 from lmeasure.calibration import calibrate  # noqa: E402
 from lmeasure.recording import Counts, Run  # noqa: E402
-from lmeasure.trajectory import reconstruct  # noqa: E402
+from lmeasure.trajectory import RunModel, reconstruct, reconstruction_of  # noqa: E402
 
 FloatArray = NDArray[np.float64]
 
@@ -219,9 +219,9 @@ def power(cell: Cell, recorded: FloatArray, j: int | None) -> tuple[bool, bool]:
     if m == 6:
         return False, False
     from lmeasure.sensors import changes_from_counts, lengths_from_counts
-    from lmeasure.trajectory import Reconstruction, Redundancy
+    from lmeasure.trajectory import Redundancy
 
-    reconstruction = Reconstruction(cell.rig, cell.poses[0], cell.record)
+    reconstruction = reconstruction_of(RunModel(cell.rig, cell.poses[0], cell.record))
     redundancy = Redundancy(reconstruction.budget)
     some = np.unique(np.concatenate([np.arange(0, len(cell.time_s), 5), np.flatnonzero((recorded != cell.recorded).any(axis=1))[:50]]))
     epochs = redundancy.epochs(lengths_from_counts(cell.run(cell.recorded)), None).at(some)

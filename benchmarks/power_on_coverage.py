@@ -18,7 +18,7 @@ from lmeasure.core import LMeasureError, se3
 from lmeasure.rig import rig_from_dict
 from lmeasure.sensors import span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.trajectory import align, covariances, prepared, reconstruct
+from lmeasure.trajectory import align, covariances, prepare, reconstruct
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 TIME_S = np.arange(0.0, 2.0, 0.004)
@@ -56,7 +56,7 @@ def draw(number: int) -> Draw:
     true, nominal = with_zeros(zeros), with_zeros(zeros + U_ZERO_DEG * rng.standard_normal(6))
     run = replace(simulate_run(true, TIME_S, poses, noise_mm=0.0, rng=rng).run, rig=nominal, start=None)
     try:
-        reconstruction, _ = prepared(align(run))
+        reconstruction = prepare(align(run))
         found = reconstruct(run)
     except LMeasureError as refused:
         print(f"{number}: {refused}")
@@ -65,11 +65,11 @@ def draw(number: int) -> Draw:
     error = np.where(known, se3.displacement(np.where(known, found.poses, HOME), poses), np.nan)
     both = covariances(found, run)
     whole = both.random + both.factors @ np.swapaxes(both.factors, 1, 2)
-    told, budget = reconstruction.budget.told, reconstruction.budget
+    told, budget = reconstruction.budget.estimate, reconstruction.budget
     if told is None:  # the readings contradict each other from the beginning on, and it says so
         return Draw(number, *[np.nan] * 4)
     # readings are too large by what was taken to be out less what was, and by where within a count each was zeroed, which nobody knows
-    out = span_lengths(nominal, reconstruction.start[None])[0] - span_lengths(true, poses[:1])[0]
+    out = span_lengths(nominal, reconstruction.model.zero_pose[None])[0] - span_lengths(true, poses[:1])[0]
     columns = budget.origin_lengths(np.zeros(1))[0, :6] @ told.mix[-len(told.mean) :]
     off = budget.offsets(np.zeros(1))[0, :6] - out
     return Draw(number, *(_square(e, c) for e, c in (

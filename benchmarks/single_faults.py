@@ -26,7 +26,7 @@ from lmeasure.rig import Cable, Rig, rig_from_dict
 from lmeasure.sensors import lengths_from_counts
 from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.text import is_of
-from lmeasure.trajectory import RESTORED_ORIGIN, Reconstruction, Redundancy, Trajectory, reconstruct
+from lmeasure.trajectory import RESTORED_ORIGIN, Redundancy, RunModel, Trajectory, reconstruct, reconstruction_of
 from lmeasure.trajectory.faults.consistency import JUDGED, SIGNIFICANCE
 from lmeasure.trajectory.faults.reliability import Reliability, reliability
 
@@ -99,7 +99,7 @@ class Cell:
         swing = np.sin(way[0] * TIME_S[:, None]) + 0.4 * np.sin(3.0 * way[1] * TIME_S[:, None])
         self.poses = se3.displaced(HOME, size * swing * rng.choice([-1.0, 1.0], 6))
         self.run = simulate_run(rig, TIME_S, self.poses, noise_mm=0.0, rng=rng).run
-        self._reconstruction = Reconstruction(rig, self.poses[0])
+        self._reconstruction = reconstruction_of(RunModel(rig, self.poses[0]))
         self.redundancy = Redundancy(self._reconstruction.budget)
         self.epochs = self.redundancy.epochs(lengths_from_counts(self.run), None)
         self.per_count = np.array([rig.counter(o).per_count for o in rig.observed])

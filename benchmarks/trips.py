@@ -31,7 +31,7 @@ LOWEST |= {"roots", "saying", "se3", "status", "written"}
 TRIPS = {
     "a run through `reconstruct`": (("trajectory.runs:reconstruct", "trajectory.reconstruction.runs:reconstruct"), "run"),
     "a run folder through `reconstruct_stream`": (
-        ("trajectory.stream:reconstruct_stream", "trajectory.reconstruction.stream:reconstruct_stream"), "head",
+        ("trajectory.stream:reconstruct_stream", "trajectory.reconstruction.runs:reconstruct_stream"), "head",
     ),
     "the options of `lmeasure reconstruct`": (("workflows.reconstruct:run",) * 2, "settings"),
     "every call of `lmeasure reconstruct`": (("workflows.reconstruct:run",) * 2, None),

@@ -29,7 +29,7 @@ from lmeasure.recording import Counts, Program, Run
 from lmeasure.rig import Rig
 from lmeasure.sensors import counts_from_poses, lengths_from_counts, recorded_from_counts
 from lmeasure.simulation import cell_rig
-from lmeasure.trajectory import Reconstruction, Trajectory, motion_of
+from lmeasure.trajectory import RunModel, Trajectory, motion_of, reconstruction_of
 
 FloatArray = NDArray[np.float64]
 
@@ -94,9 +94,9 @@ def measured(rig: Rig, time_s: FloatArray, poses: FloatArray) -> tuple[Run, Traj
     """What the rig records of a motion, whole counts, and the trajectory that it makes of them."""
     recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, START))
     run = Run(rig, START, (Counts(time_s, tuple(c.channel for c in rig.cable), recorded, source="simulated"),))
-    solver = Reconstruction(rig, START)
+    solver = reconstruction_of(RunModel(rig, START))
     lengths = lengths_from_counts(run)
-    return run, trajectory_of(time_s, solver.solve(solver.scheme.rows, solver.start, lengths.change_mm, lengths.flags))
+    return run, trajectory_of(time_s, solver.solve(solver.model.scheme.rows, solver.model.zero_pose, lengths.change_mm, lengths.flags))
 
 
 def dwells(case: Case, seed: int) -> tuple[Evaluation, dict[str, Evaluation]]:

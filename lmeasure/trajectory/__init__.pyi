@@ -1,4 +1,4 @@
-from .faults.consistency import collected as collected
+from .faults.consistency import collect_epochs as collect_epochs
 from .faults.doubts import SETTLED as SETTLED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder, shifted as shifted
 from .faults.redundancy import Epochs as Epochs, Redundancy as Redundancy
 from .faults.reliability import Faults as Faults, faults_shown as faults_shown
@@ -23,13 +23,18 @@ from .motion.attained_poses import (
 from .motion.motion import FULL as FULL, WIDEST_S as WIDEST_S, Motion as Motion, motion_of as motion_of, write_motion as write_motion
 from .motion.spectrum import Vibration as Vibration
 from .motion.vibration import averaged as averaged, with_rest as with_rest
-from .origin.origins import learn as learn
+from .origin.origins import estimate_origins as estimate_origins
 from .reconstruction.live import LivePose as LivePose, PoseWatch as PoseWatch, enough_absolute as enough_absolute
-from .reconstruction.preparation import prepared as prepared
-from .reconstruction.runs import reconstruct as reconstruct
-from .reconstruction.scheme import FREEDOMS as FREEDOMS
-from .reconstruction.screw_method import Reconstruction as Reconstruction
-from .reconstruction.stream import Each as Each, can_stream as can_stream, reconstruct_stream as reconstruct_stream
+from .reconstruction.run_model import FREEDOMS as FREEDOMS, RunModel as RunModel
+from .reconstruction.runs import (
+    Each as Each,
+    can_stream as can_stream,
+    covariances as covariances,
+    prepare as prepare,
+    reconstruct as reconstruct,
+    reconstruct_stream as reconstruct_stream,
+)
+from .reconstruction.screw_method import Reconstruction as Reconstruction, reconstruction_of as reconstruction_of
 from .time.passes import Alignment as Alignment, Stamps as Stamps, align as align, stamps_of as stamps_of
 from .uncertainty.budget import RESTORED_ORIGIN as RESTORED_ORIGIN, Budget as Budget, PoseCovariances as PoseCovariances
 from .uncertainty.pose_errors import (
@@ -46,5 +51,4 @@ from .uncertainty.rounding import (
     phases as phases,
     roundings as roundings,
 )
-from .uncertainty.run_covariances import covariances as covariances
 from .uncertainty.sources import NEAR_RAD as NEAR_RAD, UNKNOWN_MM as UNKNOWN_MM, zero_columns as zero_columns, zeros_of as zeros_of

@@ -14,7 +14,7 @@ from lmeasure.rig import Rig, read_rig
 from lmeasure.sensors import lengths_from_counts, span_lengths, span_rows
 from lmeasure.structure import linkage_of
 from lmeasure.structure.measures import along
-from lmeasure.trajectory import Reconstruction, covariances, reconstruct
+from lmeasure.trajectory import RunModel, covariances, reconstruct, reconstruction_of
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.reconstruction.screw_method import other_near
 
@@ -111,7 +111,7 @@ def test_uncertain_lengths_make_the_whole_run_uncertain(tmp_path: Path) -> None:
     found = reconstruct(run)
     budget = covariances(found, run)
     assert set(budget.sources) == {"start pose"}
-    reconstruction = Reconstruction(run.rig, run.known_start, u_start=run.u_start)
+    reconstruction = reconstruction_of(RunModel(run.rig, run.known_start, u_start=run.u_start))
     drawn = by_monte_carlo(reconstruction, lengths_from_counts(run), found, 300, seed=1)
     u = np.sqrt(np.einsum("nii->ni", found.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", drawn.systematic)), u, rtol=0.17)
@@ -134,6 +134,6 @@ def test_a_start_near_a_fold_is_told_with_the_other_assembly() -> None:
         sides = np.sign(np.linalg.det(span_rows(rows, np.stack([start, pose]))[1]))
         assert sides[0] == -sides[1]
         assert 0.5 * apart < 4.0 < apart
-        (note,) = [n for n in Reconstruction(rig, start)._notes() if n.code == "start.near"]
+        (note,) = [n for n in reconstruction_of(RunModel(rig, start)).notes if n.code == "start.near"]
         assert note.values["apart_mm"] == apart
-    assert not any(n.code == "start.near" for n in Reconstruction(rig, home)._notes())
+    assert not any(n.code == "start.near" for n in reconstruction_of(RunModel(rig, home)).notes)

@@ -39,7 +39,8 @@ from lmeasure.kernels import (
 )
 from lmeasure.rig import FACTORS
 from lmeasure.sensors import guide
-from lmeasure.trajectory.reconstruction import reference as screw_numpy
+from lmeasure.trajectory.reconstruction import screw_method
+from lmeasure.trajectory.uncertainty import budget
 
 SAME_MM, SAME_RAD = 1e-9, 1e-12
 ALL = np.arange(6)
@@ -77,7 +78,7 @@ def test_six_cables(seed: int, radius: float | None, gaps: float) -> None:
     assume(not (reference.angle > np.radians(70.0)).any())
     assert_same(screw.track(rows, HOME, changes, flags, u), reference)
     assert_same(lanes.follow_lanes(rows, HOME, screw.new_state(HOME), changes, flags, u), reference)
-    few = screw_numpy.follow(rows, HOME, screw.new_state(HOME), changes, flags=flags)
+    few = screw_method.follow_together(rows, HOME, screw.new_state(HOME), changes, flags=flags)
     assert few is not None
     assert_same(few, reference)
     np.testing.assert_allclose(_live(rows, changes[:20], u), reference.poses[:20], rtol=0, atol=SAME_MM)
@@ -333,7 +334,7 @@ def test_covariances_of_poses(seed: int) -> None:
         rows, HOME, at, counts, np.ones(6), np.full(6, COUNT_MM**2 / 12.0), of_kernels @ of_kernels.T
     )
     G = twists(channels, at)
-    for of_poses in (pose_covariance.pose_twists, screw_numpy.twists):
+    for of_poses in (pose_covariance.pose_twists, budget.twists_of_six):
         np.testing.assert_allclose(of_poses(rows, at), G, rtol=1e-8, atol=1e-12)
     own, shared = G * COUNT_MM / np.sqrt(12.0), shared_errors(channels, at, G, names, root=root)
     for found, expected in ((own, random), (shared, systematic)):

@@ -18,9 +18,8 @@ from lmeasure.core import FileFormatError, TrajectoryError
 from lmeasure.recording import Run, read_run, write_run
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths, counts_from_poses, lengths_from_counts
-from lmeasure.trajectory import Budget, Reconstruction, align, read_trajectory, reconstruct, write_trajectory
+from lmeasure.trajectory import Budget, RunModel, align, read_trajectory, reconstruct, reconstruction_of, write_trajectory
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
-from lmeasure.trajectory.reconstruction.scheme import scheme_of
 from lmeasure.trajectory.uncertainty.sources import PassClock
 
 TRIALS = 300  # a standard deviation of as many draws is known to 4 %
@@ -71,9 +70,9 @@ def test_at_the_start_the_pose_is_as_uncertain_as_was_stated() -> None:
 def test_monte_carlo_draws_the_start_too() -> None:
     rig = cell(None)
     run = replace(record(rig, *samples_of()), u_start=U_START)
-    reconstruction = Reconstruction(rig, START, u_start=U_START)
+    reconstruction = reconstruction_of(RunModel(rig, START, u_start=U_START))
     lengths = lengths_from_counts(run)
-    linear = reconstruction.add(lengths)
+    linear = reconstruction.trajectory(lengths)
     found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=1)
     u = np.sqrt(np.einsum("nii->ni", linear.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.systematic)), u, rtol=0.17)
@@ -104,9 +103,9 @@ def test_monte_carlo_and_the_linear_law_agree_on_passes() -> None:
     times = run.passes[0].time_s
     chosen = [0, 700, 1499]
     few = Run(rig, START, tuple(replace(p, time_s=times[chosen], recorded=p.recorded[chosen]) for p in run.passes))
-    reconstruction = Reconstruction(rig, START, clocks=(PassClock(), PassClock(0.001)), repeatability_mm=0.05)
+    reconstruction = reconstruction_of(RunModel(rig, START, clocks=(PassClock(), PassClock(0.001)), repeatability_mm=0.05))
     lengths = lengths_from_counts(few)
-    linear = reconstruction.add(lengths)
+    linear = reconstruction.trajectory(lengths)
     found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=2)
     u = np.sqrt(np.einsum("nii->ni", linear.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.systematic)), u, rtol=0.17)
@@ -287,7 +286,7 @@ def test_a_cable_that_was_left_out_moves_no_pose() -> None:
     _, poses = motion(3)
     counts = counts_from_poses(eight, poses, START)
     twists = [
-        Budget(rig, START, scheme_of(rig, START, None)).twists(poses, k, unused, True)
+        Budget(RunModel(rig, START)).twists(poses, k, unused, True)
         for rig, k, unused in (
             (eight, counts, np.eye(8, dtype=np.bool_)[[2, 2, 3]] & [[True], [True], [False]]),
             (seven, np.delete(counts, 2, axis=1), None),
@@ -297,5 +296,5 @@ def test_a_cable_that_was_left_out_moves_no_pose() -> None:
     assert (twists[0][2, :, 2] != 0.0).any()
     np.testing.assert_allclose(np.delete(twists[0][:2], 2, axis=2), twists[1][:2], rtol=1e-9, atol=1e-15)
     counts[1, 5] = np.nan
-    gap = Budget(eight, START, scheme_of(eight, START, None)).twists(poses, counts, None, True)
+    gap = Budget(RunModel(eight, START)).twists(poses, counts, None, True)
     assert (gap[1, :, 5] == 0.0).all()

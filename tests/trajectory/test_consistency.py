@@ -18,9 +18,9 @@ from lmeasure.core import BoolArray, FloatArray, Status
 from lmeasure.rig import read_rig
 from lmeasure.sensors.stated_errors import BAND
 from lmeasure.text import Message, message
-from lmeasure.trajectory import Epochs, collected
+from lmeasure.trajectory import Epochs, collect_epochs
 from lmeasure.trajectory.faults import consistency
-from lmeasure.trajectory.faults.consistency import Consistency, EpochFinder, consistent
+from lmeasure.trajectory.faults.consistency import Consistency, EpochFinder, RunSamples, consistent
 from lmeasure.trajectory.faults.doubts import EVERY, NONE, Doubt, Doubts
 from lmeasure.trajectory.faults.redundancy import ChanceOfContradiction, Parities
 
@@ -557,7 +557,7 @@ def reconstruction(readings: Readings | None, epochs: Epochs, **budget: Any) -> 
         readings.epochs = lambda lengths, travel: epochs.at(lengths.rows)  # type: ignore[attr-defined]
     parts = slice(0, 150), slice(150, len(epochs))
 
-    def examined(pieces: Any) -> Any:
+    def examine(pieces: Any) -> Any:
         assert pieces == "pieces"
         for rows in parts:
             at = epochs.at(rows)
@@ -565,9 +565,9 @@ def reconstruction(readings: Readings | None, epochs: Epochs, **budget: Any) -> 
             yield SimpleNamespace(rows=rows, counts=at.counts), poses, np.full(len(at), 1e3), None
 
     return SimpleNamespace(
-        redundancy=readings, scheme=SimpleNamespace(rows=np.zeros((4, 3))), thinned=None, examined=examined, rig=RIG,
-        budget=SimpleNamespace(scales=np.ones(4), calibrated=True, one_motion=False, **budget),
-        solve_from_told=None if readings is None else readings.solve,
+        redundancy=readings, examine=examine,
+        budget=SimpleNamespace(scales=np.ones(4), calibrated=True, one_motion=False, rig=RIG, **budget),
+        poses_of=None if readings is None else readings.solve,
     )  # fmt: skip
 
 
@@ -575,16 +575,18 @@ def test_epochs_are_collected_piece_by_piece_and_some_are_kept_once() -> None:
     epochs = with_errors((2, 100, 200, 0.2))
     whole = reconstruction(Readings([U] * 4), epochs)
     pieces: Any = "pieces"
-    found, samples = collected(whole, pieces)
+    spread = RunSamples()
+    assert spread.epochs() is None
+    found, samples = collect_epochs(whole, pieces, spread)
     assert samples == N
     np.testing.assert_array_equal(found.time_s, TIME)
-    np.testing.assert_array_equal(whole.thinned.time_s, TIME)
+    kept = spread.epochs()
+    assert kept is not None
+    assert kept.travel is not None
+    np.testing.assert_array_equal(kept.time_s, TIME)
     # sin rises up to 1.57 s, then falls: which way they travelled last, kept from piece to piece
-    assert (whole.thinned.travel[[20, 149, 152]] == 1.0).all()
-    assert (whole.thinned.travel[[250, 399]] == -1.0).all()
-    kept = whole.thinned
-    collected(whole, pieces)
-    assert whole.thinned is kept
+    assert (kept.travel[[20, 149, 152]] == 1.0).all()
+    assert (kept.travel[[250, 399]] == -1.0).all()
 
 
 def test_a_way_back_of_less_than_some_recorded_counts_is_none() -> None:
@@ -594,8 +596,12 @@ def test_a_way_back_of_less_than_some_recorded_counts_is_none() -> None:
     whole = reconstruction(Readings([U] * 4), epochs)
     whole.budget.scales = np.full(4, 2.0)
     pieces: Any = "pieces"
-    collected(whole, pieces)
-    np.testing.assert_array_equal(whole.thinned.travel[[50, 150, 250]], [[0.0] * 4, [1.0] * 4, [1.0, -1.0, 1.0, -1.0]])
+    spread = RunSamples()
+    collect_epochs(whole, pieces, spread)
+    kept = spread.epochs()
+    assert kept is not None
+    assert kept.travel is not None
+    np.testing.assert_array_equal(kept.travel[[50, 150, 250]], [[0.0] * 4, [1.0] * 4, [1.0, -1.0, 1.0, -1.0]])
 
 
 def said(epochs: Epochs, *, calibrated: bool = True, one_motion: bool = False, before: Doubts = NONE, readings: bool = True) -> Doubts:

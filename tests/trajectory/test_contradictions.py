@@ -8,7 +8,7 @@ from test_schemes import EIGHT, rig_of
 
 from lmeasure.core import FloatArray
 from lmeasure.sensors import lengths_from_counts
-from lmeasure.trajectory import Reconstruction, Redundancy, reconstruct
+from lmeasure.trajectory import Redundancy, RunModel, reconstruct, reconstruction_of
 from lmeasure.trajectory.faults.redundancy import chance_of
 
 DRAWS = 400_000
@@ -70,7 +70,7 @@ def test_a_run_knows_its_own_law(exact: bool) -> None:
     drums = [p.drum.model_copy(update={"zero_exact": exact}) for p in rig.observation_point]
     points = tuple(p.model_copy(update={"drum": drum}) for p, drum in zip(rig.observation_point, drums, strict=True))
     run = record(rig.model_copy(update={"observation_point": points}), times, path)
-    redundancy = Redundancy(Reconstruction(run.rig, path[0]).budget)
+    redundancy = Redundancy(reconstruction_of(RunModel(run.rig, path[0])).budget)
     epochs = redundancy.epochs(lengths_from_counts(run), None)
     used = np.ones(8, np.bool_)
     law = redundancy.chance(epochs, path, used)

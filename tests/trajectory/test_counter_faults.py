@@ -14,7 +14,7 @@ from lmeasure.core import Status
 from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.sensors import lengths_from_counts
-from lmeasure.trajectory import Reconstruction, align, reconstruct
+from lmeasure.trajectory import RunModel, align, reconstruct, reconstruction_of
 from lmeasure.trajectory.faults.consistency import EpochFinder
 from lmeasure.trajectory.faults.continuity import Continuity, ContinuityFinder
 
@@ -245,7 +245,7 @@ def test_steps_that_nothing_could_show_are_not_called_seen(samples: int) -> None
 
 def test_of_an_odd_number_of_epochs_the_last_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     run = record(rig_of(EIGHT), *motion(9))
-    reconstruction = Reconstruction(run.rig, run.known_start)
+    reconstruction = reconstruction_of(RunModel(run.rig, run.known_start))
     assert reconstruction.redundancy is not None
     epochs = reconstruction.redundancy.epochs(lengths_from_counts(run), None)
     finder = EpochFinder(reconstruction.redundancy)

@@ -18,7 +18,7 @@ from lmeasure.core import TrajectoryError, se3
 from lmeasure.recording import Run, read_run
 from lmeasure.rig import rig_from_dict
 from lmeasure.sensors import length_residuals, span_lengths
-from lmeasure.trajectory import align, prepared, read_trajectory, reconstruct
+from lmeasure.trajectory import align, prepare, read_trajectory, reconstruct
 from lmeasure.trajectory.faults.redundancy import repeats
 from lmeasure.trajectory.origin import start
 
@@ -46,11 +46,11 @@ def test_six_swivels_and_a_motion_tell_the_start(tmp_path: Path) -> None:
 def test_origins_are_found_as_well_as_is_stated() -> None:
     """Pieces in memory give what the stream does, and what the drums had out is what they had."""
     run = read_run(AUTHORITY / "swivel-run")
-    reconstruction, _ = prepared(align(run))
-    told, budget = reconstruction.budget.told, reconstruction.budget
+    reconstruction = prepare(align(run))
+    told, budget = reconstruction.budget.estimate, reconstruction.budget
     assert told is not None
     phases = 0.012 * np.array(json.loads((AUTHORITY / "swivel-run" / "truth.json").read_text())["phase_counts"])
-    zero = span_lengths(run.rig, truth_of("swivel-run")[:1, 1:])[0] - span_lengths(run.rig, reconstruction.start[None])[0]
+    zero = span_lengths(run.rig, truth_of("swivel-run")[:1, 1:])[0] - span_lengths(run.rig, reconstruction.model.zero_pose[None])[0]
     off = budget.offsets(np.zeros(1))[0, :6] - (phases - zero)
     columns = budget.origin_lengths(np.zeros(1))[0, :6] @ told.mix[-len(told.mean) :]
     covariance = columns @ columns.T

@@ -15,7 +15,7 @@ from lmeasure.kernels import span_lengths, span_rows_of
 from lmeasure.recording import read_run
 from lmeasure.rig import Rig
 from lmeasure.sensors import changes_from_counts, lengths_from_counts
-from lmeasure.trajectory import Epochs, Reconstruction, Redundancy
+from lmeasure.trajectory import Budget, Epochs, Reconstruction, Redundancy, RunModel, reconstruction_of
 from lmeasure.trajectory.faults.redundancy import chance_of, repeats
 
 N = 40
@@ -36,7 +36,7 @@ def prepared(
     """A redundant rig's reconstruction, poses (N, 7), errors of its lengths (N, m) as drawn, their covariance (N m, N m) and residuals."""
     rig = zeroed_anywhere(rig_of(pairs, **changes))
     times, poses = motion(N, rate_hz=20.0)
-    reconstruction = Reconstruction(rig, poses[0], None)
+    reconstruction = reconstruction_of(RunModel(rig, poses[0], None))
     redundancy = Redundancy(reconstruction.budget)
     epochs = redundancy.epochs(lengths_from_counts(record(rig, times, poses, exact=True)), None)
     used = np.ones((N, len(pairs)), np.bool_)
@@ -53,7 +53,7 @@ def test_chi_squared_and_errors_are_those_of_generalised_least_squares(pairs: li
     """Min over the pose of (r - A x)^T S^-1 (r - A x), and the estimate of one more unknown, an error of cable j."""
     reconstruction, redundancy, poses, errors, covariance = prepared(pairs)
     m = len(pairs)
-    rig = reconstruction.rig
+    rig = reconstruction.model.rig
     epochs = redundancy.epochs(lengths_from_counts(record(rig, *motion(N, rate_hz=20.0), exact=True)), None)
     epochs.gone_on_mm[:] += errors
     parities = redundancy.parities(epochs, poses)
@@ -82,13 +82,13 @@ def test_chi_squared_and_errors_are_those_of_generalised_least_squares(pairs: li
 def test_together_epochs_are_one_draw_of_what_they_share() -> None:
     reconstruction, redundancy, poses, errors, covariance = prepared(EIGHT)
     m, few = 8, np.array([3, 11, 20, 33])
-    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0), exact=True)), None)
     epochs.gone_on_mm[:] += errors
     used = np.ones((len(few), m), np.bool_)
     used[:, 2] = False
     together, alone, freedom = redundancy.jointly(epochs.at(few), poses[few], used)
     assert freedom == 1
-    rows = span_rows_of(reconstruction.rig.cable_rows(), poses[few]) * np.repeat([1.0 / 150.0, 1.0], 3)
+    rows = span_rows_of(reconstruction.model.rig.cable_rows(), poses[few]) * np.repeat([1.0 / 150.0, 1.0], 3)
     kept = np.flatnonzero(used.ravel())
     index = (few[:, None] * m + np.arange(m)).ravel()[kept]
     S, r, A = covariance[np.ix_(index, index)], errors.ravel()[index], block_diag(*rows)[kept]
@@ -105,7 +105,7 @@ def test_chi_squared_has_its_degrees_of_freedom_over_draws_of_the_run() -> None:
     found = []
     for seed in range(60):
         reconstruction, redundancy, poses, errors, _ = prepared(EIGHT, seed)
-        epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+        epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0), exact=True)), None)
         epochs.gone_on_mm[:] += errors
         found.append(redundancy.parities(epochs.at(slice(10, N, 10)), poses[10::10]).chi_squared)
     assert np.mean(found) == pytest.approx(2.0, abs=4.0 * 2.0 / np.sqrt(60))
@@ -115,7 +115,7 @@ def test_chi_squared_has_its_degrees_of_freedom_over_draws_of_the_run() -> None:
 def test_what_nothing_controls_has_no_error() -> None:
     """Of seven cables one is not used: six tell a pose and nothing else."""
     reconstruction, redundancy, poses, errors, _ = prepared(SEVEN)
-    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0), exact=True)), None)
     epochs.gone_on_mm[:] += errors
     epochs.change_mm[:, 4] = np.nan
     parities = redundancy.parities(epochs, poses)
@@ -127,7 +127,7 @@ def test_what_nothing_controls_has_no_error() -> None:
 def test_two_cables_side_by_side_control_each_other_alone() -> None:
     """The seventh runs where the first does: what the other five err by nobody sees."""
     reconstruction, redundancy, poses, errors, _ = prepared([*SEVEN[:6], SEVEN[0]])
-    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0), exact=True)), None)
     epochs.gone_on_mm[:] += errors
     parities = redundancy.parities(epochs, poses)
     assert (parities.freedom == 1).all()
@@ -143,7 +143,7 @@ def test_what_the_others_could_hardly_show_is_not_controlled(apart_mm: float, co
     apart by is a 1e-7 of their variance, or a thousandth."""
     beside = TOOL | {"P4": [apart_mm, 150.0, 0.0]}
     reconstruction, redundancy, poses, _, _ = prepared([*SEVEN[:6], ("B1", "P4")], tool=beside)
-    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0), exact=True)), None)
     u = redundancy.parities(epochs, poses).errors[1]
     assert np.isfinite(u[:, [0, 6]]).all()
     assert np.isfinite(u[:, 1:6]).any() == controlled
@@ -152,8 +152,8 @@ def test_what_the_others_could_hardly_show_is_not_controlled(apart_mm: float, co
 def test_the_chance_of_contradictions_is_the_mean_of_places_spread_over_the_run() -> None:
     """One cable is not used; what is rounded, within a count, and what is normal are told apart, in a basis of SciPy's."""
     reconstruction, redundancy, poses, _, _ = prepared(EIGHT)
-    budget, rows = reconstruction.budget, span_rows_of(reconstruction.rig.cable_rows(), poses)
-    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    budget, rows = reconstruction.budget, span_rows_of(reconstruction.model.rig.cable_rows(), poses)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0), exact=True)), None)
     epochs = replace(epochs, variance_mm2=epochs.variance_mm2 + np.arange(8.0) * 1e-6)
     used = np.arange(8) != 2
     shared = redundancy.shared(epochs, poses, np.tile(used, (N, 1)))[:, used]
@@ -182,13 +182,13 @@ def with_swivels() -> tuple[Redundancy, Epochs, FloatArray]:
     poses = truth_of("swivel-run")[:: len(run.passes[0].time_s) // N, 1:][:N]
     (counts,) = run.passes
     few = replace(counts, time_s=counts.time_s[::50][:N], recorded=counts.recorded[::50][:N])
-    redundancy = Redundancy(Reconstruction(run.rig, poses[0], None, u_start=(0.05, 1e-4)).budget)
+    redundancy = Redundancy(reconstruction_of(RunModel(run.rig, poses[0], None, u_start=(0.05, 1e-4))).budget)
     return redundancy, redundancy.epochs(lengths_from_counts(replace(run, passes=(few,), start=poses[0])), None), poses
 
 
 def with_eight() -> tuple[Redundancy, Epochs, FloatArray]:
     reconstruction, redundancy, poses, errors, _ = prepared(EIGHT)
-    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0), exact=True)), None)
     epochs.gone_on_mm[:] += errors
     return redundancy, epochs, poses
 
@@ -268,21 +268,21 @@ def test_weights_of_samples_without_what_they_share() -> None:
 
 def test_epochs_hold_what_was_used_and_what_was_shown() -> None:
     reconstruction, redundancy, _, _, _ = prepared(EIGHT)
-    lengths = lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0)))
+    lengths = lengths_from_counts(record(reconstruction.model.rig, *motion(N, rate_hz=20.0)))
     assert lengths.gone_on is not None
     lengths.change_mm[3, 5] = np.nan
     u_mm = 0.001 * np.arange(8.0) * np.ones((N, 1))
     epochs = redundancy.epochs(replace(lengths, missed_mm=u_mm), None)
     assert np.isnan(epochs.change_mm[3, 5])
     # of what is not used the counts alone tell
-    shown = changes_from_counts(reconstruction.rig, lengths.gone_on, reconstruction.rig.cable)
+    shown = changes_from_counts(reconstruction.model.rig, lengths.gone_on, reconstruction.model.rig.cable)
     assert epochs.gone_on_mm[3, 5] == pytest.approx(shown[3, 5])
     np.testing.assert_array_equal(np.delete(epochs.gone_on_mm.ravel(), 29), np.delete(lengths.change_mm.ravel(), 29))
     np.testing.assert_allclose(epochs.variance_mm2, reconstruction.budget.variance + u_mm**2)
     gone_on = lengths.gone_on + 5.0
     np.testing.assert_array_equal(redundancy.epochs(replace(lengths, gone_on=gone_on), None).counts, gone_on)
     np.testing.assert_array_equal(redundancy.epochs(replace(lengths, gone_on=None), None).counts, lengths.counts)
-    without = epochs.without([1, 4])
+    without = epochs.excluding([1, 4])
     assert np.isnan(without.change_mm[:, [1, 4]]).all()
     assert np.isfinite(np.delete(without.change_mm, [1, 4, 5], axis=1)).all()
     assert np.isfinite(epochs.change_mm[:, [1, 4]]).all()
@@ -295,12 +295,12 @@ def test_how_often_a_reading_is_repeated() -> None:
 
 def test_readings_count_from_the_start_or_from_where_they_were_zeroed() -> None:
     reconstruction, redundancy, poses, _, _ = prepared(EIGHT)
-    spans = span_lengths(reconstruction.scheme.rows, poses[:1])[0]
+    spans = span_lengths(reconstruction.model.scheme.rows, poses[:1])[0]
     np.testing.assert_allclose(redundancy.zero, spans)
     begun = np.arange(8.0)
-    np.testing.assert_allclose(Redundancy(reconstruction.budget, begun).zero, spans - begun)
+    np.testing.assert_allclose(Redundancy(Budget(replace(reconstruction.model, begun=begun))).zero, spans - begun)
     run = read_run(AUTHORITY / "swivel-run")
-    absolute = Redundancy(Reconstruction(run.rig, poses[0], None).budget)
+    absolute = Redundancy(reconstruction_of(RunModel(run.rig, poses[0], None)).budget)
     assert (absolute.zero[6:] == 0.0).all()
     # on the circle: a turn more is the same
     few = np.zeros((1, 12))

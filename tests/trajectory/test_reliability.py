@@ -8,8 +8,8 @@ from test_truth import AUTHORITY
 
 from lmeasure.recording import read_run
 from lmeasure.text import plain
-from lmeasure.trajectory import Epochs, align, collected, prepared
-from lmeasure.trajectory.faults.reliability import SHIFT, of_run, reliability, said, said_apart
+from lmeasure.trajectory import Epochs, align, collect_epochs, prepare
+from lmeasure.trajectory.faults.reliability import SHIFT, reliability, reliability_notes, reliability_of_run
 
 
 @pytest.mark.parametrize(("name", "samples", "channels"), [("eight-run", 300, 8), ("swivel-run", 200, 12)])
@@ -18,11 +18,11 @@ def test_a_fault_of_the_stated_size_does_what_is_stated(name: str, samples: int,
     counts = whole.passes[0]
     run = replace(whole, passes=(replace(counts, time_s=counts.time_s[:samples], recorded=counts.recorded[:samples]),))
     aligned = align(run)
-    reconstruction, _ = prepared(aligned)
+    reconstruction = prepare(aligned)
     assert reconstruction.redundancy is not None
     lengths = reconstruction.corrected(aligned.lengths)
     epochs = reconstruction.redundancy.epochs(lengths, None).at(np.arange(0, samples, 40))
-    poses = reconstruction.solve_from_told(epochs.change_mm)
+    poses = reconstruction.poses_of(epochs.change_mm)
     found = reliability(reconstruction, epochs, poses)
     np.testing.assert_allclose(found.redundancy.sum(axis=1), channels - 6, atol=1e-9)
     assert ((found.redundancy > -1e-12) & (found.redundancy < 1.0)).all()
@@ -36,14 +36,15 @@ def test_a_fault_of_the_stated_size_does_what_is_stated(name: str, samples: int,
         error, u = reconstruction.redundancy.parities(spoiled, poses).errors
         np.testing.assert_allclose((error - sound)[:, j] / u[:, j], 1e-2 * SHIFT, rtol=1e-6)
         np.testing.assert_allclose((error - sound) / u, 1e-2 * SHIFT * found.correlation[:, j], rtol=1e-6, atol=1e-9)
-        away = reconstruction.solve_from_told(moved)[:, :3] - poses[:, :3]
+        away = reconstruction.poses_of(moved)[:, :3] - poses[:, :3]
         np.testing.assert_allclose(np.linalg.norm(away, axis=1), 1e-2 * found.effect_mm[:, j], rtol=1e-3)
-    told = of_run(reconstruction, collected(reconstruction, [aligned.lengths])[0])
+    told = reliability_of_run(reconstruction, collect_epochs(reconstruction, [aligned.lengths])[0])
     assert told is not None
     size = told.apart[:, 0]
     least = f"{size.min():.2g} mm, in places none" if np.isinf(size).any() else f"{size.min():.2g} to {size.max():.2g} mm"
-    assert f": c1 {plain(least)}" in plain(str(said_apart(reconstruction, told)))
-    assert f"moves the tool by up to {told.effect_mm.max():.3g} mm" in str(said(reconstruction, told))
+    largest, smallest = reliability_notes(run.rig, told)
+    assert f": c1 {plain(least)}" in plain(str(smallest))
+    assert f"moves the tool by up to {told.effect_mm.max():.3g} mm" in str(largest)
     assert str(reconstruction.reliability[0]).startswith("reliability of single samples (Baarda, significance 0.1 %, power 80 %)")
 
 
@@ -54,7 +55,7 @@ def test_a_channel_that_nothing_controls_is_named() -> None:
     recorded = counts.recorded[:200].copy()
     recorded[100:, [2, 5]] = np.nan
     run = replace(whole, passes=(replace(counts, time_s=counts.time_s[:200], recorded=recorded),))
-    reconstruction, _ = prepared(align(run))
+    reconstruction = prepare(align(run))
     assert "nothing controls" in str(reconstruction.reliability[0])
     assert "c3 0." in str(reconstruction.reliability[1])
     assert "mm, in places none" in str(reconstruction.reliability[1])

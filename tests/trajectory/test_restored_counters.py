@@ -15,7 +15,7 @@ from test_truth import AUTHORITY
 from lmeasure.core import Status
 from lmeasure.procedures import explained
 from lmeasure.recording import Run, read_run
-from lmeasure.trajectory import align, prepared, reconstruct
+from lmeasure.trajectory import align, prepare, reconstruct
 from lmeasure.trajectory.reconstruction.live import AnyChannels
 
 
@@ -95,14 +95,14 @@ def test_a_live_pose_goes_on_with_what_was_restored() -> None:
     counts, n = run.passes[0], 1000
     assert np.abs(np.diff(counts.of("ch3"))).max() < run.rig.point("B3").drum.rate * 0.004
     known = replace(run, passes=(replace(counts, time_s=TIME_S[:n], recorded=counts.recorded[:n]),))
-    reconstruction, doubts = prepared(align(known))
+    reconstruction = prepare(align(known))
     # what slipped is no effect that a rig leaves out, and no point that moved
     assert explained(reconstruction) == ()
-    way = AnyChannels(reconstruction, doubts, TIME_S[:n], counts.recorded[:n])
+    way = AnyChannels(reconstruction, TIME_S[:n], counts.recorded[:n])
     assert way.last[0] == Status.OK
     steps = [way.step(t, recorded) for t, recorded in zip(TIME_S[n:], counts.recorded[n:], strict=True)]
     assert {status for status, _, _ in steps} == {Status.OK}
-    whole = AnyChannels(*prepared(align(sound())))
+    whole = AnyChannels(prepare(align(sound())))
     expected = [whole.step(t, recorded)[1] for t, recorded in zip(TIME_S, sound().passes[0].recorded, strict=True)]
     # as near to the pose as that of the sound run
     apart = np.array([pose[:3] for _, pose, _ in steps]) - [pose[:3] for pose in expected[n:]]

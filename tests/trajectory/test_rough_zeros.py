@@ -16,7 +16,7 @@ from lmeasure.core import Status, TrajectoryError, se3
 from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
-from lmeasure.trajectory import NEAR_RAD, Reconstruction, covariances, reconstruct
+from lmeasure.trajectory import NEAR_RAD, RunModel, covariances, reconstruct, reconstruction_of
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, variance_until_told
 
 TIME_S = np.arange(0.0, 1.5, 0.005)
@@ -99,8 +99,8 @@ def test_an_encoder_known_about_adds_nothing_wrong_to_six_drums() -> None:
 def test_where_poses_need_an_encoder_its_zero_must_be_known() -> None:
     """Five drums and an encoder: readings of an unknown zero fit any pose."""
     with pytest.raises(TrajectoryError, match=r"the zero of sw1 is not known, .* state zero_deg"):
-        Reconstruction(with_encoders({1: UNKNOWN}, 5), START)
-    Reconstruction(with_encoders({1: WELL}, 5), START)
+        reconstruction_of(RunModel(with_encoders({1: UNKNOWN}, 5), START))
+    reconstruction_of(RunModel(with_encoders({1: WELL}, 5), START))
 
 
 def test_channels_that_contradict_each_other_are_no_unknown_zero() -> None:

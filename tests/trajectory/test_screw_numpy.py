@@ -14,7 +14,7 @@ from lmeasure.kernels import screw
 from lmeasure.recording import write_run
 from lmeasure.rig import Rig
 from lmeasure.sensors import span_lengths
-from lmeasure.trajectory.reconstruction import reference
+from lmeasure.trajectory.reconstruction import screw_method
 
 U = np.full(6, 0.0035)
 
@@ -24,10 +24,10 @@ def changes(rig: Rig, poses: FloatArray, noise_mm: float = 0.0) -> FloatArray:
     return np.asarray(lengths + np.random.default_rng(0).normal(0.0, 1.0, lengths.shape) * noise_mm)
 
 
-def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[reference.Followed | None, FloatArray]:
+def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[screw_method.Followed | None, FloatArray]:
     flags = np.zeros(len(change), np.int64) if flags is None else flags
     state = screw.new_state(START)
-    return reference.follow(rig.cable_rows(), START, state, change, flags=flags), state
+    return screw_method.follow_together(rig.cable_rows(), START, state, change, flags=flags), state
 
 
 def test_where_a_run_has_got_to_is_the_kernels() -> None:
@@ -53,7 +53,7 @@ def test_what_is_not_plain_is_left_to_the_kernels() -> None:
     np.testing.assert_array_equal(state, screw.new_state(START))
     lost = screw.new_state(START)
     lost[screw.LOST] = 1.0
-    assert reference.follow(rig.cable_rows(), START, lost, change, flags=np.zeros(300, np.int64)) is None
+    assert screw_method.follow_together(rig.cable_rows(), START, lost, change, flags=np.zeros(300, np.int64)) is None
     contradicting = change.copy()
     contradicting[200, 0] = np.nan
     assert follow(rig, contradicting)[0] is None

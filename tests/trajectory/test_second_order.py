@@ -15,7 +15,7 @@ from lmeasure.core import se3
 from lmeasure.kernels import ANGLE_ZERO, ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, span_lengths, span_rows_of
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
-from lmeasure.trajectory import Reconstruction, covariances, reconstruct
+from lmeasure.trajectory import RunModel, covariances, reconstruct, reconstruction_of
 from lmeasure.trajectory.uncertainty.sources import DRAWS, beyond_first, second_order_variables
 
 DRUMS, POINTS = 3, (1, 3, 5)
@@ -105,7 +105,7 @@ def test_poses_of_as_many_channels_as_unknowns_lie_in_their_regions() -> None:
 
 @pytest.mark.parametrize(("u_deg", "more"), [(0.002, 0), (1.0, second_order_variables(3))])
 def test_zeros_that_are_known_well_need_no_more(u_deg: float, more: int) -> None:
-    budget = Reconstruction(square(u_deg), START).budget
+    budget = reconstruction_of(RunModel(square(u_deg), START)).budget
     assert len(budget.sources) == len(budget.uniform) == sum(len(s.names) for s in budget.every) + more
 
 

@@ -141,7 +141,7 @@ def test_drums_alone_are_not_searched_for_slips(monkeypatch: pytest.MonkeyPatch)
     def searched(*_: object) -> None:
         raise AssertionError("searched")
 
-    monkeypatch.setattr("lmeasure.trajectory.reconstruction.preparation.slip", searched)
+    monkeypatch.setattr("lmeasure.trajectory.origin.origins.slip", searched)
     found = reconstruct(read_run(AUTHORITY / "eight-run"))
     assert (found.status == Status.OK).all()
 

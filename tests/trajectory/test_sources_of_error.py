@@ -11,11 +11,9 @@ from lmeasure.core import se3
 from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.sensors import Lengths, counts_from_poses, effects_of, lengths_from_counts, span_lengths
-from lmeasure.trajectory import Budget
-from lmeasure.trajectory.reconstruction.corrections import Correction
-from lmeasure.trajectory.reconstruction.scheme import scheme_of
+from lmeasure.trajectory import Budget, RunModel
 from lmeasure.trajectory.uncertainty.budget import PHYSICAL, RESTORED
-from lmeasure.trajectory.uncertainty.sources import PassClock, Situation, Told
+from lmeasure.trajectory.uncertainty.sources import OriginEstimate, PassClock, Situation
 
 TIMES, POSES = motion(5, rate_hz=2.0)
 PLAY, SCALE, COUNT_MM = 3.0, 1.25, 0.012
@@ -33,7 +31,7 @@ def rig_of(*, encoders: bool, **drum: Any) -> Rig:
 
 
 def budget_of(rig: Rig, **given: Any) -> Budget:
-    return Budget(rig, START, scheme_of(rig, START, None), **given)
+    return Budget(RunModel(rig, START, **given))
 
 
 def lengths(budget: Budget, rig: Rig) -> dict[str, list[FloatArray]]:
@@ -68,7 +66,7 @@ def test_what_acts_on_cables_does_not_act_on_the_encoders_behind_them(physical: 
         if physical:
             effects = effects_of(rig)
             assert effects is not None
-            given["correction"] = Correction(effects, scheme_of(rig, START, None), START, 20.0)
+            given["temperature_c"] = 20.0
         found.append(lengths(budget_of(rig, **given), rig))
     names = [name for name in found[0] if name != "zero phase"]
     assert names
@@ -85,8 +83,8 @@ def test_a_restored_origin_errs_from_when_until_when_it_goes_on() -> None:
     rig = rig_of(encoders=True)
     budget = budget_of(rig)
     before = budget.sources
-    budget.restore(2, 0.5, 1.5)
-    budget.restore(7, 1.0)
+    budget = budget.with_restored(2, 0.5, 1.5)
+    budget = budget.with_restored(7, 1.0)
     assert budget.sources == (*before, RESTORED, RESTORED)
     assert len(budget.uniform) == len(budget.sources)
     assert budget.origin_names[-2:] == (RESTORED, RESTORED)
@@ -100,8 +98,8 @@ def test_a_restored_origin_errs_from_when_until_when_it_goes_on() -> None:
 def test_what_a_run_tells_of_its_origins_is_used_and_forgotten() -> None:
     rig = rig_of(encoders=True, u_run_out_mm=0.02)
     budget = budget_of(rig, u_start=(0.3, 0.001))
-    budget.restore(2, 0.5, 1.5)
-    budget.restore(7, 1.0)
+    budget = budget.with_restored(2, 0.5, 1.5)
+    budget = budget.with_restored(7, 1.0)
     assert budget.restored_origins() == []
     np.testing.assert_array_equal(budget.offsets(TIMES), np.zeros((1, 8)))
     own, sources = len(budget.origin_names), budget.sources
@@ -110,7 +108,7 @@ def test_what_a_run_tells_of_its_origins_is_used_and_forgotten() -> None:
     mean = np.arange(1.0, own + 1.0)
     mix = np.diag(np.arange(1.0, every + 1.0))
     before = budget.lengths_of(situation := situation_of(rig), budget.every)
-    budget.use(Told(mean, mix, 0.0, 1, POSES, mix**2, np.zeros(every - own)))
+    budget = budget.with_estimate(OriginEstimate(mean, mix, 0.0, 1, POSES, mix**2, np.zeros(every - own)))
     # as many as there are variables in all: the restored ones are the last
     circle = 2.0 * np.pi / np.sqrt(12.0)
     assert budget.restored_origins() == [
@@ -123,7 +121,7 @@ def test_what_a_run_tells_of_its_origins_is_used_and_forgotten() -> None:
     assert budget.sources == (*sources[: every - own], *["origins of the channels"] * own)
     assert not any(budget.uniform[-own:])
     np.testing.assert_array_equal(budget.length_variance, budget.variance)
-    budget.use(None)
+    budget = budget.with_estimate(None)
     assert budget.sources == sources
     np.testing.assert_allclose(budget.lengths_of(situation, budget.every), before)
 
@@ -228,7 +226,7 @@ def test_readings_are_weighed_by_their_zero_phase_until_the_run_has_told_it() ->
     anywhere = own * [1.0, 2.0, 1.0, 1.0, 1.0, 1.0]
     np.testing.assert_allclose(budget.length_variance, anywhere)
     np.testing.assert_allclose(budget.weights, np.sqrt(own[0] / anywhere))
-    budget.use(Told(np.zeros(1), np.eye(1), 0.0, 1, POSES, np.eye(1), np.zeros(0)))
+    budget = budget.with_estimate(OriginEstimate(np.zeros(1), np.eye(1), 0.0, 1, POSES, np.eye(1), np.zeros(0)))
     np.testing.assert_allclose(budget.length_variance, own)
     np.testing.assert_allclose(budget.weights, 1.0)
 
@@ -259,10 +257,10 @@ def test_origins_are_the_start_the_phases_and_the_zeros_and_stand_last() -> None
     assert len(budget.sources) > 11
     assert [n for n, uniform in zip(budget.sources, budget.uniform, strict=True) if uniform] == ["zero phase"] * 6
     before = budget.uniform
-    budget.use(None)
+    budget = budget.with_estimate(None)
     assert budget.uniform == before
     assert not budget.calibrated
-    out = budget_of(rig, unknown=True)
+    out = budget_of(rig, begun=np.zeros(8))
     assert out.origin_names == ("zero phase",) * 6 + ("unknown start",) * 6 + ("zero",) * 2
 
 
@@ -282,7 +280,7 @@ def test_covariances_in_pieces_are_those_of_the_factors(monkeypatch: pytest.Monk
         if told:
             own, every = len(budget.origin_names), len(budget.sources)
             mix = np.tril(np.arange(1.0, every**2 + 1.0).reshape(every, every)) / every**2
-            budget.use(Told(np.zeros(own), mix, 0.0, 1, POSES, mix @ mix.T, np.zeros(every - own)))
+            budget = budget.with_estimate(OriginEstimate(np.zeros(own), mix, 0.0, 1, POSES, mix @ mix.T, np.zeros(every - own)))
         given: dict[str, Any] = {"counts": found.counts, "speed_mm_s": budget.speed_mm_s(found), "u_mm": found.u_mm}
         whole = budget.of(TIMES, POSES, unused=unused, **given)
         random, systematic = budget.covariances(POSES, found, unused)

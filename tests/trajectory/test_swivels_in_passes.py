@@ -13,7 +13,7 @@ from lmeasure.procedures.intermediate_check.moved_parts import Together
 from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
-from lmeasure.trajectory import RESTORED_ORIGIN, Reconstruction, align, covariances, prepared, reconstruct, zero_columns
+from lmeasure.trajectory import RESTORED_ORIGIN, RunModel, align, covariances, prepare, reconstruct, reconstruction_of, zero_columns
 
 TIME_S = np.arange(0.0, 1.2, 0.006)
 ZEROS_DEG = np.array([12.0, -140.0, 71.0])
@@ -94,7 +94,7 @@ def test_a_rig_of_one_pass_has_plain_names() -> None:
 def test_of_two_assemblies_the_one_is_begun_in_which_the_drums_go_on() -> None:
     """The other fits the first samples as well, 47 mm away, and is found nearer to where it begins."""
     run, poses = run_of(13, start=False)
-    start = prepared(align(run))[0].start
+    start = prepare(align(run)).model.zero_pose
     assert np.linalg.norm(start[:3] - poses[0, :3]) < 1.0
 
 
@@ -104,7 +104,7 @@ def test_an_encoder_has_one_zero_and_one_fault_in_all_passes_and_so_has_a_drum()
     columns, names = zero_columns(rig, None)
     assert names == ["sw1", "sw2", "sw3"]
     assert [np.flatnonzero(column).tolist() for column in columns.T] == [[6, 7], [8, 9], [10, 11]]
-    reconstruction = Reconstruction(rig, poses[0])
+    reconstruction = reconstruction_of(RunModel(rig, poses[0]))
     redundancy = reconstruction.redundancy
     assert redundancy is not None
     epochs, some = redundancy.epochs(align(run).lengths, None), np.arange(0, 200, 20)

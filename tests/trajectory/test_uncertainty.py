@@ -10,7 +10,7 @@ from lmeasure.kernels import PARAMETERS
 from lmeasure.recording import Counts, Run
 from lmeasure.rig import CalibrationRecord, Rig, parameter_names, rig_from_dict
 from lmeasure.sensors import lengths_from_counts
-from lmeasure.trajectory import Reconstruction, reconstruct
+from lmeasure.trajectory import RunModel, reconstruct, reconstruction_of
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo, moved_rows
 
 TRIALS = 600
@@ -143,9 +143,9 @@ def test_monte_carlo_and_the_linear_law_agree() -> None:
     rig, record_ = calibrated()
     times, poses = samples_of()
     run = Run(rig, START, record(rig, times, poses).passes, record_)
-    reconstruction = Reconstruction(rig, START, record_)
+    reconstruction = reconstruction_of(RunModel(rig, START, record_))
     lengths = lengths_from_counts(run)
-    linear = reconstruction.add(lengths)
+    linear = reconstruction.trajectory(lengths)
     told: list[int] = []
     found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=5, progress=lambda done, of: told.append(of - done))
     assert told == list(range(2 * TRIALS - 1, -1, -1))
@@ -162,10 +162,10 @@ def test_monte_carlo_and_the_linear_law_agree() -> None:
 def test_too_few_trials_are_refused() -> None:
     rig = cell()
     run = record(rig, *motion(3))
-    reconstruction = Reconstruction(rig, START)
+    reconstruction = reconstruction_of(RunModel(rig, START))
     lengths = lengths_from_counts(run)
     with pytest.raises(TrajectoryError, match="1 trials"):
-        by_monte_carlo(reconstruction, lengths, reconstruction.add(lengths), 1)
+        by_monte_carlo(reconstruction, lengths, reconstruction.trajectory(lengths), 1)
 
 
 def test_moved_rows_are_those_of_the_moved_rig() -> None:

@@ -22,7 +22,7 @@ from lmeasure.recording import Counts, Run, read_run
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.sensors import count_variance, counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.trajectory import Reconstruction, reconstruct
+from lmeasure.trajectory import RunModel, reconstruct, reconstruction_of
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
 
 FloatArray = NDArray[np.float64]
@@ -160,9 +160,9 @@ def test_monte_carlo_draws_the_phase() -> None:
     rig = phased()
     times, poses = motion(3, rate_hz=2.0)
     run = record(rig, times, poses)
-    reconstruction = Reconstruction(rig, START)
+    reconstruction = reconstruction_of(RunModel(rig, START))
     lengths = lengths_from_counts(run)
-    linear = reconstruction.add(lengths)
+    linear = reconstruction.trajectory(lengths)
     found = by_monte_carlo(reconstruction, lengths, linear, 300, seed=4)
     u = np.sqrt(np.einsum("nii->ni", linear.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.systematic)), u, rtol=0.17)
@@ -185,7 +185,7 @@ def test_passes_share_a_phase_unless_the_counter_was_zeroed_again() -> None:
     run = record(rig, *motion(30))
     # as they are before redundant cables tell of them
     lengths, found = lengths_from_counts(run), reconstruct(run)
-    budget, nothing = Reconstruction(rig, run.known_start).budget, np.zeros(lengths.counts.shape)
+    budget, nothing = reconstruction_of(RunModel(rig, run.known_start)).budget, np.zeros(lengths.counts.shape)
     law = budget.of(lengths.time_s, found.poses, counts=lengths.counts, speed_mm_s=nothing)
     assert law.sources == ("zero phase",) * 8
     np.testing.assert_allclose(law.factors[:, :, 0], law.own[:, :, 0] + law.own[:, :, 4], rtol=1e-9, atol=1e-12)
@@ -239,8 +239,8 @@ def test_phases_do_not_cancel_where_the_start_came_from_lengths() -> None:
     channels = tuple(c.channel for c in rig.cable)
     law = None
     for _ in range(80):
-        reconstruction = Reconstruction(rig, START, u_start=(0.0, 0.0, u_length))
-        start = reconstruction.budget.drawn_start(generator, reconstruction.scheme.rows)
+        reconstruction = reconstruction_of(RunModel(rig, START, u_start=(0.0, 0.0, u_length)))
+        start = reconstruction.budget.drawn_start(generator, reconstruction.model.scheme.rows)
         recorded = recorded_from_counts(rig, true, phase=drawn_phases(rig, generator))
         run = Run(rig, start, (Counts(np.arange(60) / 20.0, channels, recorded, source="drawn"),), u_start=(0.0, 0.0, u_length))
         trajectory = reconstruct(run)

@@ -13,7 +13,7 @@ from lmeasure.procedures.intermediate_check.moved_parts import Cause, Verdict, a
 from lmeasure.procedures.intermediate_check.stops import Stops, find_stops
 from lmeasure.recording import Run
 from lmeasure.text import decimal, texts
-from lmeasure.trajectory import Alignment, Reconstruction, align, collected, learn, prepared
+from lmeasure.trajectory import Alignment, Reconstruction, RunModel, align, collect_epochs, estimate_origins, prepare, reconstruction_of
 
 ASSUMED_MM = 0.05
 """Standard deviation per axis with which a robot comes back, where nobody states it: an industrial robot's."""
@@ -83,7 +83,7 @@ class Checked(Shown):
 
 def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limits | None = None) -> Checked:
     """Check an instrument by a run of it, which begins where it says or where absolute encoders tell. TrajectoryError where neither is so,
-    of too few stops, or names that are none of its places; raises what `prepared` raises."""
+    of too few stops, or names that are none of its places; raises what `prepare` raises."""
     limits = limits or Limits()
     aligned = align(run)
     reconstruction = _reconstruction(run, aligned)
@@ -108,7 +108,7 @@ def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limit
     tests = len(found) + (reconstruction.redundancy is not None)
     limit = limits.alarm / max(tests, 1)
     told = None
-    if reconstruction.correction is not None:
+    if reconstruction.model.correction is not None:
         notes.append("effects")
     else:
         told = agreement(reconstruction, stops, limit)
@@ -123,12 +123,11 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
         if not any(run.rig.counter(o).absolute for o in run.rig.observed):
             # says what to do
             _ = run.known_start
-        found = prepared(aligned)[0]
         # by all channels: what one of them has against the others is what the check is about
-        found.use(None)
-        learn(found, collected(found, [aligned.lengths])[0])
-        return found
-    return Reconstruction(run.rig, run.start, run.calibration, u_start=run.u_start, clocks=aligned.clocks, temperature_c=run.temperature_c)
+        found = prepare(aligned).with_estimate(None)
+        return found.with_estimate(estimate_origins(found, collect_epochs(found, [aligned.lengths])[0]))
+    model = RunModel(run.rig, run.start, run.calibration, u_start=run.u_start, clocks=aligned.clocks, temperature_c=run.temperature_c)
+    return reconstruction_of(model)
 
 
 def as_dict(found: Checked) -> dict[str, Any]:

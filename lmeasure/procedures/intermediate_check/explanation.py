@@ -52,25 +52,20 @@ LAWS = {
 def explained(reconstruction: Reconstruction) -> tuple[Message, ...]:
     """What is to be said of a run that is prepared: nothing where it has one channel for each unknown, several passes, a part of the motion
     held, or temperature, stretch and sag to be taken off."""
-    redundancy, thinned, told = reconstruction.redundancy, reconstruction.thinned, reconstruction.budget.told
-    rig, free = reconstruction.rig, len(reconstruction.scheme.free)
-    if redundancy is None or thinned is None or reconstruction.correction is not None or rig.passes > 1 or free < len(FREEDOMS):
+    model, samples = reconstruction.model, reconstruction.samples
+    rig, free = model.rig, len(model.scheme.free)
+    if samples is None or model.correction is not None or rig.passes > 1 or free < len(FREEDOMS):
         return ()
-    budget = reconstruction.budget
     # what a counter lost is looked for among what is left, and would lead poses astray
-    right = changes_from_counts(rig, shifted(reconstruction.shifts, thinned.time_s, thinned.counts), rig.observed)
-    changes = np.where(np.isfinite(thinned.change_mm), right, np.nan)
-    poses = reconstruction.solve_from_told(changes - budget.offsets(thinned.time_s))
-    known = np.flatnonzero(np.isfinite(poses[:, 0]) & (np.isfinite(thinned.change_mm).sum(axis=1) > free))
+    right = changes_from_counts(rig, shifted(reconstruction.doubts.shifts, samples.time_s, samples.counts), rig.observed)
+    changes = np.where(np.isfinite(samples.change_mm), right, np.nan)
+    poses = reconstruction.poses_of(changes - reconstruction.budget.offsets(samples.time_s))
+    known = np.flatnonzero(np.isfinite(poses[:, 0]) & (np.isfinite(samples.change_mm).sum(axis=1) > free))
     if len(known) < FEW:
         return ()
     chosen = known[spread(poses[known], SAMPLES)]
-    epochs, poses = thinned.at(chosen), np.ascontiguousarray(poses[chosen])
-    budget.use(None)
-    try:
-        return tuple(_named(reconstruction, epochs, poses))
-    finally:
-        budget.use(told)
+    epochs, poses = samples.at(chosen), np.ascontiguousarray(poses[chosen])
+    return tuple(_named(reconstruction.with_estimate(None), epochs, poses))
 
 
 def _named(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) -> Iterator[Message]:
@@ -121,11 +116,12 @@ def _said(left: Remainder, near: list[Effect], tried: int, p: float) -> Message:
 
 def _campaign(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) -> Campaign:
     """The samples as a campaign whose first pose is the start; nothing is fitted to it."""
-    rig, m = reconstruction.rig, len(reconstruction.rig.observed)
+    model = reconstruction.model
+    rig, m = model.rig, len(model.rig.observed)
     counts = np.vstack([np.zeros(m), np.where(np.isfinite(epochs.change_mm), epochs.counts, np.nan)])
-    counts[0, reconstruction.budget.absolute] = np.nan
+    counts[0, model.absolute] = np.nan
     names = ("start", *(f"{t:.3f} s" for t in epochs.time_s))
-    stated = Poses(names, np.vstack([reconstruction.start, poses]), np.zeros(len(names)), np.zeros(len(names)))
+    stated = Poses(names, np.vstack([model.zero_pose, poses]), np.zeros(len(names)), np.zeros(len(names)))
     return Campaign(rig, stated, rig.observed, counts, np.zeros(m, np.int64), free_of_play=True)
 
 

@@ -58,13 +58,12 @@ class Verdict:
 
 def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Verdict | None:
     """What the stops say with the given rate of false alarms; None where there are no more channels than unknowns."""
-    redundancy = reconstruction.redundancy
+    # what the run determined of its origins is not compared with the run: they are uncertain as they were before
+    readings = stops.readings + reconstruction.budget.offsets(stops.begin_s)
+    reconstruction = reconstruction.with_estimate(None)
+    redundancy, budget = reconstruction.redundancy, reconstruction.budget
     if redundancy is None:
         return None
-    budget, told = reconstruction.budget, reconstruction.budget.told
-    # what the run told of its origins is not held against the run: they are uncertain as they were before
-    readings = stops.readings + budget.offsets(stops.begin_s)
-    budget.use(None)
     n, m = readings.shape
     counts, variance = np.nan_to_num(stops.counts), np.broadcast_to(budget.variance, (n, m))
     epochs = Epochs(stops.begin_s, readings, np.nan_to_num(readings), counts, np.zeros((n, m)), variance, None, stops.travel)
@@ -73,7 +72,6 @@ def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Ver
     probability = float(scipy.stats.chi2.sf(total, freedom))
     causes = sorted(parities.causes(alarm), key=lambda c: c.rest)
     named = tuple(c for c in causes if c.rest < causes[0].rest + APART) if probability < alarm and causes else ()
-    budget.use(told)
     return Verdict(total, freedom, probability, tuple(causes), named)
 
 
@@ -153,7 +151,7 @@ class Together:
         counts = np.nan_to_num(self._epochs.counts)
         since = ~budget.absolute
         g = length_gradients(rows, np.ascontiguousarray(poses), counts, budget.scales)
-        at_start = length_gradients(rows, budget.start[None], np.zeros((1, len(rows))), budget.scales)[0]
+        at_start = length_gradients(rows, budget.model.start[None], np.zeros((1, len(rows))), budget.scales)[0]
         g = g - np.where(since[:, None], at_start, 0.0)
         for point in budget.rig.observation_point:
             own = np.array([o.from_point == point.name for o in observed])
@@ -172,7 +170,7 @@ class Together:
                 yield "drum", o.from_point, "%", 100.0, np.where(own, g[:, :, BY_SCALE], 0.0)[:, :, None]
         if not self.start_known:
             return
-        begun = np.where(since[:, None], span_rows(rows, budget.start), 0.0)
+        begun = np.where(since[:, None], span_rows(rows, budget.model.start), 0.0)
         yield "start", "start pose", "mm", 1.0, np.broadcast_to(begun, (len(poses), *begun.shape))
 
 

@@ -62,7 +62,7 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *,
     n, m = len(rests), lengths.change_mm.shape[1]
     readings, counts, poses = np.full((n, m), np.nan), np.full((n, m), np.nan), np.empty((n, 7))
     travel = last_travel(np.where(np.isfinite(lengths.counts), lengths.counts, 0.0), 1.0 / rig.scales(rig.observed))
-    ways, at, pose = np.zeros((n, m)), 0, budget.start
+    ways, at, pose = np.zeros((n, m)), 0, budget.model.start
     for i, (begin, end) in enumerate(zip(rests.begin_s, rests.end_s, strict=True)):
         settled = (lengths.time_s >= begin + (1.0 - SETTLED) * (end - begin)) & (lengths.time_s <= end - VISIT_LAG_S)
         rows = np.flatnonzero(settled)
@@ -86,7 +86,7 @@ class Path:
         self._rows = budget.scheme.rows
         self._weight = 1.0 / np.sqrt(budget.length_variance)
         self._angles = self._rows[:, KIND] > CABLE
-        begun = span_lengths(self._rows, budget.start[None])[0]
+        begun = span_lengths(self._rows, budget.model.start[None])[0]
         self._zero = np.where(budget.absolute, 0.0, begun) if zero is None else zero
 
     def residual(self, reading: FloatArray, pose: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ and the samples are inconsistent. With one cable too many that is always so, for
 
 `spans` finds from when and until when. Where none explains the alarms the whole run is in doubt.
 
-`Thinned` keeps some samples of a run, evenly spread over it.
+`RunSamples` keeps some samples of a run, evenly spread over it.
 
 An alarm comes late where an error grows, and an error that stays hides
 wherever the geometry does not show it. So a doubt reaches back to the last epoch, and on to the first of some, at which every cable in
@@ -71,7 +71,7 @@ def _agrees_from(begin: int, time_s: FloatArray, agrees: BoolArray) -> bool:
 MOST = 2048
 
 
-class Thinned:
+class RunSamples:
     """Keeps every k-th sample of a run that is given in pieces, k doubling where they become more than twice `MOST`."""
 
     def __init__(self) -> None:
@@ -88,9 +88,9 @@ class Thinned:
             whole = joined(self._kept)
             self._kept = [whole.at(np.arange(0, len(whole), 2))]
 
-    def epochs(self) -> Epochs:
-        """All that were kept."""
-        return joined(self._kept)
+    def epochs(self) -> Epochs | None:
+        """Return all that were kept, None where nothing was added."""
+        return joined(self._kept) if self._kept else None
 
 
 def joined(pieces: list[Epochs]) -> Epochs:
@@ -424,35 +424,33 @@ class EpochFinder:
         self._pieces, self._scores = [self._pieces[0].at(kept)], [score[kept]]
 
 
-def collected(reconstruction: Reconstruction, pieces: Iterable[Lengths]) -> tuple[Epochs, int]:
-    """The epochs of a run whose channels are redundant, and how many samples it has; the reconstruction keeps some of the first that are
-    collected, before anything is left out of them."""
-    redundancy = reconstruction.redundancy
+def collect_epochs(reconstruction: Reconstruction, pieces: Iterable[Lengths], samples: RunSamples | None = None) -> tuple[Epochs, int]:
+    """Return the epochs of a run whose channels are redundant, and how many samples it has; samples: takes some of them, evenly."""
+    redundancy, budget = reconstruction.redundancy, reconstruction.budget
     assert redundancy is not None
-    finder, thinned, travelled = EpochFinder(redundancy), Thinned(), np.zeros((len(reconstruction.scheme.rows), 2))
-    for lengths, poses, chi_squared, travel in reconstruction.examined(pieces):
+    finder, travelled = EpochFinder(redundancy), np.zeros((len(budget.scales), 2))
+    for lengths, poses, chi_squared, travel in reconstruction.examine(pieces):
         epochs = redundancy.epochs(lengths, travel)
         finder.add(epochs, poses, chi_squared)
-        if reconstruction.thinned is None:
-            thinned.add(epochs, last_travel(lengths.counts, 1.0 / reconstruction.budget.scales, travelled))
-    if reconstruction.thinned is None:
-        reconstruction.thinned = thinned.epochs()
+        if samples is not None:
+            samples.add(epochs, last_travel(lengths.counts, 1.0 / budget.scales, travelled))
     return finder.epochs(), finder.samples
 
 
-def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before: Doubts) -> Doubts:
-    """What is in doubt of a run, given the lengths of one piece after the other as they are used by what is known before."""
-    redundancy = reconstruction.redundancy
+def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before: Doubts, samples: RunSamples | None = None) -> Doubts:
+    """Return what is in doubt of a run, given its lengths piece by piece as they are used by what is known before; samples: as
+    `collect_epochs` takes it."""
+    redundancy, budget = reconstruction.redundancy, reconstruction.budget
     if redundancy is None:
         return before
-    epochs, samples = collected(reconstruction, pieces)
-    found = Consistency(reconstruction.rig, redundancy, reconstruction.solve_from_told, epochs, samples=samples).judged(before)
+    epochs, number = collect_epochs(reconstruction, pieces, samples)
+    found = Consistency(budget.rig, redundancy, reconstruction.poses_of, epochs, samples=number).judged(before)
     if found.every == before.every and found.notes == before.notes:
         return before
     notes = found.notes
     contradicted = [doubt for doubt in found.every if doubt.status == Status.INCONSISTENT]
-    if not reconstruction.budget.calibrated and any(doubt.cable == EVERY for doubt in contradicted):
+    if not budget.calibrated and any(doubt.cable == EVERY for doubt in contradicted):
         notes = (*notes, message("rig.uncalibrated"))
-    if contradicted and reconstruction.budget.one_motion:
+    if contradicted and budget.one_motion:
         notes = (*notes, message("passes.not_repeated"))
     return replace(found, notes=notes)

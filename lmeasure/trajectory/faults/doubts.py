@@ -173,6 +173,10 @@ class Doubts:
     notes: tuple[Message, ...] = ()
     shifts: tuple[Shift, ...] = ()
 
+    def with_more(self, *doubts: Doubt) -> "Doubts":
+        """Return these doubts and others."""
+        return replace(self, every=tuple(sorted((*self.every, *doubts), key=lambda d: (d.after_s, d.cable))))
+
     def about(self, cable: int, time_s: float) -> bool:
         """Whether a cable is in doubt at a time."""
         return any(d.cable == cable and d.after_s < time_s <= d.until_s for d in self.every)

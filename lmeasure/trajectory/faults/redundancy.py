@@ -169,8 +169,8 @@ class Epochs:
         time_s, change, gone_on, counts, speed, variance = (v[index] for v in values)
         return Epochs(time_s, change, gone_on, counts, speed, variance, some(self.temperature_c), some(self.travel))
 
-    def without(self, cables: list[int]) -> "Epochs":
-        """The same, nothing of these cables used."""
+    def excluding(self, cables: list[int]) -> "Epochs":
+        """Return the same, nothing of these cables used."""
         change = self.change_mm.copy()
         change[:, cables] = np.nan
         return replace(self, change_mm=change)
@@ -207,10 +207,10 @@ class Parities:
 class Redundancy:
     """Tests of the lengths of one run against each other."""
 
-    def __init__(self, budget: Budget, begun: FloatArray | None = None) -> None:
-        self._budget, self._rows = budget, budget.scheme.rows
+    def __init__(self, budget: Budget) -> None:
+        self._budget, self._rows, begun = budget, budget.scheme.rows, budget.model.begun
         self.free, self._size = budget.scheme.free_index, platform_size(budget.scheme.rows)
-        at_start = span_lengths(self._rows, budget.scheme.start_of(budget.start)[None])[0]
+        at_start = span_lengths(self._rows, budget.model.zero_pose[None])[0]
         self.zero = np.where(budget.absolute, 0.0, at_start - (0.0 if begun is None else begun))
         """(m,) what of a span, or of an angle, a channel's readings do not show."""
         angles = self._rows[:, KIND] > CABLE
@@ -246,7 +246,7 @@ class Redundancy:
             part = slice(begin, begin + CHUNK)
             there = np.isfinite(poses[part, 0])
             at = epochs.at(part)
-            placed = np.where(there[:, None], poses[part], self._budget.scheme.start_of(self._budget.start))
+            placed = np.where(there[:, None], poses[part], self._budget.model.zero_pose)
             mine = used[part]
             residual[part] = np.where(mine, self.residuals(placed, at.gone_on_mm), 0.0)
             basis, shared = self.basis(placed, mine), self.shared(at, placed, mine)

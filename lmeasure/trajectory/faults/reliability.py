@@ -20,6 +20,7 @@ from scipy.special import ndtri
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.kernels import span_rows_of
+from lmeasure.rig import Rig
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.redundancy import Epochs
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
@@ -95,21 +96,25 @@ def reliability(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArra
     return Reliability(epochs.time_s, number, smallest, apart, effect, shown.correlation)
 
 
-def of_run(reconstruction: Reconstruction, epochs: Epochs) -> Reliability | None:
-    """At `PLACES` samples of a run; None where no channel is to spare or no pose is known."""
+def reliability_of_run(reconstruction: Reconstruction, epochs: Epochs) -> Reliability | None:
+    """Return the reliability at `PLACES` samples of a run; None where no channel is to spare or no pose is known."""
     if reconstruction.redundancy is None or not len(epochs):
         return None
     epochs = epochs.at(np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), PLACES)).round().astype(np.intp)))
-    found = reliability(
-        reconstruction, epochs, reconstruction.solve_from_told(epochs.change_mm - reconstruction.budget.told_offsets(epochs.time_s))
-    )
+    poses = reconstruction.poses_of(epochs.change_mm - reconstruction.budget.estimated_offsets(epochs.time_s))
+    found = reliability(reconstruction, epochs, poses)
     return found if len(found.time_s) else None
 
 
-def said(reconstruction: Reconstruction, found: Reliability) -> Message:
+def reliability_notes(rig: Rig, found: Reliability | None) -> tuple[Message, ...]:
+    """Return the least redundancy number with the largest fault that is not found, and the smallest faults that are told apart."""
+    return () if found is None else (_largest_fault(rig, found), _smallest_faults(rig, found))
+
+
+def _largest_fault(rig: Rig, found: Reliability) -> Message:
     """In a line: the least redundancy number, the largest fault that is not found, what it does to the tool, and which two channels are
     hardest to tell apart."""
-    observed = reconstruction.rig.observed
+    observed = rig.observed
     names = [o.name for o in observed]
     number = np.where(np.isnan(found.redundancy), np.inf, found.redundancy)
     least = int(np.argmin(number.min(axis=0)))
@@ -139,10 +144,10 @@ def said(reconstruction: Reconstruction, found: Reliability) -> Message:
     return message("reliability.angle", **about, **pair, deg=float(np.degrees(size)))
 
 
-def said_apart(reconstruction: Reconstruction, found: Reliability) -> Message:
+def _smallest_faults(rig: Rig, found: Reliability) -> Message:
     """In a line: of every channel the smallest fault that a sample tells apart from one of any other, at the best and the worst of them."""
     told = []
-    for o, sizes in zip(reconstruction.rig.observed, found.apart.T, strict=True):
+    for o, sizes in zip(rig.observed, found.apart.T, strict=True):
         seen = sizes[~np.isnan(sizes)]
         if not np.isfinite(seen).any():
             told.append(message("reliability.apart.never", channel=o.name))

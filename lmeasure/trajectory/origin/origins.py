@@ -32,15 +32,20 @@ I = sum P_jj - g^T C g with g = sum (L^T P)_j. Then s^2/I is chi-squared of one 
 and time are asked about (Baarda's data snooping, 1968, with a step as the error).
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.core import FloatArray, IntArray, symmetric_root
-from lmeasure.sensors import changes_from_counts
+from lmeasure.core import FloatArray, IntArray, Status, symmetric_root
+from lmeasure.rig import Rig
+from lmeasure.sensors import Lengths, changes_from_counts, channel_message
+from lmeasure.text import Message, message
+from lmeasure.trajectory.faults.consistency import IN_TIME, collect_epochs, consistent
+from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
 from lmeasure.trajectory.faults.redundancy import Epochs, repeats
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
-from lmeasure.trajectory.uncertainty.sources import Told
+from lmeasure.trajectory.uncertainty.sources import ANYWHERE, UNKNOWN_MM, OriginEstimate
 
 MOST = 4096
 """Samples of a run that have a part in it, spread over it."""
@@ -55,18 +60,18 @@ def chosen(epochs: Epochs, most: int = MOST) -> Epochs:
     return epochs.at(np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), most)).round().astype(np.intp)))
 
 
-def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> Told | None:
-    """Find the origins of a run from its epochs, as `Reconstruction.examined` gives them, most of them at most, and have the reconstruction
-    use them; None where nothing is uncertain of them or nothing tells."""
+def estimate_origins(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> OriginEstimate | None:
+    """Estimate the origins of a run from its epochs, most of them at most, by a reconstruction that has no estimate yet; None where nothing
+    is uncertain of them or nothing determines them."""
     redundancy, budget = reconstruction.redundancy, reconstruction.budget
-    assert budget.told is None, "epochs are those of a reconstruction that has not learned"
+    assert budget.estimate is None, "epochs are those of a reconstruction without an estimate"
     names = budget.origin_names
     epochs = chosen(epochs, most)
     if redundancy is None or not names or not len(epochs):
         return None
-    loose = reconstruction.loose
+    loose = reconstruction.model.loose_zeros
     tells = np.isfinite(np.delete(epochs.change_mm, loose, axis=1)).any(axis=0)
-    if tells.sum() < len(reconstruction.scheme.free):
+    if tells.sum() < len(budget.scheme.free):
         return None
     variance = epochs.variance_mm2 * repeats(epochs.gone_on_mm)
     columns = budget.origin_lengths(epochs.time_s)
@@ -77,7 +82,7 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
     o, whole = len(mean), np.zeros(len(budget.sources))
     for _ in range(ROUNDS):
         changes = epochs.change_mm - columns @ mean
-        poses = reconstruction.solve_from_told(changes)
+        poses = reconstruction.poses_of(changes)
         known = np.isfinite(poses[:, 0])
         if not known.any():
             return None
@@ -105,9 +110,7 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
         step, mean = np.abs(new - mean), new
         if (step <= SETTLED * np.sqrt(np.diag(C)[-o:])).all():
             break
-    told = Told(budget.supposed + mean, _mixed(C, o), total, freedom, poses, C, whole[:-o])
-    reconstruction.use(told)
-    return told
+    return OriginEstimate(budget.supposed + mean, _mixed(C, o), total, freedom, poses, C, whole[:-o])
 
 
 def _mixed(C: FloatArray, o: int) -> FloatArray:
@@ -126,7 +129,7 @@ def _first(reconstruction: Reconstruction, epochs: Epochs, columns: FloatArray, 
     assert redundancy is not None
     changes = epochs.change_mm.copy()
     changes[:, loose] = np.nan
-    poses = reconstruction.solve_from_told(changes)
+    poses = reconstruction.poses_of(changes)
     known = np.isfinite(poses[:, 0])
     residual = redundancy.residuals(poses[known], epochs.change_mm[known])[:, loose]
     mean = np.zeros(columns.shape[2])
@@ -159,7 +162,7 @@ MOST_ERRORS = 2048
 
 
 @dataclass(frozen=True)
-class Moved:
+class OriginChange:
     """Behind from_s a channel began to read otherwise, and behind after_s [s] it reads too much by so much more than before [mm, rad], of
     standard uncertainty u. Infinite and NaN where it does not come to another constant in time."""
 
@@ -169,10 +172,10 @@ class Moved:
     u: float
 
 
-def moved(reconstruction: Reconstruction, epochs: Epochs, j: int, since_s: float) -> Moved | None:
-    """Of channel j, by a reconstruction that has learned nothing and the epochs of its run; since_s: up to when nothing speaks against it.
-    None where it does not go on from another origin. The reconstruction has learned nothing afterwards."""
-    seen, e, own, common, lost = _errors(reconstruction, epochs, epochs.without([j]), j)
+def origin_change(reconstruction: Reconstruction, epochs: Epochs, j: int, since_s: float) -> OriginChange | None:
+    """Find the change of channel j, by a reconstruction without an estimate and the epochs of its run; since_s: up to when nothing speaks
+    against it. None where it does not go on from another origin."""
+    seen, e, own, common, lost = _errors(reconstruction, epochs, epochs.excluding([j]), j)
     if len(seen) < 2 * LEAST_CONSTANT:
         return None
     first, last = _between(e, own, common)
@@ -201,40 +204,40 @@ def moved(reconstruction: Reconstruction, epochs: Epochs, j: int, since_s: float
         return None
     if len(e) - last < max(LEAST_CONSTANT, least[1]) or not _constant(e[last:], own[last:], common[last:]):
         # near the place is not there: by that no channel is left out from earlier on
-        return None if lost else Moved(float(time_s[first - 1]), np.inf, np.nan, np.nan)
+        return None if lost else OriginChange(float(time_s[first - 1]), np.inf, np.nan, np.nan)
     (before, u_before), (behind, u_behind) = (_mean(e[part], own[part], common[part]) for part in (slice(first), slice(last, None)))
     by, u = behind - before, float(np.hypot(u_before, u_behind))
     if abs(by) < APART * u:
         return None
-    return Moved(float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), by, u)
+    return OriginChange(float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), by, u)
 
 
 def _errors(
-    reconstruction: Reconstruction, epochs: Epochs, without: Epochs, j: int
+    reconstruction: Reconstruction, epochs: Epochs, others: Epochs, j: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, bool]:
     """Epochs (k,) at which the others tell by how much channel j errs, the error (k,) there, its standard uncertainties, its own (k,) and
     that in common (k,), and whether the others lose the way somewhere, because they tell no pose: there it is taken by all channels, which
-    is near the place. without: the epochs by which the run is followed."""
+    is near the place. others: the epochs by which the run is followed."""
+    estimate = estimate_origins(reconstruction, others)
+    reconstruction = reconstruction.with_estimate(estimate)
     redundancy = reconstruction.redundancy
     assert redundancy is not None
-    told = learn(reconstruction, without)
-    offsets = reconstruction.budget.told_offsets(epochs.time_s)
-    poses = reconstruction.solve_from_told(without.change_mm - offsets)
+    offsets = reconstruction.budget.estimated_offsets(epochs.time_s)
+    poses = reconstruction.poses_of(others.change_mm - offsets)
     lost = np.isnan(poses[:, 0])
     if lost.any():
-        poses[lost] = reconstruction.solve_from_told(epochs.change_mm - offsets)[lost]
+        poses[lost] = reconstruction.poses_of(epochs.change_mm - offsets)[lost]
     used = np.isfinite(epochs.change_mm)
     used[:, j] = np.isfinite(epochs.gone_on_mm[:, j])
-    o = 0 if told is None else len(told.mean)
+    o = 0 if estimate is None else len(estimate.mean)
     error, own, common = redundancy.error_of(j, epochs, poses, used, offsets=offsets, apart_from=o)
-    reconstruction.use(None)
     seen = np.flatnonzero(used[:, j] & np.isfinite(error) & np.isfinite(poses[:, 0]))
     return seen, error[seen], own[seen], common[seen], bool(lost.any())
 
 
 def _put_right(reconstruction: Reconstruction, epochs: Epochs, j: int, by: float, since_s: float) -> Epochs:
     """Epochs whose channel j shows behind a time as many counts less as make about a length or angle."""
-    rig, behind = reconstruction.rig, epochs.time_s > since_s
+    rig, behind = reconstruction.model.rig, epochs.time_s > since_s
     counts = epochs.counts.copy()
     counts[behind, j] -= by / rig.counter(rig.observed[j]).per_count
     by_counts = changes_from_counts(rig, counts, rig.observed)[:, j] - changes_from_counts(rig, epochs.counts, rig.observed)[:, j]
@@ -340,19 +343,20 @@ class Slip:
     others: tuple[int, ...]
 
 
-def slip(reconstruction: Reconstruction, epochs: Epochs, told: Told) -> Slip | None:
-    """The most significant step of a run, epochs being those that told of its origins; None where none is."""
-    redundancy, budget = reconstruction.redundancy, reconstruction.budget
+def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
+    """Find the most significant step of a run, epochs being those by which its origins were estimated; None where none is."""
+    redundancy, budget, estimate = reconstruction.redundancy, reconstruction.budget, reconstruction.budget.estimate
     assert redundancy is not None
+    assert estimate is not None
     epochs = chosen(epochs)
-    m, K = epochs.change_mm.shape[1], len(told.covariance)
-    known = np.flatnonzero(np.isfinite(told.poses[:, 0]))
+    m, K = epochs.change_mm.shape[1], len(estimate.covariance)
+    known = np.flatnonzero(np.isfinite(estimate.poses[:, 0]))
     variance = epochs.variance_mm2 * repeats(epochs.gone_on_mm)
-    changes = epochs.change_mm - budget.told_offsets(epochs.time_s)
+    changes = epochs.change_mm - budget.estimated_offsets(epochs.time_s)
     score, own, common = np.zeros((len(known), m)), np.zeros((len(known), m)), np.zeros((len(known), m, K))
     for begin in range(0, len(known), CHUNK):
         part = known[begin : begin + CHUNK]
-        at, there, out = epochs.at(part), told.poses[part], slice(begin, begin + len(part))
+        at, there, out = epochs.at(part), estimate.poses[part], slice(begin, begin + len(part))
         used = np.isfinite(at.change_mm)
         r, P = redundancy.weighed(
             redundancy.basis(there, used),
@@ -362,9 +366,9 @@ def slip(reconstruction: Reconstruction, epochs: Epochs, told: Told) -> Slip | N
         P = np.where(used[:, :, None] & used[:, None, :], P, 0.0)
         score[out], own[out] = np.einsum("nmp,np->nm", P, r), np.einsum("nmm->nm", P)
         common[out] = P @ redundancy.shared(at, there, used)
-        score[out] -= common[out, :, : len(told.aside)] @ told.aside
+        score[out] -= common[out, :, : len(estimate.aside)] @ estimate.aside
     behind, information, g = (_behind(values) for values in (score, own, common))
-    left = information - np.einsum("nmk,kl,nml->nm", g, told.covariance, g)
+    left = information - np.einsum("nmk,kl,nml->nm", g, estimate.covariance, g)
     enough = left > LEAST_INFORMATION * information.max(axis=0, initial=1e-300)
     # a step behind no sample, or before the first, is none
     enough[:1] = False
@@ -386,3 +390,213 @@ def slip(reconstruction: Reconstruction, epochs: Epochs, told: Told) -> Slip | N
 def _behind(values: FloatArray) -> FloatArray:
     """Sums over each sample and all behind it."""
     return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
+
+
+STEPPED = "origin.stepped"
+RESTORED = ("origin.restored.length", "origin.restored.angle")
+UNDETERMINED = "origin.untold"
+"""Of a channel whose new origin the run does not determine."""
+HARDLY = 0.5
+"""Of what was supposed of an origin before the run: what is known no better was not told by it."""
+DOUBTED = (Status.INCONSISTENT, Status.ORIGIN_LOST)
+OF_NOBODY = frozenset({*(IN_TIME[code] for code in IN_TIME if code.startswith("contradiction")), "rig.uncalibrated", "passes.not_repeated"})
+LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
+SLIPS = 8
+"""Found one after the other."""
+
+Pieces = Callable[[Doubts], Iterable[Lengths]]
+"""The lengths of a run, one piece after the other, without what is in these doubts."""
+
+
+def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reconstruction, Epochs]:
+    """Return the reconstruction of a run with redundant channels after its origins are estimated, slips found and restored channels judged,
+    and the epochs by which they were."""
+    rig = reconstruction.model.rig
+    reconstruction = _changed_origins(_restored(reconstruction.with_estimate(None)), pieces)
+    for _ in range(SLIPS):
+        reconstruction, epochs = _estimated(reconstruction, pieces)
+        budget, found = reconstruction.budget, reconstruction.doubts
+        # of drums alone every sample tells as much, and what calibrations have wrong would pass for slips over so many samples together
+        if budget.estimate is None or not budget.absolute.any():
+            break
+        # so would what a channel that hung for a while read before it was seen to
+        slipped = slip(reconstruction, epochs.excluding(_wrong(reconstruction)))
+        if slipped is None:
+            break
+        reconstruction = reconstruction.with_estimate(None)
+        again = any(cable == slipped.channel for cable, _, _ in budget.restored)
+        change = None
+        if not (slipped.others or budget.absolute[slipped.channel] or again):
+            change = origin_change(reconstruction, epochs.excluding(_wrong(reconstruction)), slipped.channel, slipped.from_s)
+        if change is None or np.isinf(change.after_s):
+            reconstruction = replace(reconstruction, doubts=_with_slip(found, slipped, rig))
+        else:
+            after_s = max(slipped.after_s, change.after_s)
+            why = _slip_note(slipped.channel, change.by, change.u, rig)
+            found = _meanwhile(found, slipped.channel, min(slipped.from_s, change.from_s), after_s, why)
+            found = replace(found, shifts=(*found.shifts, _shift(rig, slipped.channel, after_s, by=change.by)))
+            reconstruction = replace(reconstruction, budget=reconstruction.budget.with_restored(slipped.channel, after_s), doubts=found)
+    if unknown := _undetermined(reconstruction):
+        reconstruction, epochs = _estimated(replace(reconstruction, doubts=reconstruction.doubts.with_more(*unknown)), pieces)
+    if reconstruction.budget.restored:
+        # what goes on must agree with the others there, which without it may have come to another assembly
+        judged = _except_contradictions(reconstruction.doubts)
+        after = consistent(reconstruction, pieces(judged), judged)
+        if after is not reconstruction.doubts:
+            reconstruction, epochs = _estimated(replace(reconstruction, doubts=after), pieces)
+        found = reconstruction.doubts
+        notes = (*found.notes, *_restored_notes(reconstruction))
+        reconstruction = replace(reconstruction, doubts=replace(found, notes=notes))
+    return reconstruction, epochs
+
+
+def _estimated(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reconstruction, Epochs]:
+    """Estimate the origins of a run, and add the shifts of channels that go on from others to its doubts."""
+    while True:
+        reconstruction, doubts = reconstruction.with_estimate(None), reconstruction.doubts
+        epochs = collect_epochs(reconstruction, pieces(doubts))[0]
+        reconstruction = reconstruction.with_estimate(estimate_origins(reconstruction, epochs))
+        known = {(s.cable, s.after_s) for s in doubts.shifts}
+        new = tuple(
+            _shift(reconstruction.model.rig, cable, after_s, until_s, by=by)
+            for cable, after_s, until_s, by, _ in reconstruction.budget.restored_origins()
+            if (cable, after_s) not in known
+        )
+        if not any(s.counts for s in new):
+            return reconstruction, epochs
+        reconstruction = replace(reconstruction, doubts=replace(doubts, shifts=(*doubts.shifts, *new)))
+
+
+def _shift(rig: Rig, channel: int, after_s: float, until_s: float = np.inf, *, by: float) -> Shift:
+    """Return what is taken off a channel's counts behind a time, of a length or an angle by which it reads too much."""
+    return Shift(channel, after_s, until_s, float(np.rint(by / rig.counter(rig.observed[channel]).per_count)))
+
+
+def _undetermined(reconstruction: Reconstruction) -> list[Doubt]:
+    """Doubt channels that go on from another origin which the run does not determine: they are not used behind it."""
+    out = []
+    for cable, after_s, until_s, _, u in reconstruction.budget.restored_origins():
+        covered = any(d.cable == cable and d.after_s <= after_s and d.until_s >= until_s for d in reconstruction.doubts.every)
+        if _is_undetermined(reconstruction, cable, u) and not covered:
+            cause = message(UNDETERMINED, what=channel_message(reconstruction.model.rig.observed[cable]), after_s=after_s)
+            out.append(Doubt(cable, after_s, until_s, Status.ORIGIN_LOST, cause))
+    return out
+
+
+def _is_undetermined(reconstruction: Reconstruction, channel: int, u: float) -> bool:
+    """Whether a standard uncertainty of a channel's new origin is hardly less than what was supposed of it."""
+    return u > HARDLY * (UNKNOWN_MM if reconstruction.model.rig.observed[channel].is_length else ANYWHERE)
+
+
+def _except_contradictions(doubts: Doubts) -> Doubts:
+    """Return the doubts except those of samples whose channels contradict each other, nobody knows which."""
+    every = tuple(d for d in doubts.every if not (d.cable == EVERY and d.said.code in IN_TIME))
+    if len(every) == len(doubts.every):
+        return doubts
+    return replace(doubts, every=every, notes=tuple(note for note in doubts.notes if note.code not in OF_NOBODY))
+
+
+def _wrong(reconstruction: Reconstruction) -> list[int]:
+    """Return channels that contradict the others for a while, or lost their origins, other than those that go on from a restored one."""
+    restored = {cable for cable, _, _ in reconstruction.budget.restored}
+    return sorted({d.cable for d in reconstruction.doubts.every if d.cable != EVERY and d.status in DOUBTED} - restored)
+
+
+def _restored(reconstruction: Reconstruction) -> Reconstruction:
+    """Restore channels that stepped and count on: with more channels than unknowns the others determine from where. One that stands, or
+    hangs, shows no length at all."""
+    budget, doubts = reconstruction.budget, reconstruction.doubts
+    lost = [d for d in doubts.every if d.said.code == STEPPED and d.cable != EVERY and not budget.absolute[d.cable]]
+    # a channel that errs again and again is not one that slipped
+    once = [d for d in lost if sum(other.cable == d.cable for other in doubts.every) == 1]
+    if not once or len(once) > budget.scheme.redundancy:
+        return reconstruction
+    for d in once:
+        budget = budget.with_restored(d.cable, d.after_s, d.until_s)
+    return replace(reconstruction, budget=budget, doubts=replace(doubts, every=tuple(d for d in doubts.every if d not in once)))
+
+
+def _restored_notes(reconstruction: Reconstruction) -> list[Message]:
+    """Return the notes on restored channels."""
+    out, rig = [], reconstruction.model.rig
+    for cable, after_s, _, left, u in reconstruction.budget.restored_origins():
+        o, shifts = rig.observed[cable], reconstruction.doubts.shifts
+        by = left + sum(s.counts for s in shifts if (s.cable, s.after_s) == (cable, after_s)) * rig.counter(o).per_count
+        what = channel_message(o)
+        if _is_undetermined(reconstruction, cable, u):
+            out.append(message(UNDETERMINED, what=what, after_s=after_s))
+        elif o.is_length:
+            out.append(message(RESTORED[0], what=what, after_s=after_s, mm=by, u_mm=u))
+        else:
+            out.append(message(RESTORED[1], what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
+    return out
+
+
+def _changed_origins(reconstruction: Reconstruction, pieces: Pieces) -> Reconstruction:
+    """Restore drums that contradicted the others and go on from another origin; in doubt stays the time within which they came to it."""
+    rig, budget, doubts = reconstruction.model.rig, reconstruction.budget, reconstruction.doubts
+    restored = {cable for cable, _, _ in budget.restored}
+    wrong = {d.cable for d in doubts.every if d.status in DOUBTED and d.cable != EVERY and not budget.absolute[d.cable]}
+    for j in sorted(wrong - restored):
+        # who else is wrong tells nothing of this one
+        others = replace(doubts, every=tuple(d for d in doubts.every if d.cable != j))
+        reconstruction = replace(reconstruction, budget=budget)
+        epochs = collect_epochs(reconstruction, pieces(others))[0]
+        since_s = min(d.after_s for d in doubts.every if d.cable == j)
+        change = origin_change(reconstruction, epochs.excluding(sorted(wrong - restored - {j})), j, since_s)
+        if change is None:
+            continue
+        name = rig.observed[j].name
+        if np.isinf(change.after_s):
+            doubts = _since(doubts, j, name, change.from_s)
+        else:
+            budget = budget.with_restored(j, change.after_s)
+            why = _slip_note(j, change.by, change.u, rig)
+            notes = tuple(note for note in doubts.notes if not (note.code in LEFT_OUT and note.values.get("cable") == name))
+            shifts = (*others.shifts, _shift(rig, j, change.after_s, by=change.by))
+            doubts = _meanwhile(replace(others, shifts=shifts, notes=notes), j, change.from_s, change.after_s, why)
+    return replace(reconstruction, budget=budget, doubts=doubts)
+
+
+def _since(doubts: Doubts, cable: int, name: str, from_s: float) -> Doubts:
+    """Return the doubts, the last one of a cable that is not used to the end from the time on at which it began to err."""
+    last = next((d for d in doubts.every if d.cable == cable and np.isinf(d.until_s) and d.after_s > from_s), None)
+    if last is None:
+        return doubts
+    within = [d for d in doubts.every if d.cable == cable and d.after_s >= from_s]
+    every = tuple(d for d in doubts.every if d not in within)
+    notes = []
+    for note in doubts.notes:
+        of_cable = note.code in LEFT_OUT and note.values["cable"] == name
+        if of_cable and any(note.values["begin"].values.get("s") == d.after_s for d in within):
+            if note.values["end"].code != "time.end":
+                continue
+            note = message(note.code, **{**note.values, "begin": message("time.at", s=from_s)})
+        notes.append(note)
+    return replace(doubts, every=every, notes=tuple(notes)).with_more(replace(last, after_s=from_s))
+
+
+def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, cause: Message) -> Doubts:
+    """Return the doubts and one of the time within which a channel slipped, nobody knows when exactly."""
+    return doubts.with_more(Doubt(cable, from_s, after_s, Status.INCONSISTENT, cause)) if after_s > from_s else doubts
+
+
+def _slip_note(channel: int, by: float, u: float, rig: Rig) -> Message:
+    if rig.observed[channel].is_length:
+        return message("slip.length", mm=by, u_mm=u)
+    return message("slip.angle", deg=float(np.degrees(by)), u_deg=float(np.degrees(u)))
+
+
+def _with_slip(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
+    """Return the doubts and what a slip adds: its channel is not used behind it, or no sample where others explain the readings as well."""
+    observed, when = rig.observed, {"begin": message("time.at", s=slipped.from_s), "end": message("time.end")}
+    if slipped.others:
+        cable = EVERY
+        cause = message("slip.among", names=", ".join(observed[j].name for j in (slipped.channel, *slipped.others)))
+        note = message("channels.contradict", **when, said=cause)
+    else:
+        cable = slipped.channel
+        cause = _slip_note(cable, slipped.by, slipped.u, rig)
+        note = message("channel.left_out", **when, what=channel_message(observed[cable]), said=cause)
+    doubts = doubts.with_more(Doubt(cable, slipped.from_s, np.inf, Status.INCONSISTENT, cause))
+    return replace(doubts, notes=(*doubts.notes, note))

@@ -39,10 +39,10 @@ from lmeasure.recording import known
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths
 from lmeasure.trajectory.faults.redundancy import Epochs
-from lmeasure.trajectory.origin.origins import learn
-from lmeasure.trajectory.reconstruction.scheme import FREEDOMS
+from lmeasure.trajectory.origin.origins import estimate_origins
+from lmeasure.trajectory.reconstruction.run_model import FREEDOMS
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
-from lmeasure.trajectory.uncertainty.sources import LOOSE_RAD, Told, rough_columns, zeros_of
+from lmeasure.trajectory.uncertainty.sources import LOOSE_RAD, OriginEstimate, rough_columns, zeros_of
 
 SAMPLES = 32
 """Of the run, by which its start is told."""
@@ -258,9 +258,9 @@ LEAST = 0.5
 TRIAL = 400
 """Samples by which beginnings are judged."""
 
-Make = Callable[[FloatArray, FloatArray, FloatArray | None], tuple[Reconstruction, Epochs | None]]
-"""A reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and the epochs
-of the run by it, None without redundancy."""
+Begin = Callable[[FloatArray, FloatArray, FloatArray | None], tuple[Reconstruction, Epochs | None]]
+"""Returns a reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and
+the epochs of the run by it, None without redundancy."""
 
 
 def absolute_channels(rig: Rig) -> FloatArray:
@@ -329,7 +329,7 @@ def _alike(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.abs(a[:3] - b[:3]).max() <= ALIKE_MM and turn <= ALIKE_RAD)
 
 
-def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstruction:
+def find_start(rig: Rig, lengths: Lengths, source: str, begin: Begin) -> Reconstruction:
     """The reconstruction of a run that begins nobody knows where, lengths being those of its beginning at least, its origins found.
 
     TrajectoryError where too few channels are absolute, no pose fits them, or several do that the run does not tell apart: all listed.
@@ -356,33 +356,33 @@ def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstru
     if not len(poses):
         raise TrajectoryError(f"{source}: no pose was found at which the absolute channels read what they do at {lengths.time_s[i]:.6g} s")
     begun = np.where(np.isfinite(lengths.change_mm[i]), lengths.change_mm[i], 0.0)
-    made: list[tuple[Reconstruction, Epochs | None]] = []
+    beginnings: list[tuple[Reconstruction, Epochs | None]] = []
     failed: Exception | None = None
     for pose, z in zip(poses, zeros, strict=True):
         try:
-            made.append(make(pose, begun, z))
+            beginnings.append(begin(pose, begun, z))
         except (GeometryError, TrajectoryError) as error:
             failed = error
-    tried: list[tuple[Reconstruction, Told | None]] = []
+    candidates: list[Reconstruction] = []
     for share in BEGINNINGS:
-        tried = []
-        for reconstruction, epochs in made:
-            reconstruction.use(None)
+        candidates = []
+        for reconstruction, epochs in beginnings:
             try:
                 few = None if epochs is None else epochs.at(slice(0, max(1, int(share * len(epochs)))))
-                tried.append((reconstruction, None if few is None else learn(reconstruction, few, TRIAL)))
+                estimate = None if few is None else estimate_origins(reconstruction, few, TRIAL)
+                candidates.append(reconstruction.with_estimate(estimate))
             except (GeometryError, TrajectoryError) as error:
                 failed = error
         # a fault contradicts every beginning alike: before it they are told apart
-        chi, freedom = _contradicted(tried)
+        chi, freedom = _contradictions(candidates)
         if chi.min(initial=np.inf) <= SOUND * freedom:
             break
-    if not tried:
+    if not candidates:
         assert failed is not None
         raise failed
-    left = _standing(tried)
+    left = _likely(candidates)
     if len(left) > 1:
-        listed = "; ".join(_text(r.start) for r in left[:LISTED])
+        listed = "; ".join(_text(r.model.zero_pose) for r in left[:LISTED])
         raise TrajectoryError(
             f"{source}: the start pose of this run is not known, and its readings fit {len(left)} assemblies and do not tell them apart: "
             f"{listed}; state [start] in run.toml, or side in the rig file"
@@ -463,30 +463,33 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
     return [begun for begun in every if begun.chi_squared <= limit]
 
 
-def _contradicted(tried: list[tuple[Reconstruction, Told | None]]) -> tuple[FloatArray, int]:
-    """(k,) chi-squared by which a run contradicts beginnings, as of equally many readings, and its degrees of freedom: all zero where
-    nothing is redundant. What cannot be followed from a beginning as it can from another contradicts it by every sample that is lost."""
-    followed = np.array([0 if told is None else int(np.isfinite(told.poses[:, 0]).sum()) for _, told in tried])
-    most = max((told.freedom for _, told in tried if told is not None), default=0)
-    chi = np.array([0.0 if told is None else told.chi_squared * most / max(told.freedom, 1) for _, told in tried])
+def _contradictions(candidates: list[Reconstruction]) -> tuple[FloatArray, int]:
+    """Return (k,) chi-squared by which a run contradicts beginnings, as of equally many readings, and its degrees of freedom: all zero
+    where nothing is redundant. What cannot be followed from a beginning as it can from another contradicts it by every
+    sample that is lost."""
+    estimates = [candidate.budget.estimate for candidate in candidates]
+    followed = np.array([0 if e is None else int(np.isfinite(e.poses[:, 0]).sum()) for e in estimates])
+    most = max((e.freedom for e in estimates if e is not None), default=0)
+    chi = np.array([0.0 if e is None else e.chi_squared * most / max(e.freedom, 1) for e in estimates])
     return chi + WORSE * (followed.max(initial=0) - followed), most
 
 
-def _standing(tried: list[tuple[Reconstruction, Told | None]]) -> list[Reconstruction]:
-    """Those that the run does not contradict more than the best of them, each once: as it begins nearest to where it is found to."""
-    chi, most = _contradicted(tried)
+def _likely(candidates: list[Reconstruction]) -> list[Reconstruction]:
+    """Return those that the run does not contradict more than the best of them, each once: as it begins nearest to where it is found to."""
+    chi, most = _contradictions(candidates)
     limit = chi.min() + WORSE * max(chi.min() / max(most, 1), 1.0)
-    moved = [0.0 if told is None else float(np.linalg.norm(told.mean)) for _, told in tried]
-    out: list[tuple[Reconstruction, Told | None]] = []
+    moved = [0.0 if c.budget.estimate is None else float(np.linalg.norm(c.budget.estimate.mean)) for c in candidates]
+    out: list[Reconstruction] = []
     for k in np.argsort(moved, kind="stable"):
-        r, told = tried[k]
-        if chi[k] <= limit and not any(told is not None and other is not None and _same(told, other) for _, other in out):
-            out.append((r, told))
-    return [r for r, _ in out]
+        if chi[k] <= limit and not any(_same(candidates[k].budget.estimate, other.budget.estimate) for other in out):
+            out.append(candidates[k])
+    return out
 
 
-def _same(a: Told, b: Told) -> bool:
+def _same(a: OriginEstimate | None, b: OriginEstimate | None) -> bool:
     """Whether the poses of two ways through a run are the same, where both have one."""
+    if a is None or b is None:
+        return False
     both = np.flatnonzero(np.isfinite(a.poses[:, 0]) & np.isfinite(b.poses[:, 0]))
     return bool(len(both)) and _alike(a.poses[both[0]], b.poses[both[0]])
 

@@ -34,12 +34,12 @@ from lmeasure.recording import Counts, Run, known
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths, counts_from_poses, recorded_from_counts, span_rows
 from lmeasure.trajectory.faults.consistency import SIGNIFICANCE
-from lmeasure.trajectory.faults.doubts import EVERY, NONE, Doubts, shifted
+from lmeasure.trajectory.faults.doubts import EVERY, Doubts, shifted
 from lmeasure.trajectory.faults.redundancy import Epochs
 from lmeasure.trajectory.origin.start import absolute_channels
-from lmeasure.trajectory.reconstruction.preparation import prepared
-from lmeasure.trajectory.reconstruction.scheme import FREEDOMS
-from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
+from lmeasure.trajectory.reconstruction.run_model import FREEDOMS, RunModel
+from lmeasure.trajectory.reconstruction.runs import prepare
+from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, new_run_state, reconstruction_of, zero_readings
 from lmeasure.trajectory.time.passes import align
 
 SAMPLES = 10**6
@@ -71,9 +71,9 @@ class SixCables:
 
     def __init__(self, reconstruction: Reconstruction) -> None:
         self.reconstruction = reconstruction
-        self._rows, self._start = reconstruction.scheme.rows, reconstruction.start
+        self._rows, self._start = reconstruction.model.scheme.rows, reconstruction.model.zero_pose
         self._u = np.sqrt(reconstruction.budget.length_variance)
-        self._channels = channel_rows(reconstruction.rig)
+        self._channels = channel_rows(reconstruction.model.rig)
         self._state, self._counters = new_state(self._start), np.zeros((len(self._rows), STATE))
 
     def step(self, time_s: float, recorded: FloatArray) -> tuple[int, FloatArray, float]:
@@ -87,16 +87,15 @@ class AnyChannels:
     """Channels of any kind and number, by a reconstruction that is not used for anything else from here on, less what is in doubt at the
     end of what is known of the run: its beginning, time_s (n,) and recorded counts (n, m)."""
 
-    def __init__(
-        self, reconstruction: Reconstruction, doubts: Doubts, time_s: FloatArray | None = None, recorded: FloatArray | None = None
-    ) -> None:
-        self.reconstruction = reconstruction
-        rows = self._rows = reconstruction.scheme.rows
+    def __init__(self, reconstruction: Reconstruction, time_s: FloatArray | None = None, recorded: FloatArray | None = None) -> None:
+        self.reconstruction, doubts = reconstruction, reconstruction.doubts
+        rows = self._rows = reconstruction.model.scheme.rows
         m = len(rows)
-        self._zero, self._start = reconstruction.zero, reconstruction.start
-        self._u, self._free = np.sqrt(reconstruction.budget.length_variance), reconstruction.scheme.free_index
-        self._channels, self._counters = channel_rows(reconstruction.rig), np.zeros((m, STATE))
-        self._state = reconstruction.begun_state()
+        self._start = reconstruction.model.zero_pose
+        self._zero = zero_readings(reconstruction.model, rows, self._start)
+        self._u, self._free = np.sqrt(reconstruction.budget.length_variance), reconstruction.model.scheme.free_index
+        self._channels, self._counters = channel_rows(reconstruction.model.rig), np.zeros((m, STATE))
+        self._state = new_run_state(reconstruction.model)
         freedom = np.maximum(np.arange(m + 1) - len(self._free), 1)
         self._limit = scipy.stats.chi2.isf(SIGNIFICANCE / SAMPLES, freedom)
         self._limit[: len(self._free) + 1] = np.inf
@@ -174,7 +173,7 @@ class AnyChannels:
         """A sample, its changes (m,), as the reconstruction's redundancy takes it."""
         redundancy = self.reconstruction.redundancy
         assert redundancy is not None
-        rig, nothing = self.reconstruction.rig, np.full(1, "", dtype=np.object_)
+        rig, nothing = self.reconstruction.model.rig, np.full(1, "", dtype=np.object_)
         counts = np.asarray(counts_from_changes(self._rows, np.where(np.isfinite(change), change, 0.0)[None]))
         names, changes = tuple(o.name for o in rig.observed), change[None]
         lengths = Lengths(np.full(1, time_s), names, changes, counts, np.zeros(1, np.int64), nothing, nothing, gone_on=counts)
@@ -253,14 +252,14 @@ class LivePose:
         """By the start that was stated."""
         if self._start is None:
             return None
-        reconstruction = Reconstruction(self._rig, self._start, self._calibration)
-        if reconstruction.correction is not None or any(p.drum.backlash_counts for p in self._rig.observation_point):
+        reconstruction = reconstruction_of(RunModel(self._rig, self._start, self._calibration))
+        if reconstruction.model.correction is not None or any(p.drum.backlash_counts for p in self._rig.observation_point):
             what = "temperature, stretch, sag and parts that are not as drawn"
             raise TrajectoryError(f"rig {self._rig.name!r}: a live pose leaves out {what}, which this rig states")
-        if reconstruction.scheme.point is not None:
+        if reconstruction.model.scheme.point is not None:
             raise TrajectoryError(f"rig {self._rig.name!r}: a live pose needs channels that tell how the tool is turned")
         self.learns = reconstruction.redundancy is not None
-        return SixCables(reconstruction) if reconstruction.scheme.six else AnyChannels(reconstruction, NONE)
+        return SixCables(reconstruction) if reconstruction.model.scheme.six else AnyChannels(reconstruction)
 
     def update(self, time_s: float, recorded: FloatArray) -> LiveSample:
         """The pose of the next sample: recorded counts (m,) in the order of `channels`, NaN where there is none."""
@@ -289,8 +288,8 @@ class LivePose:
         if self._way is None:
             return None
         of = self._way.reconstruction
-        rows, budget = of.scheme.rows, of.budget
-        counts = np.asarray(counts_from_changes(rows, span_rows(rows, pose[None])[0] - of.zero))
+        model, rows, budget = of.model, of.model.scheme.rows, of.budget
+        counts = np.asarray(counts_from_changes(rows, span_rows(rows, pose[None])[0] - zero_readings(model, rows, model.zero_pose)))
         nothing = np.zeros_like(counts)
         found = budget.of(np.zeros(1), pose[None], counts=counts, speed_mm_s=nothing, compiled=False, travel=nothing)
         return np.asarray(found.random[0] + found.systematic[0])
@@ -325,10 +324,10 @@ class LivePose:
         """The way behind a beginning of the run that it tells, or why it tells none."""
         counts = Counts(time_s, self.channels, recorded, source="the run so far")
         try:
-            reconstruction, doubts = prepared(align(Run(self._rig, self._start, (counts,), self._calibration)))
+            reconstruction = prepare(align(Run(self._rig, self._start, (counts,), self._calibration)))
         except LMeasureError as error:
             return None, str(error)
-        return AnyChannels(reconstruction, doubts, time_s, recorded), ""
+        return AnyChannels(reconstruction, time_s, recorded), ""
 
     def _adopt(self, way: AnyChannels | None, why: str, learned: int, *, upto: int) -> None:
         """What was learned, and the samples that came meanwhile, so many in all."""

@@ -12,7 +12,7 @@ from lmeasure.sensors import Lengths
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.budget import Budget
-from lmeasure.trajectory.uncertainty.sources import Situation, Told, drawn, standard
+from lmeasure.trajectory.uncertainty.sources import OriginEstimate, Situation, drawn, standard
 
 Progress = Callable[[int, int], None]
 
@@ -41,16 +41,17 @@ def by_monte_carlo(
     if trials < 2:
         raise TrajectoryError(f"Monte Carlo: {trials} trials tell no scatter; at least 2")
     generator = np.random.default_rng(seed)
-    budget, start = reconstruction.budget, reconstruction.start
-    rows, counts, factor = reconstruction.scheme.rows, lengths.counts, budget.by_parameter.root
+    budget, model = reconstruction.budget, reconstruction.model
+    start = model.zero_pose
+    rows, counts, factor = model.scheme.rows, lengths.counts, budget.by_parameter.root
     u_mm = lengths.u_mm
     of = trials * (2 if budget.sources else 1)
     lengths = reconstruction.corrected(lengths)
     # what temperature, stretch and sag, and origins that the run told, have taken off the changes stays with the trials
-    corrected = reconstruction.correction is not None or budget.told is not None
+    corrected = model.correction is not None or budget.estimate is not None
     offset = lengths.change_mm - changes_from_counts(rows, counts) if corrected else 0.0
     situation = Situation(lengths.time_s, trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
-    shifts = np.empty(0) if budget.told is not None else np.nan_to_num(budget.lengths_of(situation, budget.by_length))
+    shifts = np.empty(0) if budget.estimate is not None else np.nan_to_num(budget.lengths_of(situation, budget.by_length))
     by_parts = np.nan_to_num(budget.by_parameter.of_parts(trajectory.poses, counts, situation.travel))
 
     def random_trial() -> FloatArray:
@@ -68,8 +69,8 @@ def by_monte_carlo(
         return moved, changes_from_counts(moved, k) + offset
 
     def systematic_trial() -> FloatArray:
-        if budget.told is not None:
-            shift, errors = as_told(budget, budget.told, situation, generator)
+        if budget.estimate is not None:
+            shift, errors = _drawn_by_estimate(budget, budget.estimate, situation, generator)
             moved, changes = by_other_parameters(shift)
             return reconstruction.solve(moved, start, changes + np.nan_to_num(errors), lengths.flags)
         values = generator.standard_normal(factor.shape[1])
@@ -94,12 +95,14 @@ def by_monte_carlo(
     )
 
 
-def as_told(budget: Budget, told: Told, situation: Situation, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _drawn_by_estimate(
+    budget: Budget, estimate: OriginEstimate, situation: Situation, generator: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
     """A draw of all that a run shares which told of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m) by
     whatever else there is. What an origin took up of a parameter errs with it."""
     own = [standard(generator, (len(s.names),), s.uniform and s not in budget.origins) for s in budget.every]
     root = budget.by_parameter.root
-    drawn, r = told.mix @ np.concatenate(own), root.shape[1]
+    drawn, r = estimate.mix @ np.concatenate(own), root.shape[1]
     # those of the parameters stand first
     others = [budget.lengths_of(situation, (source,)) for source in (budget.every[1:] if r else budget.every)]
     by_parts = budget.by_parameter.of_parts(situation.poses, situation.counts, situation.travel) @ drawn[:r]

@@ -1,25 +1,113 @@
-"""A run as a whole: its passes brought together, reconstructed, and its uncertainties by the law that is asked for."""
+"""A run as a whole: its model and what it determines of itself, its trajectory in one piece or from file to file, its covariances.
 
-from collections.abc import Callable
-from dataclasses import replace
+A log of ten hours goes from file to file a few pieces at a time, in bounded memory.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import tee
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lmeasure.core import Status
-from lmeasure.kernels import KIND
-from lmeasure.recording import Run, RunHead, notes_of
-from lmeasure.sensors import Lengths
-from lmeasure.text import Message, and_also, message
-from lmeasure.trajectory.faults.rest_evidence import Evidence
-from lmeasure.trajectory.files.trajectory import Trajectory
+from lmeasure.core import BoolArray, FloatArray, Status, TrajectoryError
+from lmeasure.kernels import BELIEVED_AT, KIND
+from lmeasure.recording import Counts, RateEvidence, Run, RunHead, WidthEvidence, notes_of, read_counts_in_pieces
+from lmeasure.rig import Rig
+from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts, rate_notes, zero_temperature
+from lmeasure.text import Message, and_also, is_of, message
+from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
+from lmeasure.trajectory.faults.doubts import Doubts
+from lmeasure.trajectory.faults.redundancy import Epochs
+from lmeasure.trajectory.faults.reliability import reliability_notes, reliability_of_run
+from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence, EvidenceFinder
+from lmeasure.trajectory.files.trajectory import NAMES, Summary, Trajectory
+from lmeasure.trajectory.files.write import trajectory_writer
+from lmeasure.trajectory.origin.origins import settle_origins
+from lmeasure.trajectory.origin.start import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
-from lmeasure.trajectory.reconstruction.preparation import prepared
-from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
+from lmeasure.trajectory.reconstruction.run_model import RunModel
+from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, reconstruction_of
 from lmeasure.trajectory.time.passes import Alignment, align
-from lmeasure.trajectory.uncertainty.budget import CHUNK
-from lmeasure.trajectory.uncertainty.run_covariances import closure_factors, left_out
+from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budget, PoseCovariances
+from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, needed_zero, zeros_of
 
+Progress = Callable[[int, int], None]
+SURE_S = 86400.0
+"""A counter that no rate takes through half its range for as long is asked for nothing."""
+Each = Callable[[Counts, Lengths, Trajectory], None]
+"""What is done with a piece of a run: its recorded counts, its lengths and its part of the trajectory."""
 Judge = Callable[[Reconstruction], tuple[Message, ...]]
+
+
+class LengthSource(Protocol):
+    """A run, in memory or in its files, with its lengths piece by piece."""
+
+    @property
+    def run(self) -> Run | RunHead:
+        """Return its head."""
+
+    @property
+    def clocks(self) -> tuple[PassClock, ...]:
+        """Return the uncertainties of each pass's time against pass 1's."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """Return what its rests and the continuity of its counts show of the counters."""
+
+    @property
+    def name(self) -> str:
+        """Return the name of its first file."""
+
+    def pieces(self, doubts: Doubts) -> Iterable[Lengths]:
+        """Return its lengths, without the counts that are in these doubts."""
+
+
+def prepare(source: LengthSource, constraint: str | None = None, repeatability_mm: float = 0.0) -> Reconstruction:
+    """Return the reconstruction of a run, ready for its trajectory: with its start, its origins as its redundancy determines them, and the
+    counts that are in doubt.
+
+    Raises what `reconstruction_of` and `find_start` raise.
+    """
+    run, doubts = source.run, source.evidence.doubts
+    rig = run.rig
+
+    def begin(start: FloatArray, begun: FloatArray | None = None, zeros: FloatArray | None = None) -> Reconstruction:
+        model = RunModel(rig, start, run.calibration, constraint, temperature_c=run.temperature_c, begun=begun)
+        model = replace(
+            model, clocks=source.clocks, repeatability_mm=repeatability_mm, u_start=run.u_start if begun is None else (0.0, 0.0)
+        )
+        if model.correction is not None and run.temperature_c is None:
+            measured = (zero_temperature(lengths, None) for lengths in source.pieces(doubts))
+            model = replace(model, measured_c=next((value for value in measured if value is not None), None))
+        reconstruction = replace(reconstruction_of(model), doubts=doubts)
+        if begun is None and needed_zero(zeros_of(rig, run.calibration), len(model.scheme.free)) > LIGHT_RAD:
+            # the poses that such zeros leave lie too far off for first order: where the motion puts them it begins
+            at = motion_of(rig, reconstruction.corrected(next(iter(source.pieces(doubts)))), record=run.calibration)
+            zeros = zeros_by_motion(at, model.zero_pose, np.repeat([model.u_start[1], model.u_start[0]], 3))
+        if zeros is None or not model.scheme.redundancy:
+            return reconstruction
+        return replace(reconstruction, budget=reconstruction.budget.with_zeros(zeros))
+
+    def candidate(start: FloatArray, begun: FloatArray, zeros: FloatArray | None) -> tuple[Reconstruction, Epochs | None]:
+        reconstruction, samples = begin(start, begun, zeros), RunSamples()
+        if reconstruction.redundancy is None:
+            return reconstruction, None
+        epochs = collect_epochs(reconstruction, source.pieces(doubts), samples)[0]
+        return replace(reconstruction, samples=samples.epochs()), epochs
+
+    first = None if run.start is not None else next(iter(source.pieces(doubts)))
+    reconstruction = begin(run.known_start) if first is None else find_start(rig, first, source.name, candidate)
+    if reconstruction.redundancy is None:
+        return reconstruction
+    samples = RunSamples() if reconstruction.samples is None else None
+    found = consistent(reconstruction, source.pieces(doubts), doubts, samples)
+    kept = reconstruction.samples if samples is None else samples.epochs()
+    reconstruction, epochs = settle_origins(replace(reconstruction, doubts=found, samples=kept), source.pieces)
+    return replace(reconstruction, reliability=reliability_notes(rig, reliability_of_run(reconstruction, epochs)))
 
 
 def reconstruct(
@@ -43,32 +131,149 @@ def reconstruct(
     """
     aligned = align(run)
     run = aligned.run
-    reconstruction, doubts = prepared(aligned, constraint, repeatability_mm)
-    said = () if judge is None else judge(reconstruction)
+    reconstruction = prepare(aligned, constraint, repeatability_mm)
+    more = () if judge is None else judge(reconstruction)
     covariances = covariances or run.rig.passes > 1 or trials > 0
-    evidence = replace(aligned.evidence, doubts=doubts)
-    lengths = aligned.lengths if doubts is aligned.evidence.doubts else aligned.without(doubts)
-    trajectory = reconstruction.add(lengths, covariances=covariances)
+    lengths = aligned.lengths_of(reconstruction.doubts)
+    trajectory = reconstruction.trajectory(lengths, covariances=covariances)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed=seed, progress=progress)
-    trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run=run, covariances=covariances)
-    notes = (*trajectory.notes, *said, *aligned.notes)
+    trajectory = with_evidence(reconstruction, trajectory, lengths, aligned, covariances=covariances)
+    notes = (*trajectory.notes, *more, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
         notes = (*notes, message("passes.repeatability"))
     return replace(trajectory, time_s=aligned.stamp_s, notes=notes)
 
 
+def can_stream(head: RunHead) -> bool:
+    """Whether the run can go through in pieces: one pass, a recording that was closed properly, no limit that asks for later samples."""
+    limited = any(point.drum.max_cable_acceleration_mm_s2 is not None for point in head.rig.observation_point)
+    return head.rig.passes == 1 and not head.torn[0] and not limited
+
+
+def reconstruct_stream(
+    head: RunHead,
+    out: Path,
+    constraint: str | None = None,
+    angles: str | None = None,
+    *,
+    progress: Progress | None = None,
+    each: Each | None = None,
+    judge: Judge | None = None,
+) -> Summary:
+    """Reconstruct a run for which `can_stream` holds and write its trajectory as `trajectory_writer` does.
+
+    The result is that of `reconstruct`, whose judge is this; progress is told (done, of), each piece is given to `each` and then let go.
+    Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
+    """
+    run = _StreamedRun.of(head)
+    reconstruction = prepare(run, constraint)
+    more = () if judge is None else judge(reconstruction)
+    summary = Summary()
+    with trajectory_writer(out, covered(reconstruction.budget.covers, run.evidence), angles) as write:
+        recorded, lengths_of = tee(run.recorded_pieces(reconstruction.doubts, progress))
+        for (piece, lengths), trajectory in zip(recorded, reconstruction.trajectories(lengths for _, lengths in lengths_of), strict=True):
+            trajectory = with_evidence(reconstruction, trajectory, lengths, run, covariances=True)
+            write(trajectory)
+            trajectory = replace(trajectory, notes=(*trajectory.notes, *more))
+            summary.add(trajectory)
+            if each is not None:
+                each(piece, lengths, trajectory)
+    return summary
+
+
+@dataclass(frozen=True)
+class _StreamedRun:
+    """A run in its file: `LengthSource` of one pass. counters (m, `COUNTER_STATE`): at the beginning of the file."""
+
+    run: RunHead
+    counters: FloatArray
+    notes: tuple[Message, ...]
+    clocks: tuple[PassClock, ...] = ()
+
+    @classmethod
+    def of(cls, head: RunHead) -> "_StreamedRun":
+        """Look through the whole file for the widths and rates of its counters, where the rig states none."""
+        rig, notes = _with_widths(head)
+        counters, more = _counters(head, rig)
+        return cls(replace(head, rig=rig), counters, (*notes, *more))
+
+    @property
+    def name(self) -> str:
+        """Return the name of its file."""
+        return str(self.run.counts[0])
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """Return what the whole run shows of its counters: a step may show only at the end of the file."""
+        finder = EvidenceFinder(self.run.rig, self.run.recorded)
+        for _, lengths in self.recorded_pieces(Doubts()):
+            finder.add(lengths)
+        return finder.found()
+
+    def pieces(self, doubts: Doubts) -> Iterator[Lengths]:
+        """Yield the lengths piece by piece."""
+        return (lengths for _, lengths in self.recorded_pieces(doubts))
+
+    def recorded_pieces(self, doubts: Doubts, progress: Progress | None = None) -> Iterator[tuple[Counts, Lengths]]:
+        """Yield recorded counts and their lengths piece by piece."""
+        rig, counters = self.run.rig, self.counters.copy()
+        for piece in read_counts_in_pieces(self.run.counts[0], progress):
+            lengths = doubts.applied(rig, lengths_from_counts(Run(rig, self.run.start, (piece,)), counters))
+            yield piece, replace(lengths, notes=(*self.notes, *lengths.notes))
+
+
+def _counters(head: RunHead, rig: Rig) -> tuple[FloatArray, list[Message]]:
+    """(m, `COUNTER_STATE`) counters at the beginning of the file, with what the whole of it tells of their rates where that is asked."""
+    fresh, asked, believed = np.zeros((len(rig.observed), COUNTER_STATE)), {}, {}
+    for j, c in enumerate(rig.observed):
+        counter = rig.counter(c)
+        full = 0.0 if counter.counter_bits is None else 2.0**counter.counter_bits
+        if not counter.rate_stated and 0.0 < full / 2.0 < SURE_S * counter.rate:
+            asked[j] = RateEvidence(counter.rate, full)
+    for piece in read_counts_in_pieces(head.counts[0]) if asked else ():
+        for j, seen in asked.items():
+            seen.add(piece.of(rig.observed[j].channel), piece.time_s)
+    for j, seen in asked.items():
+        fresh[j, BELIEVED_AT] = seen.believed()
+        if fresh[j, BELIEVED_AT]:
+            c = rig.observed[j]
+            believed[c.channel] = rig.counter(c), float(fresh[j, BELIEVED_AT])
+    return fresh, rate_notes(str(head.counts[0]), believed)
+
+
+def _with_widths(head: RunHead) -> tuple[Rig, list[Message]]:
+    """The rig with the counter widths that the whole file shows, where it states none."""
+    unknown = {c.channel: c for c in head.rig.cable if head.rig.point(c.from_point).drum.counter_bits is None}
+    if not unknown:
+        return head.rig, []
+    evidence = {name: WidthEvidence(head.rig.counter(c).rate) for name, c in unknown.items()}
+    for piece in read_counts_in_pieces(head.counts[0]):
+        for name, seen in evidence.items():
+            seen.add(piece.of(name), piece.time_s)
+    bits = {unknown[name].from_point: (name, seen.bits()) for name, seen in evidence.items()}
+    points, notes = [], []
+    for point in head.rig.observation_point:
+        channel, width = bits.get(point.name, ("", None))
+        if width is not None:
+            notes.append(message("counts.bits", source=str(head.counts[0]), channel=channel, bits=int(width)))
+            point = point.model_copy(update={"drum": point.drum.model_copy(update={"counter_bits": width})})
+        points.append(point)
+    return head.rig.model_copy(update={"observation_point": tuple(points)}), notes
+
+
 def with_evidence(
-    reconstruction: Reconstruction, trajectory: Trajectory, lengths: Lengths, evidence: Evidence, *, run: Run | RunHead, covariances: bool
+    reconstruction: Reconstruction, trajectory: Trajectory, lengths: Lengths, source: LengthSource, *, covariances: bool
 ) -> Trajectory:
-    """A piece of a run's trajectory with what the run tells of its own counts: notes, causes of `ok` samples that hang on counts that are
-    suspected, and what does not close in the systematic covariances."""
+    """Return a piece of a run's trajectory with what the run shows of its own counts: notes, causes of `ok` samples that depend on counts
+    that are suspected, and what does not close in the systematic covariances."""
+    evidence, budget, scheme = source.evidence, reconstruction.budget, reconstruction.model.scheme
     unseen = () if evidence.unseen is None else (evidence.unseen,)
-    said = (*evidence.doubts.notes, *evidence.notes, *unseen, said_of_redundancy(reconstruction), *reconstruction.reliability)
-    trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(run.recorded), *said))
+    more = (*reconstruction.doubts.notes, *evidence.notes, *unseen, _redundancy_note(reconstruction.model), *reconstruction.reliability)
+    trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(source.run.recorded), *more))
     if evidence.sound:
         return trajectory
-    unused, ok = left_out(trajectory, lengths.cables), trajectory.status == Status.OK
+    unused, ok = unused_channels(trajectory, lengths.cables), trajectory.status == Status.OK
     cause = trajectory.cause.copy()
     for mask, why in evidence.causes(trajectory.time_s, unused):
         cause[ok & mask] = and_also(cause[ok & mask], why)
@@ -76,20 +281,18 @@ def with_evidence(
     if not covariances or not evidence.closure_mm.any():
         return trajectory
     systematic, poses = trajectory.systematic.copy(), trajectory.poses
-    if reconstruction.scheme.point is not None:
+    if scheme.point is not None:
         poses = np.where(np.isnan(poses) & ~np.isnan(poses[:, :1]), [0.0] * 6 + [1.0], poses)
     for begin in range(0, len(systematic), CHUNK):
         i = slice(begin, begin + CHUNK)
-        factors = closure_factors(
-            reconstruction.budget, evidence, trajectory.time_s[i], poses[i], counts=lengths.counts[i], unused=unused[i]
-        )
+        factors = _closure_factors(budget, evidence, trajectory.time_s[i], poses[i], counts=lengths.counts[i], unused=unused[i])
         systematic[i] += factors @ np.swapaxes(factors, 1, 2)
     return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
 
 
-def said_of_redundancy(reconstruction: Reconstruction) -> Message:
-    """What the number of cables lets a run tell of its own faults."""
-    scheme = reconstruction.scheme
+def _redundancy_note(model: RunModel) -> Message:
+    """Return which of its own faults a run can show with its number of cables."""
+    scheme = model.scheme
     of: dict[str, int] = {"cables": len(scheme.rows), "unknowns": len(scheme.free)}
     channels = ".channels" if scheme.rows[:, KIND].any() else ""
     if scheme.redundancy == 0:
@@ -100,5 +303,108 @@ def said_of_redundancy(reconstruction: Reconstruction) -> Message:
 
 
 def covered(covers: str, evidence: Evidence) -> str:
-    """What the standard uncertainties hold, in words, with what does not close."""
+    """Return what the standard uncertainties include, in words, with what does not close."""
     return f"{covers}; and what does not close in the counts" if evidence.closure_mm.any() else covers
+
+
+def covariances(
+    trajectory: Trajectory,
+    run: Run | Alignment,
+    samples: slice | NDArray[np.intp] | BoolArray | None = None,
+    *,
+    constraint: str | None = None,
+    repeatability_mm: float = 0.0,
+) -> PoseCovariances:
+    """Return how the errors of a trajectory's poses correlate.
+
+    Parameters
+    ----------
+    trajectory
+        Trajectory of this run; one that was read from its file will do.
+    run
+        The run.
+    samples
+        Samples of interest; by default all.
+    constraint, repeatability_mm
+        As `reconstruct` got them.
+
+    Returns
+    -------
+    PoseCovariances
+        Random errors per sample and factors of the systematic errors that all samples share [rad, mm].
+
+    Raises
+    ------
+    TrajectoryError
+        If the trajectory is not of this run.
+
+    Examples
+    --------
+    >>> lm.covariances(trajectory, run, slice(0, 2)).factors.shape[:2]
+    (2, 6)
+    """
+    aligned = align(run)
+    run, lengths = aligned.run, aligned.lengths
+    if len(aligned.stamp_s) != len(trajectory.time_s) or not np.allclose(aligned.stamp_s, trajectory.time_s, rtol=0.0, atol=1e-9):
+        raise TrajectoryError(
+            f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
+            "it is not of this run"
+        )
+    reconstruction = prepare(aligned, constraint, repeatability_mm)
+    # as they were used: some counts are not, and those of restored channels are
+    lengths = aligned.lengths_of(reconstruction.doubts)
+    budget, scheme = reconstruction.budget, reconstruction.model.scheme
+    chosen = slice(None) if samples is None else samples
+    speed, u_mm = budget.speed_mm_s(lengths)[chosen], None if lengths.u_mm is None else lengths.u_mm[chosen]
+    poses = trajectory.poses[chosen].copy()
+    if scheme.point is not None:
+        # of the point alone: any orientation will do, for the rows have no arms
+        known = ~np.isnan(poses[:, 0])
+        poses[known, 3:] = (0.0, 0.0, 0.0, 1.0)
+    warm = None if lengths.temperature_c is None else lengths.temperature_c[chosen]
+    travel = budget.travel(lengths)
+    travel = None if travel is None else travel[chosen]
+    unused = unused_channels(trajectory, lengths.cables)[chosen]
+    found = budget.of(
+        lengths.time_s[chosen],
+        poses,
+        counts=lengths.counts[chosen],
+        speed_mm_s=speed,
+        u_mm=u_mm,
+        unused=unused,
+        temperature_c=warm,
+        travel=travel,
+    )
+    if aligned.evidence.closure_mm.any():
+        closing = _closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, counts=lengths.counts[chosen], unused=unused)
+        sources = (*found.sources, *(CLOSURE,) * closing.shape[2])
+        uniform = (*found.uniform, *(False,) * closing.shape[2])
+        found = replace(found, factors=np.concatenate([found.factors, closing], axis=2), sources=sources, uniform=uniform)
+    return found if scheme.point is None else _of_position(found)
+
+
+def _of_position(found: PoseCovariances) -> PoseCovariances:
+    """The same where the orientation is not measured: NaN."""
+    own, factors = found.own.copy(), found.factors.copy()
+    own[:, :3] = factors[:, :3] = np.nan
+    return replace(found, own=own, factors=factors)
+
+
+def _closure_factors(
+    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, *, counts: FloatArray, unused: BoolArray
+) -> FloatArray:
+    """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
+    G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled=True)
+    lengths = evidence.closure_lengths(time_s)
+    return np.asarray(G[:, :, : lengths.shape[1]] @ lengths)
+
+
+def unused_channels(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArray:
+    """(n, m) cables that `ok` samples name because they were not used."""
+    out = np.zeros((len(trajectory.time_s), len(cables)), np.bool_)
+    # a restored channel is named too, and used
+    ok = (trajectory.status == Status.OK) & ~np.array([is_of(cause, RESTORED_ORIGIN) for cause in trajectory.cause], dtype=np.bool_)
+    for names in set(trajectory.cable[ok]) - {""}:
+        mask = ok & (trajectory.cable == names)
+        out[np.ix_(mask, [cables.index(name) for name in names.split(NAMES) if name in cables])] = True
+    return out

@@ -1,33 +1,130 @@
 """Trajectory by the screw method (thesis Rashoyan 2021, 5.6), with the uncertainty of every pose.
 
-Where the cables do not determine the pose, notes name the motion that they lost (`linkages.lost_screw`).
+Where the cables do not determine the pose, notes name the motion that they lost (`linkages.lost_screw`). Logs too short to wait for a
+compiler are solved in NumPy (`follow_together`), the twin of the lane kernel, by the same rule: a whole run is solved at once, started from
+anchors that continuation reaches one from the other, and the result only counts where nothing can be in doubt: every sample starts near,
+converges, keeps the side of the start and stays below 75 degrees of pressure angle. Anything else is left to the compiled kernels, which
+go sample by sample and know every status.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, Status, TextArray, TrajectoryError, se3
-from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, CHANGES, follow_lanes, follow_least_squares, follow_redundant_lanes, resume_screw
-from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.sensors import Lengths, span_lengths, span_rows
+from lmeasure.kernels import (
+    ATTACHMENT_XYZ,
+    BASE_XYZ,
+    CHANGES,
+    CLEAR_OF_SINGULAR,
+    LOST,
+    MAX_STEP_ROTATION,
+    NEAR_MM,
+    TOLERANCE_MM,
+    follow_lanes,
+    follow_least_squares,
+    follow_redundant_lanes,
+    resume_screw,
+)
+from lmeasure.linkages import Split, pressure_angles
+from lmeasure.sensors import Lengths, arms, span_lengths, span_rows
 from lmeasure.text import JOINED, Message, and_also, message, without
-from lmeasure.trajectory.faults.doubts import Shift
+from lmeasure.trajectory.faults.doubts import NONE, Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.files.trajectory import NAMES, Trajectory
-from lmeasure.trajectory.reconstruction import reference
-from lmeasure.trajectory.reconstruction.corrections import correction_of
-from lmeasure.trajectory.reconstruction.scheme import FREEDOMS, scheme_of
+from lmeasure.trajectory.reconstruction.run_model import FREEDOMS, RunModel
 from lmeasure.trajectory.uncertainty.budget import RESTORED_ORIGIN, Budget
-from lmeasure.trajectory.uncertainty.sources import PassClock, loose_zeros
+from lmeasure.trajectory.uncertainty.sources import OriginEstimate
 
-if TYPE_CHECKING:
-    from lmeasure.trajectory.uncertainty.sources import Told
+ANCHORS = 2000  # more, as of a long way, and compiling costs less
+STEPS = 6
+FLOOR_MM = 1e-9  # a residual of rounding, when it no longer falls
+
+Followed = tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]
 
 
-from lmeasure.linkages import Split
+def follow_together(cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, *, flags: IntArray) -> Followed | None:
+    """What `kernels.screw.resume` gives for these samples, or None where that is not plain; the state is moved on only with a result.
+
+    cables (6, columns), start (7,), state (`kernels.screw.STATE`,), changes (n, 6) [mm], flags (n,).
+    """
+    index = np.flatnonzero(flags == Status.OK)
+    if state[-1] != 0.0 or not len(index):
+        return None
+    (zero,), start_rows = span_rows(cables, start[None])
+    side = np.sign(np.linalg.det(start_rows[0]))
+    wanted = changes[index]
+    starts = _anchors(cables, zero, state, wanted)
+    if starts is None:
+        return None
+    found = _newton(cables, starts, zero + wanted, STEPS)
+    if found is None:
+        return None
+    solved, worst, rows, steps = found
+    with np.errstate(invalid="ignore"):
+        determinants = np.linalg.det(rows)
+        if not (determinants * side > 0.0).all():
+            return None
+        angles = pressure_angles(rows, arms(cables, solved)).max(axis=1)
+        if not (angles <= CLEAR_OF_SINGULAR).all():
+            return None
+    n = len(changes)
+    poses, residual, angle = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    iterations = np.zeros(n, np.int64)
+    poses[index], residual[index], iterations[index] = solved, worst, steps
+    angle[index] = angles
+    state[:CHANGES], state[CHANGES:LOST] = solved[-1], wanted[-1]
+    return poses, residual, iterations, flags.copy(), angle
+
+
+def _anchors(cables: FloatArray, zero: FloatArray, state: FloatArray, changes: FloatArray) -> FloatArray | None:
+    """(n, 7) poses near those of the samples: of the last anchor, each NEAR_MM of length from the one before; None where samples are
+    farther apart, anchors too many, or one is not found."""
+    pose, there = state[:CHANGES].copy(), state[CHANGES:LOST].copy()
+    out = np.empty((len(changes), 7))
+    begin, anchors = 0, 0
+    while True:
+        far = np.flatnonzero(np.abs(changes[begin:] - there).max(axis=1) > NEAR_MM)
+        end = begin + int(far[0]) if len(far) else len(changes)
+        out[begin:end] = pose
+        if end == len(changes):
+            return out
+        # a sample that is itself far from the last one is no continuation
+        if end == begin or anchors == ANCHORS:
+            return None
+        found = _newton(cables, pose[None], (zero + changes[end - 1])[None], STEPS)
+        if found is None:
+            return None
+        pose, there = found[0][0], changes[end - 1]
+        begin, anchors = end, anchors + 1
+
+
+def _newton(cables: FloatArray, poses: FloatArray, targets: FloatArray, most: int) -> tuple[FloatArray, FloatArray, FloatArray, int] | None:
+    """Poses (n, 7) whose lengths are the targets (n, 6), largest residuals (n,), rows there (n, 6, 6), steps; None when one is missing."""
+    poses, previous = poses.copy(), np.inf
+    for step in range(most + 1):
+        lengths, rows = span_rows(cables, poses)
+        residuals = targets - lengths
+        worst = np.abs(residuals).max(axis=1)
+        largest = float(worst.max())
+        if not largest <= 2.0 * NEAR_MM:  # NaN is no answer either
+            return None
+        if largest <= TOLERANCE_MM or (largest < FLOOR_MM and largest >= 0.5 * previous):
+            return poses, worst, rows, step
+        previous = largest
+        try:
+            twist = np.linalg.solve(rows, residuals[:, :, None])[:, :, 0]
+        except np.linalg.LinAlgError:
+            return None
+        if not np.linalg.norm(twist[:, :3], axis=1).max() <= MAX_STEP_ROTATION:
+            return None
+        # a turn and a shift of the tool origin; Newton's order does not need the screw between two steps
+        poses = se3.displaced(poses, twist)
+    return None
+
 
 PROBES = 12  # to either side of a pose
 NEWTON_STEPS = 15
@@ -100,215 +197,131 @@ _CAUSES = {
 NOT_MEASURED = message("cause.orientation")
 
 
+@dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """A run that is being reconstructed: give it the lengths of one piece of the run after the other.
+    """A run's model with what is known of the run so far: what its redundancy determined of origins, and which counts are in doubt.
 
-    begun (m,): what the channels' changes were at the start pose, where that is no pose at which they were zeroed but one that was found.
-
-    RigError when the rig's cables cannot tell the pose; GeometryError when a cable cannot run at the start pose; TrajectoryError when the
-    start pose is singular, or needs an encoder whose zero is not known.
+    state (8 + m,): where the run is at its start, as the kernels have it; compiled: whether NumPy did not find the start. notes: of the
+    model. samples: some of the run, evenly over it, before its channels were compared; None where none is redundant. reliability: of the
+    run, in lines (`trajectory.faults.reliability`).
     """
 
-    def __init__(
-        self,
-        rig: Rig,
-        start: FloatArray,
-        calibration: CalibrationRecord | None = None,
-        constraint: str | None = None,
-        *,
-        u_start: tuple[float, ...] = (0.0, 0.0),
-        clocks: tuple[PassClock, ...] = (),
-        repeatability_mm: float = 0.0,
-        temperature_c: float | None = None,
-        begun: FloatArray | None = None,
-    ) -> None:
-        self._begun = begun
-        self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
-        rows = rig.cable_rows(rig.observed)
-        drawn = rows[: len(rig.cable)]
-        on = np.abs(se3.apply(start, drawn[:, ATTACHMENT_XYZ]) - drawn[:, BASE_XYZ]).max(axis=1) == 0.0
-        if on.any():
-            lost = rig.cable[int(np.argmax(on))]
-            raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
-        if not np.isfinite(span_rows(rows, start[None])[0]).all():
-            try:
-                span_lengths(rig, start[None, :], rig.observed)
-            except GeometryError as error:
-                raise GeometryError(f"start {error}") from None
-        self.start = self.scheme.start_of(start)
-        self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
-        self.budget = Budget(
-            rig,
-            start,
-            self.scheme,
-            calibration,
-            u_start=u_start,
-            clocks=clocks,
-            repeatability_mm=repeatability_mm,
-            correction=self.correction,
-            temperature_c=temperature_c,
-            unknown=begun is not None,
-        )
-        self.covers = self.budget.covers
-        self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
-        self.loose = loose_zeros(rig, calibration, len(self.scheme.free))
-        """Channels whose zeros only a run can tell."""
-        self.reliability: tuple[Message, ...] = ()
-        """Of the run, in lines (`trajectory.faults.redundancy`), once it is prepared."""
-        self.shifts: tuple[Shift, ...] = ()
-        """By which restored channels read too much, once it is prepared."""
-        self.thinned: Epochs | None = None
-        """Some samples of the run, evenly over it, before its channels were held against each other; None where none is redundant."""
-        self._state = self._new_state(self.start)
-        self._many = False
-        self._travelled = np.zeros((len(self.scheme.rows), 2))
-        (_, _, _, status, angle, *_), _ = self._next(self._at_start(self.start)[None], np.zeros(1, np.int64))
-        if status[0] != Status.OK:
-            raise TrajectoryError(f"start: {_CAUSES[Status(status[0])]}{self._lost_at(self.start)}")
-        self._start_angle = float(angle[0])
-        self._near: float | None = None
-        if self.scheme.six:
-            other = other_near(self.scheme.rows, self.start, START_NEAR_MM)
-            self._near = None if other is None else other[1]
-            if any(u_start):
-                self._check_side()
+    model: RunModel
+    budget: Budget
+    state: FloatArray
+    compiled: bool
+    notes: tuple[Message, ...] = ()
+    doubts: Doubts = NONE
+    samples: Epochs | None = None
+    reliability: tuple[Message, ...] = ()
 
-    def _check_side(self) -> None:
-        """TrajectoryError when the start, uncertain as it is, may lie beyond a singular pose: then the run may be in another assembly."""
-        rows, m = self.scheme.rows, len(self.scheme.rows)
-        found = self.budget.of(
-            np.zeros(1), self.start[None], counts=np.zeros((1, m)), speed_mm_s=np.zeros((1, m)), compiled=False, travel=np.zeros((1, m))
-        )
-        systematic = found.systematic[0]
-        split = split_at(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.length_variance))
-        part = split.twist * split.metric  # of an error of the start that is this twist [mm]
-        reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
-        probes = np.stack([self.start, *(se3.displaced(self.start, way * split.twist) for way in (reach, -reach))])
-        sides = np.sign(np.linalg.det(span_rows(rows, probes)[1]))
-        if not (sides == sides[0]).all():
-            raise TrajectoryError(
-                f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(self._start_angle):.1f} deg at the "
-                f"stated one; badly seen: {split.lost.said}): in which of two assemblies the run is cannot be told"
+    @cached_property
+    def redundancy(self) -> Redundancy | None:
+        """Return the tests of the channels against each other, None where there are no more than unknowns."""
+        return Redundancy(self.budget) if self.model.scheme.redundancy else None
+
+    def with_estimate(self, estimate: OriginEstimate | None) -> "Reconstruction":
+        """Return the reconstruction after the run determined its origins, or before."""
+        return replace(self, budget=self.budget.with_estimate(estimate))
+
+    def trajectory(self, lengths: Lengths, *, covariances: bool = True) -> Trajectory:
+        """Return the trajectory of a run in one piece."""
+        (found,) = self.trajectories([lengths], covariances=covariances)
+        return found
+
+    def trajectories(self, pieces: Iterable[Lengths], *, covariances: bool = True) -> Iterator[Trajectory]:
+        """Yield the trajectory of a run piece by piece; without covariances theirs are zero, for a quarter of the time."""
+        scheme, state, travelled = self.model.scheme, self.state.copy(), np.zeros((len(self.model.scheme.rows), 2))
+        by_kernels = self.compiled
+        for piece in pieces:
+            lengths, begun = self.corrected(piece, state), state.copy()
+            found, compiled = self._next(state, lengths.change_mm, lengths.flags, by_kernels=by_kernels)
+            by_kernels = by_kernels or compiled or len(lengths.change_mm) > 1
+            poses, residual, iterations, status, angle, *_ = found
+            cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
+            cable, unused, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None, None
+            if not scheme.six:
+                unused = np.isnan(lengths.change_mm)
+                cause, cable = self._remarks(lengths, status, unused, cause, cable)
+            # with as many cables as unknowns it is the solver's, not the lengths'
+            residual = np.where(np.isfinite(lengths.change_mm).sum(axis=1) > len(scheme.free), residual, np.nan)
+            cause = self._explained(cause, status, poses, angle, lengths.change_mm, begun)
+            random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
+            if covariances:
+                travel = self.budget.travel(lengths, travelled)
+                random, systematic = self.budget.covariances(poses, lengths, unused, compiled, travel=travel)
+                if self.redundancy is not None:
+                    parities = self.redundancy.parities(self.redundancy.epochs(lengths, travel), poses)
+                    chi_squared = np.where(parities.freedom > 0, parities.chi_squared, np.nan)
+            trajectory = Trajectory(
+                lengths.time_s,
+                poses,
+                residual,
+                iterations,
+                status,
+                cause,
+                cable,
+                np.degrees(angle),
+                random,
+                systematic,
+                self.budget.covers,
+                (*lengths.notes, *self.notes),
+                chi_squared,
+                self.budget.taken_as_exact(poses, lengths),
             )
+            yield _without_orientation(trajectory) if scheme.point else trajectory
 
-    def add(self, lengths: Lengths, *, covariances: bool = True) -> Trajectory:
-        """The trajectory of the next piece of the run; without covariances theirs are zero, for a quarter of the time."""
-        scheme, lengths = self.scheme, self.corrected(lengths, self._state)
-        begun = self._state.copy()
-        found, compiled = self._next(lengths.change_mm, lengths.flags)
-        poses, residual, iterations, status, angle, *_ = found
-        cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
-        cable, left_out, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None, None
-        if not scheme.six:
-            left_out = np.isnan(lengths.change_mm)
-            cause, cable = self._remarks(lengths, status, left_out, cause, cable)
-        # with as many cables as unknowns it is the solver's, not the lengths'
-        residual = np.where(np.isfinite(lengths.change_mm).sum(axis=1) > len(scheme.free), residual, np.nan)
-        cause = self._explained(cause, status, poses, angle, lengths.change_mm, begun)
-        random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
-        if covariances:
-            travel = self.budget.travel(lengths, self._travelled)
-            random, systematic = self.budget.covariances(poses, lengths, left_out, compiled, travel=travel)
-            if self.redundancy is not None:
-                parities = self.redundancy.parities(self.redundancy.epochs(lengths, travel), poses)
-                chi_squared = np.where(parities.freedom > 0, parities.chi_squared, np.nan)
-        trajectory = Trajectory(
-            lengths.time_s,
-            poses,
-            residual,
-            iterations,
-            status,
-            cause,
-            cable,
-            np.degrees(angle),
-            random,
-            systematic,
-            self.covers,
-            (*lengths.notes, *self._notes()),
-            chi_squared,
-            self.budget.taken_as_exact(poses, lengths),
-        )
-        return _without_orientation(trajectory) if scheme.point else trajectory
-
-    def examined(self, pieces: Iterable[Lengths]) -> Iterator[tuple[Lengths, FloatArray, FloatArray, FloatArray | None]]:
-        """Of a run whose cables are redundant, one piece after the other: its lengths as they are used, its poses (n, 7), chi-squared (n,)
-        by the counts alone, and which way the cables travelled last. Where this reconstruction has got to is not touched."""
-        state, travelled = self._new_state(self.start), np.zeros((len(self.scheme.rows), 2))
+    def examine(self, pieces: Iterable[Lengths]) -> Iterator[tuple[Lengths, FloatArray, FloatArray, FloatArray | None]]:
+        """Yield of a run whose cables are redundant, piece by piece, its lengths as they are used, its poses (n, 7), chi-squared (n,) by
+        the counts alone, and which way the cables travelled last."""
+        scheme, travelled = self.model.scheme, np.zeros((len(self.model.scheme.rows), 2))
+        state = new_run_state(self.model)
         for piece in pieces:
             lengths = self.corrected(piece, state)
-            poses, *_, chi_squared = self._follow(self.scheme.rows, self.start, state, lengths.change_mm, lengths.flags)
+            poses, *_, chi_squared = self._follow(scheme.rows, self.model.zero_pose, state, lengths.change_mm, lengths.flags)
             yield lengths, poses, chi_squared, self.budget.travel(lengths, travelled)
 
     def corrected(self, lengths: Lengths, state: FloatArray | None = None) -> Lengths:
-        """The lengths without the effects of temperature, stretch and sag that the rig states; state is where the run has got to, by
+        """Return the lengths without the effects of temperature, stretch and sag that the rig states; state is where the run has got to, by
         default its start."""
-        if self.budget.told is not None or self.budget.supposed.any():
+        if self.budget.estimate is not None or self.budget.supposed.any():
             lengths = replace(lengths, change_mm=lengths.change_mm - self.budget.offsets(lengths.time_s))
-        if self.correction is None:
+        model = self.model
+        if model.correction is None:
             return lengths
-        begun = self._new_state(self.start) if state is None else state
+        begun = new_run_state(model) if state is None else state
 
         def solve(changes: FloatArray) -> FloatArray:
-            return np.asarray(self._follow(self.scheme.rows, self.start, begun.copy(), changes, lengths.flags)[0])
+            return np.asarray(self._follow(model.scheme.rows, model.zero_pose, begun.copy(), changes, lengths.flags)[0])
 
-        return self.correction.corrected(lengths, solve)
+        return model.correction.corrected(lengths, solve)
 
     def solve(self, rows: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray) -> FloatArray:
-        """(n, 7) poses of a whole run by other rows of cables, from another start, changes (n, m) [mm] and flags (n,); NaN where none is
-        found."""
-        return np.asarray(self._follow(rows, start, self._new_state(start), changes, flags)[0])
+        """Return (n, 7) poses of a whole run by other rows of cables, from another start, changes (n, m) [mm] and flags (n,); NaN where
+        none is found."""
+        return np.asarray(self._follow(rows, start, _new_state(self.model, start), changes, flags)[0])
 
-    def use(self, told: "Told | None") -> None:
-        """Take what the run told of its origins from now on, or forget it."""
-        self.budget.use(told)
+    def poses_of(self, changes: FloatArray) -> FloatArray:
+        """Return (n, 7) poses of samples of a run by changes (n, m) of its channels, NaN for one that is not used."""
+        return self.solve(self.model.scheme.rows, self.model.zero_pose, changes, np.full(len(changes), Status.GAP, np.int64))
 
-    def solve_from_told(self, changes: FloatArray) -> FloatArray:
-        """(n, 7) poses of samples of a run by changes (n, m) of its channels, NaN for one that is not used."""
-        return self.solve(self.scheme.rows, self.start, changes, np.full(len(changes), Status.GAP, np.int64))
-
-    def begun_state(self) -> FloatArray:
-        """(8 + m,) where a run has got to at its start, as `kernels.least_squares` has it."""
-        return self._new_state(self.start)
-
-    @property
-    def zero(self) -> FloatArray:
-        """(m,) what its channels read where their change is 0."""
-        return self._zero(self.scheme.rows, self.start)
-
-    def _new_state(self, start: FloatArray) -> FloatArray:
-        """Where a run has got to at its start, without compiling: the start pose, no change of the cables, not lost."""
-        return np.concatenate([start, self._at_start(start), [0.0]])
-
-    def _at_start(self, start: FloatArray) -> FloatArray:
-        """(m,) the changes at the start: none but of absolute channels, or where it was found."""
-        begun = np.zeros(len(self.scheme.rows)) if self._begun is None else self._begun
-        if not self.budget.absolute.any():
-            return begun
-        return np.where(self.budget.absolute, span_rows(self.scheme.rows, start[None])[0][0], begun)
-
-    def _zero(self, rows: FloatArray, start: FloatArray) -> FloatArray:
-        """(m,) what channels, rows (m, columns), read where their change is 0."""
-        begun = 0.0 if self._begun is None else self._begun
-        return np.where(self.budget.absolute, 0.0, span_rows(rows, start[None])[0][0] - begun)
-
-    def _next(self, changes: FloatArray, flags: IntArray) -> tuple[tuple[Any, ...], bool]:
-        """The next samples, and whether by the compiled kernels: not as long as they are few and plain."""
-        found = None
-        if self.scheme.six and not self._many and len(changes) < COMPILING_PAYS:
-            found = reference.follow(self.scheme.rows, self.start, self._state, changes, flags=flags)
-        self._many = self._many or found is None or len(changes) > 1
-        if found is not None:
-            return found, False
-        return self._follow(self.scheme.rows, self.start, self._state, changes, flags), True
+    def _next(self, state: FloatArray, changes: FloatArray, flags: IntArray, *, by_kernels: bool) -> tuple[tuple[Any, ...], bool]:
+        """Follow the next samples, and whether by the compiled kernels: not as long as they are few and plain."""
+        rows, start = self.model.scheme.rows, self.model.zero_pose
+        if self.model.scheme.six and not by_kernels and len(changes) < COMPILING_PAYS:
+            found = follow_together(rows, start, state, changes, flags=flags)
+            if found is not None:
+                return found, False
+        return self._follow(rows, start, state, changes, flags), True
 
     def _follow(self, rows: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
-        u = np.sqrt(self.budget.length_variance)
-        if self.scheme.six:
+        scheme, u = self.model.scheme, np.sqrt(self.budget.length_variance)
+        if scheme.six:
             follow = follow_lanes if len(changes) >= COMPILING_PAYS else resume_screw
             return tuple(follow(rows, start, state, changes, flags, u))
-        in_lanes = len(changes) >= LANES_PAY and self.scheme.redundancy and len(self.scheme.free) == len(FREEDOMS)
+        in_lanes = len(changes) >= LANES_PAY and scheme.redundancy and len(scheme.free) == len(FREEDOMS)
         by = follow_redundant_lanes if in_lanes else follow_least_squares
-        return tuple(by(rows, start, self._zero(rows, start), state, changes, flags, u, self.scheme.free_index))
+        return tuple(by(rows, start, zero_readings(self.model, rows, start), state, changes, flags, u, scheme.free_index))
 
     def _remarks(
         self, lengths: Lengths, status: IntArray, left_out: BoolArray, cause: TextArray, cable: TextArray
@@ -316,7 +329,7 @@ class Reconstruction:
         """Causes and cables of samples that are good without some of the cables, left_out (n, m), and what a scheme does not measure."""
         ok = status == Status.OK
         cause, cable = cause.copy(), np.where(ok, "", cable)
-        cause[ok] = NOT_MEASURED if self.scheme.point else ""
+        cause[ok] = NOT_MEASURED if self.model.scheme.point else ""
         lacking = ok & left_out.any(axis=1)
         for missing in np.unique(left_out[lacking], axis=0):
             mask = lacking & (left_out == missing).all(axis=1)
@@ -329,10 +342,6 @@ class Reconstruction:
             cause[mask] = and_also(cause[mask], message(RESTORED_ORIGIN, cable=lengths.cables[j], after_s=after_s))
         return cause, cable
 
-    def _lost_at(self, pose: FloatArray) -> str:
-        split = split_at(self.scheme.rows, pose, self.scheme.free_index, np.sqrt(self.budget.length_variance))
-        return f"; not determined: {split.lost.said}"
-
     def _explained(
         self, cause: TextArray, status: IntArray, poses: FloatArray, angle: FloatArray, changes: FloatArray, begun: FloatArray
     ) -> TextArray:
@@ -341,35 +350,108 @@ class Reconstruction:
         near = (status == Status.OK) & (angle > np.radians(NEARLY))
         if not (singular.any() or near.any()):
             return cause
-        cause, u, free = cause.copy(), np.sqrt(self.budget.length_variance), self.scheme.free_index
+        cause, u, free = cause.copy(), np.sqrt(self.budget.length_variance), self.model.scheme.free_index
         m = len(u)
         before = np.maximum.accumulate(np.where(status == Status.OK, np.arange(len(status)), -1))
         for last in np.unique(before[singular]):
             pose, there = (begun[:CHANGES], begun[CHANGES : CHANGES + m]) if last < 0 else (poses[last], changes[last])
             mine = np.flatnonzero(singular & (before == last))
-            explained = explain(split_at(self.scheme.rows, pose, free, u), changes[mine] - there)
+            explained = explain(split_at(self.model.scheme.rows, pose, free, u), changes[mine] - there)
             for i, said in zip(mine, explained, strict=True):
                 cause[i] = message(JOINED, first=cause[i], then=said)
         for i in np.flatnonzero(near):
-            lost = split_at(self.scheme.rows, poses[i], free, u).lost
+            lost = split_at(self.model.scheme.rows, poses[i], free, u).lost
             remark = message("cause.nearly_singular", screw=lost.said, mm=lost.mm_per_mm)
             cause[i] = message(JOINED, first=cause[i], then=remark) if cause[i] else remark
         return cause
 
-    def _notes(self) -> tuple[Message, ...]:
-        point = self.scheme.point
-        notes = []
-        if point:
-            notes.append(message("scheme.point", point=point))
-        if self.scheme.constraint:
-            notes.append(message("scheme.held", freedoms=self.scheme.held, constraint=self.scheme.constraint))
-        if self._start_angle > START_CLEAR:
-            notes.append(message("start.angle", angle_deg=float(np.degrees(self._start_angle))))
-        if self._near is not None:
-            notes.append(message("start.near", apart_mm=self._near, fold_mm=self._near / 2.0))
-        if self.correction is not None:
-            notes += self.correction.notes()
-        return tuple(notes)
+
+def reconstruction_of(model: RunModel) -> Reconstruction:
+    """Return the reconstruction of a model, before anything is known of its run.
+
+    RigError when the rig's cables do not determine the pose; GeometryError when a cable cannot run at the start pose; TrajectoryError when
+    the start pose is singular, or needs an encoder whose zero is not known.
+    """
+    rig, start, scheme, zero_pose = model.rig, model.start, model.scheme, model.zero_pose
+    rows = rig.cable_rows(rig.observed)
+    drawn = rows[: len(rig.cable)]
+    on = np.abs(se3.apply(start, drawn[:, ATTACHMENT_XYZ]) - drawn[:, BASE_XYZ]).max(axis=1) == 0.0
+    if on.any():
+        lost = rig.cable[int(np.argmax(on))]
+        raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
+    if not np.isfinite(span_rows(rows, start[None])[0]).all():
+        try:
+            span_lengths(rig, start[None, :], rig.observed)
+        except GeometryError as error:
+            raise GeometryError(f"start {error}") from None
+    budget, state = Budget(model), new_run_state(model)
+    _ = model.loose_zeros
+    fresh = Reconstruction(model, budget, state, compiled=False)
+    (_, _, _, status, angle, *_), compiled = fresh._next(
+        state, _changes_at(model, zero_pose)[None], np.zeros(1, np.int64), by_kernels=False
+    )
+    if status[0] != Status.OK:
+        split = split_at(scheme.rows, zero_pose, scheme.free_index, np.sqrt(budget.length_variance))
+        raise TrajectoryError(f"start: {_CAUSES[Status(status[0])]}; not determined: {split.lost.said}")
+    notes: list[Message] = []
+    if scheme.point:
+        notes.append(message("scheme.point", point=scheme.point))
+    if scheme.constraint:
+        notes.append(message("scheme.held", freedoms=scheme.held, constraint=scheme.constraint))
+    if angle[0] > START_CLEAR:
+        notes.append(message("start.angle", angle_deg=float(np.degrees(angle[0]))))
+    if scheme.six:
+        other = other_near(scheme.rows, zero_pose, START_NEAR_MM)
+        if other is not None:
+            notes.append(message("start.near", apart_mm=other[1], fold_mm=other[1] / 2.0))
+        if any(model.u_start):
+            _check_side(budget, float(angle[0]))
+    if model.correction is not None:
+        notes += model.correction.notes
+    return replace(fresh, compiled=compiled, notes=tuple(notes))
+
+
+def _check_side(budget: Budget, angle: float) -> None:
+    """TrajectoryError when the start, uncertain as it is, may lie beyond a singular pose: then the run may be in another assembly; angle:
+    the worst pressure angle [rad] there."""
+    scheme, start = budget.scheme, budget.model.zero_pose
+    nothing = np.zeros((1, len(scheme.rows)))
+    found = budget.of(np.zeros(1), start[None], counts=nothing, speed_mm_s=nothing, compiled=False, travel=nothing)
+    systematic = found.systematic[0]
+    split = split_at(scheme.rows, start, scheme.free_index, np.sqrt(budget.length_variance))
+    part = split.twist * split.metric  # of an error of the start that is this twist [mm]
+    reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
+    probes = np.stack([start, *(se3.displaced(start, way * split.twist) for way in (reach, -reach))])
+    sides = np.sign(np.linalg.det(span_rows(scheme.rows, probes)[1]))
+    if not (sides == sides[0]).all():
+        raise TrajectoryError(
+            f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(angle):.1f} deg at the "
+            f"stated one; badly seen: {split.lost.said}): in which of two assemblies the run is cannot be told"
+        )
+
+
+def new_run_state(model: RunModel) -> FloatArray:
+    """Return where a run has got to at its start, (8 + m,), as `kernels.least_squares` has it."""
+    return _new_state(model, model.zero_pose)
+
+
+def _new_state(model: RunModel, start: FloatArray) -> FloatArray:
+    """Return where a run has got to at its start, without compiling: the start pose, no change of the cables, not lost."""
+    return np.concatenate([start, _changes_at(model, start), [0.0]])
+
+
+def _changes_at(model: RunModel, start: FloatArray) -> FloatArray:
+    """Return (m,) the changes at the start: none but of absolute channels, or where it was found."""
+    begun = np.zeros(len(model.scheme.rows)) if model.begun is None else model.begun
+    if not model.absolute.any():
+        return begun
+    return np.where(model.absolute, span_rows(model.scheme.rows, start[None])[0][0], begun)
+
+
+def zero_readings(model: RunModel, rows: FloatArray, start: FloatArray) -> FloatArray:
+    """Return (m,) what channels, rows (m, columns), read where their change is 0."""
+    begun = 0.0 if model.begun is None else model.begun
+    return np.where(model.absolute, 0.0, span_rows(rows, start[None])[0][0] - begun)
 
 
 _TEXTS = np.array([_CAUSES.get(status, "") for status in Status], dtype=np.object_)

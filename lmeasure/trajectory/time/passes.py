@@ -245,14 +245,23 @@ class Alignment:
     notes: tuple[Message, ...]
     stamp_s: FloatArray
 
+    @property
+    def name(self) -> str:
+        """Return the name of the first pass's file."""
+        return self.run.passes[0].source
+
     @cached_property
     def lengths(self) -> Lengths:
-        """Its lengths, without counts that are in doubt by themselves; worked out once for all who ask for them."""
-        return self.without(self.evidence.doubts)
+        """Return its lengths, without counts that are in doubt by themselves; computed once."""
+        return self.evidence.doubts.applied(self.run.rig, self._all_lengths)
 
-    def without(self, doubts: Doubts) -> Lengths:
-        """Its lengths, without the counts that are in these doubts."""
-        return doubts.applied(self.run.rig, self._all_lengths)
+    def lengths_of(self, doubts: Doubts) -> Lengths:
+        """Return its lengths, without the counts that are in these doubts."""
+        return self.lengths if doubts is self.evidence.doubts else doubts.applied(self.run.rig, self._all_lengths)
+
+    def pieces(self, doubts: Doubts) -> list[Lengths]:
+        """Return its lengths in one piece."""
+        return [self.lengths_of(doubts)]
 
     @cached_property
     def evidence(self) -> Evidence:

@@ -14,8 +14,9 @@ What of a rig a run takes as exact, as nobody stated it and nothing has solved i
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from lmeasure.kernels import (
     span_rows_of,
     twists as least_squares_twists,
 )
-from lmeasure.rig import FURTHER, TABLE, CalibrationRecord, Owner, Rig
+from lmeasure.rig import FURTHER, TABLE, Owner
 from lmeasure.sensors import (
     ATTACHMENT,
     CALIBRATION,
@@ -60,16 +61,14 @@ from lmeasure.sensors import (
     width_of,
     zero_at,
 )
-from lmeasure.trajectory.reconstruction import reference
-from lmeasure.trajectory.reconstruction.corrections import Correction
-from lmeasure.trajectory.reconstruction.scheme import Scheme
+from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
 from lmeasure.trajectory.uncertainty.sources import (
     ANYWHERE,
     NEAR_RAD,
     PHASE,
     UNKNOWN_MM,
     ZERO,
-    PassClock,
+    OriginEstimate,
     Situation,
     Source,
     angle_of,
@@ -84,9 +83,6 @@ from lmeasure.trajectory.uncertainty.sources import (
     zero_phase,
     zeros_of,
 )
-
-if TYPE_CHECKING:
-    from lmeasure.trajectory.uncertainty.sources import Told
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,13 +135,11 @@ SAMPLED = 64
 
 
 class Exact:
-    """Of runs of a rig, whose counters begin at begun; temperature_c: at the start, None where nobody stated it."""
+    """Values that a run takes as exact; begun: where its counters begin."""
 
-    def __init__(
-        self, rig: Rig, scheme: Scheme, calibration: CalibrationRecord | None, *, temperature_c: float | None, begun: Zero
-    ) -> None:
-        self._rig, self._scheme, self._calibration = rig, scheme, calibration
-        self._temperature_c, self._begun = temperature_c, begun
+    def __init__(self, model: RunModel, begun: Zero) -> None:
+        rig, scheme, calibration = self._rig, self._scheme, self._calibration = model.rig, model.scheme, model.calibration
+        self._temperature_c, self._begun = model.temperature_c, begun
         # where the point itself is measured its place in the tool frame does not enter
         self._variables = [
             v
@@ -190,14 +184,14 @@ class Exact:
 
 class ParameterErrors:
     """Errors of a rig's channels by independent variables of unit variance: solved of them by the linked calibration, dimensions more by
-    what the rig states to be uncertain. zero (7,): where counting began, by the scheme; cancels: whether what acts there too cancels, as it
-    does not where the start came from lengths."""
+    what the rig states to be uncertain. cancels: whether what acts where counting began too cancels, as it does not where the start came
+    from lengths."""
 
-    def __init__(self, rig: Rig, scheme: Scheme, calibration: CalibrationRecord | None, zero: FloatArray, *, cancels: bool) -> None:
+    def __init__(self, model: RunModel, *, cancels: bool) -> None:
+        rig, scheme, calibration = model.rig, model.scheme, model.calibration
         observed, self._wide = rig.observed, further_solved(calibration)
-        self._rows, self._scales, self._zero, self._cables = scheme.rows, rig.scales(observed), zero, len(rig.cable)
-        self._cancels = cancels
-        self._absolute = np.array([rig.counter(o).absolute for o in observed])
+        self._rows, self._scales, self._zero, self._cables = scheme.rows, rig.scales(observed), model.zero_pose, len(rig.cable)
+        self._cancels, self._absolute = cancels, model.absolute
         enters = _entering(scheme, wide=self._wide)
         # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
         width = np.sqrt(np.diag(cable_covariance(rig, calibration, observed, wide=self._wide)))
@@ -261,71 +255,54 @@ CHUNK = 2048  # poses whose factors are in memory at once
 class Budget:
     """The sources of error of one run.
 
-    u_start: standard uncertainties of the start pose as `Run` holds them; clocks: those of each pass's time against pass 1's;
-    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in a pass; temperature_c: at the start,
-    None where nobody stated it.
+    What the run determined of its origins, and channels that go on from another one, make a new budget: `with_estimate`, `with_restored`.
     """
 
-    def __init__(
-        self,
-        rig: Rig,
-        start: FloatArray,
-        scheme: Scheme,
-        calibration: CalibrationRecord | None = None,
-        *,
-        u_start: tuple[float, ...] = (0.0, 0.0),
-        clocks: tuple[PassClock, ...] = (),
-        repeatability_mm: float = 0.0,
-        correction: Correction | None = None,
-        temperature_c: float | None = None,
-        unknown: bool = False,
-    ) -> None:
-        self.correction = correction
-        self.told: Told | None = None
-        """What the run told of its origins."""
-        self.restored: tuple[tuple[int, float, float], ...] = ()
-        """Channels (index) that go on from another origin, behind a time and until one [s]."""
-        self.rig, self._calibration = rig, calibration
+    estimate: OriginEstimate | None = None
+    """What the run determined of its origins."""
+    restored: tuple[tuple[int, float, float], ...] = ()
+    """Channels (index) that go on from another origin, behind a time and until one [s]."""
+
+    def __init__(self, model: RunModel) -> None:
+        rig, scheme, calibration, u_start = model.rig, model.scheme, model.calibration, model.u_start
+        self.model, self.rig, self.scheme, self.correction = model, rig, scheme, model.correction
         observed, self._cables = rig.observed, len(rig.cable)
-        self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
+        self.scales, self.variance = rig.scales(observed), count_variance(rig, observed)
         self._before = length_variance(rig, observed)
         if scheme.redundancy:
             self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free)) / angle_of(rig) ** 2
         rough = zero_columns(rig, calibration)[0]
         # where nothing tells more of them, poses err by far more than what is of first order in them
-        self._rough = rough[:, (rough * angle_of(rig)[:, None] > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
-        self.absolute = np.array([rig.counter(o).absolute for o in observed])
-        """(m,) whether a channel's readings are counted from no pose."""
-        self.start = start
-        self._zero = scheme.start_of(start)
+        self._rough = rough[:, (rough > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
+        self.absolute, self._zero = model.absolute, model.zero_pose
         # what a constraint holds is exact, and a point's place has a part in all
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
-        at_start = span_rows(rig.cable_rows(observed), start[None])[1][0]
+        at_start = span_rows(rig.cable_rows(observed), model.start[None])[1][0]
         self._start_lengths = self._from_start(at_start * self._u_start)[:, self._u_start > 0.0]
         # a start that came from lengths errs with the rig: then nothing cancels where counting began
         self._u_length = u_start[2] if len(u_start) > 2 else None
         if self._u_length:
             self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(observed), len(rig.cable))])
-        self.by_parameter = ParameterErrors(rig, scheme, calibration, self._zero, cancels=self._u_length is None)
+        self.by_parameter = ParameterErrors(model, cancels=self._u_length is None)
         solved, dimensions = self.by_parameter.solved, self.by_parameter.dimensions
         self._passage = np.array([c.passage for c in observed], dtype=np.int64)
-        self._clocks, self._repeatability_mm = clocks, repeatability_mm if rig.passes > 1 else 0.0
-        late = tuple(f"clock of pass {p}" for p, clock in enumerate(clocks, 1) for _ in range(clock.variables))
+        self._clocks, self._repeatability_mm = model.clocks, model.repeatability_mm if rig.passes > 1 else 0.0
+        late = tuple(f"clock of pass {p}" for p, clock in enumerate(model.clocks, 1) for _ in range(clock.variables))
         places = tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
-        physical = (PHYSICAL,) * (0 if correction is None else correction.sources)
+        physical = (PHYSICAL,) * (0 if model.correction is None else model.correction.sources)
         self.unsolved = Unsolved(rig, stated(rig, None, () if calibration is None else calibration.names, OTHERS))
         self._played_mm = np.abs(every_part(rig, rig.cable).values[:, PLAY]) * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
         self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
         of_drums = self.unsolved.sources + self.unsolved.play_sources + ("play of drums",) * int(np.count_nonzero(self._played_mm))
-        self._exact = Exact(rig, scheme, calibration, temperature_c=temperature_c, begun=self._begun)
+        self._exact = Exact(model, self._begun)
         self._phase = zero_phase(rig)
         parameters = (BY_CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
         moved = (
             Source(parameters, (DIMENSIONS,) * bool(dimensions), lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel)),
             Source(("start pose",) * self._start_lengths.shape[1], ("the start pose",), lambda _: self._start_lengths),
         )
-        start_columns = unknown_start(rig, self.absolute) if unknown else Source((), (), lambda _: np.empty((0, 0)))
+        start_columns = unknown_start(rig, self.absolute) if model.begun is not None else Source((), (), lambda _: np.empty((0, 0)))
         by_length = (
             self._phase,
             start_columns,
@@ -344,14 +321,14 @@ class Budget:
         """All sources of systematic error, the origins last."""
         self.supposed = np.zeros(len(self.origin_names))
         """(o,) what the variables of the origins are taken for until a run has told them."""
-        bends = second_order_variables(self._rough.shape[1])
-        self.sources = (*(name for source in self.every for name in source.names), *(ZERO,) * bends)
-        self.uniform = (*(source.uniform for source in self.every for _ in source.names), *(False,) * bends)
         self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
 
-    def restore(self, cable: int, after_s: float, until_s: float = np.inf) -> None:
-        """Let a channel that slipped or lost its origin behind a time go on from another one, which the run is to tell."""
-        assert self.told is None
+    def with_estimate(self, estimate: OriginEstimate | None) -> "Budget":
+        """Return the budget after a run determined its origins; before it where the estimate is None."""
+        return self._changed(estimate=estimate)
+
+    def with_restored(self, cable: int, after_s: float, until_s: float = np.inf) -> "Budget":
+        """Return the budget of a run whose channel goes on from another origin behind a time, which the run is to determine anew."""
         u = ANYWHERE if self.scheme.rows[cable, KIND] > CABLE else UNKNOWN_MM
         own = np.where(np.arange(len(self.scheme.rows)) == cable, u, 0.0)[:, None]
 
@@ -359,40 +336,63 @@ class Budget:
             return np.asarray(((at.time_s > after_s) & (at.time_s <= until_s))[:, None, None] * own)
 
         source = Source((RESTORED,), ("restored origins",), lengths)
-        self.origins, self.every = (*self.origins, source), (*self.every, source)
-        self.supposed = np.append(self.supposed, 0.0)
-        self.restored = (*self.restored, (cable, after_s, until_s))
-        self.use(None)
+        return self._changed(
+            origins=(*self.origins, source),
+            every=(*self.every, source),
+            supposed=np.append(self.supposed, 0.0),
+            restored=(*self.restored, (cable, after_s, until_s)),
+            estimate=None,
+        )
+
+    def with_zeros(self, zeros: FloatArray) -> "Budget":
+        """Return the budget that takes rough zeros (k,), of `rough_columns`, in standard uncertainties, for these from the beginning."""
+        columns = zero_columns(self.rig, self.model.calibration)[0]
+        of_zeros = np.flatnonzero([name == ZERO for name in self.origin_names])
+        supposed = self.supposed.copy()
+        supposed[of_zeros[is_rough(self.rig, columns)]] = zeros
+        return self._changed(supposed=supposed)
+
+    def _changed(self, **values: Any) -> "Budget":
+        changed = copy(self)
+        vars(changed).update(values)
+        return changed
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """What each variable of the systematic errors stands for, as `PoseCovariances.sources` has it."""
+        mixed = () if self.estimate is None else self.origins
+        names = (ORIGINS if source in mixed else name for source in self.every for name in source.names)
+        return (*names, *(ZERO,) * second_order_variables(self._rough.shape[1]))
+
+    @property
+    def uniform(self) -> tuple[bool, ...]:
+        """Whether each variable of the systematic errors is uniform, or normal."""
+        mixed = () if self.estimate is None else self.origins
+        uniform = (source.uniform and source not in mixed for source in self.every for _ in source.names)
+        return (*uniform, *(False,) * second_order_variables(self._rough.shape[1]))
 
     def restored_origins(self) -> list[tuple[int, float, float, float, float]]:
         """Of each restored channel its index, from when and until when [s], by how much its readings were too large, and the standard
         uncertainty of that, as the run told."""
-        if self.told is None:
+        if self.estimate is None:
             return []
         out, n = [], len(self.restored)
-        for k, (cable, after_s, until_s) in enumerate(self.restored, len(self.told.mean) - n):
+        for k, (cable, after_s, until_s) in enumerate(self.restored, len(self.estimate.mean) - n):
             u = ANYWHERE if self.scheme.rows[cable, KIND] > CABLE else UNKNOWN_MM
-            i = len(self.told.covariance) - len(self.told.mean) + k
-            out.append((cable, after_s, until_s, float(self.told.mean[k]) * u, float(np.sqrt(self.told.covariance[i, i])) * u))
+            i = len(self.estimate.covariance) - len(self.estimate.mean) + k
+            out.append((cable, after_s, until_s, float(self.estimate.mean[k]) * u, float(np.sqrt(self.estimate.covariance[i, i])) * u))
         return out
 
     @property
     def length_variance(self) -> FloatArray:
         """(m,) [mm^2, rad^2] of a single reading, zero phase and zero included where the run has not told them: what readings are weighed
         and told apart by."""
-        return self._before if self.told is None else self.variance
+        return self._before if self.estimate is None else self.variance
 
     @property
     def weights(self) -> FloatArray:
         """(m,) of readings against each other, about 1 of lengths."""
         return np.asarray(np.sqrt(self.length_variance[: self._cables].min() / self.length_variance))
-
-    def use(self, told: "Told | None") -> None:
-        """Take what a run told of its origins from now on, or forget it."""
-        self.told = told
-        mixed = () if told is None else self.origins
-        self.sources = tuple(ORIGINS if source in mixed else name for source in self.every for name in source.names)
-        self.uniform = tuple(source.uniform and source not in mixed for source in self.every for _ in source.names)
 
     @property
     def origin_names(self) -> tuple[str, ...]:
@@ -407,25 +407,19 @@ class Budget:
 
     def offsets(self, time_s: FloatArray) -> FloatArray:
         """(n, m) by which readings at times (n,) are too large by what the run told of its origins."""
-        mean = self.supposed if self.told is None else self.told.mean
+        mean = self.supposed if self.estimate is None else self.estimate.mean
         return np.asarray(self.origin_lengths(time_s) @ mean) if mean.any() else np.zeros((1, len(self.scheme.rows)))
 
-    def told_offsets(self, time_s: FloatArray) -> FloatArray:
+    def estimated_offsets(self, time_s: FloatArray) -> FloatArray:
         """(n, m) by which readings at times (n,), less what was supposed, are too large by what the run told of its origins."""
-        if self.told is None:
+        if self.estimate is None:
             return np.zeros((1, len(self.scheme.rows)))
-        return np.asarray(self.origin_lengths(time_s) @ (self.told.mean - self.supposed))
-
-    def suppose(self, zeros: FloatArray) -> None:
-        """Take rough zeros (k,), of `rough_columns`, in standard uncertainties, for these from the beginning."""
-        columns = zero_columns(self.rig, self._calibration)[0]
-        of_zeros = np.flatnonzero([name == ZERO for name in self.origin_names])
-        self.supposed[of_zeros[is_rough(self.rig, columns)]] = zeros
+        return np.asarray(self.origin_lengths(time_s) @ (self.estimate.mean - self.supposed))
 
     @property
     def calibrated(self) -> bool:
         """Whether a calibration is linked."""
-        return self._calibration is not None
+        return self.model.calibration is not None
 
     @property
     def one_motion(self) -> bool:
@@ -455,7 +449,7 @@ class Budget:
     def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
         """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources; of all, as a run told."""
         lengths = self._lengths_of(situation, sources)
-        return lengths if self.told is None or sources is not self.every else np.asarray(lengths @ self.told.mix)
+        return lengths if self.estimate is None or sources is not self.every else np.asarray(lengths @ self.estimate.mix)
 
     def _lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
         n, m = situation.counts.shape
@@ -487,7 +481,7 @@ class Budget:
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
         speed_mm_s, u_mm = self.speed_mm_s(lengths), lengths.u_mm
         # each counter zeroed by itself, and all anywhere: the phases scatter as the counts do, and cost nothing
-        alike = self.told is None and u_mm is None and len(self._phase.names) == len(self.variance)
+        alike = self.estimate is None and u_mm is None and len(self._phase.names) == len(self.variance)
         sources = tuple(source for source in self.every if source is not self._phase) if alike else self.every
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
@@ -510,7 +504,7 @@ class Budget:
             lengths = span_lengths(self.scheme.rows, self._zero[None])[0] + self._u_length * generator.standard_normal(len(moved))
             return np.asarray(solve_pose(moved, lengths, self._zero)[3])
         delta = self._u_start * generator.standard_normal(6)
-        return self.scheme.start_of(se3.displaced(self.start, delta))
+        return self.scheme.start_of(se3.displaced(self.model.start, delta))
 
     def _own(
         self, poses: FloatArray, counts: FloatArray, u_mm: FloatArray | None, unused: BoolArray | None, compiled: bool
@@ -581,11 +575,19 @@ class Budget:
     def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
         """(n, 6, m) what the poses move by per mm of each length."""
         if self.scheme.six:
-            return np.asarray((pose_twists if compiled else reference.twists)(self.scheme.rows, poses))
+            return np.asarray((pose_twists if compiled else twists_of_six)(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, self.weights)
         if unused is not None:
             weights[unused] = 0.0
         return np.asarray(least_squares_twists(self.scheme.rows, poses, weights, self.scheme.free_index))
+
+
+def twists_of_six(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """Return what `kernels.pose_twists` returns, without compiling: (n, 6, 6), NaN where the pose is NaN."""
+    out = np.full((len(poses), 6, len(cables)), np.nan)
+    known = ~np.isnan(poses[:, 0])
+    out[known] = np.linalg.inv(span_rows(cables, poses[known])[1])
+    return out
 
 
 def _covers(calibrated: bool, more: list[str]) -> str:
@@ -593,5 +595,5 @@ def _covers(calibrated: bool, more: list[str]) -> str:
     if not calibrated and set(more) <= {f"the {PHASE}"}:
         return f"the counts' resolution{''.join(f' and {text}' for text in more)} only: the rig links no calibration"
     parts = ["counts of half a unit", *more, *(["the linked calibration"] if calibrated else [])]
-    told = f"{', '.join(parts[:-1])} and {parts[-1]}"
-    return told if calibrated else f"{told}: the rig links no calibration"
+    covered = f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return covered if calibrated else f"{covered}: the rig links no calibration"

@@ -10,9 +10,9 @@ from lmeasure.recording import Run
 from lmeasure.text import Message, message, recognised
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE
 from lmeasure.trajectory.files.trajectory import Trajectory
+from lmeasure.trajectory.reconstruction.runs import covariances
 from lmeasure.trajectory.time.passes import Alignment
 from lmeasure.trajectory.uncertainty.budget import ORIGINS, RESTORED
-from lmeasure.trajectory.uncertainty.run_covariances import covariances
 from lmeasure.trajectory.uncertainty.sources import PHASE
 
 OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)

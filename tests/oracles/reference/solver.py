@@ -37,7 +37,7 @@ class Solved(NamedTuple):
 
 def solve_poses(channels: Channels, readings: FloatArray, starts: FloatArray, free: IntArray = ALL) -> Solved:
     """Poses (n, 7) that fit readings (n, m) best, NaN where there is none, each sought from its start, (n, 7) or (7,); free (f,): the
-    components of a motion (omega; v) that can change, as in `trajectory.reconstruction.scheme`.
+    components of a motion (omega; v) that can change, as in `trajectory.reconstruction.run_model`.
 
     Which of several poses is found is a matter of the start; `follow` knows where a run has come from.
     """

@@ -1,0 +1,224 @@
+"""What a run is reconstructed by: the scheme of its cables, physical effects, its start, clocks and temperature, as one frozen value.
+
+The scheme states what a rig's cables measure, and what of the tool's motion a constraint holds. The correction removes temperature, stretch
+and sag: the changes that a rig without them would have shown, and what they leave uncertain.
+"""
+
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from lmeasure.core import BoolArray, FloatArray, IntArray, RigError, se3
+from lmeasure.kernels import ATTACHMENT_XYZ, COMPLIANCE, KIND, span_rows
+from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.sensors import MAX_ROUNDS, Effects, Lengths, Zero, effects_of, zero_at
+from lmeasure.text import Message, message
+from lmeasure.trajectory.uncertainty.sources import PassClock, loose_zeros
+
+FREEDOMS = ("rx", "ry", "rz", "x", "y", "z")
+"""Components of the twist (omega; v) in base axes, v at the tool origin."""
+
+CONSTRAINTS = {"planar": ("rz", "x", "y"), "vertical-axis": ("rz", "x", "y", "z")}
+"""What remains free under each constraint of a rig: a stage in the base XY plane, a tool whose axis stays vertical (SCARA)."""
+
+CABLES_FOR_A_POINT = 3
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """What is solved for.
+
+    rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can change; point: the one
+    attachment point whose position is measured when orientation is not, else None; held: the freedoms that a constraint keeps.
+    """
+
+    rows: FloatArray
+    free: tuple[str, ...]
+    point: str | None = None
+    held: str = ""
+    constraint: str = ""
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of that point in the tool frame."""
+    six: bool = field(init=False)
+    """Six cables to a free body and nothing else: as many equations as unknowns, the screw method proper."""
+    free_index: IntArray = field(init=False)
+    """(f,) indices of the free components."""
+    redundancy: int = field(init=False)
+    """Channels beyond the least number."""
+
+    def __post_init__(self) -> None:
+        six = len(self.rows) == len(self.free) == len(FREEDOMS) and not self.rows[:, KIND].any()
+        object.__setattr__(self, "six", six)
+        object.__setattr__(self, "free_index", np.array([FREEDOMS.index(name) for name in self.free], dtype=np.int64))
+        object.__setattr__(self, "redundancy", len(self.rows) - len(self.free))
+
+    def start_of(self, start: FloatArray) -> FloatArray:
+        """The start pose (7,); of the attachment point where only that is measured."""
+        if self.point is None:
+            return start
+        place = se3.apply(start, self.place)
+        return np.concatenate([place, [0.0, 0.0, 0.0, 1.0]])
+
+
+def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Scheme:
+    """The scheme of a rig; a constraint given here replaces the rig's. start (7,) says which freedoms too few cables leave unmeasured.
+
+    RigError when the cables cannot tell the pose: too few, naming the freedoms, or to attachment points on one line.
+    """
+    held = constraint or rig.constraint
+    rows, used = rig.cable_rows(rig.observed), sorted({c.to_point for c in rig.observed if c.to_point})
+    m = len(rows)
+    channels = "cables" if m == len(rig.cable) else "channels"
+    if held is not None:
+        if held not in CONSTRAINTS:
+            raise RigError(f"constraint = {held!r} is not one of {', '.join(CONSTRAINTS)}")
+        free = CONSTRAINTS[held]
+        if m < len(free):
+            raise RigError(f"rig {rig.name!r}: has {m} {channels}; constraint = {held!r} leaves {len(free)} freedoms, {', '.join(free)}")
+        return Scheme(rows, free, held=", ".join(f for f in FREEDOMS if f not in free), constraint=held)
+    if len(used) == 1 and not rig.measures_turns:
+        if m < CABLES_FOR_A_POINT:
+            raise RigError(f"rig {rig.name!r}: has {m} {channels} to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")
+        rows[:, ATTACHMENT_XYZ] = 0.0
+        return Scheme(rows, FREEDOMS[3:], point=used[0], place=rig.tool[used[0]])
+    if m < len(FREEDOMS):
+        raise RigError(
+            f"rig {rig.name!r}: has {m} {channels} and leaves {len(FREEDOMS) - m} of six freedoms unmeasured, at the start "
+            f"{_unmeasured(rows, start)}; hold them by constraint = {' or '.join(repr(c) for c in CONSTRAINTS)}, or add cables or a pass"
+        )
+    if not rig.measures_turns:
+        rig.require_spread()
+    return Scheme(rows, FREEDOMS)
+
+
+def _unmeasured(rows: FloatArray, start: FloatArray) -> str:
+    """The twists that no cable sees, as turns about an axis or shifts along it, tool origin taken as the place of the axis."""
+    J = span_rows(rows, start)
+    size = max(float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max()), 1.0)
+    _, _, V = np.linalg.svd(J * np.repeat([1.0 / size, 1.0], 3))
+    texts = []
+    for twist in V[len(rows) :]:
+        # in units of the platform: a turn of 1/size rad moves its rim by 1 mm
+        k = int(np.argmax([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])]))
+        axis = twist[3 * k : 3 * k + 3] / np.linalg.norm(twist[3 * k : 3 * k + 3])
+        axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+        kind = "a turn about" if k == 0 else "a shift along"
+        texts.append(f"{kind} ({', '.join(f'{a:.2f}' for a in axis)})")
+    return " and ".join(texts)
+
+
+SETTLED_MM = 1e-10
+
+
+class Correction:
+    """Removes temperature, stretch and sag from the changes of a run that starts at a pose (7,); temperature_c: at the start, if known."""
+
+    def __init__(self, effects: Effects, scheme: Scheme, start: FloatArray, temperature_c: float | None) -> None:
+        self._effects, self._scheme, self._start, self._temperature_c = effects, scheme, start, temperature_c
+
+    @property
+    def notes(self) -> tuple[Message, ...]:
+        """Return a note where the rig states thermal effects and nobody the temperature."""
+        if self._effects.thermal and self._temperature_c is None:
+            return (message("temperature.not_stated", reference_c=self._effects.reference_c),)
+        return ()
+
+    def corrected(self, lengths: Lengths, solve: Callable[[FloatArray], FloatArray]) -> Lengths:
+        """The lengths with changes to which the rig's plain geometry belongs; solve gives the poses (n, 7) of changes (n, m).
+
+        The excess depends on the pose, by a strain's part of it: pose and excess are found in turn, which gains three digits a round.
+        """
+        m = lengths.lengths
+        counts = lengths.counts[:, :m]
+        zero, warm = self._situation(counts, None if lengths.temperature_c is None else lengths.temperature_c[:, :m])
+        rows, change = self._scheme.rows[:m], lengths.change_mm
+        excess = np.zeros_like(change)
+        for _ in range(MAX_ROUNDS):
+            poses = solve(change - excess)
+            found = self._effects.checked_excess(rows, zero, poses, counts, temperature_c=warm)
+            moved = np.abs(found - excess[:, :m])
+            # where no pose was found the last one stays: the sample has its status from what its neighbours say
+            excess[:, :m] = np.where(np.isfinite(found), found, excess[:, :m])
+            if not np.nanmax(moved, initial=0.0) > SETTLED_MM:
+                break
+        return replace(lengths, change_mm=change - excess)
+
+    @property
+    def sources(self) -> int:
+        """How many variables are uncertain."""
+        effects = self._effects
+        thermal = 2 if effects.u_temperature_k > 0.0 and effects.thermal else 0
+        return len(effects.moved) + thermal + int((effects.u_tension_change_n * effects.rows[:, COMPLIANCE] > 0.0).sum())
+
+    def shifts(self, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray | None) -> FloatArray:
+        """(n, m, q) changes of the modelled lengths by one standard uncertainty of each property, of the temperature at the start and
+        later, and of each cable's tension, at (n, 7) poses, counts (n, m) and temperatures (n, m)."""
+        zero, warm = self._situation(counts, temperature_c)
+        rows = self._scheme.rows[: counts.shape[1]]
+        given = rows, zero, poses, counts
+        by_temperature = self._effects.temperature_shifts(*given, temperature_c=warm)
+        out = [*self._effects.property_shifts(*given, temperature_c=warm), *(by_temperature or ())]
+        friction = self._effects.tension_shift(rows, poses)
+        if friction is not None:
+            out += [friction * own for own, u in zip(np.eye(friction.shape[1]), self._effects.u_tension_change_n, strict=True) if u > 0.0]
+        return np.moveaxis(np.array(out).reshape(len(out), *counts.shape), 0, 2)
+
+    def _situation(self, counts: FloatArray, temperature_c: FloatArray | None) -> tuple[Zero, FloatArray]:
+        """Where the run starts, and the temperatures (n, m) of its samples."""
+        start = self._effects.reference_c if self._temperature_c is None else self._temperature_c
+        warm = np.full(counts.shape, start)
+        if temperature_c is not None:
+            warm = np.where(np.isfinite(temperature_c), temperature_c, start)
+        return zero_at(self._start, counts.shape[1], start), warm
+
+
+@dataclass(frozen=True, eq=False)
+class RunModel:
+    """What a run is reconstructed by, before its counts are looked at.
+
+    start (7,): pose at which the counters were zeroed, or at which the run was found to begin; begun (m,): changes of the channels at such
+    a found pose, else None. constraint replaces the rig's. u_start: standard uncertainties of the start pose as `Run` holds them; clocks:
+    those of each pass's time against pass 1's; repeatability_mm: standard deviation, per axis, of the robot between passes; temperature_c:
+    as stated for the start, measured_c: as the counts state it there, each None where it is not known.
+    """
+
+    rig: Rig
+    start: FloatArray
+    calibration: CalibrationRecord | None = None
+    constraint: str | None = None
+    _: KW_ONLY
+    u_start: tuple[float, ...] = (0.0, 0.0)
+    clocks: tuple[PassClock, ...] = ()
+    repeatability_mm: float = 0.0
+    temperature_c: float | None = None
+    measured_c: float | None = None
+    begun: FloatArray | None = None
+
+    @cached_property
+    def scheme(self) -> Scheme:
+        """Return what is solved for. RigError when the rig's cables do not determine the pose."""
+        return scheme_of(self.rig, self.start, self.constraint)
+
+    @cached_property
+    def zero_pose(self) -> FloatArray:
+        """Return the start pose (7,) as the scheme takes it."""
+        return self.scheme.start_of(self.start)
+
+    @cached_property
+    def correction(self) -> Correction | None:
+        """Return the correction for the physical effects that the rig states, if it states any."""
+        effects = effects_of(self.rig)
+        known = self.measured_c if self.temperature_c is None else self.temperature_c
+        return None if effects is None else Correction(effects, self.scheme, self.zero_pose, known)
+
+    @cached_property
+    def loose_zeros(self) -> IntArray:
+        """Return the channels whose zeros only a run determines. TrajectoryError where the others do not determine the pose."""
+        return loose_zeros(self.rig, self.calibration, len(self.scheme.free))
+
+    @cached_property
+    def absolute(self) -> BoolArray:
+        """Return (m,) which channels have absolute readings, counted from no pose."""
+        return np.array([self.rig.counter(o).absolute for o in self.rig.observed])
