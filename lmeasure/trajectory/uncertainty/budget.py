@@ -273,7 +273,7 @@ class Budget:
             self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free)) / angle_of(rig) ** 2
         rough = zero_columns(rig, calibration)[0]
         # where nothing tells more of them, poses err by far more than what is of first order in them
-        self._rough = rough[:, (rough > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
+        self._rough = rough[:, (rough * angle_of(rig)[:, None] > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
         self.absolute, self._zero = model.absolute, model.zero_pose
         # what a constraint holds is exact, and a point's place has a part in all
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
