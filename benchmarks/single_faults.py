@@ -28,7 +28,7 @@ from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.text import is_of
 from lmeasure.trajectory import RESTORED_ORIGIN, Redundancy, RunModel, Trajectory, reconstruct, reconstruction_of
 from lmeasure.trajectory.faults.consistency import JUDGED, SIGNIFICANCE
-from lmeasure.trajectory.faults.reliability import Reliability, reliability
+from lmeasure.trajectory.faults.redundancy import Reliability, reliability
 
 FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -107,7 +107,7 @@ class Cell:
     @cached_property
     def reliability(self) -> Reliability:
         """Of all samples."""
-        return reliability(self._reconstruction, self.epochs, self.poses)
+        return reliability(self.redundancy, self.epochs, self.poses)
 
     @cached_property
     def covariance(self) -> FloatArray:

@@ -28,7 +28,7 @@ from lmeasure.recording import Counts, Program, Run
 from lmeasure.sensors import counts_from_poses, recorded_from_counts
 from lmeasure.trajectory import Stamps, Trajectory, motion_of, reconstruct, stamps_of
 from lmeasure.trajectory.reconstruction import screw_method
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 FloatArray = NDArray[np.float64]
 

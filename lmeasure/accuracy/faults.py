@@ -1,4 +1,4 @@
-"""Which faults of single channels would show at each place of a zone: reliability as Baarda states it (`trajectory.faults.reliability`)."""
+"""Which faults of single channels would show at each place of a zone: reliability as Baarda states it (`trajectory.faults.redundancy`)."""
 
 from typing import TYPE_CHECKING
 

@@ -7,7 +7,7 @@ counter was zeroed and where each encoder has its zero, the pose is that of
 
 L being errors of the readings by all else: calibration, dimensions, drums that run out. So a run weighs its readings, whose origins it then
 tells better than a single pose does (`trajectory.origin.origins`). With S = V + L L^T the contradictions of the readings weigh
-W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows (`trajectory.faults.reliability`).
+W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows (`trajectory.faults.redundancy`).
 """
 
 from dataclasses import dataclass, fields, replace

@@ -1,8 +1,7 @@
 from .faults.consistency import collect_epochs as collect_epochs
-from .faults.doubts import SETTLED as SETTLED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder, shifted as shifted
-from .faults.redundancy import Epochs as Epochs, Redundancy as Redundancy
-from .faults.reliability import Faults as Faults, faults_shown as faults_shown
-from .faults.rest_evidence import SUSPECTED as SUSPECTED
+from .faults.doubts import shifted as shifted
+from .faults.redundancy import Epochs as Epochs, Faults as Faults, Redundancy as Redundancy, faults_shown as faults_shown
+from .faults.rest_evidence import SETTLED as SETTLED, SUSPECTED as SUSPECTED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder
 from .files.foreign_trajectory import Stated as Stated, kind_of as kind_of, read_trajectory as read_trajectory
 from .files.trajectory import Summary as Summary, Trajectory as Trajectory
 from .files.write import write_trajectory as write_trajectory
@@ -35,7 +34,8 @@ from .reconstruction.runs import (
     reconstruct_stream as reconstruct_stream,
 )
 from .reconstruction.screw_method import Reconstruction as Reconstruction, reconstruction_of as reconstruction_of
-from .time.passes import Alignment as Alignment, Stamps as Stamps, align as align, stamps_of as stamps_of
+from .time.passes import Alignment as Alignment, align as align
+from .time.stamps import Stamps as Stamps, stamps_of as stamps_of
 from .uncertainty.budget import RESTORED_ORIGIN as RESTORED_ORIGIN, Budget as Budget, PoseCovariances as PoseCovariances
 from .uncertainty.pose_errors import (
     ErrorModel as ErrorModel,

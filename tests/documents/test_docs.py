@@ -23,7 +23,7 @@ import pytest
 from lmeasure.cli.app import main
 from lmeasure.cli.commands import command as command_of
 from lmeasure.kernels import lanes, screw
-from lmeasure.trajectory.faults import consistency, continuity, doubts, rest_evidence
+from lmeasure.trajectory.faults import consistency, continuity, rest_evidence
 from lmeasure.trajectory.reconstruction import screw_method
 from lmeasure.workflows import COMMANDS
 
@@ -133,7 +133,7 @@ CONSTANTS = {
         f"one count for {continuity.STANDS_S:g} s",
         f"same attachment point moves by {continuity.STANDS_MM:g} mm",
         f"Return within {continuity.BRIDGED_S:g} s",
-        f"{doubts.BACK_COUNTS:g} counts, or three scatters of the others up to {doubts.BACK_MM:g} mm",
+        f"{rest_evidence.BACK_COUNTS:g} counts, or three scatters of the others up to {rest_evidence.BACK_MM:g} mm",
         f"confirm its count within {consistency.BACK_MM:g} mm",
     ],
     "method.md": [f"cable change of more than {screw.STRIDE_MM:g} mm"],
@@ -142,8 +142,8 @@ CONSTANTS = {
         f"reach {screw.TOLERANCE_MM:.0e} mm",
         f"Logs of {screw_method.COMPILING_PAYS:,} samples and more run in {lanes.WIDTH} lanes",
         f"From a worst pressure angle of {screw_method.NEARLY:g} degrees",
-        f"no length moves by more than {doubts.STILL_MM:g} mm in {doubts.VISIT_LAG_S:g} s, for {doubts.LEAST_S:g} s",
-        f"all cables but one agree within {doubts.NEAR_MM:g} mm",
+        f"no length moves by more than {rest_evidence.STILL_MM:g} mm in {rest_evidence.VISIT_LAG_S:g} s, for {rest_evidence.LEAST_S:g} s",
+        f"all cables but one agree within {rest_evidence.NEAR_MM:g} mm",
         f"({rest_evidence.SIGNIFICANCE:.0e} per run, shared by all channels and moments)",
         f"by more than {rest_evidence.CLOSED_COUNTS:g} counts, {rest_evidence.CLOSED_MM:g} mm and",
     ],

@@ -14,7 +14,7 @@ from lmeasure.core import CertificationError, FileFormatError, se3
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.attainment import Attainment, _besides_a_frame, attained, places_in
 from lmeasure.recording import Program
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 
 @pytest.mark.parametrize("grown", [0.0, 0.01])

@@ -17,7 +17,7 @@ from lmeasure.iso9283.instants import most_planes, of_crossing, of_duration, on_
 from lmeasure.recording import Program
 from lmeasure.text import recognised
 from lmeasure.trajectory import PoseErrors, Trajectory, stamps_of
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 FloatArray = NDArray[np.float64]
 

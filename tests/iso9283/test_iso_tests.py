@@ -17,7 +17,7 @@ from lmeasure.iso9283.clauses.path import PathPart
 from lmeasure.iso9283.clauses.pose import PosePart, _reduced
 from lmeasure.iso9283.figure import Figure, Maker, Subject
 from lmeasure.recording import Program
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 LAW = StatedErrors(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * 0.01**2)
 

@@ -15,7 +15,7 @@ from lmeasure.iso9283.attainment import attained
 from lmeasure.iso9283.clauses.path import PathPart, tests as path_tests
 from lmeasure.iso9283.path_spectrum import cosines, reduced
 from lmeasure.trajectory import PoseErrors
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 SIDED = 1.6448536
 COMMANDED = Rotation.from_euler("xyz", [20.0, -35.0, 178.0], degrees=True)

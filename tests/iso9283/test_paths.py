@@ -17,7 +17,7 @@ from lmeasure.iso9283.clauses.path import PathPart, tests as path_tests
 from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.paths import Line
 from lmeasure.recording import CommandedPath
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.formulas import path, time
 from lmeasure.iso9283.motion_readings import Finer, Motion, Reading, Stretch, Told
 from lmeasure.trajectory import Frame, PoseErrors, Trajectory, phases, roundings
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 FloatArray = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.paths import Crossings, Cycle, Line
 from lmeasure.recording import CommandedPath
 from lmeasure.trajectory import PoseErrors, kept_over
-from lmeasure.trajectory.time.passes import sound
+from lmeasure.trajectory.time.stamps import sound
 
 START, ALONG = np.array([20.0, -10.0, 5.0]), np.array([2.0, 3.0, 6.0]) / 7.0
 ACROSS, ASIDE = np.array([3.0, -6.0, 2.0]) / 7.0, np.array([6.0, 2.0, -3.0]) / 7.0

@@ -74,7 +74,7 @@ def test_a_run_knows_its_own_law(exact: bool) -> None:
     epochs = redundancy.epochs(lengths_from_counts(run), None)
     used = np.ones(8, np.bool_)
     law = redundancy.chance(epochs, path, used)
-    rng, variance = np.random.default_rng(2), redundancy._budget.variance
+    rng, variance = np.random.default_rng(2), redundancy.budget.variance
     weight = redundancy.parities(epochs, path).weight
     chi = []
     for _ in range(2000):

@@ -12,7 +12,8 @@ from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
 from lmeasure.text import message, recognised
 from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, Stood
-from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Rests, Shift, judged, unseen
+from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
+from lmeasure.trajectory.faults.rest_evidence import Rests, doubts_of, unseen_steps
 
 COUNT_MM = 0.012
 NO_RESTS = Rests(np.empty(0), np.empty(0), np.empty((0, 6)))
@@ -47,7 +48,7 @@ def spans(doubts: Doubts) -> list[tuple[int, float, float]]:
 
 
 def test_each_break_doubts_its_channel_up_to_the_next() -> None:
-    doubts = judged(cell(), found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan)), NO_RESTS)
+    doubts = doubts_of(cell(), found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan)), NO_RESTS)
     assert spans(doubts) == [(2, 5.0, 9.0), (4, 7.0, np.inf), (2, 9.0, np.inf)]
     assert {d.status for d in doubts.every} == {Status.ORIGIN_LOST}
     sign = cell().observation_point[2].drum.count_sign
@@ -100,7 +101,7 @@ def test_pieces_of_a_run_are_doubted_as_the_whole_is(piece: int) -> None:
 
 def test_moments_away_and_stands() -> None:
     away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
-    doubts = judged(cell(), found(away=away, stood=(Stood(3, 6.0, np.inf),)), NO_RESTS)
+    doubts = doubts_of(cell(), found(away=away, stood=(Stood(3, 6.0, np.inf),)), NO_RESTS)
     assert spans(doubts) == [
         (0, 1.0, np.nextafter(1.2, 0.0)), (5, 3.0, np.nextafter(3.2, 0.0)), (0, 4.0, np.nextafter(4.2, 0.0)), (3, 6.0, np.inf)
     ]  # fmt: skip
@@ -114,13 +115,13 @@ def test_moments_away_and_stands() -> None:
 
 def test_what_is_said_behind_a_stand() -> None:
     stood = (Stood(3, 6.0, 8.0),)
-    goes_on = judged(cell(), found(Break(3, 8.0, np.nextafter(8.0, 9.0), np.nan, np.nan), stood=stood), NO_RESTS)
+    goes_on = doubts_of(cell(), found(Break(3, 8.0, np.nextafter(8.0, 9.0), np.nan, np.nan), stood=stood), NO_RESTS)
     assert str(goes_on.notes[-1]) == "channel ch4 stood up to 8 s and counts again: its origin is lost"
     assert str(goes_on.notes[0]) == "channel ch4 stands from 6 s on while its point is drawn far: it does not count"
     assert spans(goes_on) == [(3, 6.0, 8.0), (3, 8.0, np.inf)]
     # that of another channel, and what began elsewhere, is something else
     for other in (Break(2, 8.0, 8.1, np.nan, np.nan), Break(3, 7.0, 7.1, np.nan, np.nan)):
-        assert any("does not follow the tool" in note for note in map(str, judged(cell(), found(other, stood=stood), NO_RESTS).notes))
+        assert any("does not follow the tool" in note for note in map(str, doubts_of(cell(), found(other, stood=stood), NO_RESTS).notes))
 
 
 @pytest.mark.parametrize(
@@ -144,7 +145,7 @@ def test_what_is_said_behind_a_stand() -> None:
 )
 def test_a_rest_where_all_is_back_proves_it(length: FloatArray, proved: bool) -> None:
     rests = resting((1.0, PLACE), (6.0, length))
-    doubts = judged(cell(), found(at(2, 3.0)), rests)
+    doubts = doubts_of(cell(), found(at(2, 3.0)), rests)
     assert bool(doubts.every) is not proved
     assert ("; but it is back where it was at the rest at 6 s: it has lost nothing" in str(doubts.notes[0])) is proved
 
@@ -152,36 +153,36 @@ def test_a_rest_where_all_is_back_proves_it(length: FloatArray, proved: bool) ->
 def test_what_proves_nothing() -> None:
     back = (6.0, PLACE)
     # a rest before it, one behind its next step, and one while it stands
-    assert judged(cell(), found(at(2, 6.0)), resting((1.0, PLACE), back)).every
-    assert len(judged(cell(), found(at(2, 3.0), at(2, 5.0)), resting((1.0, PLACE), back)).every) == 1
-    assert judged(cell(), found(at(2, 5.0)), resting((1.0, PLACE), back)).every == ()
+    assert doubts_of(cell(), found(at(2, 6.0)), resting((1.0, PLACE), back)).every
+    assert len(doubts_of(cell(), found(at(2, 3.0), at(2, 5.0)), resting((1.0, PLACE), back)).every) == 1
+    assert doubts_of(cell(), found(at(2, 5.0)), resting((1.0, PLACE), back)).every == ()
     stood = (Stood(2, 5.5, 6.5),)
-    kept = judged(cell(), found(at(2, 3.0), stood=stood), resting((1.0, PLACE), back))
+    kept = doubts_of(cell(), found(at(2, 3.0), stood=stood), resting((1.0, PLACE), back))
     assert spans(kept) == [(2, 3.0, np.inf), (2, 5.5, 6.5)]
-    assert len(judged(cell(), found(at(2, 3.0), stood=(Stood(2, 5.5, 5.9),)), resting((1.0, PLACE), back)).every) == 1
+    assert len(doubts_of(cell(), found(at(2, 3.0), stood=(Stood(2, 5.5, 5.9),)), resting((1.0, PLACE), back)).every) == 1
     # a place that is known of this channel from while it was in doubt itself
-    assert judged(cell(), found(at(2, 3.0)), resting((4.0, PLACE), back)).every
+    assert doubts_of(cell(), found(at(2, 3.0)), resting((4.0, PLACE), back)).every
     # as many others as a pose asks for, of which three are enough and two are not
     others = [at(j, 5.0, 0.5) for j in (0, 1)]
-    assert len(judged(cell(), found(at(2, 3.0), *others), resting((1.0, PLACE), (6.0, PLACE + off(0, 9.0) + off(1, 9.0)))).every) == 2
+    assert len(doubts_of(cell(), found(at(2, 3.0), *others), resting((1.0, PLACE), (6.0, PLACE + off(0, 9.0) + off(1, 9.0)))).every) == 2
     others = [at(j, 5.0, 0.5) for j in (0, 1, 3)]
     moved = PLACE + off(0, 9.0) + off(1, 9.0) + off(3, 9.0)
-    assert len(judged(cell(), found(at(2, 3.0), *others), resting((1.0, PLACE), (6.0, moved))).every) == 4
+    assert len(doubts_of(cell(), found(at(2, 3.0), *others), resting((1.0, PLACE), (6.0, moved))).every) == 4
 
 
 def test_what_is_proved_right_proves_others() -> None:
     """Two of them, of whom only the first is back at a place that both know; with its help the second is back where it was meanwhile."""
     first = resting((1.0, PLACE), (4.0, PLACE), (5.0, ELSEWHERE), (8.0, ELSEWHERE))
-    doubts = judged(cell(), found(at(0, 3.0), at(1, 3.5, -1.0), at(3, 3.6), at(2, 7.0)), first)
+    doubts = doubts_of(cell(), found(at(0, 3.0), at(1, 3.5, -1.0), at(3, 3.6), at(2, 7.0)), first)
     assert doubts.every == ()
 
 
 def test_of_many_notes_the_first_are_told() -> None:
-    doubts = judged(cell(), found(*(at(j % 6, 1.0 + j) for j in range(15))), NO_RESTS)
+    doubts = doubts_of(cell(), found(*(at(j % 6, 1.0 + j) for j in range(15))), NO_RESTS)
     assert len(doubts.every) == 15
     assert len(doubts.notes) == 13
     assert str(doubts.notes[-1]) == "and 3 more of the kind"
-    assert len(judged(cell(), found(*(at(j % 6, 1.0 + j) for j in range(12))), NO_RESTS).notes) == 12
+    assert len(doubts_of(cell(), found(*(at(j % 6, 1.0 + j) for j in range(12))), NO_RESTS).notes) == 12
 
 
 @pytest.mark.parametrize(
@@ -193,7 +194,7 @@ def test_of_many_notes_the_first_are_told() -> None:
     ],
 )
 def test_steps_of_the_clock_are_said(clock_s: tuple[float, ...], told: str) -> None:
-    (said,) = judged(cell(), found(clock_s=clock_s), NO_RESTS).notes
+    (said,) = doubts_of(cell(), found(clock_s=clock_s), NO_RESTS).notes
     assert str(said) == f"all channels step as if the clock had, {told}"
 
 
@@ -206,19 +207,19 @@ def scaled(scale: float) -> Rig:
 
 def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> None:
     least = np.array([0.3, 0.6, 0.3, np.inf, 0.3, 0.3])
-    said = unseen(scaled(2.0), Continuity((), (), (), 1234.0, least))
+    said = unseen_steps(scaled(2.0), Continuity((), (), (), 1234.0, least))
     assert str(said) == (
         "steps of a counter by 100 counts (0.6 mm) and more are seen, the acceleration of the motion itself, 1230 mm/s2, being the "
         "limit; of ch4, without four counts on end, none are"
     )
-    assert "too slowly" not in str(unseen(cell(), found(least_mm=1.0)))
-    assert str(unseen(cell(), found(least_mm=1.01))).endswith("; it is sampled too slowly for its speed to show smaller ones")
+    assert "too slowly" not in str(unseen_steps(cell(), found(least_mm=1.0)))
+    assert str(unseen_steps(cell(), found(least_mm=1.01))).endswith("; it is sampled too slowly for its speed to show smaller ones")
     jitter = replace(found(least_mm=1.5), jitter_mm=np.full(6, 1.0))
-    assert str(unseen(cell(), jitter)).endswith("(1.5 mm) and more are seen, the jitter of the time stamps being the limit")
+    assert str(unseen_steps(cell(), jitter)).endswith("(1.5 mm) and more are seen, the jitter of the time stamps being the limit")
     for rounded in (0.0, 2.2e-11):
         still = replace(found(least_mm=0.1), acceleration_mm_s2=rounded, jitter_mm=np.zeros(6))
-        assert str(unseen(cell(), still)).endswith("(0.1 mm) and more are seen, the rounding of the counts being the limit")
-    (stepped,) = judged(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes
+        assert str(unseen_steps(cell(), still)).endswith("(0.1 mm) and more are seen, the rounding of the counts being the limit")
+    (stepped,) = doubts_of(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes
     assert "+100 counts" in str(stepped)
 
 
@@ -226,7 +227,7 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
     ("clock_s", "code", "said"), [((4.0, 5.0, 6.0), "clock.stepped", "4, 5, 6"), ((4.0, 5.0, 6.0, 7.0), "clock.stepped.often", "4, 5, 6")]
 )
 def test_three_steps_of_the_clock_are_told_by_their_times(clock_s: tuple[float, ...], code: str, said: str) -> None:
-    (note,) = judged(cell(), found(clock_s=clock_s), NO_RESTS).notes
+    (note,) = doubts_of(cell(), found(clock_s=clock_s), NO_RESTS).notes
     assert note.code == code
     assert said in str(note)
     assert "7" not in str(note)
@@ -235,8 +236,8 @@ def test_three_steps_of_the_clock_are_told_by_their_times(clock_s: tuple[float, 
 def test_notes_say_the_same_in_russian_by_their_codes_and_by_the_texts_of_earlier_files() -> None:
     away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
     of = found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan), away=away, clock_s=(4.0, 5.0), stood=(Stood(3, 6.0, np.inf),))
-    told = judged(cell(), of, NO_RESTS), judged(cell(), found(at(2, 3.0)), resting((1.0, PLACE), (6.0, PLACE)))
-    notes = [*told[0].notes, *told[1].notes, unseen(cell(), found(least_mm=1.01))]
+    told = doubts_of(cell(), of, NO_RESTS), doubts_of(cell(), found(at(2, 3.0)), resting((1.0, PLACE), (6.0, PLACE)))
+    notes = [*told[0].notes, *told[1].notes, unseen_steps(cell(), found(least_mm=1.01))]
     notes += Recorded(2, early=True, why="no bus", faults={"overflow": 3}).notes()
     codes = {"origin.again", "origin.back", "origin.left", "channel.elsewhere", "channel.stands", "clock.stepped", "steps.seen.slow"}
     assert {n.code for n in notes} > codes

@@ -312,7 +312,7 @@ def test_readings_count_from_the_start_or_from_where_they_were_zeroed() -> None:
 
 def test_angles_are_compared_in_units_of_about_the_scatter_of_lengths() -> None:
     redundancy, _, _ = with_swivels()
-    variance = redundancy._budget.variance
+    variance = redundancy.budget.variance
     np.testing.assert_array_equal(redundancy.unit[:6], 1.0)
     np.testing.assert_allclose(variance[6:] / redundancy.unit[6:] ** 2, variance[:6].min())
 

@@ -9,7 +9,7 @@ from test_truth import AUTHORITY
 from lmeasure.recording import read_run
 from lmeasure.text import plain
 from lmeasure.trajectory import Epochs, align, collect_epochs, prepare
-from lmeasure.trajectory.faults.reliability import SHIFT, reliability, reliability_notes, reliability_of_run
+from lmeasure.trajectory.faults.redundancy import SHIFT, places_of_reliability, reliability, reliability_notes
 
 
 @pytest.mark.parametrize(("name", "samples", "channels"), [("eight-run", 300, 8), ("swivel-run", 200, 12)])
@@ -23,7 +23,7 @@ def test_a_fault_of_the_stated_size_does_what_is_stated(name: str, samples: int,
     lengths = reconstruction.corrected(aligned.lengths)
     epochs = reconstruction.redundancy.epochs(lengths, None).at(np.arange(0, samples, 40))
     poses = reconstruction.poses_of(epochs.change_mm)
-    found = reliability(reconstruction, epochs, poses)
+    found = reliability(reconstruction.redundancy, epochs, poses)
     np.testing.assert_allclose(found.redundancy.sum(axis=1), channels - 6, atol=1e-9)
     assert ((found.redundancy > -1e-12) & (found.redundancy < 1.0)).all()
     sound = reconstruction.redundancy.parities(epochs, poses).errors[0]
@@ -38,13 +38,15 @@ def test_a_fault_of_the_stated_size_does_what_is_stated(name: str, samples: int,
         np.testing.assert_allclose((error - sound) / u, 1e-2 * SHIFT * found.correlation[:, j], rtol=1e-6, atol=1e-9)
         away = reconstruction.poses_of(moved)[:, :3] - poses[:, :3]
         np.testing.assert_allclose(np.linalg.norm(away, axis=1), 1e-2 * found.effect_mm[:, j], rtol=1e-3)
-    told = reliability_of_run(reconstruction, collect_epochs(reconstruction, [aligned.lengths])[0])
-    assert told is not None
-    size = told.apart[:, 0]
+    some = places_of_reliability(collect_epochs(reconstruction, [aligned.lengths])[0])
+    shown = reliability(
+        reconstruction.redundancy, some, reconstruction.poses_of(some.change_mm - reconstruction.budget.estimated_offsets(some.time_s))
+    )
+    size = shown.apart[:, 0]
     least = f"{size.min():.2g} mm, in places none" if np.isinf(size).any() else f"{size.min():.2g} to {size.max():.2g} mm"
-    largest, smallest = reliability_notes(run.rig, told)
+    largest, smallest = reliability_notes(run.rig, shown)
     assert f": c1 {plain(least)}" in plain(str(smallest))
-    assert f"moves the tool by up to {told.effect_mm.max():.3g} mm" in str(largest)
+    assert f"moves the tool by up to {shown.effect_mm.max():.3g} mm" in str(largest)
     assert str(reconstruction.reliability[0]).startswith("reliability of single samples (Baarda, significance 0.1 %, power 80 %)")
 
 

@@ -16,8 +16,7 @@ from lmeasure.kernels import JUMPED
 from lmeasure.recording import Counts, Run, read_run, unwrap, write_run
 from lmeasure.sensors import counts_from_poses, recorded_from_counts
 from lmeasure.trajectory import motion_of, read_trajectory, reconstruct
-from lmeasure.trajectory.time.even_clock import clock, numbers
-from lmeasure.trajectory.time.passes import judged
+from lmeasure.trajectory.time.stamps import clock, judge_stamps, numbers
 
 FloatArray = NDArray[np.float64]
 Law = Callable[[np.random.Generator, FloatArray], FloatArray]
@@ -83,7 +82,7 @@ def test_late_stamps_of_even_samples_give_even_times(name: str) -> None:
         rng = np.random.default_rng(seed)
         places, u = measured(rng, t)
         stamps = EVEN_LAWS[name](rng, t)
-        found = judged(stamps, places, u)
+        found = judge_stamps(stamps, places, u)
         assert found.kind == "even"
         assert np.ptp(np.diff(found.time_s)) < 1e-9
         # where windows of time fall stays as it was recorded
@@ -102,7 +101,7 @@ def test_lost_samples_leave_holes_of_whole_periods() -> None:
         kept = rng.random(len(t)) > 0.02
         stamps, number = in_order(t + rng.uniform(0.0, 0.01, len(t)))[kept], np.flatnonzero(kept)
         places, u = measured(rng, t[kept])
-        found = judged(stamps, places, u)
+        found = judge_stamps(stamps, places, u)
         assert found.kind == "even"
         moving = (number > 120) & (number < 1480)
         np.testing.assert_allclose(np.diff(found.time_s[moving]) / PERIOD_S, np.diff(number[moving]), atol=1e-3)
@@ -158,7 +157,7 @@ def test_durations_of_moves_between_rests_lie_within_their_uncertainty(name: str
         x = np.where(since < RAMP_S, ramp, np.where(since > lasts - RAMP_S, SPEED * (lasts - RAMP_S) - ramp, level))
         x = np.where(turn % 2 == 0, x, SPEED * (lasts - RAMP_S) - x)
         places = x[:, None] * np.array([0.6, 0.0, 0.8]) + rng.normal(0.0, NOISE_MM, (len(true), 3))
-        found = judged(stamps, places, np.full(len(true), NOISE_MM))
+        found = judge_stamps(stamps, places, np.full(len(true), NOISE_MM))
         kinds.append(found.kind)
         edges = rest + (lasts + rest) * np.arange(moves)[:, None] + [0.3, lasts - 0.3]
         durations = np.diff(np.interp(edges, true, found.time_s), axis=1)[:, 0] - (lasts - 0.6)
@@ -187,11 +186,11 @@ def test_samples_that_a_host_asked_for_keep_their_stamps() -> None:
     rng = np.random.default_rng(5)
     true = np.cumsum(rng.uniform(2e-4, 0.01, 1500))
     places, u = measured(rng, true)
-    asked = judged(true, places, u)
+    asked = judge_stamps(true, places, u)
     assert asked.kind == "sound"
     assert asked.time_s is true
     late = np.sort(true + rng.uniform(0.0, 0.001, len(true)))
-    found = judged(late, places, u)
+    found = judge_stamps(late, places, u)
     assert found.kind == "uneven"
     assert found.time_s is late
     assert found.u_time_s == pytest.approx(0.001 / np.sqrt(12.0), rel=0.25)
@@ -204,8 +203,8 @@ def test_jumps_of_the_place_tell_nothing_of_time() -> None:
     true = np.cumsum(rng.uniform(2e-4, 0.01, 1500))
     places, u = measured(rng, true)
     places += 320.0 * (np.arange(1500) // 300 % 2)[:, None]
-    assert judged(true, places, u).kind == "sound"
-    found = judged(np.sort(true + rng.uniform(0.0, 0.001, len(true))), places, u)
+    assert judge_stamps(true, places, u).kind == "sound"
+    found = judge_stamps(np.sort(true + rng.uniform(0.0, 0.001, len(true))), places, u)
     assert found.u_time_s == pytest.approx(0.001 / np.sqrt(12.0), rel=0.25)
 
 
@@ -215,7 +214,7 @@ def test_sound_stamps_stay_as_they_are(rate_hz: float, off_s: float) -> None:
         rng = np.random.default_rng(seed)
         t = instants(round(LAST_S * rate_hz), rate_hz)
         stamps = t + rng.uniform(-off_s, off_s, len(t))
-        found = judged(stamps, *measured(rng, t))
+        found = judge_stamps(stamps, *measured(rng, t))
         assert found.kind == "sound"
         assert found.time_s is stamps
         assert found.note is None
@@ -225,9 +224,9 @@ def test_what_no_motion_tells_stays() -> None:
     rng = np.random.default_rng(0)
     t = instants(1600)
     stamps = in_order(t + rng.uniform(0.0, 0.01, len(t)))
-    assert judged(stamps, rng.normal(0.0, NOISE_MM, (len(t), 3)), np.full(len(t), NOISE_MM)).kind == "sound"
-    assert judged(stamps[:20], on_line(t[:20]), np.full(20, NOISE_MM)).kind == "sound"
-    assert judged(stamps, np.full((len(t), 3), np.nan), np.full(len(t), np.nan)).kind == "sound"
+    assert judge_stamps(stamps, rng.normal(0.0, NOISE_MM, (len(t), 3)), np.full(len(t), NOISE_MM)).kind == "sound"
+    assert judge_stamps(stamps[:20], on_line(t[:20]), np.full(20, NOISE_MM)).kind == "sound"
+    assert judge_stamps(stamps, np.full((len(t), 3), np.nan), np.full(len(t), np.nan)).kind == "sound"
 
 
 def test_without_stated_noise_it_is_that_across_the_motion() -> None:
@@ -236,7 +235,7 @@ def test_without_stated_noise_it_is_that_across_the_motion() -> None:
     places, _ = measured(rng, t)
     for off_s, kind in ((3e-6, "sound"), (1e-3, "even")):
         stamps = t + rng.uniform(0.0, off_s, len(t))
-        assert judged(stamps, places, np.zeros(len(t))).kind == kind
+        assert judge_stamps(stamps, places, np.zeros(len(t))).kind == kind
 
 
 RECORD: FloatArray = np.asarray(np.arange(1200) * 0.01, dtype=np.float64)
@@ -273,7 +272,7 @@ def test_no_hole_is_spread_over_the_record(name: str, jitter_s: float) -> None:
     rng, t = np.random.default_rng(7), HOLES[name]
     stamps = t + rng.uniform(-jitter_s, jitter_s, len(t))
     places = swung(t) + rng.normal(0.0, NOISE_MM, (len(t), 3))
-    found = judged(stamps, places, np.full(len(t), NOISE_MM))
+    found = judge_stamps(stamps, places, np.full(len(t), NOISE_MM))
     if jitter_s == 0.0:
         assert found.kind == "sound"
     assert np.abs(found.time_s - stamps).max() < 4.0 * jitter_s + 1e-9

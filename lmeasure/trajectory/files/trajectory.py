@@ -28,7 +28,7 @@ from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS
 from lmeasure.sensors import Taken, worst
 from lmeasure.text import Message, from_file, in_english
-from lmeasure.trajectory.time.passes import stamps_of
+from lmeasure.trajectory.time.stamps import stamps_of
 
 if TYPE_CHECKING:
     import xarray as xr

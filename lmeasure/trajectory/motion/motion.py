@@ -15,7 +15,7 @@ from lmeasure.kernels import LEAST, TERMS, local_cubics
 from lmeasure.recording import POSITION_COLUMNS
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.motion.spectrum import HIGHEST, Vibration, smoothing_bias, vibrations
-from lmeasure.trajectory.time.passes import Stamps, stamps_of
+from lmeasure.trajectory.time.stamps import Stamps, stamps_of
 
 HALF_WIDTH_S = 0.02
 """The widest window that is chosen, unless the usual interval needs a wider one."""

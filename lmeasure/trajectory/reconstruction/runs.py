@@ -21,8 +21,7 @@ from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts, rate_n
 from lmeasure.text import Message, and_also, is_of, message
 from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
 from lmeasure.trajectory.faults.doubts import Doubts
-from lmeasure.trajectory.faults.redundancy import Epochs
-from lmeasure.trajectory.faults.reliability import reliability_notes, reliability_of_run
+from lmeasure.trajectory.faults.redundancy import Epochs, places_of_reliability, reliability, reliability_notes
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence, EvidenceFinder
 from lmeasure.trajectory.files.trajectory import NAMES, Summary, Trajectory
 from lmeasure.trajectory.files.write import trajectory_writer
@@ -107,7 +106,11 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
     found = consistent(reconstruction, source.pieces(doubts), doubts, samples)
     kept = reconstruction.samples if samples is None else samples.epochs()
     reconstruction, epochs = settle_origins(replace(reconstruction, doubts=found, samples=kept), source.pieces)
-    return replace(reconstruction, reliability=reliability_notes(rig, reliability_of_run(reconstruction, epochs)))
+    if not len(epochs) or reconstruction.redundancy is None:
+        return reconstruction
+    some = places_of_reliability(epochs)
+    poses = reconstruction.poses_of(some.change_mm - reconstruction.budget.estimated_offsets(some.time_s))
+    return replace(reconstruction, reliability=reliability_notes(rig, reliability(reconstruction.redundancy, some, poses)))
 
 
 def reconstruct(

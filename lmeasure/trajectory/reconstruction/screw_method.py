@@ -203,7 +203,7 @@ class Reconstruction:
 
     state (8 + m,): where the run is at its start, as the kernels have it; compiled: whether NumPy did not find the start. notes: of the
     model. samples: some of the run, evenly over it, before its channels were compared; None where none is redundant. reliability: of the
-    run, in lines (`trajectory.faults.reliability`).
+    run, in lines (`trajectory.faults.redundancy`).
     """
 
     model: RunModel

@@ -1,227 +1,18 @@
-"""Repeated passes of one motion: brought to one clock, checked to be the same motion, and what their differences add to the uncertainty.
-
-Time stamps that jitter: when samples were taken in truth, and how uncertain that is.
-
-Gaps, after which the stamps stay behind, part a record into stretches, and no fit goes over one. Nothing else is looked for where stamps
-come evenly, or so nearly that a sample's place does not feel it. Else two explanations are compared with the motion: a tool moves
-smoothly in time, so that places against the right instants leave nothing but their own noise about local cubics, while wrong instants
-leave the speed times the error of the time. Either the samples were taken evenly and the host stamped them as it got
-round to it (`evenly`): then the even times are taken, and the stamps say how long a period is. Or they were taken when the host asked:
-then its stamps stay, and the noise that the motion shows about them is theirs. So they do where even times would be off the stamps by more
-than those scatter.
-
-The motion shows whether neighbouring samples are even, within a few samples; only stamps show whether the period is the same a second
-later. Intervals of stamps that err each on its own add up to a random walk, which grows with the square root of time, and is the host's if
-neighbouring samples are even: then even times are taken. What grows faster, or what the device's own errors may add up to, is no such walk.
-"""
+"""Repeated passes of one motion: brought to one clock, checked to be the same motion, and what their differences add to the uncertainty."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Protocol
 
 import numpy as np
 
-from lmeasure.core import BoolArray, FloatArray, IntArray, TrajectoryError
+from lmeasure.core import FloatArray, TrajectoryError
 from lmeasure.recording import Counts, Run
 from lmeasure.sensors import Lengths, count_variance, lengths_from_counts
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.doubts import Doubts
 from lmeasure.trajectory.faults.rest_evidence import Evidence, EvidenceFinder
-from lmeasure.trajectory.time.even_clock import Clock, clock, gaps, numbers, stretches, unexplained_walk
+from lmeasure.trajectory.time.stamps import Stamps, judge_stamps
 from lmeasure.trajectory.uncertainty.sources import PassClock
-
-LEAST = 32
-"""Samples from which anything can be said."""
-EVEN = 1e-3
-"""Of a period: scatter or error of the stamps below which they are sound."""
-FELT = 0.3
-"""Of a place's standard uncertainty: an error of place by time that adds less than a twentieth to it is none."""
-SIGNIFICANT = 3.0
-"""Standard deviations of chance beyond which stamps are found in error."""
-WINDOW, TERMS = 9, 4
-"""Samples of a window, and coefficients of its cubic."""
-WINDOWS, LEAST_WINDOWS = 4000, 8
-MOVING_STAMPS, OF_FASTEST = 2.0, 0.1
-"""Standard uncertainties of a place by which the stamps' scatter must move it where the motion is to tell anything, and part of the
-largest speed that it must have."""
-OF_ONE_STEP = 0.5
-"""Of a window's chord: a longer step is a jump, by which a motion tells nothing of time."""
-HOSTS, OF_DEVICE = 3.0, 2.0
-"""Standard uncertainties of a block's stamps that their errors explain, and those of all instants of a device, were its errors to add up:
-where it is between, the device itself strays from even times."""
-FAR = 0.02
-"""Of the windows: those with the largest residuals, at corners and at what else is no cubic, are passed over."""
-MEDIAN = 0.87
-"""Median over mean of a sum of WINDOW - TERMS squares (chi-squared of 5)."""
-
-
-class Timed(Protocol):
-    """What is looked at of a trajectory: times (n,) [s], poses (n, 7) and their random covariances (n, 6, 6)."""
-
-    @property
-    def time_s(self) -> FloatArray: ...
-    @property
-    def poses(self) -> FloatArray: ...
-    @property
-    def random(self) -> FloatArray: ...
-
-
-@dataclass(frozen=True)
-class Stamps:
-    """When samples were taken.
-
-    stamp_s (n,): as recorded; time_s (n,): the same unless `kind` is "even". u_time_s: standard uncertainty of each, independent from
-    sample to sample; u_rate: relative one of all intervals together. kind: "sound", "even" (taken evenly, stamped late) or "uneven" (taken
-    when asked, stamps in error by u_time_s). note: what is to be said of jitter, None of sound ones. stretch (n,): number of the stretch
-    between gaps that a sample is in, None where nobody looked; gap: what is to be said of these.
-    """
-
-    stamp_s: FloatArray
-    time_s: FloatArray
-    u_time_s: float = 0.0
-    u_rate: float = 0.0
-    kind: Literal["sound", "even", "uneven"] = "sound"
-    note: Message | None = None
-    stretch: IntArray | None = None
-    gap: Message | None = None
-
-    @property
-    def notes(self) -> tuple[Message, ...]:
-        """Return what is to be said of the stamps."""
-        return tuple(said for said in (self.note, self.gap) if said is not None)
-
-
-def sound(stamp_s: FloatArray) -> Stamps:
-    """Stamps (n,) taken as they are."""
-    return Stamps(stamp_s, stamp_s)
-
-
-def stamps_of(trajectory: Timed) -> Stamps:
-    """The stamps of a trajectory, judged by its motion."""
-    variances = np.einsum("nii->ni", trajectory.random)[:, 3:]
-    return judged(trajectory.time_s, trajectory.poses[:, :3], np.sqrt(variances.mean(axis=1)))
-
-
-def jitter(stamp_s: FloatArray) -> tuple[float, float]:
-    """The usual interval [s] of stamps (n,), and the scatter [s] of one that their intervals show, holes of whole intervals apart."""
-    intervals = np.diff(stamp_s)
-    usual = float(np.median(intervals))
-    whole = np.maximum(np.rint(intervals / usual), 1.0)
-    away = (intervals - usual * whole)[whole <= 3]
-    return usual, float(np.sqrt(np.mean(away**2) / 2.0))
-
-
-def judged(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> Stamps:
-    """Stamps (n,) of places (n, c) [mm], NaN where there is none, that are each known to u_mm (n,) per axis; where nothing is stated (zero
-    or NaN) what the places scatter by across the motion."""
-    known = np.flatnonzero(~np.isnan(places).any(axis=1))
-    if len(known) < 2 or not (np.diff(stamp_s) > 0).all():
-        return sound(stamp_s)
-    gap, begins = (np.zeros(len(stamp_s) - 1, np.bool_) for _ in range(2))
-    for out, there in zip((gap, begins), gaps(stamp_s[known]), strict=True):
-        out[known[1:][there] - 1] = True
-    found = _jittered(stamp_s, places, u_mm, begins) if len(stamp_s) >= LEAST else sound(stamp_s)
-    return replace(found, stretch=stretches(gap), gap=_stamp_note(stamp_s[known], gap[known[1:] - 1]))
-
-
-def _stamp_note(stamp_s: FloatArray, gap: BoolArray) -> Message | None:
-    """Return how many gaps there are, and the longest."""
-    if not gap.any():
-        return None
-    lasts = np.where(gap, np.diff(stamp_s), 0.0)
-    i = int(np.argmax(lasts))
-    return message("time.gaps", gaps=int(gap.sum()), longest_s=float(lasts[i]), at_s=float(stamp_s[i]))
-
-
-def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins: BoolArray) -> Stamps:
-    """`judged`, gaps and holes (n - 1,) known."""
-    usual, scatter = jitter(stamp_s)
-    if scatter <= EVEN * usual:
-        return sound(stamp_s)
-    stated = u_mm[u_mm > 0.0]
-    noise = float(np.median(stated)) if len(stated) else 0.0
-    first = _windows(places, noise, scatter / usual, begins)
-    if len(first) < LEAST_WINDOWS:
-        return sound(stamp_s)
-    as_stamped, speed, across = _residuals(stamp_s, places, first)
-    noise = noise or float(np.sqrt(np.median(across) / MEDIAN))
-    u_stamp = _time_noise(as_stamped, speed, noise)
-    felt = FELT * noise / float(np.sqrt(np.mean(speed**2)))
-    # what scatters by chance about the places' own noise is no noise of stamps
-    samples = WINDOW + int(np.minimum(np.diff(first), WINDOW).sum())
-    chance = SIGNIFICANT * np.sqrt(2.0 * WINDOW / ((WINDOW - TERMS) * samples))
-    if u_stamp <= max(felt, felt / FELT * np.sqrt(chance), EVEN * usual):
-        return sound(stamp_s)
-    numbered = numbers(stamp_s, places, noise, begins)
-    as_even, speed, _ = _residuals(usual * numbered.number.astype(np.float64), places, first)
-    evenly = bool(np.median(as_even) < np.median(as_stamped))
-    even = clock(stamp_s, numbered) if evenly else None
-    u_even = 0.0 if even is None else _time_noise(as_even, speed * (usual / even.period_s), noise)
-    if even is not None and u_even > felt / FELT and _of_device(even, u_even, u_stamp):
-        even = None
-    intervals = 1e3 * np.diff(stamp_s)[~begins]
-    apart = {"least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
-    if even is None:
-        u_rate = 0.0
-        if evenly:
-            # whether the host strayed or the device, nothing shows: stamps stay, and both ends of a move may be off by that
-            walk, longest = unexplained_walk(stamp_s, numbered, u_stamp)
-            u_stamp, u_rate = float(np.hypot(u_stamp, walk * np.sqrt(longest / 2.0))), walk / usual / np.sqrt(max(longest, 1))
-        note = message("stamps.uneven", **apart, error_ms=1e3 * u_stamp)
-        return Stamps(stamp_s, stamp_s, u_stamp, u_rate, "uneven", note)
-    u_even = u_even if u_even > felt else 0.0
-    # where a gap begins a new phase it is known by the stamps of its stretch
-    several = len(np.unique(numbered.stretch))
-    if several > 1:
-        u_even = float(np.hypot(u_even, np.std(stamp_s - even.time_s) * np.sqrt(several / len(stamp_s))))
-    note = message("stamps.even", **apart, period_ms=1e3 * even.period_s, rate=even.u_rate, error_ms=1e3 * u_even)
-    return Stamps(stamp_s, even.time_s, u_even, even.u_rate, "even", note)
-
-
-def _of_device(even: Clock, u_even: float, u_stamp: float) -> bool:
-    """Whether the device may have strayed as far as stamps lie off its even clock: farther than their own errors explain, and no farther
-    than its errors u_even of single instants add up to."""
-    return HOSTS * u_stamp / np.sqrt(even.block) < even.level_s < OF_DEVICE * u_even * np.sqrt(len(even.time_s))
-
-
-def _windows(places: FloatArray, noise: float, scatter: float, begins: BoolArray) -> IntArray:
-    """First samples (k,) of windows without a gap in which the tool moves so fast that a scatter of the stamps [periods] would show; begins
-    (n - 1,): intervals that they do not go over."""
-    chord = np.linalg.norm(places[WINDOW - 1 :] - places[: 1 - WINDOW], axis=1) / (WINDOW - 1)
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    longest = np.lib.stride_tricks.sliding_window_view(steps, WINDOW - 1).max(axis=1)
-    holes = np.concatenate([[0], np.cumsum(np.isnan(places).any(axis=1))])
-    cuts = np.concatenate([[0], np.cumsum(begins)])
-    chord = np.where((holes[WINDOW:] == holes[:-WINDOW]) & (cuts[WINDOW - 1 :] == cuts[: 1 - WINDOW]), chord, 0.0)
-    chord = np.where(longest < OF_ONE_STEP * (WINDOW - 1) * chord, chord, 0.0)
-    first = np.flatnonzero(chord > max(MOVING_STAMPS * noise / scatter, OF_FASTEST * float(chord.max())))
-    return first[np.linspace(0, len(first) - 1, min(len(first), WINDOWS)).astype(np.int64)]
-
-
-def _residuals(time_s: FloatArray, places: FloatArray, first: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean squared residuals [mm^2] of the places about cubics in time, in windows (k,): along the motion, the speeds [mm/s], and across it
-    per axis."""
-    rows = first[:, None] + np.arange(WINDOW)
-    t, x = np.asarray(time_s[rows], dtype=np.float64), places[rows]
-    span = t[:, -1:] - t[:, :1]
-    basis = np.linalg.qr((2.0 * (t - t[:, :1]) / span - 1.0)[:, :, None] ** np.arange(TERMS))[0]
-    x = x - x[:, :1]
-    away = x - basis @ (np.swapaxes(basis, 1, 2) @ x)
-    length = np.linalg.norm(x[:, -1], axis=1)
-    along = (np.einsum("kwc,kc->kw", away, x[:, -1] / length[:, None]) ** 2).sum(axis=1) / (WINDOW - TERMS)
-    every = (away**2).sum(axis=(1, 2)) / (WINDOW - TERMS)
-    return along, length / span[:, 0], np.maximum(every - along, 0.0) / max(places.shape[1] - 1, 1)
-
-
-def _time_noise(squares: FloatArray, speed: FloatArray, noise: float) -> float:
-    """Standard uncertainty [s] of single instants that residuals (k,) [mm^2] at speeds (k,) show: by the mean without the farthest, or by
-    the median where that is more."""
-    of_time = squares / speed**2
-    kept = of_time <= np.quantile(of_time, 1.0 - FAR)
-    mean = (squares[kept] - noise**2).sum() / (speed[kept] ** 2).sum()
-    median = np.median((squares / MEDIAN - noise**2) / speed**2)
-    return float(np.sqrt(max(mean, median, 0.0)))
-
 
 CLOCKS = 1e-3  # difference of rate beyond which two clocks are not meant to be the same
 OVER_S = 0.04  # over which a speed is taken
@@ -325,7 +116,7 @@ def _stamps(run: Run, number: int) -> Stamps:
     cables = tuple(c.model_copy(update={"passage": 1}) for c in run.rig.cables_of(number))
     alone = replace(run, rig=run.rig.model_copy(update={"cable": cables}), passes=(run.passes[number - 1],))
     lengths = lengths_from_counts(alone).of_cables().change_mm
-    return judged(run.passes[number - 1].time_s, lengths, np.full(len(lengths), np.sqrt(count_variance(alone.rig).mean())))
+    return judge_stamps(run.passes[number - 1].time_s, lengths, np.full(len(lengths), np.sqrt(count_variance(alone.rig).mean())))
 
 
 def _said(number: int, stamps: Stamps) -> Message:
