@@ -1,7 +1,4 @@
-"""The files of a new rig, in which every dimension says which arrow it is, how it is measured and what an error of it costs.
-
-An error of a dimension costs so much: how far off the gripper is measured when the rig file is wrong by a millimetre or a degree.
-"""
+"""Files of a new rig, with comments: definition of each dimension, way to measure it, and effect of an error on the measured position."""
 
 import itertools
 from collections.abc import Mapping
@@ -50,7 +47,7 @@ def position_errors(rig: Rig, zeroed_at: FloatArray, poses: FloatArray, names: t
 
 
 def costs(rig: Rig) -> dict[str, Cost]:
-    """What an error costs, by `B1.position_mm`, `B1.guide`, `B1.pulley_radius_mm`, the keys of its drum, and `P1`."""
+    """Return the costs of errors by `B1.position_mm`, `B1.guide`, `B1.pulley_radius_mm`, the keys of its drum, and `P1`."""
     start, box = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), box_poses()
 
     def worst(*names: str) -> float:
@@ -75,52 +72,52 @@ PICTURE = "docs/images/cable.svg"
 HEAD = """\
 # {about}.
 #
-# Lengths are millimetres, angles degrees, in the robot's base frame: right-handed, Z up. Letters in quotation marks are
-# those of the picture {picture}; docs/rig.md says how everything is measured, and lists every key.
+# Lengths are in millimetres and angles in degrees, in the robot's base frame (right-handed, Z up). Letters in quotation
+# marks are those of the picture {picture}. docs/rig.md explains every key.
 #
-# "costs" is what an error of a value makes of a measured position before anything is calibrated: the most that the gripper
-# is off within {half:.0f} mm along each axis of where the counters are zeroed, tilted by up to {tilt:g} rad; worked out for this rig.
-# Calibration finds positions and guides, if they are right within 100 mm and 15 degrees; the rest has to be measured,
-# or stays in "assumed".
+# "error of 1 mm: up to 0.5 mm" is the largest error of a measured position before calibration, if the value is wrong by
+# 1 mm. It is computed for this rig, within {half:.0f} mm of the zero pose along each axis and with tilts up to {tilt:g} rad.
+# Calibration estimates positions and guides, if they are right within 100 mm and 15 degrees. Measure the other values,
+# or leave them in "assumed".
 
 schema = "lmeasure.rig/1"
 name = {name}
-# How the controller writes orientations; or {others}.
+# Angle convention of the controller; other values: {others}.
 angles = {angles}
 
-# Values that nobody has measured yet: they have wide priors and are named in reports. `lmeasure drum` takes out what it writes.
+# Guessed values: they get wide priors, and reports name them. `lmeasure drum` removes the values that it computes.
 assumed = [{assumed}]
 """
 POINT_KEYS = {
-    "position_mm": "\"B\": where the swivel axis touches the pulley's groove. Tape from the robot's base: 30 mm is good enough",
-    "guide_alpha_deg": '"α": how far the way from B to the fixed pulley points downwards. Protractor or level; 5 degrees are good enough',
-    "guide_beta_deg": "its direction on the floor, from +Y towards +X. Protractor or tape; 5 degrees are good enough",
-    "pulley_radius_mm": '"R": swivel pulley to the middle of the cable. Caliper over the groove\'s bottom, halved, plus half the cable',
+    "position_mm": "\"B\": contact of the swivel axis with the pulley's groove. Tape measure from the robot's base, within 30 mm",
+    "guide_alpha_deg": '"α": inclination of the path from B to the fixed pulley, downwards. Protractor or level, within 5 degrees',
+    "guide_beta_deg": "direction of that path on the floor, from +Y towards +X. Protractor or tape measure, within 5 degrees",
+    "pulley_radius_mm": '"R": radius to the middle of the cable. Caliper: half the diameter of the groove\'s bottom plus half the cable',
 }
 DRUM_KEYS = {
-    "counts_per_revolution": "turn the drum once and read the counter; `lmeasure check` does",
-    "count_length_mm": "cable per count. Pull 2 m along a tape and divide by the counts: better than the drum's radius",
-    "groove_pitch_mm": 'from groove to groove. Ruler over ten grooves, divided by ten; negative when paying out shortens "axial(k)"',
-    "tangent_length_mm": '"tangent length": drum to fixed pulley. Not read off directly: `lmeasure drum` has it from distances',
-    "axial_offset_mm": "\"axial(k)\" at the zero pose: drum's pay-out point to the fixed pulley's plane. `lmeasure drum` has it too",
+    "counts_per_revolution": "counts per turn of the drum. Turn the drum once and read the counter, or use `lmeasure check`",
+    "count_length_mm": "cable length per count. Pull 2 m along a tape measure and divide by the counts",
+    "groove_pitch_mm": 'distance from groove to groove. Ruler over ten grooves, divided by ten; negative if paying out shortens "axial(k)"',
+    "tangent_length_mm": '"tangent length" from drum to fixed pulley. `lmeasure drum` computes it from distances',
+    "axial_offset_mm": '"axial(k)" at the zero pose: pay-out point to the fixed pulley\'s plane. `lmeasure drum` computes it',
 }
 DRUM_REST = """\
-count_sign = {sign}                 # 1: counts rise as cable is paid out. `lmeasure check` says which
-# counter_bits = 32            # after how many bits the counter starts again; without it this is inferred
-# max_cable_speed_mm_s = 20000 # faster is no motion but a fault
+count_sign = {sign}                 # 1: counts rise as cable is paid out; -1: they fall. `lmeasure check` finds the sign
+# counter_bits = 32            # width of the counter, after which it wraps around; default: inferred from jumps
+# max_cable_speed_mm_s = 20000 # largest cable speed; faster changes of the count are faults
 """
 TOOL = """\
-# Attachment points "P" in the tool frame, which is the controller's: caliper or the tool's drawing, from its origin along its axes.
+# Attachment points "P" in the controller's tool frame. Caliper or drawing of the tool, from its origin along its axes.
 [tool]
 """
 CABLES = """\
-# Which cable runs where, and which counter counts it: the n-th channel is node n of the CAN bus, unless a table [can] says
-# otherwise (docs/acquisition.md).
+# Cables: observation point, attachment point and counter channel. The n-th channel is node n of the CAN bus, unless a
+# table [can] states other frames (docs/acquisition.md).
 """
 
 
 def rig_text(rig: Rig, about: str, schema: str = "") -> str:
-    """rig.toml, commented; schema: where its schema lies, if it does."""
+    """Return a commented rig.toml; schema: path of its JSON Schema, empty for none."""
     cost = costs(rig)
     parts = [(f"#:schema {schema}\n" if schema else "") + _head(rig, about)]
     parts += [_point(point, cost, number == 0) for number, point in enumerate(rig.observation_point)]
@@ -150,7 +147,7 @@ def _head(rig: Rig, about: str) -> str:
 
 
 def _point(point: ObservationPoint, cost: Mapping[str, Cost], first: bool) -> str:
-    """A point's table; the first one has every explanation, the others what an error costs."""
+    """Return the table of a point: the first with definitions and costs, the others with costs only."""
     lines = ["[[observation_point]]", f'name = "{point.name}"']
     for key, text in POINT_KEYS.items():
         value = getattr(point, key)
@@ -164,12 +161,12 @@ def _point(point: ObservationPoint, cost: Mapping[str, Cost], first: bool) -> st
 
 
 def _line(key: str, value: str, text: str, cost: Cost | None) -> list[str]:
-    told = [f"# {text}"] if text else []
-    return [*told, f"{key} = {value}{_cost(cost)}"]
+    comment = [f"# {text}"] if text else []
+    return [*comment, f"{key} = {value}{_cost(cost)}"]
 
 
 def _cost(cost: Cost | None) -> str:
-    return "" if cost is None or cost.mm == 0.0 else f"  # {cost.unit} off costs {cost.mm:.2g} mm"
+    return "" if cost is None or cost.mm == 0.0 else f"  # error of {cost.unit}: up to {cost.mm:.2g} mm"
 
 
 def _text(text: str) -> str:
@@ -184,47 +181,47 @@ def _numbers(values: tuple[float, ...]) -> str:
 
 DRUMS_HEAD = """\
 #:schema schemas/drums.json
-# What is measured on the drums; docs/drum.md has the picture. Then:
+# Measured dimensions of the drums; docs/drum.md has the picture. Then run:
 #     lmeasure drum drums.toml --rig rig.toml --out measured.toml
-# A measure's standard uncertainty, where it is known, is u_ and its key: u_centre_distance_mm = 0.5
+# The key of a standard uncertainty is u_ and the key of the value: u_centre_distance_mm = 0.5
 schema = "lmeasure.drum/1"
 """
 DRUMS_KEYS = (
-    ("counts_per_revolution", "{counts}", "N: turn the drum once and read the counter"),
-    ("groove_pitch_mm", "{pitch}", "t_m: ruler over ten grooves, divided by ten"),
-    ("count_length_mm", "{count}", "c: pull 2 m of cable along a tape and divide by the counts"),
-    ("fixed_pulley_radius_mm", "20.0", "R2: caliper over the groove's bottom, halved, plus half the cable"),
-    ("centre_distance_mm", "{distance}", "a: between the axes of drum and fixed pulley, square to them"),
-    ("pulley_plane_mm", "40.0", "C: along the drum's axis, from its end face to the fixed pulley's middle plane"),
-    ("cable_end_mm", "5.0", "g: from the same end face to where the cable is fastened"),
-    ("full_wind_counts", "60000", "K: robot at the zero pose, cable off the drum to its end, counter zeroed, wound up until taut, read"),
+    ("counts_per_revolution", "{counts}", "N: counts per turn. Turn the drum once and read the counter"),
+    ("groove_pitch_mm", "{pitch}", "t_m: distance from groove to groove. Ruler over ten grooves, divided by ten"),
+    ("count_length_mm", "{count}", "c: cable length per count. Pull 2 m along a tape measure and divide by the counts"),
+    ("fixed_pulley_radius_mm", "20.0", "R2: caliper, half the diameter of the groove's bottom plus half the cable"),
+    ("centre_distance_mm", "{distance}", "a: perpendicular distance between the axes of drum and fixed pulley"),
+    ("pulley_plane_mm", "40.0", "C: axial distance from the drum's end face to the fixed pulley's middle plane"),
+    ("cable_end_mm", "5.0", "g: axial distance from the same end face to the fastened end of the cable"),
+    ("full_wind_counts", "60000", "K: robot at the zero pose; unwind the cable to its end, zero the counter, wind until taut, read it"),
 )
 PLACEMENT = """\
 #:schema schemas/placement.json
-# Where the robot works and where points may be put, for
+# Task of the robot, and boxes for the observation points. Then run:
 #     lmeasure place rig.toml --task placement.toml --out placed
 schema = "lmeasure.placement/1"
-objective = "pressure_angle"   # or "u95": what is made best, at the worst place of the task
-tolerance_mm = 5.0             # how well a point will be mounted, per axis
+objective = "pressure_angle"   # or "u95": quantity to minimise at the worst pose of the task
+tolerance_mm = 5.0             # mounting tolerance of a point, per axis
 
-[task]                         # box of the tool origin, base frame, and tilts of the tool
+[task]                         # box of the tool origin, base frame, with tilts of the tool
 low_mm = [{low}, {low}, {low}]
 high_mm = [{high}, {high}, {high}]
-nodes = 3                      # places along each edge that are looked at
+nodes = 3                      # evaluated positions along each edge
 tilt_rad = {tilt}
 tilt_steps = 3
 
-# [[keep_out]]                 # where no point may be: the robot, a door
+# [[keep_out]]                 # box without points: the robot, a door
 # low_mm = [-500.0, -500.0, -500.0]
 # high_mm = [500.0, 500.0, 500.0]
 """
 SCENARIO = """\
 #:schema schemas/scenario.json
-# The rig of this folder, simulated, to try everything before it is built:
+# Simulation of this rig, to try every step before it is built:
 #     lmeasure simulate scenario.toml --out tried
 #     lmeasure calibrate tried/calibration --out tried/calibrated
 #     lmeasure reconstruct tried --rig tried/calibrated/rig.toml --out tried/trajectory.parquet
-# `--bus simulated:scenario.toml` stands for the bus of a `lmeasure record`.
+# `lmeasure record --bus simulated:scenario.toml` uses it in place of a bus.
 schema = "lmeasure.scenario/1"
 rig = "rig.toml"
 rate_hz = 250
@@ -234,21 +231,21 @@ speed_mm_s = 250.0
 dwell_s = 1.0
 
 [[waypoint]]
-position_mm = [0, 0, 0]        # rest at the start first, for the closure
+position_mm = [0, 0, 0]        # rest at the start, for the closure
 [[waypoint]]
 position_mm = [150, 100, 50]
 [[waypoint]]
 position_mm = [-100, 150, -50]
 
-[reference_poses]              # a calibration campaign about the start
+[reference_poses]              # calibration campaign around the start
 count = 20
-u_position_mm = 0.05           # how well a laser tracker, or the robot itself, knows the poses
+u_position_mm = 0.05           # standard uncertainty of the poses, by laser tracker or robot
 u_rotation_deg = 0.01
 """
 
 
 def folder_files(rig: Rig, about: str) -> dict[str, str]:
-    """Texts by their names in a new folder: the rig, what is measured on its drums, a task for `place`, a scenario, schemas."""
+    """Return the files of a new folder by name: rig, drums, task for `place`, scenario, schemas."""
     out = {
         "rig.toml": rig_text(rig, about, "schemas/rig.json"),
         "drums.toml": _drums(rig),
@@ -278,4 +275,4 @@ def _placement(rig: Rig) -> str:
         for p in rig.observation_point
     ]
     head = PLACEMENT.format(low=-HALF_MM, high=HALF_MM, tilt=TILT_RAD)
-    return "\n".join([head, "# Where each observation point may be put; a box that is flat is a wall or a beam.", *boxes])
+    return "\n".join([head, "# Box for each observation point; a flat box is a wall or a beam.", *boxes])

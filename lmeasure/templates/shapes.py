@@ -1,4 +1,4 @@
-"""Shapes of rigs that are good to begin with, and what a person may say otherwise of them."""
+"""Shapes of new rigs, and the values that users can change."""
 
 import math
 from collections.abc import Mapping
@@ -46,14 +46,14 @@ def _rounded(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
 
 TEMPLATES = {
     "six-cables": Template(
-        "six drums around the robot, two cables to each of three points of the tool: the pose in one pass, nothing to spare",
+        "six drums around the robot, two cables to each of three tool points: full pose in one pass, no redundancy",
         # as the simulated cell: found by a search over places outside a cube of 1400 mm
         ((860, 0, 2020), (-1110, 160, 670), (-1010, 1940, -220), (-240, 360, 2150), (-330, -770, 2030), (-1140, -1570, -590)),
         _rounded(_around(150.0, 90, 210, 330)),
         ((1, 1, 1), (2, 1, 1), (3, 2, 1), (4, 2, 1), (5, 3, 1), (6, 3, 1)),
     ),
     "eight-cables": Template(
-        "eight drums in the corners of a frame, two cables to each of four points of the tool: two to spare, a counter that errs is seen",
+        "eight drums in the corners of a frame, two cables to each of four tool points: two redundant cables detect counter faults",
         (
             (-1200, -1150, 1300), (-1200, 1150, 1300), (1200, -1150, 1300), (1200, 1150, 1300),
             (-1200, -1150, -700), (-1200, 1150, -700), (1200, -1150, -700), (1200, 1150, -700),
@@ -62,7 +62,7 @@ TEMPLATES = {
         ((1, 3, 1), (2, 1, 1), (3, 2, 1), (4, 4, 1), (5, 1, 1), (6, 3, 1), (7, 4, 1), (8, 2, 1)),
     ),
     "three-drums": Template(
-        "three drums, each hooked to another point of the tool in a second pass of the same motion: for robots that repeat themselves",
+        "three drums, each hooked to another tool point in a second pass of the same motion: for robots that repeat their motion",
         ((-940, 1440, 1310), (410, 740, -1420), (-1040, 70, -1330)),
         _rounded(_around(150.0, 90, 210, 330)),
         ((1, 1, 1), (2, 2, 1), (3, 3, 1), (1, 2, 2), (2, 3, 2), (3, 1, 2)),

@@ -111,10 +111,10 @@ SAID = [
         "my cell/demo.rrd показывается по адресу http://127.0.0.1:9090/ любым браузером этой машины, и никакой другой; завершает Ctrl-C",
     ),
     (
-        "my cell/rig.toml: three drums, each hooked to another point of the tool in a second pass of the same motion: for robots that "
-        "repeat themselves",
+        "my cell/rig.toml: three drums, each hooked to another tool point in a second pass of the same motion: for robots that "
+        "repeat their motion",
         "my cell/rig.toml: три барабана, во втором проходе того же движения каждый зацеплен за другую точку инструмента: для роботов, "
-        "которые повторяются",
+        "которые повторяют движение",
     ),
     (
         "effect radius of B3: 41.2 mm  u 6.3  p 5.6e-11  0.7 bits learned: found",

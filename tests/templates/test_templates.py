@@ -88,7 +88,7 @@ def test_every_template_is_whole_and_serves_its_cube(name: str, tmp_path: Path) 
     for key in (*ObservationPoint.model_fields, *Drum.model_fields):
         if re.search(rf"^{key} = ", first, re.MULTILINE) and key not in ("name", "count_sign"):
             assert re.search(rf"^# .*\n{key} = ", first, re.MULTILINE), key
-    assert len(re.findall(r"(?:mm|deg|%) off costs \d", text)) == len(rig.observation_point) * 8 + len(rig.tool)
+    assert len(re.findall(r"# error of [\d.]+ (?:mm|deg|%): up to \d", text)) == len(rig.observation_point) * 8 + len(rig.tool)
     assert max(map(len, text.splitlines())) < 150
 
 
@@ -193,7 +193,7 @@ def test_from_an_empty_folder_to_a_placed_zone(tmp_path: Path) -> None:
     done("drum", "@drums.toml", "--rig", "@rig.toml", "--out", "@measured.toml")
     measured = read_rig(tmp_path / "measured.toml")
     assert measured.assumed == tuple(f"B{i}.pulley_radius_mm" for i in range(1, 7))
-    assert "# 1 mm off costs" in (tmp_path / "measured.toml").read_text(), "what was explained stays so"
+    assert "# error of 1 mm: up to" in (tmp_path / "measured.toml").read_text(), "what was explained stays so"
     text = (tmp_path / "scenario.toml").read_text()
     (tmp_path / "scenario.toml").write_text(text.replace('rig = "rig.toml"', 'rig = "measured.toml"'))
     done("simulate", "@scenario.toml", "--out", "@tried")
