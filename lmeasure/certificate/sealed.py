@@ -11,10 +11,18 @@ from lmeasure.core import DataFrame, Shown, framed
 
 @dataclass(frozen=True, repr=False)
 class Certificate(Shown):
-    """A sealed folder and its certificate.json; what it says is to be believed once `verify` has said so."""
+    """Sealed folder of a certificate with its certificate.json. Call `verify` before you rely on it.
+
+    Examples
+    --------
+    >>> lm.Certificate.read("certificate").content["id"]  # doctest: +SKIP
+    '0b6f7c52'
+    """
 
     folder: Path
+    """Folder of the certificate."""
     content: dict[str, Any]
+    """Content of certificate.json."""
 
     @classmethod
     def read(cls, folder: Path) -> "Certificate":

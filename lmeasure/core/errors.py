@@ -13,10 +13,21 @@ def shortened(text: str) -> str:
 
 
 class LMeasureError(Exception):
-    """The data cannot give the answer. The text is one line and says what to look at; `lines` are all of them, where a file has several
-    faults."""
+    """Error of the data or the usage: base class of all exceptions of lmeasure.
+
+    `str(error)` is one line with the cause and the remedy. `lines` has every fault of a file.
+
+    Examples
+    --------
+    >>> try:
+    ...     lm.read_rig(Path("missing.toml"))
+    ... except lm.LMeasureError as error:
+    ...     print(error)
+    missing.toml: cannot be read: No such file or directory
+    """
 
     complaints: tuple[str, ...] = ()
+    """One line for each fault of a file; empty for a single fault."""
 
     def __str__(self) -> str:
         others = len(self.complaints) - 1

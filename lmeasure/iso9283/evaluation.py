@@ -125,22 +125,33 @@ class AttainedPath:
 
 @dataclass(frozen=True, repr=False)
 class Evaluation(Shown):
-    """The characteristics, and what stands behind them.
+    """Characteristics of a robot by ISO 9283, each with its U95.
 
-    excluded: parts outside the zone. poses: commanded and attained poses in the base frame (after an alignment, in the
-    program's); paths: likewise. base_from_program (7,): the fitted frame, None when not asked for. angles: convention of component-wise
-    angles. covers: what the uncertainties hold, in words. findings: what the reader must know.
+    Examples
+    --------
+    >>> figures = lm.evaluate(trajectory, program, run=simulated, rig=calibration)
+    >>> figures.characteristics[0].unit
+    'mm'
     """
 
     characteristics: tuple[Characteristic, ...]
+    """Characteristics with U95 and verdict."""
     excluded: tuple[Excluded, ...]
+    """Poses and paths without a verdict, with the reason."""
     poses: tuple[AttainedPose, ...]
+    """Commanded and attained poses in the base frame; after an alignment, in the program's frame."""
     paths: tuple[AttainedPath, ...]
+    """Commanded and attained paths in the same frame."""
     base_from_program: FloatArray | None
+    """(7,) fitted frame, x, y, z [mm], qx, qy, qz, qw; None: no alignment."""
     angles: str
+    """Angle convention of component-wise angles."""
     covers: Message | str
+    """Effects included in the uncertainties, in words."""
     settings: Settings
+    """Settings of the evaluation."""
     findings: tuple[Message | str, ...] = field(default=())
+    """Findings for the user."""
 
     @property
     def notes(self) -> tuple[str, ...]:

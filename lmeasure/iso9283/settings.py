@@ -10,26 +10,36 @@ from lmeasure.iso9283.characteristic import Rule
 
 @dataclass(frozen=True)
 class CertificationSettings:
-    """What of an evaluation can be chosen; all of it belongs in the certificate.
+    """Settings of an evaluation, which become part of the certificate.
 
-    align: fit the base frame to the poses before anything else; tool_offset_mm: the point of the tool that is certified, in the tool
-    frame; angles: convention of component-wise angles, else the program's, else the rig's; capability: largest u95 as a fraction of the
-    characteristic; limit_angle_deg, limit_u95_mm: of the instrument's zone, None for no limit; rule: of decision on tolerances; planes:
-    normal to a path; still_mm: largest motion within a window; trials, seed: of Monte Carlo. CertificationError for what cannot be meant.
+    Examples
+    --------
+    >>> lm.CertificationSettings(rule="guarded").capability
+    0.25
     """
 
     align: bool = False
+    """Whether the base frame is first fitted to the poses."""
     angles: str | None = None
+    """Angle convention of component-wise angles; default: the program's, else the rig's."""
     tool_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Certified point of the tool, tool frame [mm]."""
     capability: float = 0.25
+    """Largest ratio of U95 to a result for a verdict."""
     limit_angle_deg: float | None = 60.0
+    """Largest pressure angle of the instrument's zone [deg]; None: no limit."""
     limit_u95_mm: float | None = None
+    """Largest expanded uncertainty U95 of the position in the instrument's zone [mm]; None: no limit."""
     rule: Rule = "simple"
+    """Decision rule for tolerances: "simple" or "guarded" (JCGM 106)."""
     planes: int = 102
-    """Of 4 k + 2 two stand at a quarter and at three quarters of a line (`quarters`)."""
+    """Number of planes normal to a path. With 4 k + 2, two of them are at the quarters of a line (`quarters`)."""
     still_mm: float = 0.2
+    """Largest motion within a window [mm]."""
     trials: int = 2000
+    """Number of Monte Carlo trials."""
     seed: int = 0
+    """Seed of the Monte Carlo trials."""
 
     @property
     def quarters(self) -> bool:

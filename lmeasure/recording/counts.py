@@ -16,22 +16,31 @@ INFERRED_BITS = (16, 24, 32)
 
 @dataclass(frozen=True, repr=False)
 class Counts(Shown):
-    """Recorded counts of one pass of the motion.
+    """Recorded counts of m channels over n samples, one pass of the motion.
 
-    time_s (n,) strictly rising; recorded (n, m) counts as the encoder gave them, NaN where a cell was empty; sync (n,) 0 or 1, or None;
-    u_time_s (n,) standard uncertainty of the instants of the channels about the sample's, None where they were latched together.
+    Examples
+    --------
+    >>> counts = run.passes[0]
+    >>> counts.channels[0], counts.recorded.shape
+    ('ch1', (58, 6))
     """
 
     time_s: FloatArray
+    """(n,) strictly increasing times [s]."""
     channels: tuple[str, ...]
+    """Names of the channels, m."""
     recorded: FloatArray
+    """(n, m) counts as the encoders sent them; NaN: empty cell."""
     sync: FloatArray | None = None
+    """(n,) start input, 0 or 1; or None."""
     source: str = "counts"
+    """Name of the file, for messages."""
     u_time_s: FloatArray | None = None
+    """(n,) standard uncertainty of the channels' times about the sample's time [s]; None: latched together."""
     temperature_c: FloatArray | None = None
-    """(n,) temperature of cables, drums and frame, None where it was not recorded."""
+    """(n,) temperature of cables, drums and frame [°C]; None: not recorded."""
     first: int = 0
-    """Number of the first sample in the file, for what is said of samples."""
+    """Number of the first sample in the file, for messages."""
 
     def about(self) -> dict[str, str]:
         """Samples and channels."""

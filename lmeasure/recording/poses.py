@@ -25,23 +25,29 @@ _ORIENTATION_COLUMNS = {c for convention in conventions.CONVENTIONS.values() for
 
 @dataclass(frozen=True, repr=False)
 class Poses(Shown):
-    """Named poses base_from_tool.
+    """n named poses base_from_tool with their uncertainties.
 
-    rows (n, 7): x, y, z [mm], qx, qy, qz, qw (unit); u_position_mm and u_rotation_rad (n,): standard uncertainty of each coordinate and of
-    each component of a small rotation, zero where the pose is taken as exact.
+    Examples
+    --------
+    >>> poses = lm.poses_from_rows(np.array([[100.0, 0, 0, 0, 0, 0, 1]]), ["P1"])
+    >>> poses.names, poses.rows.shape
+    (('P1',), (1, 7))
     """
 
     names: tuple[str, ...]
+    """Names of the poses, n."""
     rows: FloatArray
+    """(n, 7) poses base_from_tool: x, y, z [mm], qx, qy, qz, qw (unit quaternion)."""
     u_position_mm: FloatArray
+    """(n,) standard uncertainty of each coordinate [mm]; 0: exact."""
     u_rotation_rad: FloatArray
+    """(n,) standard uncertainty of the rotation about each axis [rad]; 0: exact."""
     covariance: FloatArray | None = None
-    """(n, 6, 6) of (rotation [rad]; position [mm]), R_true = Exp(delta) R, base axes, where more is stated than the two above, which are
-    then its root mean squares."""
+    """(n, 6, 6) covariance of (rotation [rad]; position [mm]), base frame, R_true = Exp(delta) R. None: from the two fields above."""
     oriented: bool = True
-    """False where only positions were measured: the rotations are the identity then, and mean nothing."""
+    """False: only positions were measured, and the rotations are identities."""
     absent: tuple[str, ...] = ()
-    """Which of "position" and "rotation" have no uncertainty stated: then it is not known, and no zero."""
+    """Quantities without a stated uncertainty: "position", "rotation". Their zero means unknown."""
 
     def __len__(self) -> int:
         return len(self.names)

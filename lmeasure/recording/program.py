@@ -278,7 +278,15 @@ class Tolerance(Strict):
 
 
 class Program(Shown, Strict):
-    """A program.toml: poses and paths in file order, and what is to be told of them."""
+    """Test program of a robot: commanded poses and paths, and the characteristics to certify.
+
+    Numbers in parentheses in the fields are clauses of ISO 9283.
+
+    Examples
+    --------
+    >>> program.pose[0].position_mm
+    (100.0, 0.0, 0.0)
+    """
 
     schema_: Annotated[Literal["lmeasure.program/1"], Field(alias="schema")]
     """Kind and version of the file."""

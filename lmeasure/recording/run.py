@@ -50,22 +50,28 @@ class RunFile(Strict):
 
 @dataclass(frozen=True, repr=False)
 class Run(Shown):
-    """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes.
+    """Recorded run: rig, start pose and the counts of each pass.
 
-    start: None where nobody stated it, which the counts of incremental encoders cannot tell; `known_start` is for who needs it. u_start:
-    standard uncertainties of the start pose, per coordinate [mm] and per axis of rotation [rad], base axes, tool origin, and of the length
-    of each cable there [mm] where the pose came from lengths.
+    Examples
+    --------
+    >>> run.rig.name, len(run.passes)
+    ('simulated cell 1', 1)
     """
 
     rig: Rig
+    """Instrument."""
     start: FloatArray | None
+    """(7,) pose base_from_tool at which the counters were zeroed: x, y, z [mm], qx, qy, qz, qw. None: unknown."""
     passes: tuple[Counts, ...]
+    """Counts of each pass."""
     calibration: CalibrationRecord | None = None
+    """Linked calibration record of the rig, or None."""
     u_start: tuple[float, ...] = (0.0, 0.0)
+    """Standard uncertainties of the start pose: each coordinate [mm], rotation about each axis [rad], and each length [mm] if stated."""
     temperature_c: float | None = None
-    """Temperature at the start pose, and of every pass whose counts do not state theirs."""
+    """Temperature at the start pose, and of passes without recorded temperatures [°C]."""
     recorded: tuple[Recorded, ...] = ()
-    """How the passes were recorded, where that is known."""
+    """Recording conditions of the passes, if known."""
 
     def about(self) -> dict[str, str]:
         """Rig, samples, start, calibration."""

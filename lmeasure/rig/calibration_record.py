@@ -103,49 +103,73 @@ class Input(_Record):
 
 
 class CalibrationRecord(Shown, _Record):
-    """calibration.json of the contract.
+    """Calibration record, the content of calibration.json: p parameters with their covariance, residuals, findings.
 
-    covariance (p, p) is that of the parameters in their order, in their units. tangent_covariance, of the linearised model, is what lengths
-    and poses inherit: along a bent valley the values stray from the tangent and the lengths hardly do. Absent, the covariance serves both.
-    region: the values v with (v - values)' covariance^-1 (v - values) <= factor^2 hold the truth with the probability stated.
+    Examples
+    --------
+    >>> record = calibration.record
+    >>> record.rank, record.parameters[0].name
+    (30, 'B1.x_mm')
     """
 
     schema_: Annotated[Literal["lmeasure.calibration/1"], Field(alias="schema")] = "lmeasure.calibration/1"
+    """Kind and version of the file."""
     rig: str
+    """Name of the rig."""
     parameters: tuple[RecordedParameter, ...]
+    """Estimated values in the units of their names, with standard uncertainties."""
     covariance: tuple[tuple[Number, ...], ...]
+    """(p, p) covariance of the parameters, in their order and units."""
     residuals: tuple[Residual, ...]
+    """Length residual of each pose and channel [mm]."""
     equations: Count
+    """Number of equations."""
     unknowns: Count
+    """Number of unknowns."""
     rank: Count
+    """Number of observable parameter combinations."""
     unobservable: tuple[Unobservable, ...] = ()
+    """Parameter combinations that the data leave undetermined."""
     warnings: tuple[Finding, ...] = ()
+    """Findings for the user."""
     inputs: tuple[Input, ...] = ()
+    """Input files with their SHA-256 digests."""
     coarse: tuple[dict[str, Any], ...] = ()
+    """Coarse solutions of each point."""
     ranges: tuple[dict[str, Any], ...] = ()
+    """Ranges of points' positions over the priors of the assumed values."""
     correlations: tuple[dict[str, Any], ...] = ()
+    """Pairs of parameters with a correlation of 0.95 or more."""
     spectrum: tuple[dict[str, Any], ...] = ()
+    """Singular values of the fit with their parameter combinations."""
     poses: tuple[dict[str, Any], ...] = ()
-    """Reference poses that were estimated with the rig, and the standard uncertainties of what was unknown of each."""
+    """Reference poses that were estimated with the rig, with their standard uncertainties."""
     predicted: dict[str, Any] = Field(default_factory=dict)
+    """Predicted uncertainty of lengths and poses."""
     validation: dict[str, Any] = Field(default_factory=dict)
+    """Results at validation poses and of cross-validation."""
     u_length_mm: dict[str, Number] = Field(default_factory=dict)
-    """By which the length of a cable errs on its own at every pose, beside what the parameters make, where residuals showed it."""
+    """Standard uncertainty of a cable's length at each pose besides that of the parameters, by cable [mm]."""
     tangent_covariance: tuple[tuple[Number, ...], ...] | None = None
+    """(p, p) covariance of the linearised model, for lengths and poses; None: `covariance` serves both."""
     region: dict[str, Any] = Field(default_factory=dict)
+    """Confidence region of the parameters v: (v - values)' covariance^-1 (v - values) <= factor^2, with its probability."""
     robust: dict[str, Any] = Field(default_factory=dict)
+    """Weights of poses in a robust fit."""
     noise: dict[str, float] = Field(default_factory=dict)
+    """Chi-squared, degrees of freedom and rms residual of the fit."""
     settings: dict[str, Any] = Field(default_factory=dict)
+    """Settings of the calibration."""
     dimensions: tuple[Dimension, ...] = ()
-    """Dimensions that were not solved, and whose uncertainty is in that of the parameters."""
+    """Dimensions that were not estimated. Their uncertainty is included in that of the parameters."""
     effects: tuple[SolvedEffect, ...] = ()
-    """Physical effects that were solved for, and what the counts say of each."""
+    """Physical effects that were estimated, with their significance."""
     effects_shown: tuple[ShownEffect, ...] = ()
-    """Physical effects that were looked for in the residuals."""
+    """Physical effects that were searched for in the residuals."""
     temperature_c: Number | None = None
-    """Mean temperature of the counts; None where it was not stated."""
+    """Mean temperature of the counts [°C]; None: not stated."""
     taken_as_exact: tuple[dict[str, Any], ...] = ()
-    """What the rig does not state and nothing has solved, and what a usual size of it would do."""
+    """Uncertainties that nobody stated or estimated, with the effect of typical values."""
 
     def about(self) -> dict[str, str]:
         """What was solved, how well it fits, what it tells of lengths, what to know."""

@@ -37,6 +37,15 @@ class DrumMeasurement(Strict):
 
     Radii are to the middle of the cable. State `drum_radius_mm` or `count_length_mm`. If you state both, `count_length_mm` is used,
     and the radius must agree with it within 1 %.
+
+    Examples
+    --------
+    >>> drum = lm.DrumMeasurement(
+    ...     point="B1", counts_per_revolution=6000, groove_pitch_mm=1.0, count_length_mm=0.012, fixed_pulley_radius_mm=20.0,
+    ...     centre_distance_mm=180.0, pulley_plane_mm=40.0, cable_end_mm=5.0, full_wind_counts=60000.0,
+    ... )
+    >>> lm.with_drums(rig, (drum,)).point("B1").drum.axial_offset_mm
+    25.0
     """
 
     point: Name

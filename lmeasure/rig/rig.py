@@ -40,7 +40,13 @@ Observed = Cable | SensorChannel
 
 
 class Rig(Shown, Strict):
-    """The instrument as rig.toml states it."""
+    """Instrument, the content of rig.toml: observation points, drums, attachment points, cables and other sensors.
+
+    Examples
+    --------
+    >>> [cable.name for cable in rig.cable]
+    ['c1', 'c2', 'c3', 'c4', 'c5', 'c6']
+    """
 
     schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
     """Kind and version of the file."""

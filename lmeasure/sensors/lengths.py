@@ -44,33 +44,43 @@ MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
 @dataclass(frozen=True, repr=False)
 class Lengths(Shown):
-    """Changes of the free cables since the counters were zeroed, and what the other channels of the rig (`Rig.observed`) show.
+    """Changes of m cable lengths and sensor readings since zeroing, over n samples.
 
-    time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose, of encoders of angles
-    their angle [rad] less that where the count is 0; counts (n, m) true counts k; flags (n,) of `Status` (ok, gap or jump), cause (n,) as
-    `lmeasure.text.sample_messages` has them and cable (n,) say why and which; notes for the reader.
+    Examples
+    --------
+    >>> lengths = lm.lengths_from_counts(run)
+    >>> lengths.cables[0], lengths.change_mm.shape
+    ('c1', (58, 6))
     """
 
     time_s: FloatArray
+    """(n,) times [s]."""
     cables: tuple[str, ...]
+    """Names of the channels, m: cables, followed by other sensors."""
     change_mm: FloatArray
+    """(n, m) change of the free length since the zero pose [mm]; angle since count 0 [rad] for angle encoders."""
     counts: FloatArray
+    """(n, m) decoded counts k."""
     flags: IntArray
+    """(n,) `Status` of each sample: ok, gap or jump."""
     cause: TextArray
+    """(n,) cause of a flag, a code of `lmeasure.text.sample_messages`."""
     cable: TextArray
+    """(n,) cable of a flag."""
     notes: tuple[Message, ...] = ()
+    """Notes for the user."""
     u_time_s: FloatArray | None = None
-    """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
+    """(n, m) standard uncertainty of the counting times [s]; None: latched together."""
     temperature_c: FloatArray | None = None
-    """(n, m) temperatures at which the cables were counted; None where they were not recorded."""
+    """(n, m) temperatures of the cables [°C]; None: not recorded."""
     gone_on: FloatArray | None = None
-    """(n, m) true counts of whatever a channel showed, those included that are not used because its origin is in doubt."""
+    """(n, m) decoded counts of all channels, including those not used because their origin is in doubt."""
     reasons: tuple[Reasons, ...] = ()
-    """Of each cable."""
+    """Reasons by cable."""
     encoders: int = 0
-    """How many of the channels, behind the cables, are encoders of angles."""
+    """Number of angle encoders, the last channels."""
     missed_mm: FloatArray | None = None
-    """(n, m) by about how much lengths are off that were read off straight lines between samples of a later pass; None where none was."""
+    """(n, m) estimated errors of lengths interpolated linearly between samples of a later pass [mm]; None: not interpolated."""
 
     def about(self) -> dict[str, str]:
         """Samples, cables, how far they were drawn."""

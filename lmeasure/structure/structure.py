@@ -34,12 +34,21 @@ class Boundary(Shown):
 
 @dataclass(frozen=True, repr=False)
 class Described(Shown):
-    """Links and all that is known of them: record as `lmeasure structure` writes it; pose (7,) base_from_platform at which they were looked
-    at, None where they were not."""
+    """Analysis of a mechanism: its links, and the results of `lmeasure structure`.
+
+    Examples
+    --------
+    >>> found = lm.analyse_structure(rig, np.array([0.0, 0, 0, 0, 0, 0, 1]))
+    >>> found.record["links"], found.pose.shape
+    (6, (7,))
+    """
 
     linkage: Linkage
+    """Links of the mechanism."""
     record: dict[str, Any]
+    """Results, as `lmeasure structure --json` writes them."""
     pose: FloatArray | None = None
+    """(7,) analysed pose base_from_platform: x, y, z [mm], qx, qy, qz, qw; or None."""
 
     def about(self) -> dict[str, str]:
         """Structure, assemblies, and how well a pose is held."""

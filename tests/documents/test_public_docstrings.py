@@ -1,8 +1,10 @@
-"""Docstrings of the public functions: numpydoc sections, every parameter, and examples that run in one folder, in this order."""
+"""Docstrings of the public functions and classes: numpydoc sections, every parameter and field, examples that run in one folder."""
 
+import ast
 import doctest
 import inspect
 import re
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 import lmeasure as lm
 
 FUNCTIONS = [name for name in lm.__all__ if inspect.isfunction(getattr(lm, name))]
+CLASSES = [name for name in lm.__all__ if inspect.isclass(getattr(lm, name))]
 FIRST = ["simulate", "calibrate", "reconstruct", "zone", "evaluate"]
 """Their examples make the objects that the others use."""
 VERBS = re.compile(r"(Analyse|Calibrate|Check|Choose|Compute|Convert|Draw|Find|Make|Map|Read|Return|Simulate|Write)\b")
@@ -37,6 +40,24 @@ def test_sections(name: str) -> None:
     assert named == given or sorted(named) == sorted(given)
 
 
+@pytest.mark.parametrize("name", CLASSES)
+def test_classes(name: str) -> None:
+    docstring = inspect.getdoc(getattr(lm, name)) or ""
+    line = docstring.splitlines()[0]
+    assert line.endswith(".")
+    assert not re.match(r"(What|Who|Of|All|A|An|The)\b", line), "a noun first"
+    parts = sections(docstring)
+    assert ">>> " in parts["Examples"]
+    # each field is described once: below it or in the section Attributes
+    body = ast.parse(textwrap.dedent(inspect.getsource(getattr(lm, name)))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    in_section = re.findall(r"^\w+$", parts.get("Attributes", ""), flags=re.MULTILINE)
+    for node, after in zip(body.body, [*body.body[1:], None], strict=True):
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            below = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            assert below != (node.target.id in in_section), node.target.id
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("examples")
@@ -52,7 +73,7 @@ def test_examples() -> None:
     names: dict[str, Any] = {"lm": lm, "np": np, "Path": Path}
     failed = []
     finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner(optionflags=doctest.ELLIPSIS, verbose=False)
-    for name in [*FIRST, *(name for name in FUNCTIONS if name not in FIRST)]:
+    for name in [*FIRST, *(name for name in (*FUNCTIONS, *CLASSES) if name not in FIRST)]:
         report: list[str] = []
         for test in finder.find(getattr(lm, name), name, globs=names):
             test.globs = names  # shared: later examples use the objects of earlier ones
@@ -67,4 +88,4 @@ def test_examples() -> None:
 
             write_campaign(Path("campaign"), simulated.campaign)
     assert not failed, "\n".join(failed)
-    assert runner.tries > 40
+    assert runner.tries > 60

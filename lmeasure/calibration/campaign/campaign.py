@@ -15,38 +15,46 @@ from lmeasure.sensors import Channels, zeroed_exactly
 
 @dataclass(frozen=True, repr=False)
 class Campaign(Shown):
-    """Counts at reference poses.
+    """Counts of m channels at n reference poses, input of a calibration.
 
-    poses (n); cables (m) that were measured, and behind them the encoders of angles that were read; counts (n, m) true counts k decoded
-    with the nominal sign and scale, those of absolute encoders modulo a revolution, NaN where a pose was not counted; zero (m,) index of
-    the pose at which each counter was zeroed, of no meaning to absolute ones.
+    Examples
+    --------
+    >>> campaign = lm.read_campaign(Path("campaign"))
+    >>> len(campaign.poses), campaign.counts.shape
+    (12, (12, 6))
     """
 
     rig: Rig
+    """Nominal rig."""
     poses: Poses
+    """Reference poses, n."""
     cables: tuple[Observed, ...]
+    """Measured channels, m: cables, followed by other sensors."""
     counts: FloatArray
+    """(n, m) decoded counts k, with the nominal sign and scale; NaN: not counted."""
     zero: IntArray
+    """(m,) index of the pose at which each counter was zeroed; not used for absolute sensors."""
     inputs: tuple[Input, ...] = ()
+    """Input files with their SHA-256 digests."""
     notes: tuple[str, ...] = ()
+    """Notes for the user."""
     temperature_c: FloatArray | None = None
-    """(n, m) temperature at which each cable was counted; None where it was not recorded: then it is the rig's reference."""
+    """(n, m) temperature of each cable [°C]; None: reference temperature of the rig."""
     dwell_variance: FloatArray | None = None
-    """(n, m) variances of the means of dwells [recorded counts^2]; None where each pose was read once."""
+    """(n, m) variances of means over dwells [recorded counts²]; None: single readings."""
     zero_variance: FloatArray | None = None
-    """(m,) variances of what the zero poses' readings are off [recorded counts^2], which all equations of a cable share; None where each
-    was read once. See `zero_variances`."""
+    """(m,) variances of the readings at the zero poses [recorded counts²]; None: single readings. See `zero_variances`."""
     reference: IntArray | None = None
-    """(n,) the reference pose that a pose is a visit of, whose error its visits share; None where each was visited once."""
+    """(n,) index of the reference pose of each visit. Visits share its error. None: one visit each."""
     u_visit: FloatArray | None = None
-    """(n, 6) standard deviations (rotation [rad]; position [mm], base axes) of a visit about its reference pose, of its own; or None."""
+    """(n, 6) standard uncertainties of a visit about its reference pose (rotation [rad]; position [mm]), base frame; or None."""
 
     free_of_play: bool = False
-    """Whether the play that the rig states has been taken off the counts, as off those of a run."""
+    """Whether the stated play of the rig is already removed from the counts."""
     counted: IntArray | None = None
-    """(n, m) when each cable was counted at a pose: rows of its file; None where that is the poses' order."""
+    """(n, m) order of counting: rows of the counts file; None: the order of the poses."""
     angles: FloatArray | None = None
-    """(n, 3) the angles of the poses as their file has them; None where it has quaternions, or nobody kept them."""
+    """(n, 3) angles of the poses as in their file; None: quaternions, or not recorded."""
 
     def about(self) -> dict[str, str]:
         """Of which rig, how many poses and counts, and how well the poses are known."""

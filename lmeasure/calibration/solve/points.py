@@ -78,22 +78,34 @@ APART = 10.0  # standard uncertainties between two results that are not one
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """Options of a calibration; see the contract's `lmeasure calibrate`."""
+    """Settings of a calibration, the options of `lmeasure calibrate`.
+
+    Examples
+    --------
+    >>> lm.CalibrationSettings(solve=("position",), robust=True).neighbourhood_mm
+    100.0
+    """
 
     solve: tuple[str, ...] = ("position", "guide")
+    """Groups of parameters to estimate, such as "position", "guide" and "radius"."""
     neighbourhood_mm: float = 100.0
+    """Search range of a point's coordinates about their nominal values [mm]."""
     neighbourhood_deg: float = 15.0
+    """Search range of a guide's angles about their nominal values [deg]."""
     prior: bool = False
+    """Whether the nominal values enter the fit as prior information."""
     seed: int = 0
+    """Seed of the random starts."""
     robust: bool = False
+    """Whether wrong poses get smaller weights (Tukey's biweight)."""
     hold_out: tuple[str, ...] = ()
-    """Poses that take no part in the fit and judge it."""
+    """Names of validation poses, which are not used in the fit."""
     self_calibration: bool = False
-    """Poses are estimated with the points, and not trusted; see `calibration.solve.joint_estimation`."""
+    """Whether the reference poses are estimated with the points; see `calibration.solve.joint_estimation`."""
     distances: tuple[Distance, ...] = ()
-    """Known distances between poses, with which a self-calibration's scale is not only that of the counts."""
+    """Known distances between poses, which determine the scale of a self-calibration."""
     frame: Frame = "rig"
-    """What holds the frame of a self-calibration: the nominal rig or the reference poses."""
+    """Reference of a self-calibration's frame: the nominal rig or the reference poses."""
 
 
 @dataclass(frozen=True)

@@ -175,14 +175,24 @@ _WHO = ("outlier", "slip")  # findings that name a pose or a channel
 
 @dataclass(frozen=True, repr=False)
 class Calibration(Shown):
-    """The calibrated rig, its record, the campaign it came from, and how well it predicts over the reference poses' workspace."""
+    """Result of a calibration: calibrated rig, record and predicted uncertainty.
+
+    Examples
+    --------
+    >>> calibration.rig.name, len(calibration.record.parameters)
+    ('simulated cell 1', 30)
+    """
 
     rig: Rig
+    """Calibrated rig."""
     record: CalibrationRecord
+    """Parameters with their covariance, residuals and findings."""
     campaign: Campaign
+    """Counts at reference poses, input of the fit."""
     predicted: Prediction
+    """Predicted uncertainty over the workspace of the reference poses."""
     refused: str | None = None
-    """Why the rig must not be used: it predicts lengths significantly worse than the nominal one, and nothing cured that."""
+    """Reason to reject the rig: its length predictions are significantly worse than the nominal rig's. None: usable."""
 
     def about(self) -> dict[str, str]:
         """As its record; refused where the rig must not be used."""

@@ -49,37 +49,46 @@ _PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
 
 @dataclass(frozen=True, repr=False)
 class Trajectory(Shown):
-    """Poses of the tool over time; what is not `ok` is NaN.
+    """Poses of the tool over n samples, with status and uncertainty. Values of samples that are not ok are NaN.
 
-    time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual,
-    NaN where no more cables are used than there are unknowns; iterations (n,); status (n,) of `Status`; cause (n,) as
-    `lmeasure.text.sample_messages` has
-    them; cable (n,) texts, of `ok` samples the cables they are without; worst_pressure_angle_deg (n,);
-    random, systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R: what is independent
-    from sample to sample, as the resolution of the counts, and what the whole run has in common, as the linked calibration, the start pose
-    and the passes' clocks (`budget.covariances` tells how samples correlate).
-    covers: what the standard uncertainties hold, in words. chi_squared (n,): of the lengths' contradictions, all that the run
-    shares in their covariance (`redundancy.Parities`), of as many degrees of freedom as cables are used beyond the unknowns, NaN where none
-    is; None when there are none or covariances were not asked for.
+    Covariances are of (rotation [rad]; tool origin [mm]) in the base frame, R_true = Exp(delta) R. `covariances` correlates samples.
+
+    Examples
+    --------
+    >>> trajectory.poses.shape, bool((trajectory.status == 0).all())
+    ((58, 7), True)
     """
 
     time_s: FloatArray
+    """(n,) times [s]."""
     poses: FloatArray
+    """(n, 7) poses base_from_tool: x, y, z [mm], qx, qy, qz, qw (unit quaternion)."""
     residual_mm: FloatArray
+    """(n,) largest absolute length residual [mm]; NaN without redundant cables."""
     iterations: IntArray
+    """(n,) iterations of the solver."""
     status: IntArray
+    """(n,) `Status` of each sample; 0 is ok."""
     cause: TextArray
+    """(n,) cause of a status, a code of `lmeasure.text.sample_messages`."""
     cable: TextArray
+    """(n,) cable of a status; of ok samples, the cables not used."""
     worst_pressure_angle_deg: FloatArray
+    """(n,) largest pressure angle of the cables [deg]."""
     random: FloatArray
+    """(n, 6, 6) covariance of errors that are independent between samples, such as the resolution of the counts."""
     systematic: FloatArray
+    """(n, 6, 6) covariance of errors that the run shares, such as calibration, start pose and clocks of passes."""
     covers: str
+    """Effects included in the uncertainties, in words."""
     notes: tuple[Message, ...] = ()
+    """Notes for the user."""
     chi_squared: FloatArray | None = None
+    """(n,) chi-squared of the contradictions between redundant lengths; NaN without redundant cables. None: not computed."""
     taken_as_exact: tuple[Taken, ...] = ()
-    """What nobody stated and nothing has solved, and what usual sizes of it would add."""
+    """Uncertainties that nobody stated or estimated, with the effect of typical values."""
     absent: tuple[str, ...] = ()
-    """Which of "position" and "rotation" have no uncertainty stated, as in a file of another instrument: not known, and no zero."""
+    """Quantities without a stated uncertainty: "position", "rotation"."""
 
     def about(self) -> dict[str, str]:
         """Samples, worst angle, uncertainty and what it covers."""

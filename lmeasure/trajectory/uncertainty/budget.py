@@ -87,20 +87,26 @@ from lmeasure.trajectory.uncertainty.sources import (
 
 @dataclass(frozen=True, repr=False)
 class PoseCovariances(Shown):
-    """Errors of poses, delta = (rotation [rad]; tool origin [mm]), R_true = Exp(delta_rotation) R, base axes; NaN where there is no pose.
+    """Errors of n poses: random errors of m channels and K shared systematic errors.
 
-    own (n, 6, m): the random error is own @ u, with u (m,) of unit variance for the counts of the m cables, new at every sample.
-    factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent variables of unit variance for the whole run, so
-    that factors[i] @ factors[j].T is its covariance between the samples i and j. sources (K,): what each stands for: "calibration",
-    "dimensions as stated", "start pose", "zero phase", "clock of pass 2", "place of pass 2", "temperature, stretch and sag", "run-out of
-    drums", "eccentric pulleys", "play of drums", "lengths of their own". uniform (K,): whether the variable is uniform, or normal; none is
-    by default.
+    An error is delta = (rotation [rad]; tool origin [mm]) in the base frame, R_true = Exp(delta_rotation) R; NaN where there is no pose.
+    The systematic errors at samples i and j have the covariance factors[i] @ factors[j].T.
+
+    Examples
+    --------
+    >>> poses = lm.covariances(trajectory, simulated.run.run)
+    >>> poses.random.shape, len(poses.sources) == poses.factors.shape[2]
+    ((58, 6, 6), True)
     """
 
     own: FloatArray
+    """(n, 6, m) random error own @ u, with u (m,) of unit variance and independent at each sample."""
     factors: FloatArray
+    """(n, 6, K) systematic error factors @ z, with one z (K,) of unit variance for the whole run."""
     sources: tuple[str, ...]
+    """Source of each systematic error, K, such as "calibration" or "start pose"."""
     uniform: tuple[bool, ...] = ()
+    """Whether each systematic error is uniform instead of normal, K; empty: all normal."""
 
     def about(self) -> dict[str, str]:
         """How many poses, how large the errors are at most, and what poses share."""
