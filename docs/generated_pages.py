@@ -41,9 +41,47 @@ def sources() -> frozenset[Path]:
     return frozenset(path for pattern in PAGES for path in ROOT.glob(pattern))
 
 
+NOTES = (
+    *("angles", "cable", "cables", "cause", "certify", "channel", "channels", "clock", "contradiction", "counts", "effect", "effects"),
+    *("encoder", "exact", "excluded", "expansion", "fault", "markers", "orientation", "origin", "passes", "posing", "recording"),
+    *("redundancy", "reliability", "rig.size", "rig.uncalibrated", "scheme", "settling", "slip", "stabilisation", "stamps", "start"),
+    *("steps", "temperature", "time", "uncertainty", "verdict", "windows", "zone.angle", "zone.radius", "zone.unknown"),
+)
+"""Beginnings of the ids of messages that warn or note, in the catalogue of texts."""
+NAMES = (
+    "channel.cable",
+    "channel.distance",
+    "channel.inclination",
+    "channel.sensor",
+    "channel.swivel",
+    "time.at",
+    "time.beginning",
+    "time.end",
+)
+"""Ids of names that such messages contain."""
+
+
+def begins(code: str, prefixes: Iterable[str]) -> bool:
+    """Return whether an id is one of these, or begins with one of them and a point."""
+    return any(code == one or code.startswith(f"{one}.") for one in prefixes)
+
+
+def notes() -> dict[str, str]:
+    """Return the English text of every message that warns or notes, by its id."""
+    from lmeasure.text import texts
+
+    return {code: text for code, text in texts("en").items() if begins(code, NOTES) and not begins(code, NAMES)}
+
+
+def codes() -> str:
+    """Return a table of all notes."""
+    rows = (f"| `{code}` | {escaped(text)} |" for code, text in sorted(notes().items()))
+    return "\n".join(["## Texts of all codes", "", "`{name}` is a value.", "", "| code | text |", "|---|---|", *rows, ""])
+
+
 def completed(page: str, text: str) -> str:
     """Return the source of a page with its toctree and its generated parts, and without links to folders."""
-    parts = {"docs/commands": commands, "docs/python": names, "docs/schemas": schemas}
+    parts = {"docs/commands": commands, "docs/python": names, "docs/schemas": schemas, "docs/troubleshooting": codes}
     text = without_foreign_links(ROOT / f"{page}.md", text)
     if page in parts:
         text = f"{text.rstrip()}\n\n{parts[page]()}"

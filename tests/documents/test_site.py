@@ -3,6 +3,7 @@
 The site itself is built with warnings as errors by .ci/run: a build takes half a minute.
 """
 
+import ast
 import re
 import sys
 from pathlib import Path
@@ -68,6 +69,37 @@ def test_keys_of_schemas_have_kinds_and_texts() -> None:
     text = pages.schemas()
     assert "`position_mm` (list of 3 number)" in text
     assert not re.search(r"^`[^`]*` \(\)", text, re.MULTILINE)
+
+
+def codes_with_a_remedy() -> set[str]:
+    rows = re.findall(r"^\| (`[^|]+`) \| [^|]{8,} \| [^|]{3,} \|$", source(ROOT / "docs" / "troubleshooting.md"), re.MULTILINE)
+    return {code for row in rows for code in re.findall(r"`([^`]+)`", row)}
+
+
+def codes_of_findings() -> set[str]:
+    """Codes of the warnings of a calibration, from the calls that make them."""
+    out = set()
+    for path in (ROOT / "lmeasure" / "calibration").rglob("*.py"):
+        for call in ast.walk(ast.parse(source(path))):
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") in ("Finding", "Hypothesis"):
+                named = [word.value for word in call.keywords if word.arg == "code"] or call.args[:1]
+                for one in named:
+                    both = [one.body, one.orelse] if isinstance(one, ast.IfExp) else [one]
+                    out |= {str(value.value) for value in both if isinstance(value, ast.Constant)}
+    return out | {"assumed_position", "assumed_rotation"}  # written with the name of the uncertainty
+
+
+def test_every_code_has_its_remedy() -> None:
+    known = codes_with_a_remedy()
+    findings = codes_of_findings()
+    assert len(findings) > 20
+    assert sorted(findings - known) == []
+    assert sorted(code for code in pages.notes() if not pages.begins(code, known)) == []
+
+
+def test_every_code_with_a_remedy_exists() -> None:
+    dotted = {code for code in codes_with_a_remedy() if "." in code}
+    assert sorted(code for code in dotted if not any(pages.begins(one, [code]) for one in pages.notes())) == []
 
 
 def test_links_to_what_is_no_page_are_words_on_the_site() -> None:
