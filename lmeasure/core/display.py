@@ -24,6 +24,9 @@ class Shown:
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {', '.join(f'{name}: {value}' for name, value in self.about().items())}>"
 
+    def __str__(self) -> str:
+        return repr(self)
+
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in self.about().items())
         return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"

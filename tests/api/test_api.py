@@ -194,6 +194,7 @@ def test_every_object_is_drawn_and_shown(nouns: dict[str, Any]) -> None:
         assert repr(noun).startswith(f"<{type(noun).__name__} "), name
         assert len(repr(noun)) < 300, name
         assert noun._repr_html_().startswith("<table><caption>"), name
+        assert str(noun) == repr(noun), name
         assert get_type_hints(type(noun).about)["return"] == dict[str, str]
         frame = noun.to_frame()
         assert len(frame), name
