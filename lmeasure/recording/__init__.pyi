@@ -34,14 +34,16 @@ from .program import (
     read_program as read_program,
     write_program as write_program,
 )
-from .recording import Recorded as Recorded, notes_of as notes_of, recording_at as recording_at
 from .run import (
     SCHEMA as SCHEMA,
+    Recorded as Recorded,
     Run as Run,
     RunHead as RunHead,
     known as known,
+    notes_of as notes_of,
     read_run as read_run,
     read_run_head as read_run_head,
+    recording_at as recording_at,
     write_run as write_run,
 )
 from .start import (

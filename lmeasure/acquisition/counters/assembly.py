@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import Frames, no_frames
-from lmeasure.acquisition.counters.counters import CounterState, Unit
+from lmeasure.acquisition.counters.counters import CounterState, StartLine, Unit
 from lmeasure.acquisition.counters.decoders import CounterField
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.free_running import FreeAssembler
-from lmeasure.acquisition.counters.samples import Assembler, StartLine, SyncAssembler, joined
+from lmeasure.acquisition.counters.samples import Assembler, SyncAssembler, joined
 from lmeasure.core import AcquisitionError
 from lmeasure.kernels import rests
 from lmeasure.recording import Counts

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.bus.network import LOST
 from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField
 from lmeasure.acquisition.counters.events import Event, EventLog
@@ -13,6 +14,7 @@ from lmeasure.acquisition.counters.origins import Doubt, Line, Pause, speed_of
 from lmeasure.acquisition.counters.wraps import may_wrap
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import runs_on
+from lmeasure.rig import StartInput
 
 RESET_WITHIN = 2
 """Units from zero within which a device that starts again is found."""
@@ -358,3 +360,28 @@ class CounterState:
         row, kind, text = min(found)
         events.add(Event(int(samples[row]), float(times[row]), self.field.channel, kind, text))
         return row
+
+
+class StartLine:
+    """Keep the last known state of the start-of-counting input, 0 before its first frame."""
+
+    def __init__(self, place: StartInput) -> None:
+        self._place = place
+        self._state = 0.0
+
+    def states(self, frames: Frames) -> tuple[IntArray, FloatArray]:
+        """Return the positions (k,) of its frames in a batch, and the states (k + 1,) before them and after each."""
+        p = self._place
+        mine = (frames.identifier == p.id) & (((frames.flags & EXTENDED) != 0) == p.extended) & ((frames.flags & (ERROR | REMOTE)) == 0)
+        rows = np.flatnonzero(mine & (frames.length > p.byte_offset))
+        states = np.concatenate([[self._state], (frames.data[rows, p.byte_offset] >> p.bit) & 1 if len(rows) else []])
+        self._state = float(states[-1])
+        return rows, states
+
+    def before(self, frames: Frames, rows: IntArray) -> FloatArray:
+        """Return the state (n,) before each of the frames at the rising positions rows (n,) of a batch.
+
+        It follows the order of reception: late stamps, or a clock that is set, do not separate the input from the counts.
+        """
+        own, states = self.states(frames)
+        return np.asarray(states[np.searchsorted(own, rows)])

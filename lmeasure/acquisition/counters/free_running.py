@@ -7,22 +7,11 @@ import numpy as np
 from lmeasure.acquisition.bus.frames import Frames
 from lmeasure.acquisition.bus.network import NetworkWatch, Word
 from lmeasure.acquisition.counters.clock import SURE, Clock, earliest
-from lmeasure.acquisition.counters.counters import CounterState, Said
+from lmeasure.acquisition.counters.counters import CounterState, Said, StartLine
 from lmeasure.acquisition.counters.decoders import CounterField, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import longest_interval
-from lmeasure.acquisition.counters.samples import (
-    LONGEST_HOLD_S,
-    PERIODS,
-    Samples,
-    StartLine,
-    misfits,
-    note_values,
-    pace,
-    paused,
-    started_late,
-    tie,
-)
+from lmeasure.acquisition.counters.samples import LONGEST_HOLD_S, PERIODS, Samples, misfits, note_values, pace, paused, started_late, tie
 from lmeasure.core import BoolArray, FloatArray, IntArray
 
 NO_SYNC = -1
@@ -80,7 +69,7 @@ class FreeAssembler:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
         frames = self._clock.feed(frames, last)
         if self._start_line is not None:
-            rows, states = self._start_line.told(frames)
+            rows, states = self._start_line.states(frames)
             self._started = np.concatenate([self._started[0], frames.time_s[rows]]), np.concatenate([self._started[1], states[1:]])
         readings = decode(frames, self.fields)
         for i, field in enumerate(self.fields):

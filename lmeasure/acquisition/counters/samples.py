@@ -7,18 +7,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.bus.frames import Frames
 from lmeasure.acquisition.bus.network import NetworkWatch, Word
 from lmeasure.acquisition.bus.transmission import ANSWERS, MOST, Transmission, ordinal
 from lmeasure.acquisition.counters.clock import LATE, SURE, Clock, Repair, earliest
-from lmeasure.acquisition.counters.counters import CounterState, Said
+from lmeasure.acquisition.counters.counters import CounterState, Said, StartLine
 from lmeasure.acquisition.counters.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import longest_interval
 from lmeasure.acquisition.counters.wraps import Evidence
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import tabulate
-from lmeasure.rig import StartInput
 
 LONGEST_HOLD_S = 0.3
 """Longest time for which a sample waits for the end of a burst of late stamps."""
@@ -154,31 +153,6 @@ class Assembler(Protocol):
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; return the samples that are now known. last: nothing follows, return all."""
-
-
-class StartLine:
-    """Keep the last known state of the start-of-counting input, 0 before its first frame."""
-
-    def __init__(self, place: StartInput) -> None:
-        self._place = place
-        self._state = 0.0
-
-    def told(self, frames: Frames) -> tuple[IntArray, FloatArray]:
-        """Return the positions (k,) of its frames in a batch, and the states (k + 1,) before them and after each."""
-        p = self._place
-        mine = (frames.identifier == p.id) & (((frames.flags & EXTENDED) != 0) == p.extended) & ((frames.flags & (ERROR | REMOTE)) == 0)
-        rows = np.flatnonzero(mine & (frames.length > p.byte_offset))
-        states = np.concatenate([[self._state], (frames.data[rows, p.byte_offset] >> p.bit) & 1 if len(rows) else []])
-        self._state = float(states[-1])
-        return rows, states
-
-    def before(self, frames: Frames, rows: IntArray) -> FloatArray:
-        """Return the state (n,) before each of the frames at the rising positions rows (n,) of a batch.
-
-        It follows the order of reception: late stamps, or a clock that is set, do not separate the input from the counts.
-        """
-        told, states = self.told(frames)
-        return np.asarray(states[np.searchsorted(told, rows)])
 
 
 class SyncAssembler:

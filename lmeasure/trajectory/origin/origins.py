@@ -367,7 +367,8 @@ def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
         score[out], own[out] = np.einsum("nmp,np->nm", P, r), np.einsum("nmm->nm", P)
         common[out] = P @ redundancy.shared(at, there, used)
         score[out] -= common[out, :, : len(estimate.aside)] @ estimate.aside
-    behind, information, g = (_behind(values) for values in (score, own, common))
+    # sums over each sample and all behind it
+    behind, information, g = (np.cumsum(values[::-1], axis=0)[::-1] for values in (score, own, common))
     left = information - np.einsum("nmk,kl,nml->nm", g, estimate.covariance, g)
     enough = left > LEAST_INFORMATION * information.max(axis=0, initial=1e-300)
     # a step behind no sample, or before the first, is none
@@ -385,11 +386,6 @@ def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
     last = int(likely[likely > i].min(initial=len(known))) - 1
     time_s = epochs.time_s[known]
     return Slip(j, float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), size, u, others)
-
-
-def _behind(values: FloatArray) -> FloatArray:
-    """Sums over each sample and all behind it."""
-    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
 
 
 STEPPED = "origin.stepped"
