@@ -23,8 +23,7 @@ Length = Annotated[float, AfterValidator(_length)]
 
 
 class Body(Strict):
-    """Capsule: all points within `radius_mm` of a line segment. Keep bodies of the tool away from attachment points: this distance limits
-    the clearance."""
+    """Capsule: all points within `radius_mm` of a line segment. A cable's clearance is at most its attachment point's distance."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the body in reports."""

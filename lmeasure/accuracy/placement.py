@@ -52,14 +52,14 @@ class Box(Strict):
 
 
 class Where(Box):
-    """Box for the named points; a flat box is a surface. Base frame for observation points, tool frame for attachment points."""
+    """Box for the named points; flat for a surface. Base frame for observation points, tool frame for attachment points."""
 
     points: Annotated[tuple[str, ...], Field(min_length=1)]
     """Names of the points that can be placed in the box."""
 
 
 class Work(Box):
-    """Task of the robot: a box of tool origins, base frame, and tilts about an orientation. All limits apply to the whole task."""
+    """Task of the robot: box of tool origins, base frame, with tilts about an orientation. All limits apply throughout."""
 
     nodes: Annotated[Whole, Field(ge=2, le=20)] = 3
     """Evaluated positions along each edge."""

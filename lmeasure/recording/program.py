@@ -218,7 +218,7 @@ class Distance(Strict):
 
 
 class Posing(Distance):
-    """Moves between two poses for the posing time (9). The robot has arrived when it stays within the limit band of its final position."""
+    """Moves between two poses for the posing time (9). On arrival, the robot stays within the limit band."""
 
     windows_s: Windows = ()
     """Times [before departure, at rest], one per cycle."""

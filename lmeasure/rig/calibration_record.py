@@ -20,22 +20,24 @@ NEGATIVE_EIGENVALUE = 1e-6
 
 
 class _Record(BaseModel):
+    """Part of a calibration record."""
+
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
 
 
 class RecordedParameter(_Record):
-    """One solved value in the unit its name states; u is its standard uncertainty, prior_u that of the nominal value."""
+    """Estimated value in the unit of its name, with its standard uncertainty u and that of the nominal value, prior_u."""
 
     name: str
     value: Number
     u: Number
     prior_u: Number
     U95: float | None = None
-    """Expanded uncertainty: the half width of the 95 % interval of this value alone."""
+    """Expanded uncertainty: half width of the 95 % interval of this value alone."""
 
 
 class Residual(_Record):
-    """Length residual, measured less modelled, of one channel at one pose [mm]."""
+    """Length residual of one channel at one pose: measured minus modelled [mm]."""
 
     pose: str
     channel: str
@@ -43,7 +45,7 @@ class Residual(_Record):
 
 
 class Unobservable(_Record):
-    """A direction that the data leave undetermined: unit vector over the point's parameters in units of their prior widths."""
+    """Undetermined parameter combination: unit vector over a point's parameters, in units of their prior widths."""
 
     point: str
     direction: dict[str, Number]
@@ -51,8 +53,8 @@ class Unobservable(_Record):
 
 
 class Dimension(_Record):
-    """A dimension that was not solved and that the rig states to be uncertain, by prior_u: its value as the counts correct it, the standard
-    uncertainty that they leave, its covariance with the parameters (p,) and then with all dimensions (s,), in the units of the names."""
+    """Uncertain dimension that was not estimated: corrected value with its standard uncertainty u, and prior_u as the rig states it.
+    covariance: with the p parameters, then with the s dimensions, in the units of their names."""
 
     name: str
     value: Number
@@ -62,9 +64,8 @@ class Dimension(_Record):
 
 
 class SolvedEffect(_Record):
-    """An effect that was solved for: owner, an observation point; effect, what `--solve` calls it; value, by how much it differs from
-    what the rig stated, with its standard uncertainty in unit; probability of as much by chance; bits that were learned of it; found,
-    whether the probability, times the number of effects solved for, is under one in a hundred."""
+    """Estimated effect of an observation point (owner), by its name in `--solve`. value: difference from the rig's value, with u in unit;
+    probability: of such a value by chance; bits: information gained; found: probability times the number of effects is below 0.01."""
 
     owner: str
     effect: str
@@ -77,7 +78,7 @@ class SolvedEffect(_Record):
 
 
 class ShownEffect(_Record):
-    """An effect of a channel that was looked for in the residuals, and the size from which it is named with a probability of 80 %."""
+    """Effect of a channel, searched for in the residuals, and the size that is detected with a probability of 80 %."""
 
     effect: str
     channel: str
@@ -86,7 +87,7 @@ class ShownEffect(_Record):
 
 
 class Finding(_Record):
-    """Something the reader must know; code is one of a short list, text is one line."""
+    """Finding for the user, with a code from a fixed list and a text of one line."""
 
     code: str
     text: str
@@ -96,7 +97,7 @@ class Finding(_Record):
 
 
 class Input(_Record):
-    """A file the record was made of."""
+    """Input file of the record."""
 
     file: str
     sha256: str

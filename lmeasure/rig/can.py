@@ -76,7 +76,7 @@ class DbcChannel(CounterChannel):
 
 
 class NodeChannel(CounterChannel):
-    """Position value of a CiA 406 encoder. `cob_id`, `byte_offset` and `bits` locate it in a log; recordings state them in their rig."""
+    """Position value of a CiA 406 encoder. In a log, `cob_id`, `byte_offset` and `bits` locate it."""
 
     node: Node
     """Node number of the encoder."""

@@ -234,15 +234,13 @@ class ObservationPoint(Strict):
     u_pulley_radius_mm: NotNegative | None = None
     """Standard uncertainty of `pulley_radius_mm`."""
     pulley_eccentricity_mm: tuple[Length, Length] | None = None
-    """Eccentricity of the groove from the axle: along the cable's travel at B, and away from the swivel axis; phase from
-    `phase_length_mm`."""
+    """Eccentricity of the groove: along the cable's travel at B, and away from the swivel axis; phase from `phase_length_mm`."""
     swivel_offset_mm: Length | None = None
     """Distance of the pulley's centre from the swivel axis, minus its radius; 0: the axis touches the groove."""
     swivel_tilt_deg: tuple[SmallTilt, SmallTilt] | None = None
     """Deviation of the swivel axis from the incoming cable, added to `guide_alpha_deg` and `guide_beta_deg`."""
     phase_length_mm: NotNegative | None = None
-    """Cable length from B to the attachment point at phase 0 of run-out and eccentricity. Default: the length at the zero pose. Valid until
-    the cable is taken off drum or pulley."""
+    """Cable length from B to the attachment point at phase 0 of run-out and eccentricity; default: at the zero pose."""
     u_swivel_offset_mm: NotNegative | None = None
     """Standard uncertainty of `swivel_offset_mm`."""
     u_swivel_tilt_deg: NotNegative | None = None

@@ -107,7 +107,7 @@ def fill_point(rig: Instrument, point: str, row: FloatArray) -> None:
 
 @register_table
 class Inclination(AngleSensor):
-    """One axis of an inclinometer on the tool: angle of a sensing axis above the horizontal. Two axes need two tables."""
+    """One axis of an inclinometer on the tool: angle of a sensing axis above the horizontal. Two axes: two tables."""
 
     kind: ClassVar[str] = "inclination"
     axis: Way

@@ -42,7 +42,7 @@ class _Link(Strict):
     scale: Annotated[float, Field(ge=-10.0, le=10.0)] = 1.0
     """Factor of the joint's value; -1: the joint counts in the opposite direction."""
     follows: Name | None = None
-    """Name of a joint that also moves this one, as in a parallelogram. This joint then has no value or limits."""
+    """Joint that also moves this one, as in a parallelogram; this joint then has no value or limits."""
     ratio: Annotated[float, Field(ge=-1e4, le=1e4)] = 1.0
     """Value of this joint per value of the followed joint; `theta_deg` or `d_mm` is its offset."""
 

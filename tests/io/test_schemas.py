@@ -15,12 +15,15 @@ from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 from lmeasure.io import FILE_KINDS, checked, shipped
 from lmeasure.io.models import literals_of, models_in
-from lmeasure.io.schemas import schema_of, tables_of
+from lmeasure.io.schemas import prose, schema_of, tables_of
 from lmeasure.robots.robot import robot_from_dict
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
 import write_keys  # noqa: E402
+
+MOST_WORDS = 26
+"""Of the text of a key, signs included."""
 
 
 @pytest.mark.parametrize("name", FILE_KINDS)
@@ -44,7 +47,8 @@ def test_all_kinds_of_files_are_listed_and_every_key_is_explained() -> None:
         tables = [table for model in kind.load() for table in tables_of(model)]
         for path, model in tables:
             assert model.__doc__, path
-            assert {n for n, f in model.model_fields.items() if not f.description} == set(), f"{kind.file} [{path}]"
+            texts = {name: prose(field.description).split() for name, field in model.model_fields.items()}
+            assert {name for name, words in texts.items() if not 0 < len(words) <= MOST_WORDS} == set(), f"{kind.file} [{path}]"
             inner = [m for f in model.model_fields.values() for m in models_in(f.annotation)]
             assert all(m in [t for _, t in tables] for m in inner)
 

@@ -142,7 +142,7 @@ def _one_kind(about: dict[str, Any]) -> str:
         return "table"
     if kind in ("number", "integer"):
         words = "number" if kind == "number" else "whole number"
-        return " ".join([words, *(f"{sign} {about[key]:.10g}" for key, sign in _LIMITS.items() if key in about)])
+        return f"{words} {', '.join(f'{sign} {about[key]:.10g}' for key, sign in _LIMITS.items() if key in about)}".strip()
     if kind == "array":
         inner, count = about.get("items", {}), about.get("maxItems")
         if "prefixItems" in about:
