@@ -33,7 +33,8 @@ html_theme = "furo"
 html_title = f"lmeasure {release}"
 html_copy_source = False
 html_show_sphinx = False
-html_static_path: list[str] = []
+html_static_path = [str(ROOT / "docs" / "site.css")]
+html_css_files = ["site.css"]
 html_theme_options = {"top_of_page_buttons": [], "navigation_with_keys": True}
 
 

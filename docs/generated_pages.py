@@ -121,8 +121,9 @@ def without_foreign_links(page: Path, text: str) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return a text in which no sign has a meaning in Markdown."""
-    return re.sub(r"([\\`*_{}\[\]<>|#$~])", r"\\\1", " ".join(text.split()))
+    """Return a text in which no sign has a meaning in Markdown, except around code."""
+    parts = re.split(r"(`[^`|]+`)", " ".join(text.split()))
+    return "".join(part if i % 2 else re.sub(r"([\\`*_{}\[\]<>|#$~])", r"\\\1", part) for i, part in enumerate(parts))
 
 
 def commands() -> str:
@@ -176,48 +177,11 @@ def _package(named: Any) -> str:
 
 
 def schemas() -> str:
-    """Return the keys of every file that has a JSON Schema, table by table."""
-    import json
-
+    """Return the JSON Schema of every file that has one, folded."""
     from lmeasure.io import FILE_KINDS, shipped
 
     out: list[str] = []
     for name, kind in FILE_KINDS.items():
-        schema = json.loads(shipped(name))
-        out += [f"## {kind.file}", "", escaped(kind.text), "", f"`lmeasure schema {name}` prints its schema.", ""]
-        out += _keys(schema, "Keys of the file")
-        for title, table in schema.get("$defs", {}).items():
-            out += _keys(table, title)
+        out += [f"## {kind.file}", "", f"{kind.text[0].upper()}{escaped(kind.text[1:])}. `lmeasure schema {name}` prints this schema.", ""]
+        out += [f"````{{dropdown}} Schema of {kind.file}", "```json", shipped(name).strip(), "```", "````", ""]
     return "\n".join(out)
-
-
-def _keys(table: dict[str, Any], title: str) -> Iterator[str]:
-    keys = table.get("properties", {})
-    if not keys:
-        return
-    yield from (f"### {title}", "")
-    if "description" in table:
-        yield from (escaped(table["description"]), "")
-    for key, value in keys.items():
-        needed = " Required." if key in table.get("required", ()) else ""
-        default = f" Default: {escaped(str(value['default']))}." if value.get("default") not in (None, [], "") else ""
-        yield from (f"`{key}` ({escaped(kind_of(value))})", f": {escaped(value.get('description', ''))}{needed}{default}", "")
-
-
-def kind_of(value: dict[str, Any]) -> str:
-    """Return the kind of a key's value in words."""
-    if "anyOf" in value or "oneOf" in value:
-        several = dict.fromkeys(kind_of(one) for one in value.get("anyOf", value.get("oneOf", ())) if one.get("type") != "null")
-        return " or ".join(several)
-    if "$ref" in value:
-        return f"table {value['$ref'].rpartition('/')[2]}"
-    if "enum" in value:
-        return ", ".join(map(str, value["enum"]))
-    if "const" in value:
-        return str(value["const"])
-    if value.get("type") == "array":
-        count = f"{value['minItems']} " if value.get("minItems") == value.get("maxItems") and "minItems" in value else ""
-        return f"list of {count}{kind_of(value.get('items', {})) or 'values'}"
-    return {"object": "table", "integer": "whole number", "boolean": "true or false", "string": "text"}.get(
-        value.get("type", ""), value.get("type", "value")
-    )
