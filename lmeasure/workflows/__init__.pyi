@@ -2,18 +2,23 @@ from .flow import Progress as Progress, Result as Result
 from .options import (
     Option as Option,
     Written as Written,
-    command_help as command_help,
     command_line as command_line,
     fields_of as fields_of,
     flag_of as flag_of,
-    help_of as help_of,
-    job_name as job_name,
     options_of as options_of,
-    panel_of as panel_of,
     rows_of_numbers as rows_of_numbers,
     with_commas as with_commas,
     written as written,
 )
 from .play import GROUP as GROUP
-from .registry import COMMANDS as COMMANDS, JOBS as JOBS, Workflow as Workflow, load as load
+from .registry import (
+    COMMANDS as COMMANDS,
+    JOBS as JOBS,
+    Workflow as Workflow,
+    command_help as command_help,
+    help_of as help_of,
+    job_name as job_name,
+    load as load,
+    panel_of as panel_of,
+)
 from .settings import Asked as Asked, Writing as Writing, said_of as said_of

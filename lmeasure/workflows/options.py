@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, ge
 
 from annotated_types import Ge, Le
 
-from lmeasure.text import LANGUAGES, Message, texts
-from lmeasure.workflows.registry import COMMANDS
+from lmeasure.text import Message, texts
+from lmeasure.workflows.registry import help_of, panel_of
 from lmeasure.workflows.settings import Pose, Separated, said_of, unit_of
 
 if TYPE_CHECKING:
@@ -142,27 +142,6 @@ def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
     """Return all options of a command, in their order."""
     command = settings.__module__.rpartition(".")[2].replace("import_log", "import").replace("_", "-")
     return tuple(_option(command, name, field) for name, field in fields_of(settings).items())
-
-
-def help_of(command: str, name: str, text: str) -> Message:
-    """Return the help of an option: its own, or that of all options of its name."""
-    own = f"cli.{command}.{name}"
-    return Message(own if any(own in texts(language) for language in LANGUAGES) else f"cli.option.{name}", template=text)
-
-
-def command_help(command: str) -> Message:
-    """Return the help of a command."""
-    return Message(f"cli.{command}.help", template=COMMANDS[command])
-
-
-def job_name(text: str) -> Message:
-    """Return the name of a job, to which several commands belong."""
-    return Message(f"cli.job.{'_'.join(text.lower().split())}", template=text)
-
-
-def panel_of(text: str) -> Message:
-    """Return the name of a group of options."""
-    return Message(f"cli.panel.{'_'.join(text.lower().split())}", template=text)
 
 
 def _label(command: str, name: str) -> Message:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from lmeasure.text import LANGUAGES, Message, texts
+
 if TYPE_CHECKING:
     from lmeasure.workflows.flow import Result
     from lmeasure.workflows.settings import Asked
@@ -95,3 +97,24 @@ def load(name: str) -> Workflow:
     # a keyword of Python names no module
     module = import_module(f"lmeasure.workflows.{'import_log' if name == 'import' else name.replace('-', '_')}")
     return Workflow(name, text, module.Settings, module.run)
+
+
+def help_of(command: str, name: str, text: str) -> Message:
+    """Return the help of an option: its own, or that of all options of its name."""
+    own = f"cli.{command}.{name}"
+    return Message(own if any(own in texts(language) for language in LANGUAGES) else f"cli.option.{name}", template=text)
+
+
+def command_help(command: str) -> Message:
+    """Return the help of a command."""
+    return Message(f"cli.{command}.help", template=COMMANDS[command])
+
+
+def job_name(text: str) -> Message:
+    """Return the name of a job, to which several commands belong."""
+    return Message(f"cli.job.{'_'.join(text.lower().split())}", template=text)
+
+
+def panel_of(text: str) -> Message:
+    """Return the name of a group of options."""
+    return Message(f"cli.panel.{'_'.join(text.lower().split())}", template=text)
