@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 from collections.abc import Generator
 from typing import Any
 
@@ -11,6 +12,8 @@ from alone import turn
 from hypothesis import settings
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# what pytest makes of assertions takes a worker ten seconds: it is kept, whatever the machine says of compiled files
+sys.dont_write_bytecode = False
 # what is printed is compared with English, whatever the language of the machine
 os.environ["LANGUAGE"] = "en"
 # begun behind another program, or by nohup, tests and what they start would not hear it
