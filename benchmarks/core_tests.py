@@ -27,7 +27,6 @@ _OF_ESTIMATION = "release gauge least_squares judging robust_loss groups_left_ou
 _ESTIMATED = [f"tests/estimation/test_{name}.py" for name in _OF_ESTIMATION.split()]
 _STRAIGHT = ["tests/linkages/test_straight.py", "-k", "not forty and not monodromy"]
 _LIMITS = ["tests/linkages/test_limits_in_closed_form.py", "tests/linkages/test_workspace.py"]
-_KINDS = "cable channel continuation inclination rig_channels solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
 _EVALUATED = "angles attainment capability evaluation figure fitted_frame instants"
 _CAMPAIGNS = [
@@ -84,7 +83,8 @@ CORE = {
     "estimation/information.py": ["tests/estimation/test_exchange.py"],
     "estimation/observability.py": ["tests/estimation/test_observability.py"],
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
-    **{f"sensors/{name}.py": _CHANNELS for name in _KINDS.split()},
+    "sensors/channels.py": [*_CHANNELS, "tests/sensors/test_fast_paths.py", "tests/sensors/test_any_sensor.py"],
+    "sensors/wrap.py": _CHANNELS,
     "rig/parameters.py": ["tests/sensors/test_parameters.py"],
     "sensors/imperfect_parts.py": ["tests/sensors/test_parts.py", "tests/sensors/test_parts_of_unlike_cables.py"],
     "sensors/effect_laws.py": ["tests/sensors/test_parts.py", "tests/sensors/test_unsolved.py", "tests/trajectory/test_taken_as_exact.py"],
