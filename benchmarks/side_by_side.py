@@ -43,7 +43,7 @@ rig = read_rig(truth / "eight-run" / "rig.toml")
 rng = np.random.default_rng(5)
 home = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 legs = [Leg(np.r_[rng.uniform(-100, 100, 3), 0.0, 0.0, 0.0, 1.0], 300.0, 1.0, 1.0) for _ in range(100)]
-write_run(out / "eight", simulate_run(rig, *smooth_path(home, legs, 1000.0), 0.0, rng).run)
+write_run(out / "eight", simulate_run(rig, *smooth_path(home, legs, 1000.0), noise_mm=0.0, rng=rng).run)
 """
 JOBS = {
     "help": ["--help"],
