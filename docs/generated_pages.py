@@ -126,6 +126,11 @@ def escaped(text: str) -> str:
     return "".join(part if i % 2 else re.sub(r"([\\`*_{}\[\]<>|#$~])", r"\\\1", part) for i, part in enumerate(parts))
 
 
+def sentence(text: str) -> str:
+    """Return a phrase as a sentence."""
+    return f"{text[0].upper()}{text[1:]}."
+
+
 def commands() -> str:
     """Return every command with its arguments and options, by job, from the definitions that the command line uses."""
     from lmeasure.workflows import JOBS
@@ -182,6 +187,6 @@ def schemas() -> str:
 
     out: list[str] = []
     for name, kind in FILE_KINDS.items():
-        out += [f"## {kind.file}", "", f"{kind.text[0].upper()}{escaped(kind.text[1:])}. `lmeasure schema {name}` prints this schema.", ""]
+        out += [f"## {kind.file}", "", f"{sentence(escaped(kind.text))} `lmeasure schema {name}` prints this schema.", ""]
         out += [f"````{{dropdown}} Schema of {kind.file}", "```json", shipped(name).strip(), "```", "````", ""]
     return "\n".join(out)
