@@ -17,7 +17,7 @@ from lmeasure.accuracy.scan import digest_of
 from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.core import AccuracyError, DataFrame, FloatArray, Shown, framed
 from lmeasure.io import Strict, Whole, checked, files
-from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, GUIDE_XYZ, INCLINATION, KIND, LANES, worst_at_task, worst_of_channels
+from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, CABLE, GUIDE_XYZ, KIND, LANES, SWIVEL, worst_at_task, worst_of_channels
 from lmeasure.rig import Rig
 from lmeasure.sensors import length_variance
 
@@ -151,8 +151,8 @@ class Search:
         turns = tilts(task.tilt_rad, task.tilt_steps, Rotation.from_quat(task.quaternion_xyzw))
         self.plan = make_plan(rig, None, self.positions, turns, start=np.array([*self.centre, *task.quaternion_xyzw]))
         self.rows, self.evaluations = rig.cable_rows(rig.observed), 0
-        # an inclination has no place
-        self.led = self.rows[:, KIND] != INCLINATION
+        # channels with an observation point and a guide
+        self.led = np.isin(self.rows[:, KIND], (CABLE, SWIVEL))
         toward = self.centre - self.rows[self.led, BASE_XYZ]
         self.toward = toward / np.linalg.norm(toward, axis=1)[:, None]
         self.keep_out = np.array([(box.low_mm, box.high_mm) for box in wanted.keep_out]).reshape(-1, 2, 3)

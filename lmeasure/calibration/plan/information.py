@@ -47,9 +47,6 @@ def _channels(rig: Rig, cables: tuple[Observed, ...], unknowns: Parameters) -> _
     number, of = {name: i for i, name in enumerate(unknowns.names)}, Channels.of_rig(rig, channels=cables, covariance=False)
     where = np.array([[number.get(name, -1) for name in own] for own in of.parameters])
     channel, parameter = np.nonzero(where >= 0)
-    lost = sorted({unknowns.names[i].rpartition(".")[2] for i in set(range(len(unknowns.names))) - set(where.ravel().tolist())})
-    if lost:
-        raise CalibrationError(f"--solve: {', '.join(lost)}: calibrate finds it, plans do not reckon with it")
     unit = np.array([math.radians(1.0) if name.endswith("_deg") else 1.0 for name in unknowns.names])
     return _Channels(of, (channel, parameter, where[channel, parameter]), unit * unknowns.width)
 
@@ -66,6 +63,9 @@ class Instrument:
         self.unknowns: Parameters = parameters_of(self.rig, cables, solve)
         self._known: dict[tuple[Observed, ...], _Channels] = {}
         self._own = own = self._channels(cables).of
+        read = {name for names in own.parameters for name in names}
+        if lost := sorted({name.rpartition(".")[2] for name in self.unknowns.names if name not in read}):
+            raise CalibrationError(f"--solve: {', '.join(lost)}: calibrate finds it, plans do not reckon with it")
         self._passage = own.passage
         self._variance, self._phases = own.variance * own.per_unit**2, phase_columns(self.rig, cables)
 
