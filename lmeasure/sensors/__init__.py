@@ -1,8 +1,6 @@
-"""What a channel measures, defined once for each kind of sensor, and poses from any number of channels of any kind.
+"""Channels of an instrument: their readings, the effects that act on them, and kinds of sensors that other packages add.
 
-`channel` defines what every kind provides (`Observation`); `cable`, `swivel` and `inclination` are the kinds. `solver` finds
-poses from readings and their errors, `continuation` follows a run. Nothing here is compiled: it is the reference, plain to read, that
-tests compare every compiled path with.
+`channels` has the arrays of an instrument, `lengths` the way from counts to readings, `sensor_kind` the laws of other packages.
 """
 
 import lazy_loader

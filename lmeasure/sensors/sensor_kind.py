@@ -73,6 +73,7 @@ class SensorKind:
     def connect(self, number: int) -> None:
         """Have the kernels call its law under a number."""
         parameters, failed = self.table.parameters(), False
+        period = math.inf if self.table.is_length else 2.0 * math.pi
         steps = [STEP_RAD if p.unit == "deg" else STEP_MM for p in parameters]
         columns = list(OWN_COLUMNS[: len(parameters)])
 
@@ -92,18 +93,19 @@ class SensorKind:
             return row[columns], pose[:3] + arm, turn, arm
 
         def by_place(own: FloatArray, place: FloatArray, turn: FloatArray) -> FloatArray:
-            return _slopes(lambda x: law(own, x, turn), place, [STEP_MM] * 3)
+            return _slopes(lambda x: law(own, x, turn), place, [STEP_MM] * 3, period)
 
         def reading(row: FloatArray, pose: FloatArray) -> FloatArray:
             own, place, turn, arm = at(row, pose)
             force = by_place(own, place, turn)
-            moment = np.array([law(own, place, on @ turn) - law(own, place, back @ turn) for on, back in TURNS]) / (2.0 * STEP_RAD)
+            turned = [_short(law(own, place, on @ turn) - law(own, place, back @ turn), period) for on, back in TURNS]
+            moment = np.array(turned) / (2.0 * STEP_RAD)
             return np.concatenate([[law(own, place, turn)], moment + np.cross(arm, force), force])
 
         def gradient(row: FloatArray, pose: FloatArray) -> FloatArray:
             own, place, turn, _ = at(row, pose)
             out = np.zeros(WIDTH)
-            out[list(OWN_PARAMETERS[: len(own)])] = _slopes(lambda p: law(p, place, turn), own, steps)
+            out[list(OWN_PARAMETERS[: len(own)])] = _slopes(lambda p: law(p, place, turn), own, steps, period)
             out[BY_ATTACHMENT : BY_ATTACHMENT + 3] = by_place(own, place, turn) @ turn
             return out
 
@@ -114,7 +116,7 @@ class SensorKind:
         # a compiled law cannot say why it fails
         raises = failed or any(one.opname.startswith("RAISE") for one in dis.get_instructions(self.reading))
         failed = False
-        if not raises and (compiled := _compiled(self.reading, len(parameters), steps)):
+        if not raises and (compiled := _compiled(self.reading, len(parameters), steps, period)):
             found = [_called(compiled[0].address, each) for each in zip(rows, poses, strict=True)]
             if np.allclose(found, wanted, rtol=1e-6, atol=1e-9, equal_nan=True):
                 set_laws(number, compiled[0].address, compiled[1].address)
@@ -149,11 +151,12 @@ def _called(address: int, at: tuple[FloatArray, FloatArray]) -> FloatArray:
     return out
 
 
-def _compiled(reading: Reading, q: int, steps: list[float]) -> tuple[Any, Any] | None:
+def _compiled(reading: Reading, q: int, steps: list[float], period: float) -> tuple[Any, Any] | None:
     """Return the compiled reading with its rates, and the derivatives by the parameters; None where numba cannot compile the law."""
     columns, places, own_steps = np.array(OWN_COLUMNS[:q], np.int64), np.array(OWN_PARAMETERS[:q], np.int64), np.array(steps)
     turns, width, attachment = np.array(TURNS), WIDTH, int(ATTACHMENT_XYZ.start)
     law: Any = njit(error_model="numpy")(reading)
+    short: Any = njit(error_model="numpy")(_short)
 
     @njit(error_model="numpy")
     def at(row: Any, pose: Any) -> Any:
@@ -178,7 +181,7 @@ def _compiled(reading: Reading, q: int, steps: list[float]) -> tuple[Any, Any] |
             above, below = place.copy(), place.copy()
             above[i] += STEP_MM
             below[i] -= STEP_MM
-            out[i] = (law(own, above, turn) - law(own, below, turn)) / (above[i] - below[i])
+            out[i] = short(law(own, above, turn) - law(own, below, turn), period) / (above[i] - below[i])
         return out
 
     def reading_at(row_: Any, pose_: Any, out_: Any) -> None:
@@ -191,7 +194,7 @@ def _compiled(reading: Reading, q: int, steps: list[float]) -> tuple[Any, Any] |
         out[2] = arm[2] * force[0] - arm[0] * force[2]
         out[3] = arm[0] * force[1] - arm[1] * force[0]
         for i in range(3):
-            out[1 + i] += (law(own, place, turns[i, 0] @ turn) - law(own, place, turns[i, 1] @ turn)) / (2.0 * STEP_RAD)
+            out[1 + i] += short(law(own, place, turns[i, 0] @ turn) - law(own, place, turns[i, 1] @ turn), period) / (2.0 * STEP_RAD)
             out[4 + i] = force[i]
 
     def gradient_at(row_: Any, pose_: Any, out_: Any) -> None:
@@ -203,7 +206,7 @@ def _compiled(reading: Reading, q: int, steps: list[float]) -> tuple[Any, Any] |
             above, below = own.copy(), own.copy()
             above[i] += own_steps[i]
             below[i] -= own_steps[i]
-            out[places[i]] = (law(above, place, turn) - law(below, place, turn)) / (above[i] - below[i])
+            out[places[i]] = short(law(above, place, turn) - law(below, place, turn), period) / (above[i] - below[i])
         inward = by_place(own, place, turn) @ turn
         for i in range(3):
             out[BY_ATTACHMENT + i] = inward[i]
@@ -215,7 +218,12 @@ def _compiled(reading: Reading, q: int, steps: list[float]) -> tuple[Any, Any] |
         return None
 
 
-def _slopes(f: Callable[[FloatArray], float], x: FloatArray, steps: list[float]) -> FloatArray:
+def _short(difference: float, period: float) -> float:
+    """The same difference of readings by less than half a period; a law may jump by a whole one."""
+    return difference if period == math.inf else difference - period * math.floor(difference / period + 0.5)
+
+
+def _slopes(f: Callable[[FloatArray], float], x: FloatArray, steps: list[float], period: float) -> FloatArray:
     """(k,) central differences of f at x (k,)."""
     out = np.empty(len(x))
     for i, step in enumerate(steps):
@@ -223,5 +231,5 @@ def _slopes(f: Callable[[FloatArray], float], x: FloatArray, steps: list[float])
         here[i] = x[i] + step
         above, high = f(here), here[i]
         here[i] = x[i] - step
-        out[i] = (above - f(here)) / (high - here[i])
+        out[i] = _short(above - f(here), period) / (high - here[i])
     return out

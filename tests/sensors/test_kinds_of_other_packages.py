@@ -1,6 +1,7 @@
 """Sensors that a rig file states: straight distances, and kinds that other packages add, whose laws the kernels call."""
 
 import logging
+import math
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
@@ -13,7 +14,7 @@ from lmeasure.core import CalibrationError, RigError, se3
 from lmeasure.kernels import length_gradients, span_lengths, span_rows_of
 from lmeasure.rig import Rig, rig_from_dict, table_of
 from lmeasure.rig.sensor_table import TABLES
-from lmeasure.sensors import Channels, LengthSensor, SensorKind, counts_from_poses
+from lmeasure.sensors import AngleSensor, Channels, LengthSensor, SensorKind, counts_from_poses
 from lmeasure.simulation import cell_rig
 
 FloatArray = NDArray[np.float64]
@@ -82,6 +83,30 @@ def test_a_distance_is_the_same_as_a_kind_of_this_program_or_another(kind: Senso
         (line,) = caplog.messages
         assert "sensor kind beam of this process has no reading at some poses: ValueError" in line
         assert "behind the wall" in line
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_rates_of_an_angle_are_smooth_where_it_begins_anew(compiled: bool) -> None:
+    """A direction seen across the branch cut of atan2 changes as it does anywhere else."""
+
+    class Sight(AngleSensor):
+        kind: ClassVar[str] = "sight"
+
+    def reading(own: FloatArray, place: FloatArray, turn: FloatArray) -> float:
+        return math.atan2(place[1], place[0])
+
+    def checked(own: FloatArray, place: FloatArray, turn: FloatArray) -> float:
+        if math.isnan(place[0]):
+            raise ValueError
+        return math.atan2(place[1], place[0])
+
+    SensorKind(table=Sight, reading=reading if compiled else checked).register()
+    try:
+        rig = rig_with(sight={"channel": "s1", "counts_per_revolution": 3600, "zero_deg": 0.0})
+        pose = np.array([[-500.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+        np.testing.assert_allclose(span_rows_of(Channels.of_rig(rig).rows[-1:], pose)[0, 0], [0, 0, 0, 0, -1 / 500, 0], atol=1e-9)
+    finally:
+        del TABLES["sight"]
 
 
 def test_channels_are_a_table() -> None:
