@@ -89,6 +89,9 @@ class Drum(CableOnDrum):
     """Grooved drum with its encoder. `lmeasure drum` computes this table from measured dimensions."""
 
     UNTRUE: ClassVar[tuple[str, ...]] = ("run_out_mm", "cable_oversize_mm", "backlash_counts")
+    own: ClassVar[tuple[str, ...]] = ()
+    zero: ClassVar[str] = ""
+    zero_u: ClassVar[float] = 0.0
     counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
     """Encoder counts per turn of the drum (N)."""
     count_length_mm: Positive

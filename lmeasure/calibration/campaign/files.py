@@ -12,7 +12,7 @@ from lmeasure.calibration.campaign.dwells import mean_variance, pooled_scatter
 from lmeasure.core import CalibrationError, FileFormatError, FloatArray, GeometryError, IntArray, conventions
 from lmeasure.io import Column, files, gathered, no_folder
 from lmeasure.recording import read_pose_table, read_poses
-from lmeasure.rig import Drum, Input, SensorChannel, SensorTable, read_rig
+from lmeasure.rig import Drum, Input, SensorTable, read_rig
 from lmeasure.sensors import ARM_MM, REFERENCE_C, counts_from_poses
 
 _REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
@@ -239,7 +239,7 @@ def _checked(campaign: Campaign, path: Path) -> Campaign:
         counted = int(np.isfinite(campaign.counts[:, j]).sum())
         if counted < MIN_POSES:
             raise CalibrationError(f"{path}: channel {c.channel} is counted at {counted} pose(s); {MIN_POSES} are the least")
-        if isinstance(c, SensorChannel):
+        if not c.is_cable:
             _check_turning(campaign, j, f"{path}: channel {c.channel}")
             continue
         if campaign.counts[:, j][campaign.used[:, j]].any():

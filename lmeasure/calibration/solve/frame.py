@@ -20,7 +20,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray, IntArray, se3
 from lmeasure.estimation import Parameters
 from lmeasure.kernels import guide_direction
-from lmeasure.rig import GUIDE, PLACE, SensorChannel
+from lmeasure.rig import GUIDE, PLACE
 from lmeasure.sensors import guide as guide_frame
 
 MAX_STEPS = 50
@@ -83,10 +83,11 @@ def free_motions(model: Model) -> FloatArray:
     leaves only the turns about that, an inclinometer or a swivel whose zero is exact."""
     names, ways = model.parameters.names, []
     for c in model.campaign.cables:
-        up = getattr(c.table, "up", None) if isinstance(c, SensorChannel) else None
+        counter = model.campaign.rig.counter(c)
+        up = getattr(counter, "up", None)
         if up is not None:
             ways.append(np.array(up) / np.linalg.norm(up))
-        elif isinstance(c, SensorChannel) and c.table.absolute and f"{c.channel}.{c.table.zero}" not in names:
+        elif counter.absolute and f"{c.channel}.{counter.zero}" not in names:
             ways.append(np.array([0.0, 0.0, 1.0]))
     if not ways:
         return np.eye(6)

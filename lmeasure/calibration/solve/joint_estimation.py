@@ -19,7 +19,6 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.estimation import Fit, Parameters, fit
 from lmeasure.kernels import span_lengths
-from lmeasure.rig import SensorChannel
 
 MISFIT = 1e-3  # probability under which other starts are tried
 RESTARTS = 2
@@ -35,7 +34,7 @@ def solve_jointly(
     rig, trusted = unknowns_of(campaign, solve), free == ROTATIONS
     if not trusted and not {"position", "guide"} <= set(solve):
         raise CalibrationError("--self: needs position and guide in --solve, or what is taken as exact would hold the frame")
-    fixed = [c for c in campaign.cables if isinstance(c, SensorChannel) and c.table.own]
+    fixed = [c for c in campaign.cables if campaign.rig.counter(c).own]
     if not trusted and fixed:
         raise CalibrationError(
             f"--self: channel {fixed[0].channel} is a [[{fixed[0].kind}]], which is stated in the base frame, and --self moves that: "

@@ -21,7 +21,6 @@ from lmeasure.core import FloatArray
 from lmeasure.estimation import Remainder
 from lmeasure.kernels import BY_ANGLE_ZERO, BY_ATTACHMENT, BY_BASE, BY_SCALE, length_gradients, span_rows
 from lmeasure.procedures.intermediate_check.stops import Stops
-from lmeasure.rig import SensorChannel
 from lmeasure.trajectory import UNKNOWN_MM, Epochs, Reconstruction, Redundancy
 
 APART = 9.2
@@ -163,7 +162,7 @@ class Together:
                 yield "attachment", name, "mm", 1.0, np.where(own[:, None], g[:, :, BY_ATTACHMENT : BY_ATTACHMENT + 3], 0.0)
         for o in {o.channel: o for o in observed}.values():  # several passes read one drum, one encoder
             own = np.array([other.channel == o.channel for other in observed])
-            if isinstance(o, SensorChannel) and o.table.absolute:
+            if budget.rig.counter(o).absolute:
                 unit, size = ("mm", 1.0) if o.is_length else ("deg", float(np.degrees(1.0)))
                 yield "encoder", o.channel, unit, size, np.where(own, g[:, :, BY_ANGLE_ZERO], 0.0)[:, :, None]
             elif o.is_cable:

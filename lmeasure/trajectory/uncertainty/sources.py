@@ -24,7 +24,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, TrajectoryError, se3
 from lmeasure.kernels import TURN_COUNTS, span_lengths, span_rows_of
-from lmeasure.rig import CalibrationRecord, Rig, SensorChannel
+from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import ARM_MM, phase_columns
 
 PHASE = "zero phase"
@@ -123,8 +123,9 @@ def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray
     solved = () if record is None else record.names
     u = np.zeros(len(rig.observed))
     for j, o in enumerate(rig.observed):
-        if isinstance(o, SensorChannel) and o.table.absolute and f"{o.channel}.{o.table.zero}" not in solved:
-            u[j] = o.table.zero_u if o.is_length else math.radians(o.table.zero_u)
+        counter = rig.counter(o)
+        if counter.absolute and f"{o.channel}.{counter.zero}" not in solved:
+            u[j] = counter.zero_u if o.is_length else math.radians(counter.zero_u)
     # an encoder that is read in several passes has one zero
     names = [o.channel for o in rig.observed]
     shared = [name for name in dict.fromkeys(names) if any(u[j] for j in range(len(u)) if names[j] == name)]
