@@ -93,7 +93,10 @@ class Study:
     def command(self, about: str | None) -> int:
         """Run what the command line asks for, show the page, and return the exit code."""
         asked = self.parser(about).parse_args()
-        page = self.page(self.run(asked))
+        records = self.run(asked)
+        if not records:
+            raise SystemExit(f"{self.name}: no record was drawn, and none is kept")
+        page = self.page(records)
         text, good = page if isinstance(page, tuple) else (page, True)
         show(asked, text, self.name)
         return int(not good)

@@ -43,6 +43,8 @@ def test_a_study_continues_from_what_is_kept_and_writes_its_page(
         monkeypatch.setattr("sys.argv", ["study.py", *words, "--keep", str(kept)])
         return int(study.command("About 100 %."))
 
+    with pytest.raises(SystemExit, match="none: no record was drawn, and none is kept"):
+        command("--runs", "0")
     assert command("--draws", "4", "--kind", "c", "--size", "1,2") == 1
     assert drawn == [(seed, "c", size) for seed in range(4) for size in (1, 2)]
     assert command("--runs", "2", "--first", "1", "--kind", "a, b", "c", "--size", "2", "--out", str(out)) == 0
