@@ -26,6 +26,7 @@ suppress_warnings = ["myst.header"]  # some pages of results skip a level
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
 autodoc_typehints = "none"  # the sections of each docstring name types where they help
+default_role = "literal"  # single backticks of docstrings are code, as in Markdown
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 
