@@ -36,6 +36,7 @@ from .zone import (
 from .zone_dataset import (
     advice as advice,
     goes_on as goes_on,
+    messages_of as messages_of,
     read_zone as read_zone,
     reasons as reasons,
     summary as summary,

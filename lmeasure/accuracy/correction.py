@@ -11,6 +11,7 @@ from lmeasure.linkages import Bounds, detour
 from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import Rig
 from lmeasure.structure import bounds_of, linkage_of
+from lmeasure.text import message
 
 MARGIN = 1e-6  # of the limits' scale: a path on a limit is not called beyond it for its rounding
 STEP_MM = 5.0
@@ -38,10 +39,10 @@ class Led:
     def line(self) -> str:
         """One line for a person."""
         if self.left:
-            return f"path {self.name}: LEFT AS IT IS: {self.left}"
+            return message("accuracy.path_left", name=self.name, why=self.left)
         if not self.changed:
-            return f"path {self.name}: keeps the limits"
-        return f"path {self.name}: led around, at most {self.deviation_mm.max():.4g} mm from the command, ends kept"
+            return message("accuracy.path_keeps_limits", name=self.name)
+        return message("accuracy.path_led_around_most", name=self.name, mm=self.deviation_mm.max())
 
 
 def corrected(

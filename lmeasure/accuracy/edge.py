@@ -10,6 +10,7 @@ from lmeasure.core import AccuracyError, BoolArray, StructureError
 from lmeasure.linkages import Slice
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 from lmeasure.structure import Piece, bounds_of, followed, linkage_of
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +37,8 @@ def edges(
     x, y, z = (zone[name].values for name in "xyz")
     limit, inside = float(zone.attrs["limit_deg"]), zone["in_zone"].values.astype(bool)
     turns = np.atleast_2d(rotations.as_quat())
-    pieces, said = [], []
+    pieces: list[Piece] = []
+    said: list[str] = []
     for k, level in enumerate(z):
         for nodes in _parts(inside[:, :, k]):
             margin = np.where(nodes, limit - zone["worst_pressure_angle_deg"].values[:, :, k], -np.inf)
@@ -47,12 +49,12 @@ def edges(
             try:
                 bounds = bounds_of(linkage, np.array([*seed[:3], *turns[0]]), limit, lengths_mm, turns=turns)
             except StructureError as error:
-                said.append(f"edge at z = {level:g} mm: {error}")
+                said.append(message("edge.error", level=level, error=error))
                 continue
             found, failed = followed(bounds, plane, level)
-            said += [f"edge at z = {level:g} mm: {error}" for error in failed]
+            said += [message("edge.error", level=level, error=error) for error in failed]
             if not (found or failed):
-                said.append(f"edge at z = {level:g} mm: none within the scanned box")
+                said.append(message("edge.none", level=level))
             pieces += found
     return pieces, said
 

@@ -8,6 +8,7 @@ from lmeasure.accuracy.readings import Readings, worst_faults
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, about
 from lmeasure.core import AccuracyError, FloatArray
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,7 +41,7 @@ def said(zone: "xr.Dataset") -> list[str]:
     if "least_fault" not in zone or not zone["in_zone"].values.any():
         return []
     inside = zone["in_zone"].values.astype(bool)
-    lines = ["single faults that one sample shows anywhere in the zone, that are told apart, and what one just not found does to the tool:"]
+    lines: list[str] = [message("accuracy.single_faults_one_sample")]
     found, apart, effect = (zone[name].values[inside].max(axis=0) for name in VARIABLES)
     for k, name in enumerate(zone["channel"].values):
         unit = " deg" if zone["channel_unit"].values[k] == "degree" else " mm"

@@ -20,6 +20,7 @@ from lmeasure.io import Strict, Whole, checked, files
 from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, CABLE, GUIDE_XYZ, KIND, LANES, SWIVEL, worst_at_task, worst_of_channels
 from lmeasure.rig import Rig
 from lmeasure.sensors import length_variance
+from lmeasure.text import Lines, message
 
 Progress = Callable[[int, int], None]
 Vector = tuple[float, float, float]
@@ -123,13 +124,23 @@ class Placed(Shown):
         """A few lines for a person."""
         b, a = self.before, self.after
         lines = [
-            f"worst pressure angle at the task {b['worst_pressure_angle_deg']:.2f} -> {a['worst_pressure_angle_deg']:.2f} deg "
-            f"(within the mounting tolerance {a['robust_pressure_angle_deg']:.2f} deg)",
-            f"worst 95 % radius {b['u95_position_mm']:.4g} -> {a['u95_position_mm']:.4g} mm; cables {a['shortest_cable_mm']:.0f} to "
-            f"{a['longest_cable_mm']:.0f} mm; {self.evaluations} rigs tried",
+            message(
+                "accuracy.worst_pressure_angle_task",
+                was=b["worst_pressure_angle_deg"],
+                now=a["worst_pressure_angle_deg"],
+                robust=a["robust_pressure_angle_deg"],
+            ),
+            message(
+                "accuracy.worst_95_radius_mm",
+                was=b["u95_position_mm"],
+                now=a["u95_position_mm"],
+                least=a["shortest_cable_mm"],
+                most=a["longest_cable_mm"],
+                count=self.evaluations,
+            ),
         ]
         name, most = max(self.sensitivity.items(), key=lambda item: max(map(abs, item[1])))
-        return "\n".join([*lines, f"most sensitive point {name}: {max(map(abs, most)):.3f} deg per mm"])
+        return Lines([*lines, message("accuracy.most_sensitive_point_deg", point=name, change=max(map(abs, most)))])
 
 
 class Search:

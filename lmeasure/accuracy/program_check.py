@@ -12,6 +12,7 @@ from lmeasure.accuracy.zone import make_plan, named_figures
 from lmeasure.core import FloatArray
 from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,8 +34,8 @@ class Part:
     def line(self) -> str:
         """One line for a person."""
         edge = self.to_edge_mm.min()
-        where = f"{edge:.0f} mm from the zone's edge" if edge > 0 else "LEAVES THE ZONE"
-        return f"{self.name}: angle at most {self.angle_deg.max():.1f} deg, U95 at most {self.u95_mm.max():.4g} mm, {where}"
+        where = message("guard.inside", edge=edge) if edge > 0 else message("guard.leaves")
+        return message("guard.line", name=self.name, angle=self.angle_deg.max(), u95=self.u95_mm.max(), where=where)
 
 
 def guard(

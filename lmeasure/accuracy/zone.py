@@ -4,6 +4,7 @@ The zone's volume comes from a coarse grid, in which only cells along the zone's
 """
 
 import itertools
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -39,6 +40,7 @@ from lmeasure.sensors import (
     zero_at,
     zeroed_exactly,
 )
+from lmeasure.text import Message, message, table
 from lmeasure.trajectory import NEAR_RAD, zeros_of
 
 if TYPE_CHECKING:
@@ -298,6 +300,7 @@ def map_zone(
 
     import xarray as xr
 
+    covered, exact = covers(rig, calibration), [t.said for t in taken_as_exact(rig, calibration, positions, rotations, start=start)]
     data = xr.Dataset(
         {
             name: (DIMS, values.reshape([len(a) for a in axes]), about(*ABOUT[name]))
@@ -311,9 +314,10 @@ def map_zone(
             "schema": SCHEMA,
             "rig": rig.name,
             "node_spacing_mm": list(spacing),
-            "u95_covers": covers(rig, calibration),
+            "u95_covers": str(covered),
             "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
-            "taken_as_exact": "\n".join(str(t.said) for t in taken_as_exact(rig, calibration, positions, rotations, start=start)),
+            "taken_as_exact": "\n".join(exact),
+            "messages": json.dumps(table([covered, exact]), ensure_ascii=False),
             "plan_sha256": plan.digest(),
         },
     )
@@ -460,24 +464,21 @@ def named_figures(figures: FloatArray, flags: IntArray, *, full: bool, near: boo
     return out | {"clearance_mm": f["clearance"]} if near else out
 
 
-def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
-    """What the uncertainties hold, in words."""
+def covers(rig: Rig, calibration: CalibrationRecord | None) -> Message:
+    """Return what the uncertainties cover."""
     exact = zeroed_exactly(rig)
-    counts = "counts of +-1/2"
-    if not exact.all():
-        which = "the zero phase" if not exact.any() else "the zero phase of those whose zero is not exact"
-        counts += f", {which} (as much again)"
+    counts = message("covers.counts" if exact.all() else "covers.counts_some_phase" if exact.any() else "covers.counts_phase")
     zeros = zeros_of(rig, calibration)
     if zeros.any():
-        counts += ", the zeros of encoders" + (", to first order" if zeros.max() > NEAR_RAD else "")
-    also = [v.kind.text for v in unsolved_stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
-    stated = f"what the rig states of {', '.join(dict.fromkeys(also))}" if also else ""
+        counts = message("covers.zeros_first_order" if zeros.max() > NEAR_RAD else "covers.zeros", counts=counts)
+    also = [v.kind.said for v in unsolved_stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
+    stated = [message("accuracy.rig_states", what=tuple(dict.fromkeys(also)))] if also else []
     if calibration is None and not stated:
-        return f"{counts} only: the rig links no calibration"
-    parts = " and ".join(part for part in (stated, "" if calibration is None else "the linked calibration's covariance") if part)
-    return (f"{counts} and {parts}, of the change of each length since the counters were zeroed at the start pose") + (
-        "" if calibration is not None else "; the rig links no calibration"
-    )
+        return message("accuracy.only_rig_links_no", counts=counts)
+    parts: list[Message] = stated if calibration is None else [*stated, message("covers.calibration")]
+    both = parts[0] if len(parts) == 1 else message("covers.two", first=parts[0], then=parts[1])
+    code = "covers.change_uncalibrated" if calibration is None else "covers.change"
+    return message(code, parts=message("covers.both", counts=counts, parts=both))
 
 
 def _check(axes: Sequence[FloatArray]) -> None:

@@ -1,5 +1,6 @@
 """A scanned zone as a dataset over x, y, z: limits applied, told to a person, written and read."""
 
+import json
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +12,7 @@ from lmeasure.accuracy.limits import REASONS, Limits, broken_limits
 from lmeasure.accuracy.scan import digest_of
 from lmeasure.core import FileFormatError, pasted
 from lmeasure.io import files, open_regular
-from lmeasure.text import settled
+from lmeasure.text import Lines, message, restored, settled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,27 +80,35 @@ def summary(zone: "xr.Dataset") -> str:
     angle, inside = zone["worst_pressure_angle_deg"], zone["in_zone"].values.astype(bool)
     if "refined_volume_mm3" in zone.attrs:
         a = zone.attrs
-        change = f"{a['refined_volume_change_mm3'] / 1e9:.2g} m^3 at the last step"
-        lines_refined = [f"volume within the box, edge refined: {a['refined_volume_mm3'] / 1e9:.6g} m^3 (changed by {change})"]
+        volume, change = (a[key] / 1e9 for key in ("refined_volume_mm3", "refined_volume_change_mm3"))
+        lines_refined = [message("zone_line.refined", volume=volume, change=change)]
     else:
         lines_refined = []
     best = np.unravel_index(int(np.argmin(angle.values)), angle.shape)
     where = ", ".join(f"{name} {settled(float(zone[name][i])):g}" for name, i in zip("xyz", best, strict=True))
     turns = zone.sizes["orientation"]
     lines = [
-        f"{inside.sum()} of {inside.size} nodes are in the zone ({turns} orientation{'s' * (turns > 1)} each, within "
-        f"{zone.attrs['limit_deg']:g} deg): {zone.attrs['zone_volume_mm3'] / 1e9:.6g} m^3",
+        message(
+            "zone_line.nodes" if turns > 1 else "zone_line.nodes_one",
+            inside=int(inside.sum()),
+            of=inside.size,
+            turns=turns,
+            limit=float(zone.attrs["limit_deg"]),
+            volume=float(zone.attrs["zone_volume_mm3"]) / 1e9,
+        ),
         *lines_refined,
-        f"smallest worst pressure angle {float(angle.values[best]):.2f} deg at {where} mm",
+        message("accuracy.smallest_worst_pressure_angle", angle=float(angle.values[best]), where=where),
     ]
     if inside.any():
         u95 = zone["u95_position_mm"].values[inside]
-        lines.append(f"95 % radius at the tool origin in the zone: {u95.min():.4g} to {u95.max():.4g} mm")
+        lines.append(message("accuracy.95_radius_tool_origin", least=u95.min(), most=u95.max()))
     if zone.attrs["assemblies_in_zone"] > 1:
-        lines.append("the zone holds more than one assembly: between its parts the cables do not determine the pose (--one-assembly)")
-    if rejected := [f"{reason.replace('_', ' ')} {n}" for reason, n in reasons(zone).items() if n]:
-        lines.append("rejected nodes by reason: " + ", ".join(rejected))
-    return "\n".join([*lines, f"the 95 % radius covers {zone.attrs['u95_covers']}"])
+        lines.append(message("accuracy.zone_holds_more_than"))
+    rejected = {reason: n for reason, n in reasons(zone).items() if n}
+    if rejected:
+        listed = tuple(message("zone_line.reason", reason=message(f"zone_reason.{reason}"), n=n) for reason, n in rejected.items())
+        lines.append(message("zone_line.rejected", reasons=listed))
+    return Lines([*lines, message("accuracy.95_radius_covers", covers=messages_of(zone, "u95_covers")[0])])
 
 
 def goes_on(zone: "xr.Dataset") -> list[str]:
@@ -119,11 +128,11 @@ def advice(zone: "xr.Dataset", rig: Path) -> list[str]:
     alone = {reason: int((because == 1 << bit).sum()) for bit, reason in enumerate(REASONS)}
     reason, nodes = max(alone.items(), key=lambda item: item[1])
     command = f"lmeasure place {pasted(rig)} --task placement.toml --out placed"
-    why = f": {nodes} nodes are kept out by {reason.replace('_', ' ')} alone" if nodes else ""
+    because_of = message("zone_line.nothing_because", nodes=nodes, reason=message(f"zone_reason.{reason}"))
     return [
-        f"nothing of the box is in the zone{why}",
-        f"try another box or other limits, or let `{command}` look for better places of the",
-        "points; `lmeasure init` writes a placement.toml to begin with",
+        because_of if nodes else message("zone_line.nothing"),
+        message("accuracy.try_another_box_other", command=command),
+        message("accuracy.points_lmeasure_init_writes"),
     ]
 
 
@@ -202,3 +211,8 @@ def _check(path: Path, data: "xr.Dataset") -> None:
         values = np.atleast_1d(data.attrs.get(name, np.empty(0)))
         if values.shape != (count,) or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
             raise FileFormatError(f"{path}: attribute {name} does not hold {count} finite number(s)")
+
+
+def messages_of(zone: "xr.Dataset", name: str) -> list[str]:
+    """Return the lines of an attribute of a zone: messages, where the zone keeps their ids."""
+    return list(restored(str(zone.attrs.get(name, "")).splitlines(), json.loads(str(zone.attrs.get("messages", "[]")))))

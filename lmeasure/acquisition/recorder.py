@@ -27,6 +27,7 @@ from lmeasure.core import AcquisitionError, FloatArray, LMeasureError, RecordedE
 from lmeasure.io import files
 from lmeasure.recording import SCHEMA, closure_counts, read_counts, write_counts
 from lmeasure.rig import Rig, read_rig, write_rig
+from lmeasure.text import Lines, count_of, message
 
 ON_DISK_EVERY_S = 1.0
 
@@ -52,21 +53,24 @@ class Recording:
     def _advice(self) -> str:
         """What to do about counts that are missing."""
         if self.faults.get("lost_wrap"):
-            return "a counter may have passed its range in a gap: state a smaller max_cable_speed_mm_s, or shorten the SYNC period"
-        return "look at the encoder, its plug and its cable"
+            return message("acquisition.counter_may_have_passed")
+        return message("acquisition.look_encoder_plug_cable")
 
     def summary(self) -> str:
         """A few lines for a person."""
-        faults = ", ".join(f"{n} {kind}" for kind, n in sorted(self.faults.items())) or "no faults"
-        lines = [f"{self.samples} samples from {self.frames} frames over {self.seconds:.3f} s: {faults}"]
+        counted = tuple(count_of(kind, n) for kind, n in sorted(self.faults.items()))
+        faults = counted or message("acquisition.no_faults")
+        lines: list[str] = [
+            message("acquisition.samples_from_frames_over", samples=self.samples, frames=self.frames, seconds=self.seconds, faults=faults)
+        ]
         if self.missing:
-            told = ", ".join(f"{channel} in {n}" for channel, n in self.missing.items())
-            lines.append(f"counts are missing: {told} of {self.samples} samples; {self._advice}")
+            told = tuple(message("acquisition.channel_in", channel=channel, n=n) for channel, n in self.missing.items())
+            lines.append(message("acquisition.counts_missing_samples", told=told, samples=self.samples, advice=self._advice))
         lines += self.notes
         if self.closure:
             differ = ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items())
-            lines.append(f"at rest at both ends, the last less the first, counts: {differ}")
-        return "\n".join(lines)
+            lines.append(message("acquisition.rest_both_ends_last", counts=differ))
+        return Lines(lines)
 
 
 def record(

@@ -36,7 +36,7 @@ from .verification import (
     Printer as Printer,
     Verification as Verification,
     read_certificate as read_certificate,
-    told as told,
+    report_lines as report_lines,
     verify as verify,
 )
 from .versions import environment as environment

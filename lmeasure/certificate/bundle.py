@@ -300,8 +300,8 @@ def _check_files(folder: Path, found: set[str], listed: list[dict[str, Any]]) ->
 
     present = [entry for entry in listed if entry["file"] in found]
     with ThreadPoolExecutor(max_workers=4) as pool:
-        told = list(pool.map(check, present))
-    return out + [Difference(entry["file"], text) for entry, text in zip(present, told, strict=True) if text]
+        reported = list(pool.map(check, present))
+    return out + [Difference(entry["file"], text) for entry, text in zip(present, reported, strict=True) if text]
 
 
 # --- the one .zip of a folder ---

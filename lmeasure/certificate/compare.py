@@ -17,6 +17,7 @@ import scipy.stats
 from lmeasure.certificate.recompute import label
 from lmeasure.certificate.rounding import with_u95
 from lmeasure.core import CertificationError, FloatArray, LMeasureError
+from lmeasure.text import message
 
 SIGNIFICANT = 0.01
 """Probability of chance, over all poses together (Holm), under which a robot has moved."""
@@ -116,7 +117,7 @@ def _compared(certificates: Sequence[tuple[str, dict[str, Any]]]) -> Comparison:
         raise CertificationError(f"{twice[0]}: is given twice")
     bare = [name for name, content in certificates if any(c["u95"] is None for c in content["characteristics"])]
     if bare:
-        raise CertificationError(f"{bare[0]}: states no uncertainty: whether it differs from another cannot be told")
+        raise CertificationError(f"{bare[0]}: states no uncertainty: whether it differs from another cannot be determined")
     ordered = sorted(certificates, key=lambda c: (_day(c[1]), c[1]["created"]))
     (first_name, first), *others = ordered
     pairs = tuple(_pair(first_name, first, name, content) for name, content in others)
@@ -135,21 +136,22 @@ def _kind(certificates: Sequence[tuple[str, dict[str, Any]]]) -> str:
     items = [c["details"].get("item", {}) for _, c in certificates]
     serials = [i.get("serial") for i in items]
     if None in serials:
-        return "robots of which not all have a serial number"
+        return message("certificate_line.no_serials")
     if len(set(serials)) == 1:
-        return f"one robot over time, serial number {serials[0]}"
+        return message("certificate_line.one_robot", serial=serials[0])
     models = {i.get("model") for i in items}
-    return f"{len(set(serials))} robots" + (f" of one type, {items[0]['model']}" if len(models) == 1 and None not in models else "")
+    code = "certificate_line.robots_model" if len(models) == 1 and None not in models else "certificate_line.robots"
+    return message(code, n=len(set(serials)), model=items[0].get("model"))
 
 
 def _notes(certificates: Sequence[tuple[str, dict[str, Any]]]) -> list[str]:
-    out = []
+    out: list[str] = []
     if any(c["base_from_program"] is not None for _, c in certificates):
-        out.append("a frame was fitted in some: what moved the whole robot or instrument is not seen")
+        out.append(message("certificate.frame_was_fitted_some"))
     for (_, a), (name, b) in itertools.pairwise(certificates):
         differ = sorted(k for k in {*a["settings"], *b["settings"]} - {"seed", "trials"} if a["settings"].get(k) != b["settings"].get(k))
         if differ:
-            out.append(f"{name}: certified with other settings: {', '.join(differ)}")
+            out.append(message("certificate.certified_other_settings", certificate=name, settings=tuple(differ)))
     return out
 
 
@@ -168,8 +170,8 @@ def _pair(first_name: str, first: dict[str, Any], name: str, later: dict[str, An
         for key, a in old.items()
         if key in new and a["unit"] == new[key]["unit"] and not _of_any(a, other)
     )
-    told = tuple(f"{kind} {part} ({', '.join(keys)})" for (kind, part), keys in other.items())
-    return Pair(first_name, name, shared, changes, _shifts(first, later, shared, other), told)
+    reported = tuple(f"{kind} {part} ({', '.join(keys)})" for (kind, part), keys in other.items())
+    return Pair(first_name, name, shared, changes, _shifts(first, later, shared, other), reported)
 
 
 Otherwise = dict[tuple[str, str], list[str]]
@@ -303,34 +305,40 @@ def _exchangeability(certificates: Sequence[tuple[str, dict[str, Any]]]) -> tupl
 
 
 def lines(found: Comparison) -> list[str]:
-    """What a person is told."""
-    out = [f"{found.kind}: {', '.join(found.names)}"]
+    """What a person reads."""
+    out: list[str] = [message("certificate_line.kind", kind=found.kind, names=tuple(found.names))]
     for pair in found.pairs:
-        calibration = "one calibration: its errors cancel" if pair.shared else "no calibration in common: systematic errors do not cancel"
-        out.append(f"{pair.later} against {pair.first}; {calibration}")
+        code = "certificate_line.shared" if pair.shared else "certificate_line.not_shared"
+        out.append(message(code, later=pair.later, first=pair.first))
         for s in pair.shifts:
-            chance = "too few cycles to tell" if s.probability is None else f"chance {s.probability:.2g}"
-            verdict = "" if s.probability is None else "  moved" if s.moved else "  not shown to have moved"
+            chance = message("certificate.too_few_cycles_tell") if s.probability is None else message("certificate.chance", p=s.probability)
+            verdict = (
+                ""
+                if s.probability is None
+                else message("certificate_line.moved")
+                if s.moved
+                else message("certificate.not_shown_have_moved")
+            )
             length, u95 = with_u95(s.distance_mm, s.u95_mm)
-            out.append(f"  mean of {s.pose}: {length} mm (U95 {u95}), {chance}{verdict}")
+            out.append(message("certificate.mean_mm_u95", pose=s.pose, length=length, u95=u95, chance=chance, verdict=verdict))
         beyond = [c for c in pair.changes if c.beyond]
-        out += [f"  {_told(c)}" for c in beyond]
+        out += [_changed(c) for c in beyond]
         out.append(
-            f"  {len(beyond)} of {len(pair.changes)} figures differ by more than the instrument's U95; "
-            f"{0.05 * len(pair.changes):.1f} would by chance"
+            message("certificate.figures_differ_more_than", count=len(beyond), count_=len(pair.changes), len=0.05 * len(pair.changes))
         )
-        out += [f"  commanded otherwise, not compared: {text}" for text in pair.otherwise]
+        out += [message("certificate.commanded_otherwise_not_compared", v1=text) for text in pair.otherwise]
     for e in found.exchangeability:
         value, u95 = with_u95(e.value_mm, e.u95_mm)
-        out.append(f"E of {e.pose}: {value} mm (U95 {u95}) between {e.between[0]} and {e.between[1]}")
-    return [*out, *(f"note: {note}" for note in found.notes)]
+        out.append(message("certificate.e_mm_u95_between", pose=e.pose, value=value, u95=u95, one=e.between[0], other=e.between[1]))
+    return [*out, *(message("line.note", text=note) for note in found.notes)]
 
 
-def _told(change: Change) -> str:
+def _changed(change: Change) -> str:
     """A change whose numbers end where the U95 of their difference does."""
     first, later, difference = (with_u95(v, change.u95)[0] for v in (change.first, change.later, change.later - change.first))
     sign = "" if difference.startswith("-") else "+"
-    return f"{change.figure}: {first} -> {later} {change.unit}, difference {sign}{difference} (U95 {with_u95(0.0, change.u95)[1]})"
+    values = {"first": first, "later": later, "difference": f"{sign}{difference}", "u95": with_u95(0.0, change.u95)[1]}
+    return message("certificate_line.change", figure=change.figure, unit=change.unit, **values)
 
 
 def as_dict(found: Comparison) -> dict[str, Any]:

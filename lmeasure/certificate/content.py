@@ -12,7 +12,7 @@ from lmeasure.certificate.versions import METHOD
 from lmeasure.core import Status
 from lmeasure.iso9283 import SCHEMA
 from lmeasure.recording import Program
-from lmeasure.text import LANGUAGES as LANGUAGES, Message, recognised
+from lmeasure.text import LANGUAGES as LANGUAGES, table
 from lmeasure.trajectory import AttainedPose
 
 ID_DIGITS = 16
@@ -78,18 +78,17 @@ def identification(content: dict[str, Any]) -> str:
 def _findings(measured: Measured) -> list[dict[str, Any]]:
     """The texts of the certificate as codes with values, each once."""
     evaluation = measured.evaluation
-    told = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.findings]
-    told += [c.note for c in evaluation.characteristics if c.note is not None]
-    found = (text if isinstance(text, Message) else recognised(text) for text in dict.fromkeys(told))
-    return [f.stated() for f in found if f is not None]
+    reported = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.findings]
+    reported += [c.note for c in evaluation.characteristics if c.note is not None]
+    return table(list(reported))
 
 
 def _instrument(measured: Measured) -> dict[str, Any] | None:
     if measured.rig is None:
         return None
     rig = measured.rig
-    told = {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
-    return told | {"systematic_sha256": measured.systematic_sha256}
+    reported = {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
+    return reported | {"systematic_sha256": measured.systematic_sha256}
 
 
 def _measured_with(measured: Measured) -> dict[str, Any] | None:
@@ -98,7 +97,7 @@ def _measured_with(measured: Measured) -> dict[str, Any] | None:
     if rig is None:
         return None
     drums = [rig.point(c.from_point).drum for c in rig.cable]
-    told: dict[str, Any] = {
+    reported: dict[str, Any] = {
         "cables": len(rig.cable),
         "observation_points": len({c.from_point for c in rig.cable}),
         "passes": rig.passes,
@@ -108,13 +107,13 @@ def _measured_with(measured: Measured) -> dict[str, Any] | None:
         "calibration": None,
     }
     if record is not None:
-        told["calibration"] = {
+        reported["calibration"] = {
             "reference_poses": len({r.pose for r in record.residuals}),
             "equations": record.equations,
             "unknowns": record.unknowns,
             "residual_rms_mm": record.noise.get("residual_rms_mm"),
         }
-    return plain(told)
+    return plain(reported)
 
 
 def commanded(program: Program) -> dict[str, Any]:

@@ -34,7 +34,7 @@ _BESIDE = ("columns", "u_position_mm", "u_rotation_deg")
 class Inputs:
     """The files a certificate is made of; rig replaces the run's own, details may be missing.
 
-    constraint, repeatability_mm: what `reconstruct` was told, where a run is given.
+    constraint, repeatability_mm: what `reconstruct` was said, where a run is given.
     """
 
     trajectory: Path
@@ -210,7 +210,7 @@ def _measured(inputs: Inputs, program: Program, settings: CertificationSettings,
         _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    notes: tuple[Message | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))
+    notes: tuple[Message | str, ...] = (*trajectory.notes, *(taken.said for taken in trajectory.taken_as_exact))
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 

@@ -55,7 +55,7 @@ class Improvement:
 
     @property
     def factor_95(self) -> tuple[float, float]:
-        """Least and largest factor, at 95 % or more; the largest is infinite where what is left cannot be told from nothing."""
+        """Least and largest factor, at 95 % or more; the largest is infinite where what is left cannot be determined from nothing."""
         low, high = self.before_mm[1] / self.after_mm[2], self.before_mm[2]
         return low, high / self.after_mm[1] if self.after_mm[1] > 0.0 else math.inf
 
@@ -69,7 +69,7 @@ def improvement(
     old, new = attained(first), attained(later)
     names = tuple(pose for pose in old if pose in new and ("pose", pose) not in other)
     if not names:
-        raise CertificationError("the certificates have no pose in common that was commanded alike: what improved cannot be told")
+        raise CertificationError("the certificates have no pose in common that was commanded alike: what improved cannot be determined")
     before, after = ([of[name] for name in names] for of in (old, new))
     rng = np.random.default_rng(seed)
     noise = [_noise(rows, rng) for rows in (before, after)]
@@ -79,9 +79,9 @@ def improvement(
     own = np.zeros(len(names)) if left is None or known is None else known / math.sqrt(3.0)
     whole = noise[1] + own[:, None] * rng.normal(size=(DRAWS, len(names), 3))
     parts = Parts(_rms([row.random**2 + row.systematic**2 for row in after]), _rms([np.diag(r.scatter) / r.cycles for r in after]), left)
-    told = [_mean_distance(e, n) for e, n in zip(errors, noise, strict=True)]
+    reported = [_mean_distance(e, n) for e, n in zip(errors, noise, strict=True)]
     commanded = np.array([row.commanded for row in before])
-    return Improvement(names, commanded, errors[0], errors[1], told[0], told[1], parts, float(np.linalg.norm(whole, axis=2).mean()))
+    return Improvement(names, commanded, errors[0], errors[1], reported[0], reported[1], parts, float(np.linalg.norm(whole, axis=2).mean()))
 
 
 def _rms(variances: list[FloatArray]) -> float:

@@ -16,7 +16,7 @@ from lmeasure.certificate.recompute import RELATIVE, SOURCES, Compared, beside, 
 from lmeasure.certificate.versions import METHOD, added_in, environment
 from lmeasure.core import CertificationError, LMeasureError
 from lmeasure.iso9283 import SCHEMA
-from lmeasure.text import LANGUAGES
+from lmeasure.text import LANGUAGES, message
 
 PROGRAM = ("lmeasure", "lmeasure sources")
 """What of an environment is this program itself: another one prints other texts."""
@@ -79,7 +79,7 @@ def verify(
     seal = check_seal(folder, public_key)
     if any(d.what.startswith(f"{INPUTS}/") for d in seal.differences):
         return Verification(
-            seal.certificate, seal.differences, signer=seal.signer, skipped=("figures: the inputs are not those certified",)
+            seal.certificate, seal.differences, signer=seal.signer, skipped=(message("certificate.figures_inputs_not_those"),)
         )
     try:
         stated = read_certificate(folder / CERTIFICATE)
@@ -90,7 +90,7 @@ def verify(
     own |= {key: "none" for key in stated["environment"] if key not in here}
     method = stated["method"]
     other = method != METHOD
-    told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
+    reported = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
     out = [*seal.differences, *of_environment(stated["environment"], here)]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
@@ -101,18 +101,19 @@ def verify(
     except LMeasureError as error:
         if not other:
             return _not_computed(folder, seal, error)
-        why = f"figures: by method {method}; today's, {METHOD}, refuses the inputs: {_inside(folder, error)}"
-        return Verification(stated["id"], tuple(out), signer=seal.signer, environment=told, skipped=(why,))
+        why = message("verification.refuses", method=method, today=METHOD, why=_inside(folder, error))
+        return Verification(stated["id"], tuple(out), signer=seal.signer, environment=reported, skipped=(why,))
     out += _strangers(seal, {c["file"] for c in copies}, printers)
     again = certificate(measured, inputs, copies, created=stated["created"], language=stated["language"], environment=stated["environment"])
     lines: tuple[str, ...] = ()
-    skipped, figures, compared = [], 0, Compared(())
+    skipped: list[str] = []
+    figures, compared = 0, Compared(())
     if own:
-        skipped.append(f"environment: {'; '.join(told)}: what the certificate states cannot be checked here")
+        skipped.append(message("verification.environment", what="; ".join(reported)))
     if other:
         found, lines = beside(stated, again)
         out += found
-        skipped.append(f"figures: made by method {method}, today's is {METHOD}")
+        skipped.append(message("certificate.figures_made_method_todays", method=method, today=METHOD))
     else:
         compared = compare(stated, again, other_version=SOURCES in own)
         out += compared.differences
@@ -124,12 +125,12 @@ def verify(
         found, why_not = _page(folder, name, printer, stated=stated, measured=measured, own=own, other=other, moved=compared.moved)
         out += found
         skipped += why_not
-    return Verification(stated["id"], tuple(out), figures, seal.signer, told, compared.largest, tuple(skipped), lines)
+    return Verification(stated["id"], tuple(out), figures, seal.signer, reported, compared.largest, tuple(skipped), lines)
 
 
 def _not_computed(folder: Path, seal: Seal, error: Exception) -> Verification:
     out = seal.differences or (Difference(CERTIFICATE, f"cannot be computed again: {_inside(folder, error)}"),)
-    return Verification(seal.certificate, out, signer=seal.signer, skipped=("figures: see above",))
+    return Verification(seal.certificate, out, signer=seal.signer, skipped=(message("certificate.figures_see_above"),))
 
 
 def _inside(folder: Path, error: Exception) -> str:
@@ -159,8 +160,8 @@ def _page(
     moved: figures differ in their last digits, which are in the pictures too.
     """
     if not (folder / name).exists():
-        return [], [f"{name}: is not in the folder"] if printer.needed else []
-    why_not = [f"{name}: what it prints, since another version of this program prints other texts"]
+        return [], [message("verification.not_in_folder", name=name)] if printer.needed else []
+    why_not: list[str] = [message("verification.other_texts", name=name)]
     if other:
         return [], why_not
     content, expected = regular_bytes(folder / name), printer(stated, measured)
@@ -169,7 +170,7 @@ def _page(
     if own or moved:
         try:
             if printer.text(content) == printer.text(expected):
-                return [], [f"{name}: compared by its text only; what it draws, and how, was not"]
+                return [], [message("verification.by_text", name=name)]
         except ValueError as error:
             return [Difference(name, f"cannot be read: {error}")], []
     # other sources may say the same in other words: no difference, but nothing that was compared
@@ -222,28 +223,27 @@ def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is not a number of JSON")
 
 
-def told(found: Verification, *, asked: bool) -> list[str]:
+def report_lines(found: Verification, *, asked: bool) -> list[str]:
     """Return the lines for a person: who signed it, then differences. asked: whether the signature was compared with a key."""
-    out = []
+    out: list[str] = []
     if found.signer is not None:
-        whose = (
-            "the key asked for" if asked and not any(d.what == SIGNATURE for d in found.differences) else "a key nobody vouches for here"
-        )
-        out.append(f"signed by {found.signer[:16]}: {whose}")
+        vouched = asked and not any(d.what == SIGNATURE for d in found.differences)
+        out.append(message("verification.asked" if vouched else "verification.nobody", signer=found.signer[:16]))
     elif not any(d.what == SIGNATURE and d.text != UNSIGNED for d in found.differences):
-        out.append("unsigned: origin not proved")
+        out.append(message("certificate.unsigned_origin_not_proved"))
     out += [str(d) for d in found.differences]
     out += found.beside
-    out += [f"not compared: {text}" for text in found.skipped]
+    out += [message("certificate.not_compared", text=text) for text in found.skipped]
     if found.largest > 0.0:
-        out.append(f"figures differ in their last digits, by {found.largest:.2g} at most; up to {RELATIVE:g} is no difference")
-    digit = f"within {RELATIVE:g}" if found.largest > 0.0 else "to the digit"
-    computed = f", all {found.figures} figures computed again and the same {digit}" if found.figures else ""
+        out.append(message("certificate.figures_differ_their_last", found=found.largest, limit=RELATIVE))
+    digit = message("verification.within", limit=RELATIVE) if found.largest > 0.0 else message("verification.digit")
+    computed = message("verification.computed", n=found.figures, digit=digit) if found.figures else ""
     if found.differences:
         number = len(found.differences)
-        out.append(f"{found.certificate or 'certificate'}: {number} difference{'s' if number > 1 else ''}")
+        code = "verification.differences" if number > 1 else "verification.difference"
+        out.append(message(code, certificate=found.certificate or "certificate", n=number))
     elif found.skipped:
-        out.append(f"{found.certificate}: hashes as sealed{computed}; {len(found.skipped)} not compared, named above")
+        out.append(message("verification.skipped", certificate=found.certificate, computed=computed, n=len(found.skipped)))
     else:
-        out.append(f"{found.certificate}: every byte as sealed{computed}")
+        out.append(message("verification.same", certificate=found.certificate, computed=computed))
     return out

@@ -17,7 +17,7 @@ import typer
 
 from lmeasure.cli import interrupts
 from lmeasure.cli.help import Group, in_plain_words, wrong_use
-from lmeasure.cli.text import said
+from lmeasure.cli.text import word
 from lmeasure.core import CancelledError, LMeasureError, OverwriteError, SettingsError, shortened
 from lmeasure.workflows import COMMANDS
 
@@ -61,7 +61,7 @@ class Commands(Group):
 
         like = () if args[0] in (*COMMANDS, *ALIASES) else get_close_matches(args[0], [*COMMANDS, *ALIASES], n=3)
         if like:
-            ctx.fail(said("There is no command '{name}'. Did you mean {names}?", name=args[0], names=", ".join(like)))
+            ctx.fail(word("cli.did_you_mean", name=args[0], names=tuple(like)))
         return super().resolve_command(ctx, args)
 
 
@@ -90,7 +90,7 @@ def _options(
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")] = False,
 ) -> None:
     if ctx.invoked_subcommand is None:
-        typer.echo(said(FIRST_STEPS))
+        typer.echo(word("cli.first_steps"))
 
 
 _code = INTERRUPTED
@@ -137,7 +137,7 @@ def main() -> None:
             _end(code if isinstance(code, int) else 0, str(CancelledError()) if code == INTERRUPTED else "")
         except typer.TyperException as error:
             print(wrong_use(error), file=sys.stderr)
-            _end(error.exit_code, told=" ".join(in_plain_words(error).split()))
+            _end(error.exit_code, printed=" ".join(in_plain_words(error).split()))
         except (CancelledError, typer.Abort, KeyboardInterrupt):  # the last before the parser watches for it
             _end(INTERRUPTED, str(CancelledError()))
         except (OverwriteError, SettingsError) as error:
@@ -145,11 +145,11 @@ def main() -> None:
         except LMeasureError as error:
             _end(NO_ANSWER, *error.lines)
         except MemoryError as error:
-            _end(NO_ANSWER, said("this machine's memory is not enough for what was asked: {error}", error=error))
+            _end(NO_ANSWER, word("cli.memory", error=error))
         except OSError as error:
             if error.errno not in FULL or error.filename is not None:
                 _unforeseen(error)
-            _end(NO_ANSWER, said("standard output cannot be written: {error}", error=error.strerror))
+            _end(NO_ANSWER, word("cli.output", error=error.strerror))
         except Exception as error:
             if interrupts.came():  # while something was being loaded, which is now half there
                 _end(INTERRUPTED, str(CancelledError()))
@@ -165,37 +165,29 @@ def _unforeseen(error: Exception) -> NoReturn:
     from lmeasure.core import plug_in_of, plug_ins_in_use
 
     if package := plug_in_of(error):
-        text = "a fault of {package}, not of this program: {fault}; nothing was left half-written"
-        _end(NO_ANSWER, said(text, package=package, fault=fault))
-    _end(
-        NO_ANSWER,
-        said(
-            "a fault of this program, {fault}; nothing was left half-written. Please report this line, the command and its files; with "
-            "LMEASURE_DEBUG=1 set the command says more",
-            fault=fault + plug_ins_in_use(),
-        ),
-    )
+        _end(NO_ANSWER, word("cli.fault_of_package", package=package, fault=fault))
+    _end(NO_ANSWER, word("cli.fault", fault=fault + plug_ins_in_use()))
 
 
-def _end(code: "int | str | None", *texts: str, told: str = "") -> NoReturn:
+def _end(code: "int | str | None", *texts: str, printed: str = "") -> NoReturn:
     """End with that exit code, the texts on standard error, a line each, and what is still held of the output written, if it can be. The
-    texts, or one that was told already, are the error of `--json`."""
+    texts, or one that was printed already, are the error of `--json`."""
     lines = [line for line in (" ".join(text.split()) for text in texts) if line]
     for line in lines:
         print(f"lmeasure: {line}", file=sys.stderr)
     try:
-        if (lines or told) and isinstance(code, int) and sys.stdout is not None:
+        if (lines or printed) and isinstance(code, int) and sys.stdout is not None:
             from lmeasure.cli import machine
 
             if machine.asked():
-                print(machine.written(machine.of_error(code, lines or [told])))
+                print(machine.written(machine.of_error(code, lines or [printed])))
         if sys.stdout is not None:  # closed by whoever called
             sys.stdout.flush()
     except OSError as error:
         # the interpreter would try again at its end, and say so in its own way
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not lines:
-            lost = said("standard output cannot be written: {error}; files are whole", error=error.strerror)
+            lost = word("cli.output_files_whole", error=error.strerror)
             print(f"lmeasure: {lost}", file=sys.stderr)
         code = code or NO_ANSWER
     raise SystemExit(code) from None

@@ -13,8 +13,8 @@ from annotated_types import Ge, Le
 
 from lmeasure.cli import events, machine
 from lmeasure.cli.help import Command
-from lmeasure.cli.progress import FACES, Face, told_of_compiling, with_bar
-from lmeasure.cli.text import retold
+from lmeasure.cli.progress import FACES, Face, reported_compiling, with_bar
+from lmeasure.cli.text import rendered
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.workflows import Written, fields_of, flag_of, load, rows_of_numbers, said_of, written
 
@@ -41,7 +41,7 @@ def command(name: str) -> Any:
             # what was not typed is None, or empty where an option may be repeated
             settings = workflow.settings.model_validate({key: value for key, value in given.items() if value is not None and value != []})
             # a face talks to a person: beside JSON, on standard error
-            with events.tied(name), told_of_compiling(), contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+            with events.tied(name), reported_compiling(), contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
                 result = face(workflow, settings)
         except SettingsError as error:
             field = workflow.settings.model_fields.get(error.option)
@@ -49,16 +49,16 @@ def command(name: str) -> Any:
         if as_json:
             document = machine.of_result(name, result)
             if events.asked():
-                document |= {"told": [retold(line) for line in result.summary if line]}
-                document |= {"told_warnings": [retold(line) for line in document["warnings"]]}
+                document |= {"shown": [rendered(line) for line in result.summary if line]}
+                document |= {"shown_warnings": [rendered(line) for line in document["warnings"]]}
                 made = document["made"] if isinstance(document["made"], dict) else {}
-                document |= {"told_made": {key: retold(text) for key, text in made.items() if isinstance(text, str)}}
+                document |= {"shown_made": {key: rendered(text) for key, text in made.items() if isinstance(text, str)}}
             typer.echo(machine.written(document))
             if result.failure:
                 typer.echo(f"lmeasure: {' '.join(result.failure.split())}", err=True)
             raise typer.Exit(1 if result.failure else result.exit_code)
         for line in result.summary:
-            typer.echo(retold(line))
+            typer.echo(rendered(line))
         if result.failure:
             raise LMeasureError(result.failure)
         if result.exit_code:
@@ -100,12 +100,12 @@ def parameter(name: str, field: "FieldInfo") -> inspect.Parameter:
     if form.choices or "words" in said:
         about["autocompletion"] = _completion(form.choices, said.get("words"))
     if "positional" in said:
-        told = typer.Argument(**about)
+        declared = typer.Argument(**about)
     else:
         short = [said["short"]] if "short" in said else []
-        told = typer.Option(flag_of(name, field), *short, rich_help_panel=said.get("panel"), **about)
+        declared = typer.Option(flag_of(name, field), *short, rich_help_panel=said.get("panel"), **about)
     kind = list[form.kind] if form.repeated else form.kind  # type: ignore[name-defined]
     required = inspect.Parameter.empty if field.is_required() else form.default
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=required, annotation=Annotated[kind | None if form.optional else kind, told]
+        name, inspect.Parameter.KEYWORD_ONLY, default=required, annotation=Annotated[kind | None if form.optional else kind, declared]
     )

@@ -3,7 +3,7 @@
 Asked for by LMEASURE_EVENTS=1 in the environment, beside `--json`, whose document stays alone on standard output. Each line has
 `event`: progress (fraction, text), said (text), state (text), asked (text, number, of), live (a recording, its pose), compiling (text).
 What such a command reads on standard input are the answers; where standard input ends, whoever asked is gone, and the command ends as by
-Ctrl-C: what was recorded is kept (docs/command-line.md). The document has `told` beside `summary`: its lines in the language of who reads.
+Ctrl-C: what was recorded is kept (docs/command-line.md). The document has `shown` beside `summary`: its lines in the language of who reads.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from lmeasure.cli.text import retold, said
+from lmeasure.cli.text import rendered, word
 from lmeasure.text import of_terminal, texts
 
 if TYPE_CHECKING:
@@ -52,14 +52,14 @@ class Paced:
         self._event, self._text, self._last = event, "", -math.inf
 
     def due(self) -> bool:
-        """Whether an event without a new text would be told now."""
+        """Whether an event without a new text would be sent now."""
         return time.monotonic() - self._last >= REFRESH_S
 
     def __call__(self, text: str, **values: Any) -> None:
         now = time.monotonic()
         if (text != self._text and self._event != "state") or now - self._last >= REFRESH_S:
             self._text, self._last = text, now
-            tell(self._event, text=retold(text), **values)
+            tell(self._event, text=rendered(text), **values)
 
 
 def progress(label: str) -> Any:
@@ -88,10 +88,10 @@ def _end_with_input() -> None:
 
 def live(state: "State", pose: "PoseWatch | str") -> None:
     """The state of a recording: rates per channel, faults, and the pose of the last sample or why there is none."""
-    global _told
-    if time.monotonic() - _told < REFRESH_S:
+    global _shown
+    if time.monotonic() - _shown < REFRESH_S:
         return
-    _told = time.monotonic()
+    _shown = time.monotonic()
     from lmeasure.cli.live import stale
 
     rows = zip(state.channels, state.counts, state.rates, state.speeds_mm_s, strict=True)
@@ -101,32 +101,32 @@ def live(state: "State", pose: "PoseWatch | str") -> None:
         samples=state.samples,
         frames=state.frames,
         faults=dict(state.faults),
-        faults_told=retold(", ".join(f"{n} {kind}" for kind, n in sorted(state.faults.items()))).replace("_", " "),
+        faults_shown=rendered(", ".join(f"{n} {kind}" for kind, n in sorted(state.faults.items()))).replace("_", " "),
         latency_s=_number(state.latency_s),
         newest_s=_number(state.newest_s),
         lost=state.lost,
         disk_free=state.disk_free,
         channels=[{"name": n, "count": _number(c), "counts_s": _number(r), "mm_s": _number(v)} for n, c, r, v in rows],
-        pose={"status": "", "told": said("no counts"), "text": ""} if stale(state) else _pose(pose),
+        pose={"status": "", "shown": word("acquisition.no_counts"), "text": ""} if stale(state) else _pose(pose),
     )
 
 
-_told = -math.inf
+_shown = -math.inf
 
 
 def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
     if isinstance(watch, str):
-        return {"status": "", "told": "", "text": retold(watch)}
+        return {"status": "", "shown": "", "text": rendered(watch)}
     from lmeasure.cli.live import u95_mm
 
     latest = watch.latest
     if latest is None:
-        return {"status": "", "told": "", "text": ""}
+        return {"status": "", "shown": "", "text": ""}
     if latest.status != "ok":
-        return {"status": latest.status, "told": _status(latest.status), "text": retold(watch.why)}
+        return {"status": latest.status, "shown": _status(latest.status), "text": rendered(watch.why)}
     return {
         "status": "ok",
-        "told": "",
+        "shown": "",
         "u95_mm": u95_mm(watch),
         "position_mm": [float(v) for v in latest.pose[:3]],
         "angles": watch.angles(),
@@ -136,9 +136,9 @@ def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
     }
 
 
-def _status(word: str) -> str:
+def _status(name: str) -> str:
     """What a sample is that has no pose, in the words of who reads."""
-    return texts(of_terminal(), "trajectory").get(f"status.{word}", said("the start is not known yet"))
+    return texts(of_terminal(), "trajectory").get(f"status.{name}", word("cli.start_unknown"))
 
 
 def captured(session: "Session") -> None:
@@ -147,7 +147,7 @@ def captured(session: "Session") -> None:
 
     if _captured.due():
         state = state_of(session)
-        _captured("", **state | {"doubted": retold(state["doubted"])})
+        _captured("", **state | {"doubted": rendered(state["doubted"])})
 
 
 _captured = Paced("capture")
@@ -155,8 +155,8 @@ _captured = Paced("capture")
 
 def spoken(seconds: float, lines: "tuple[Spoken, ...]") -> None:
     """Who speaks on a bus."""
-    told = [{"name": o.name, "frames": o.frames, "rate_hz": o.rate_hz, "data": o.data.hex(" "), "lit": o.lit} for o in lines]
-    _spoken("", seconds=seconds, lines=told)
+    reported = [{"name": o.name, "frames": o.frames, "rate_hz": o.rate_hz, "data": o.data.hex(" "), "lit": o.lit} for o in lines]
+    _spoken("", seconds=seconds, lines=reported)
 
 
 _spoken = Paced("scan")
@@ -171,7 +171,7 @@ _moved = Paced("moved")
 
 
 def played(cell: "PlayedCell") -> None:
-    """What a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is told."""
+    """What a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is given."""
     _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at(), cables=cell.cables, out=cell.out, poses=cell.poses)
 
 

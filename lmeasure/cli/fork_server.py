@@ -2,7 +2,7 @@
 
 `python -P -m lmeasure.cli.fork_server FD` of the workbench (lmeasure.workbench.processes), which holds the other end of the socket FD. Each
 message there brings four descriptors: standard input, output and error of a command, and a socket of its own, on which its process id is
-answered, then its working directory, environment and words are read (JSON in one line), and at the end its exit code is told. The process
+answered, then its working directory, environment and words are read (JSON in one line), and at the end its exit code is given. The process
 ends with the socket FD. It never computes, and it never forks while another thread lives, which would not be there in its children.
 """
 
@@ -64,37 +64,37 @@ def answered(control: socket.socket) -> Command | None:
         while True:
             for key, _ in waiting.select():
                 if key.fileobj is not control:
-                    process, told = ends.pop(key.fd)
+                    process, reported = ends.pop(key.fd)
                     waiting.unregister(key.fd)
                     os.close(key.fd)
-                    _tell(told, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]))
-                    told.close()
+                    _tell(reported, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]))
+                    reported.close()
                     continue
                 message, descriptors, _, _ = socket.recv_fds(control, len(ONE), 4)
                 if not message:
                     return None
-                told = socket.socket(fileno=descriptors[3])
+                reported = socket.socket(fileno=descriptors[3])
                 process = os.fork()
                 if process == 0:
                     for watched, (_, other) in ends.items():
                         os.close(watched)
                         other.close()
                     control.close()
-                    return _became(descriptors[:3], told)
+                    return _became(descriptors[:3], reported)
                 for descriptor in descriptors[:3]:
                     os.close(descriptor)
                 watched = os.pidfd_open(process)
-                ends[watched] = (process, told)
+                ends[watched] = (process, reported)
                 waiting.register(watched, selectors.EVENT_READ)
-                _tell(told, process)
+                _tell(reported, process)
 
 
-def _tell(told: socket.socket, number: int) -> None:
+def _tell(reported: socket.socket, number: int) -> None:
     with contextlib.suppress(OSError):  # whoever asked is gone
-        told.sendall(b"%d\n" % number)
+        reported.sendall(b"%d\n" % number)
 
 
-def _became(standard: list[int], told: socket.socket) -> Command | None:
+def _became(standard: list[int], reported: socket.socket) -> Command | None:
     """In a child: its standard input, output and error, and what it shall do; None where whoever asked is gone."""
     for place, descriptor in enumerate(standard):
         os.dup2(descriptor, place)
@@ -105,7 +105,7 @@ def _became(standard: list[int], told: socket.socket) -> Command | None:
         io.TextIOWrapper(open(place, "wb", buffering=0, closefd=False), encoding="utf-8", errors="backslashreplace", write_through=True)  # noqa: SIM115
         for place in (1, 2)
     )
-    with told, told.makefile("rb") as asked:
+    with reported, reported.makefile("rb") as asked:
         line = asked.readline()
     return Command(**json.loads(line)) if line.endswith(b"\n") else None
 

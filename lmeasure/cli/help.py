@@ -7,7 +7,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from lmeasure.cli.text import as_typed, word
+from lmeasure.cli.text import word
 from lmeasure.text import Message, of_terminal as language
 from lmeasure.workflows import COMMANDS, JOBS, command_help, help_of, job_name, panel_of
 
@@ -89,13 +89,13 @@ class Group(_InWords, TyperGroup):
 
 
 def wrong_use(error: typer.TyperException) -> str:
-    """What a person is told who typed what cannot be parsed."""
+    """What a person reads who typed what cannot be parsed."""
     lines = []
     ctx = getattr(error, "ctx", None)
     if ctx is not None:
         hint = word("cli.try_help", command=ctx.command_path, option=ctx.help_option_names[0])
         lines = [ctx.get_usage(), hint, ""]
-    return "\n".join([*lines, f"{word('cli.error')}: {as_typed(in_plain_words(error))}"])
+    return "\n".join([*lines, f"{word('cli.error')}: {in_reader_words(error)}"])
 
 
 def in_plain_words(error: typer.TyperException) -> str:
@@ -106,3 +106,19 @@ def in_plain_words(error: typer.TyperException) -> str:
 
         error.message = complaint(cause.errors(include_url=False)[0])
     return error.format_message()
+
+
+def in_reader_words(error: typer.TyperException) -> str:
+    """Return the parser's message in the language of the terminal; as the parser says it where it is of another kind."""
+    kind, english = type(error).__name__, in_plain_words(error)
+    known: Any = error
+    if kind == "NoSuchOption":
+        others = tuple(sorted(known.possibilities or ()))
+        return word("cli.no_such_option_likely" if others else "cli.no_such_option", name=known.option_name, others=others)
+    hint = getattr(known, "param_hint", None) or (known.param.get_error_hint() if getattr(known, "param", None) else "")
+    if kind == "MissingParameter" and hint:
+        argument = getattr(known.param, "param_type_name", "") == "argument"
+        return word("cli.missing_argument" if argument else "cli.missing_option", name=hint)
+    if kind == "BadParameter" and hint:
+        return word("cli.invalid_value", name=hint, why=error.message)
+    return english

@@ -41,9 +41,9 @@ def came() -> bool:
 def heeded(progress: Callable[[float, str], None]) -> Callable[[float, str], None]:
     """The progress that ends the work, with CancelledError, once Ctrl-C came."""
 
-    def told(fraction: float, text: str) -> None:
+    def reported(fraction: float, text: str) -> None:
         if _asked.is_set():
             raise CancelledError
         progress(fraction, text)
 
-    return told
+    return reported

@@ -12,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from lmeasure.acquisition import STALE_S, Progress
-from lmeasure.cli.text import retold, said
+from lmeasure.cli.text import rendered, word
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     from lmeasure.trajectory import PoseWatch
@@ -42,19 +43,19 @@ def live_table() -> Iterator[Callable[[Progress, "PoseWatch | str"], None]]:
 def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
     """One line on the whole, one row per channel, the pose, one line of faults."""
     rate = progress.samples / progress.seconds if progress.seconds > 0 else 0.0
-    head = f"{progress.seconds:8.1f} s  {progress.samples} samples ({rate:.0f}/s)  {progress.frames} frames"
+    head: str = message("cli.s_samples_s_frames", seconds=progress.seconds, samples=progress.samples, rate=rate, frames=progress.frames)
     if progress.latency_s is not None:
-        head += f"  latency {1e3 * progress.latency_s:.1f} ms"
-    table = Table(*(said(word) for word in ("channel", "count", "counts/s", "mm/s")), box=None)
+        head += message("cli.latency_ms", latency_s=1000.0 * progress.latency_s)
+    table = Table(*(word(f"cli.column.{name}") for name in ("channel", "count", "counts_s", "mm_s")), box=None)
     for column in table.columns[1:]:
         column.justify = "right"
     for channel, count, speed, mm in zip(progress.channels, progress.counts, progress.rates, progress.speeds_mm_s, strict=True):
         cells = ("-" if value != value else f"{value:+.0f}" for value in (count, speed, mm))
         table.add_row(channel, *cells)
-    faults = ", ".join(f"{n} {kind}" for kind, n in sorted(progress.faults.items())) or "no faults"
+    faults = ", ".join(f"{n} {kind}" for kind, n in sorted(progress.faults.items())) or message("acquisition.no_faults")
     where = "pose: -" if stale(progress) else pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
-    lines = [Text(retold(where))] if where else []
-    return Group(Text(retold(head)), table, *lines, Text(retold(faults), style="red" if progress.faults else "green"))
+    lines = [Text(rendered(where))] if where else []
+    return Group(Text(rendered(head)), table, *lines, Text(rendered(faults), style="red" if progress.faults else "green"))
 
 
 def stale(progress: Progress) -> bool:
@@ -85,4 +86,4 @@ def _pose(watch: "PoseWatch", origin_s: float | None) -> str:
     stated = "" if u95 is None else f" within {u95:.3f} (95 %)"
     text = f"pose: ({place}) mm{stated}  quaternion ({turn})  worst pressure angle {latest.worst_pressure_angle_deg:.0f} deg"
     latency = watch.latency_s(origin_s)
-    return text if latency is None else f"{text}  frame to pose {1e3 * latency:.1f} ms"
+    return text if latency is None else message("cli.frame_pose_ms", v1=text, latency=1000.0 * latency)

@@ -10,9 +10,10 @@ import typer
 from lmeasure.cli import events
 from lmeasure.cli.interrupts import heeded
 from lmeasure.cli.terminal import TypedLines, columns, fitted, state_line
-from lmeasure.cli.text import retold, said
+from lmeasure.cli.text import rendered, stage, word
 from lmeasure.core import CancelledError, SettingsError
 from lmeasure.kernels import compilation
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Check, Step
@@ -56,8 +57,8 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
     with state_line(keys) as (say, show):
 
         def ask(step: "Step") -> str:
-            text = retold(step.text)
-            say(f"{step.number}/{step.of} " + said("{text}, then press Enter", text=text))
+            text = rendered(step.text)
+            say(f"{step.number}/{step.of} {word('cli.press_enter', text=text)}")
             if events.asked():  # a page has a button for it
                 events.tell("asked", text=text, number=step.number, of=step.of, act=step.act)
             while not (lines := keys.typed()):
@@ -80,7 +81,7 @@ def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
     on_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def ask(text: str) -> str:
-        return str(typer.prompt("\n".join(fitted(retold(text), columns())), default="", show_default=False, prompt_suffix=": "))
+        return str(typer.prompt("\n".join(fitted(rendered(text), columns())), default="", show_default=False, prompt_suffix=": "))
 
     keys = TypedLines()
     with state_line(keys) as (say, line):
@@ -118,7 +119,7 @@ def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 
     def ask(question: str, default: str) -> str:
         try:
-            return str(typer.prompt(retold(question), default=default))
+            return str(typer.prompt(rendered(question), default=default))
         except typer.Abort:
             if sys.stdin is not None and sys.stdin.isatty():
                 raise
@@ -144,14 +145,7 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 
         raise LMeasureError(f"the workbench needs {error.name}, which is not installed: {how_to_install('workbench')}") from error
 
-    def told(fraction: float, address: str) -> None:
-        text = (
-            "The workbench is at {address} (which lets in one browser of this machine, once; "
-            ".workbench/address in the project has the next). Ctrl-C ends it"
-        )
-        typer.echo(said(text, address=address))
-
-    return workflow.run(settings, told, serve=serve)
+    return workflow.run(settings, lambda fraction, address: typer.echo(word("cli.workbench_at", address=address)), serve=serve)
 
 
 Face = Callable[["Workflow", Any], "Result[Any]"]
@@ -165,33 +159,31 @@ FACES: dict[str, Face] = {
     "record": recording,
     "watch": watching,
     "workbench": in_browser,
-    "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(retold(text))),
+    "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(rendered(text))),
 }
 """Of commands that show something else than a bar."""
 
 
 @contextmanager
-def told_of_compiling() -> Iterator[None]:
+def reported_compiling() -> Iterator[None]:
     """Says on a terminal that kernels are being compiled, which takes long once, and afterwards for how long it was."""
 
     def begun(name: str) -> None:
-        first = "lmeasure: compiling the numerical kernels for this machine, half a minute to two; later calls load them ({name} ...)"
-        print(said(first, name=name), file=sys.stderr, flush=True)
+        print(word("cli.compiling", name=name), file=sys.stderr, flush=True)
 
-    def told(name: str) -> None:
+    def listed(name: str) -> None:
         events.tell("compiling", text=name)
 
     before, since = len(compilation.names), compilation.seconds
     on_terminal = not events.asked() and sys.stderr is not None and sys.stderr.isatty()
-    compilation.begun = told if events.asked() else begun if on_terminal else None
+    compilation.begun = listed if events.asked() else begun if on_terminal else None
     try:
         yield
     finally:
         done = compilation.names[before:]
         if on_terminal and done:
-            last = "lmeasure: compiled {count} kernels in {seconds} s, kept for later: {names}"
-            names = ", ".join(dict.fromkeys(done))
-            print(said(last, count=len(done), seconds=f"{compilation.seconds - since:.0f}", names=names), file=sys.stderr, flush=True)
+            values = {"count": len(done), "seconds": compilation.seconds - since, "names": tuple(dict.fromkeys(done))}
+            print(word("cli.compiled", **values), file=sys.stderr, flush=True)
         compilation.begun = None
 
 
@@ -202,7 +194,7 @@ def bar(label: str) -> "Iterator[Progress]":
     It vanishes when the work is done, and is not there at all where nobody watches: an error stays one line.
     """
     if events.asked():
-        yield events.progress(said(label))
+        yield events.progress(stage(label))
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -210,15 +202,15 @@ def bar(label: str) -> "Iterator[Progress]":
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        task = shown.add_task(said(label), total=None)
-        yield lambda fraction, text: shown.update(task, completed=fraction, total=1.0, description=said(text))
+        task = shown.add_task(stage(label), total=None)
+        yield lambda fraction, text: shown.update(task, completed=fraction, total=1.0, description=stage(text))
 
 
 @contextmanager
 def stages() -> "Iterator[Progress]":
     """A line for each stage on stderr, on a terminal with a bar and its time."""
     if events.asked():
-        yield events.progress(said("load"))
+        yield events.progress(stage("load"))
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -227,22 +219,22 @@ def stages() -> "Iterator[Progress]":
     if not console.is_terminal:
         begun: set[str] = {"load"}
 
-        def say(fraction: float, stage: str) -> None:
-            if stage not in begun:
-                begun.add(stage)
-                typer.echo(said(stage), err=True)
+        def say(fraction: float, name: str) -> None:
+            if name not in begun:
+                begun.add(name)
+                typer.echo(stage(name), err=True)
 
         yield say
         return
     with Progress(TextColumn("{task.description:34}"), BarColumn(), TimeElapsedColumn(), console=console) as shown:
-        tasks: dict[str, TaskID] = {"load": shown.add_task(said("load"), total=None)}
+        tasks: dict[str, TaskID] = {"load": shown.add_task(stage("load"), total=None)}
         current = tasks["load"]
 
-        def step(fraction: float, stage: str) -> None:
+        def step(fraction: float, name: str) -> None:
             nonlocal current
-            if stage not in tasks:
+            if name not in tasks:
                 shown.update(current, completed=1, total=1)
-                tasks[stage] = current = shown.add_task(said(stage), total=None)
+                tasks[name] = current = shown.add_task(stage(name), total=None)
             shown.update(current, completed=fraction or None, total=1.0 if fraction else None)
 
         yield step
@@ -258,7 +250,7 @@ def _print(result: "Check") -> None:
     def number(value: float | None, form: str) -> str:
         return "-" if value is None else f"{value:{form}}"
 
-    head = [said(word) for word in ("cable", "channel", "moved", "+-", "stroke mm", "slack mm", "counts/turn")]
+    head = [word(f"cli.column.{name}") for name in ("cable", "channel", "moved", "direction", "stroke_mm", "slack_mm", "counts_turn")]
     rows = [
         [c.cable, c.channel, c.moved or "-", sign(c.direction), number(c.stroke_mm, ".1f"), number(c.slack_mm, "+.3f")]
         + ["-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} / {c.expected_per_turn:g}", "" if c.faults else "ok"]
@@ -266,15 +258,15 @@ def _print(result: "Check") -> None:
     ]
     lines = _table([[*head, ""], *rows])
     if result.encoders:
-        head = [said(word) for word in ("encoder", "channel", "moved", "+-", "turned deg", "back deg")]
+        head = [word(f"cli.column.{name}") for name in ("encoder", "channel", "moved", "direction", "turned_deg", "back_deg")]
         rows = [
             [e.what.removeprefix("swivel of ").removeprefix("inclination "), e.channel, e.moved or "-", sign(e.direction)]
             + [number(e.turned_deg, ".1f"), number(e.back_deg, "+.3f"), "" if e.faults else "ok"]
             for e in result.encoders
         ]
         lines += _table([[*head, ""], *rows])
-    rest = f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts"
-    lines += [retold(line) for line in (rest, *(f"fault: {fault}" for fault in result.all_faults))]
+    rest = message("cli.samples_s_rest_counters", rate=result.rate_hz, counts=max(result.spread.values()))
+    lines += [rendered(line) for line in (rest, *(message("line.fault", text=fault) for fault in result.all_faults))]
     for line in lines:
         for part in fitted(line, columns()) if sys.stdout.isatty() else [line]:
             typer.echo(part)

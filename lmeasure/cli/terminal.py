@@ -15,7 +15,7 @@ from typing import Any
 import typer
 
 from lmeasure.cli import events
-from lmeasure.cli.text import retold
+from lmeasure.cli.text import rendered
 
 LEAST_COLUMNS = 20
 REDRAWN_S = 0.1
@@ -70,7 +70,7 @@ def cut(text: str, width: int) -> str:
 class TypedLines:
     """Lines of standard input as they are typed, read beside the work; nothing is read before the first question for them.
 
-    On a terminal that can be told so, letters are shown by `state_line` and not by the terminal, which would put them where a line is being
+    On a terminal that lets them, letters are shown by `state_line` and not by the terminal, which would put them where a line is being
     renewed: pending is what has been typed of the line that is not ended.
     """
 
@@ -93,7 +93,7 @@ class TypedLines:
 
     def answer(self, text: str) -> str:
         """The next line, as the answer to a question of another program's page; typer.Abort where there is none."""
-        events.tell("asked", text=retold(text), number=0, of=0)
+        events.tell("asked", text=rendered(text), number=0, of=0)
         while not (lines := self.typed()):
             if self.gone:
                 raise typer.Abort
@@ -156,7 +156,7 @@ def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str]
     """What prints lines, and what renews one on a terminal, ten times a second at most, with what is being typed at its end. Both in the
     reader's language, and none wider than the terminal."""
     if events.asked():
-        yield lambda text: events.tell("said", text="\n".join(map(retold, text.split("\n")))), events.Paced("state")
+        yield lambda text: events.tell("said", text="\n".join(map(rendered, text.split("\n")))), events.Paced("state")
         return
     on_terminal = sys.stderr is not None and sys.stderr.isatty()
     shown, state = 0.0, ""
@@ -168,7 +168,7 @@ def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str]
         state = ""
 
     def say(text: str) -> None:
-        text = "\n".join(map(retold, text.split("\n")))
+        text = "\n".join(map(rendered, text.split("\n")))
         if on_terminal:
             clear()
         for line in fitted(text, columns()) if on_terminal and sys.stdout.isatty() else [text]:
@@ -180,7 +180,7 @@ def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str]
             return
         width, pending = columns(), "" if keys is None else keys.pending
         typed = f"  > {pending[-width // 2 :]}" if pending else ""
-        new = cut(retold(text), width - len(typed)) + typed
+        new = cut(rendered(text), width - len(typed)) + typed
         print(f"\r{new:{min(len(state), width)}}", end="\b" * max(min(len(state), width) - len(new), 0), file=sys.stderr, flush=True)
         shown, state = time.monotonic(), new
 

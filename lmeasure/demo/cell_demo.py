@@ -29,6 +29,7 @@ from scipy.stats import chi2
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.sensors import span_lengths
+from lmeasure.text import message
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 HELD_OUT_POSES = 150
@@ -94,9 +95,9 @@ def point_error(rig: Rig, true: Rig) -> float:
 STAGES = COUNT, CALIBRATE, RECORD, RECONSTRUCT, MAP, DRAW = (
     COUNT,
     CALIBRATE,
-    "record a motion over the bus",
+    message("demo.record_motion_over_bus"),
     "reconstruct",
-    "map the zone",
+    message("demo.map_zone"),
     "draw",
 )
 

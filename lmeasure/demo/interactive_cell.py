@@ -18,6 +18,7 @@ from lmeasure.rig import Observed, Rig
 from lmeasure.robots import cell_robot
 from lmeasure.sensors import counts_from_poses, drawn_phases, recorded_from_counts
 from lmeasure.simulation import Leg, scattered_poses, smooth_path
+from lmeasure.text import message
 
 PULL_MM = 100.0
 HAND_S = 0.5
@@ -138,7 +139,7 @@ class PlayedCell:
         if word == HOME and not name:
             self._go(self.home)
             self.at = HOME
-            return "the robot goes home"
+            return message("demo.robot_goes_home")
         if word == "go":
             return self._go_to(name)
         if word == "run" and not name:
@@ -153,21 +154,21 @@ class PlayedCell:
         k = (much if of.is_length else math.radians(much)) / of.per_count
         self._pulled[j] += k
         self._move_hand(j, k)
-        return f"{name} is pulled out by {much:g} mm" if unit == "mm" else f"{name} is turned by {much:g} degrees"
+        return message("demo.pulled_out_mm", name=name, much=much) if unit == "mm" else message("demo.turned_degrees", name=name, much=much)
 
     def _let(self, name: str) -> str:
         j = self._channel(name)
         held = self._pulled if self._pulled[j] else self._turned  # a turn from before stays: only what was pulled comes back
         self._move_hand(j, -float(held[j]))
         held[j] = 0.0
-        return f"{name} is let back"
+        return message("demo.let_back", name=name)
 
     def _turn(self, name: str) -> str:
         j = self._channel(name)
         k = float(self.rig.counter(self._observed[j]).counts_per_revolution)
         self._turned[j] += k
         self._move_hand(j, k)
-        return f"{name}: its drum is turned once"
+        return message("demo.drum_turned_once", name=name)
 
     def _channel(self, name: str) -> int:
         """By a cable's or an encoder's name, its point or its channel."""
@@ -193,7 +194,7 @@ class PlayedCell:
         i = self._poses.names.index(name)
         self._go(se3.displaced(self._poses.rows[i], self._errors[i]))
         self.at = name
-        return f"the robot goes to pose {name}"
+        return message("demo.robot_goes_pose", name=name)
 
     def _go(self, pose: FloatArray) -> None:
         for j in np.flatnonzero(self._turned):  # nobody holds a drum any more: its spring winds the loose cable up
@@ -205,7 +206,7 @@ class PlayedCell:
         self._go(self.home)
         self._follow(self._motion)
         self.at = HOME
-        return f"the robot runs its motion, {len(self._motion) / self._rate_hz:.0f} s"
+        return message("demo.robot_runs_motion_s", seconds=len(self._motion) / self._rate_hz)
 
     def _follow(self, poses: FloatArray) -> None:
         self._rows.extend(self._recorded(poses, np.broadcast_to(self._hand, (len(poses), len(self._hand)))))

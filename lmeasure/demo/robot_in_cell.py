@@ -19,14 +19,14 @@ from lmeasure.iso9283 import CertificationSettings, Tests, campaign, evaluate, l
 from lmeasure.recording import POSITION_COLUMNS, Program, read_run, write_program, write_run
 from lmeasure.robots import RATED_LOAD_KG, RATED_SPEED_MM_S, cell_robot
 from lmeasure.simulation import cell_rig
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
 
 ROBOT_STAGES = COUNT, CALIBRATE, PERFORM, RECORD, RECONSTRUCT, CERTIFY, *_, DRAW = (
     COUNT,
     CALIBRATE,
-    "let the robot run its test program",
-    "record it over the bus",
+    message("demo.let_robot_run_test"),
+    message("demo.record_over_bus"),
     "reconstruct",
     "certify",
     *LOOP_STAGES,
@@ -186,6 +186,6 @@ def _remarks(held: tuple[Held, ...], settings: CertificationSettings) -> tuple[s
     inside = Counter(h.inside for h in held)[True]
     capable = Counter(h.capable for h in held)[True]
     return (
-        f"{inside} of {len(held)} characteristics lie within U95 of the truth; the calibration's error is one draw that all of them share",
-        f"the instrument is capable of {capable} of them: U95 is at most {settings.capability:.0%} of the characteristic",
+        message("demo.characteristics_lie_within_u95", inside=inside, of=len(held)),
+        message("demo.instrument_capable_them_u95", capable=capable, part=settings.capability),
     )

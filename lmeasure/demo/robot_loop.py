@@ -40,14 +40,14 @@ from lmeasure.robots import (
     write_robot,
 )
 from lmeasure.simulation import WORK_SPACE_MM, WORK_TILT_RAD, scattered_poses
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.trajectory import Stated, reconstruct, write_trajectory
 
 LOOP_STAGES = IDENTIFY, CORRECT, AGAIN, CERTIFY_AGAIN = (
-    "identify the robot",
-    "correct its program",
-    "let it run the corrected program",
-    "certify it again",
+    message("demo.identify_robot"),
+    message("demo.correct_program"),
+    message("demo.let_run_corrected_program"),
+    message("demo.certify_again"),
 )
 COMPARED = COMPARISON, PAGE = "comparison.json", "comparison.html"
 """Both certificates side by side: the figures, and what a person looks at."""

@@ -224,8 +224,11 @@ def _into(there: Any, content: Mapping[str, Any]) -> None:
             there[key] = value
 
 
-def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> None:
-    """Write .csv or .parquet, whole or not at all. NaN becomes an empty cell in CSV; metadata is kept in Parquet's schema.
+Metadata = Mapping[str, str] | Callable[[], Mapping[str, str]]
+
+
+def write_table(path: Path, columns: Mapping[str, Any], metadata: Metadata | None = None) -> None:
+    """Write .csv or .parquet, whole or not at all. NaN becomes an empty cell in CSV; metadata is kept in Parquet.
 
     Numbers are written in full: text reads back to the same double.
     """
@@ -234,8 +237,9 @@ def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, s
 
 
 @contextmanager
-def table_writer(path: Path, metadata: Mapping[str, str] | None = None) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """`write_table` in pieces: the function it gives takes the columns of the next rows; the file stands when the block ends."""
+def table_writer(path: Path, metadata: Metadata | None = None) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """Write a table in pieces: the function it gives takes the columns of the next rows. The file is whole when the block ends, and
+    metadata is requested then."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in {".csv", ".parquet"}:
@@ -247,7 +251,7 @@ def table_writer(path: Path, metadata: Mapping[str, str] | None = None) -> Itera
             nonlocal writer
             data = pa.table({name: _arrow(values, nan_is_null=suffix == ".csv") for name, values in columns.items()})
             if writer is None:
-                schema = data.schema.with_metadata(dict(metadata)) if metadata else data.schema
+                schema = data.schema
                 if suffix == ".parquet":
                     writer = pa.parquet.ParquetWriter(temporary, schema, compression="zstd")
                 else:
@@ -259,6 +263,8 @@ def table_writer(path: Path, metadata: Mapping[str, str] | None = None) -> Itera
             yield write
         finally:
             if writer is not None:
+                if metadata is not None and suffix == ".parquet":
+                    writer.add_key_value_metadata(dict(metadata() if callable(metadata) else metadata))
                 writer.close()
 
 

@@ -69,6 +69,10 @@ class Table:
     def __len__(self) -> int:
         return int(self._data.num_rows)
 
+    def kept(self, key: str) -> str:
+        """Return what a Parquet file keeps beside its columns by a key; empty where it keeps nothing."""
+        return str((self._data.schema.metadata or {}).get(key.encode(), b"").decode())
+
     def behind(self, rows: int) -> "Table":
         """The rows from that number on."""
         return Table(self.path, self._data.slice(rows), self.first + rows)

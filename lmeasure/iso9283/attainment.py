@@ -23,7 +23,7 @@ LARGEST_MISS = 0.05
 """Of a program's size: farther off is not a robot that misses poses."""
 
 Convention = tuple[str | None, tuple[Message, ...]]
-"""In which component-wise angles are told, None where they tell nothing, and what is to be said of it."""
+"""In which component-wise angles are given, None where they tell nothing, and what is to be said of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ def attained(
     trajectory: Trajectory, program: Program, settings: CertificationSettings, stamps: Stamps, *, rig_angles: str | None
 ) -> Attainment:
     """What a trajectory holds of a program, rig_angles: the rig's convention of angles, where nobody asks for another. CertificationError
-    names the window and the sample where a pose or path cannot be told."""
+    names the window and the sample where a pose or path cannot be determined."""
     stated = settings.angles or program.angles
     angles = stated or rig_angles or conventions.DEFAULT
     conventions.convention(angles)
@@ -138,7 +138,7 @@ def _check_order(poses: Sequence[AttainedPose], program: Program, still_mm: floa
             said = "the program runs in another order than its windows say"
             if ELSEWHERE**2 * miss > own[j]:
                 said = (
-                    f"it stands so far from all poses ({miss:.4g} mm from the nearest one, in the median) that their order cannot be told; "
+                    f"it stands so far from all poses ({miss:.4g} mm from the nearest one, in the median) that their order is unknown; "
                     "the robot is not the one that the program was made for, or the program's frame is another"
                 )
             raise CertificationError(

@@ -125,5 +125,5 @@ class Characteristic:
         if self.conformity is not None:
             out["conformity"] = {k: v for k, v in vars(self.conformity).items() if v is not None}
         del out["stated"]
-        told = {k: str(v) if isinstance(v, Message) else v for k, v in out.items() if v is not None}
-        return told if self.stated else told | {"u95": None, "capable": None}
+        reported = {k: str(v) if isinstance(v, Message) else v for k, v in out.items() if v is not None}
+        return reported if self.stated else reported | {"u95": None, "capable": None}

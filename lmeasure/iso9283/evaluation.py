@@ -26,7 +26,7 @@ from lmeasure.iso9283.paths import LEAST_PLANES, Crossings
 from lmeasure.iso9283.settings import CertificationSettings, CertificationSettings as Settings
 from lmeasure.iso9283.uncertainty import Spread, propagate
 from lmeasure.recording import Program, Run
-from lmeasure.text import Message, message, recognised, within
+from lmeasure.text import Message, message, within
 from lmeasure.trajectory import (
     SUSPECTED,
     AttainedPose,
@@ -82,9 +82,7 @@ def exclusions(
         windows = [window(trajectory, *w, str(test.subject.said)) for w in test.windows]
         seen = {cause for samples in windows for cause in trajectory.cause[samples].tolist()} & suspected.keys()
         if seen:
-            # sealed folders hold the values as they are printed
-            step = str(suspected[min(seen, key=str)].values["step"])
-            reasons[test.subject] = message(SUSPECTED, step=recognised(step) or step)
+            reasons[test.subject] = message(SUSPECTED, step=suspected[min(seen)].values["step"])
     return Exclusions(reasons, tuple(findings))
 
 
@@ -183,7 +181,7 @@ def evaluate(
     covariances: where the errors of poses come from; by default the run's rig and calibration, or without a run the uncertainties of the
     trajectory, whose common part is not known and is therefore taken as whatever is worse for each figure. Parts without windows are looked
     for in the trajectory's rests. stamps: as judged already, else by the motion
-    itself. CertificationError names the window and sample when a pose or path cannot be told.
+    itself. CertificationError names the window and sample when a pose or path cannot be determined.
     """
     settings = settings or Settings()
     _check(trajectory, program, settings)
@@ -215,7 +213,7 @@ def evaluate(
     motion = Motion(trajectory, given.frame, lambda at: [law(at) for law in laws], stamps=stamps, settings=settings)
     known = {c.key: c.value for c in found}
     read = [(test, test.read(motion, known)) for test in tests]
-    found += [replace(c, excluded=excluded.reason(test.needs)) for test, told in read for c in told.characteristics]
+    found += [replace(c, excluded=excluded.reason(test.needs)) for test, reported in read for c in reported.characteristics]
     twice = [str(key) for key, times in Counter(c.key for c in found).items() if times > 1]
     if twice and program.characteristics:
         added = ", ".join(program.characteristics)
@@ -238,7 +236,7 @@ def evaluate(
             *found_windows,
             *(said for test in tests for said in test.findings),
             *excluded.findings,
-            *(said for _, told in read for said in told.findings),
+            *(said for _, reported in read for said in reported.findings),
         ),
     )
 
@@ -297,7 +295,7 @@ def _unstated(trajectory: Trajectory, settings: Settings) -> tuple[str, ...]:
 
 
 def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None:
-    """What no figure can be told from."""
+    """What no figure can be determined from."""
     if not (program.pose or program.path):
         raise CertificationError("the program has neither poses nor paths")
     back = np.flatnonzero(~(np.diff(trajectory.time_s) > 0.0))

@@ -138,7 +138,7 @@ class Reading:
     largest: bool = False
     origin: FloatArray | None = None
 
-    def told(self, figures: FloatArray) -> FloatArray:
+    def reported(self, figures: FloatArray) -> FloatArray:
         """Figures (..., q), those that are NaN being `never`."""
         return np.where(np.isnan(figures), self.never, figures)
 
@@ -245,8 +245,8 @@ class Motion:
             finer = stretch.finer(reading.limit_mm)
             vectors, of_half, of_quarter = (_vectors(stretch.poses[:, :3], stretch, finer, reading.origin, every) for every in (1, 2, 4))
             values.append(reading.of(finer.time_s, *vectors))
-            halves.append(reading.told(reading.of(finer.time_s, *of_half)))
-            quarters.append(reading.told(reading.of(finer.time_s, *of_quarter)))
+            halves.append(reading.reported(reading.of(finer.time_s, *of_half)))
+            quarters.append(reading.reported(reading.of(finer.time_s, *of_quarter)))
             found.append((finer, finer.near([reading.size(v) for v in vectors], reading.limit_mm, reach, largest=reading.largest)))
         by_half, by_quarter = (np.abs(np.array(a) - np.array(b)) for a, b in ((values, halves), (halves, quarters)))
         nearer = np.divide(by_half, by_quarter, out=np.ones_like(by_half), where=by_quarter > by_half)
@@ -262,7 +262,7 @@ class Motion:
         rng = np.random.default_rng([self._settings.seed, int(cycles[0].samples[0])])
 
         def figures(finer: Finer, points: IntArray, vectors: Sequence[FloatArray]) -> FloatArray:
-            return reading.told(reading.of(finer.time_s[points], *vectors))
+            return reading.reported(reading.of(finer.time_s[points], *vectors))
 
         likely = [
             [v[points] for v in _vectors(s.moved(s.places[-1])[:, 3:] + s.poses[s.places[-1], :3].mean(axis=0), s, finer, reading.origin)]

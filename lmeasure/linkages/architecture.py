@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.linkages.singularity import link_rows
+from lmeasure.text import message
 
 POSES = 6
 SINGULAR = 1e-5
@@ -33,13 +34,13 @@ def architecturally_singular(base: FloatArray, platform: FloatArray) -> str | No
         return None
     for points, name in ((a, "base"), (b, "platform")):
         if _flatness(points, 1):
-            return f"all points of the {name} lie on one line"
+            return message("linkages.all_points_lie_one", body=message(f"linkages.{name}"))
     four = next((list(i) for i in itertools.combinations(range(6), 4) if _flatness(a[list(i)], 1) and _flatness(b[list(i)], 1)), None)
     if four is not None:
-        return f"links {', '.join(str(i + 1) for i in four)} join points in the same ratios on two lines"
+        return message("linkages.links_join_points_same", links=tuple(str(i + 1) for i in four))
     if _flatness(a, 2) and _flatness(b, 2):
-        return f"base and platform are {'similar ' if _similar(a, b) else ''}plane figures on conics, one the image of the other"
-    return "the links depend on each other at every pose"
+        return message("linkages.conics_similar" if _similar(a, b) else "linkages.conics")
+    return message("linkages.links_depend_each_other")
 
 
 def _flatness(points: FloatArray, dimensions: int) -> bool:

@@ -23,6 +23,7 @@ import numpy as np
 from lmeasure.core import BoolArray, FloatArray, StructureError, se3
 from lmeasure.linkages.singularity import cofactors, link_rows, rim_mm
 from lmeasure.linkages.topology import LINKS
+from lmeasure.text import message
 
 STEP = 1e-6  # of a displacement in units of the rim, for central differences
 
@@ -89,15 +90,17 @@ class Bounds:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the limits, in the order of `values`."""
-        links = self.called or [f"link {i + 1}" for i in range(len(self.base))]
-        none = ("singular",) if len(links) == LINKS else ()
-        angles = none if self.limit_rad is None else tuple(f"pressure angle of {link}" for link in links)
-        least = ("determinant",) if self.determinant > 0.0 else ()
-        lengths = () if self.lengths_mm is None else tuple(f"{link} {way}" for way in ("short", "long") for link in links)
+        links = self.called or [message("linkages.link", v0=i + 1) for i in range(len(self.base))]
+        none = (message("linkages.singular"),) if len(links) == LINKS else ()
+        angles = none if self.limit_rad is None else tuple(message("linkages.pressure_angle", name=link) for link in links)
+        least = (message("linkages.determinant"),) if self.determinant > 0.0 else ()
+        lengths = (
+            () if self.lengths_mm is None else tuple(message(f"linkages.{way}", link=link) for way in ("short", "long") for link in links)
+        )
         once = angles + least + lengths
         if self.turns is None:
             return once
-        return tuple(f"{name} in orientation {i + 1}" for i in range(len(self.turns)) for name in once)
+        return tuple(message("linkages.orientation", name=name, v1=i + 1) for i in range(len(self.turns)) for name in once)
 
     def values(self, poses: FloatArray) -> FloatArray:
         """(..., k) of each limit at poses (..., 7), positive where it is kept: of angles and determinants in parts of the determinant at

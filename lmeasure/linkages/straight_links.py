@@ -16,8 +16,9 @@ from lmeasure.linkages import krawczyk, start_systems, study_quadric
 from lmeasure.linkages.integer_equations import ExactLinks
 from lmeasure.linkages.tetrahedra import complex_points
 from lmeasure.linkages.topology import Incidence, incidence
+from lmeasure.text import message
 
-ALL, NOT_PROVED = "all accounted for", "not proved"
+ALL, NOT_PROVED = message("linkages.all_accounted"), message("linkages.not_proved")
 TRIES = 3  # ways to the same links, should paths be lost or meet on one
 IMPROPER = 1e-9
 """|e.e| of a point of length one below which it is no pose: paths that end there end at 1e-20, others above 1e-4."""

@@ -15,6 +15,7 @@ from math import factorial, prod
 import numpy as np
 
 from lmeasure.core import FileFormatError, FloatArray
+from lmeasure.text import message
 
 LINKS = 6
 DEGREES = ((3, 2, 1), (2, 2, 2), (3, 1, 1, 1), (2, 2, 1, 1), (2, 1, 1, 1, 1), (1, 1, 1, 1, 1, 1))
@@ -76,7 +77,7 @@ class Structure:
             return "two links join the same two points"
         triples = [[i for i, degree in enumerate(degrees) if degree == 3] for degrees in self.degrees]
         if any((p, b) not in self.links for p in triples[0] for b in triples[1]):
-            return "three links at a point of the platform and three at one of the base leave a turn about their line"
+            return message("linkages.turn_about_line")
         return None
 
     @cached_property

@@ -16,7 +16,7 @@ from lmeasure.io import Strict, checked, files, inside, no_folder
 from lmeasure.recording.counts import Counts, read_counts, write_counts
 from lmeasure.recording.start import StartTable, StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
 from lmeasure.rig import CalibrationRecord, Rig, read_linked_rig as read_linked_rig, write_calibration_record, write_rig
-from lmeasure.text import Message, message, numbers, recognised
+from lmeasure.text import Message, count_of, message, numbers
 
 SCHEMA = "lmeasure.run/1"
 
@@ -77,9 +77,9 @@ class Recorded:
         if self.early:
             early = {"number": self.passage}
             out.append(message("recording.early.why", **early, why=self.why) if self.why else message("recording.early", **early))
-        told = [f"{n} {kind}" for kind, n in sorted(self.faults.items()) if n and kind not in HARMLESS]
-        if told:
-            out.append(message("recording.faults", number=self.passage, faults=tuple(recognised(one) or one for one in told)))
+        faults = tuple(count_of(kind, n) for kind, n in sorted(self.faults.items()) if n and kind not in HARMLESS)
+        if faults:
+            out.append(message("recording.faults", number=self.passage, faults=faults))
         return out
 
 

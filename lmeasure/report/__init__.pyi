@@ -7,7 +7,7 @@ from .certificate import (
     write_certificate as write_certificate,
 )
 from .certificate_text import about as about, title as title
-from .comparison import told as told, write_comparison_page as write_comparison_page
+from .comparison import reported as reported, write_comparison_page as write_comparison_page
 from .correction import write_correction_page as write_correction_page
 from .html import kept as kept
 from .interim import write_check_page as write_check_page

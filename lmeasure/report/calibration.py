@@ -59,11 +59,11 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
 def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) -> list[str]:
     """Whether the rig may be used, how good it is, and what to know of it first."""
     if refused is not None:
-        kind, told = "verdict bad", say("calibration.not_used", why=say.message(refused))
+        kind, reported = "verdict bad", say("calibration.not_used", why=say.message(refused))
     elif record.unobservable or any(w.code not in HARMLESS for w in record.warnings):
-        kind, told = "verdict doubt", say("calibration.calibrated_reservations_read_marked")
+        kind, reported = "verdict doubt", say("calibration.calibrated_reservations_read_marked")
     else:
-        kind, told = "verdict", say("calibration.calibrated_nothing_contradicts")
+        kind, reported = "verdict", say("calibration.calibrated_nothing_contradicts")
     rows = [
         (say("calibration.reference_poses_compared_zero"), str(len({r.pose for r in record.residuals}))),
         (say("calibration.residuals_2"), say("calibration.mm_rms", mm=settled(record.noise["residual_rms_mm"]))),
@@ -91,7 +91,7 @@ def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) 
         (say("calibration.chi_squared"), chi),
     ]
     warnings = [html.warning(say.message(w.text), w.code) for w in record.warnings]
-    return [html.paragraph(told, kind), *warnings, html.table((), rows, "text")]
+    return [html.paragraph(reported, kind), *warnings, html.table((), rows, "text")]
 
 
 HARMLESS = ("assumed_rotation", "assumed_position", "taken_as_exact")
@@ -103,8 +103,8 @@ def _residuals(calibration: Calibration, say: Say) -> list[str]:
     parts = [html.heading(say("calibration.residuals")), html.paragraph(say("calibration.measured_less_modelled_change"))]
     if not any(settled(r.mm) for r in record.residuals):
         # a drawing would show how the arithmetic was rounded
-        told = say("calibration.all_zero_counts_tell")
-        return [*parts, html.paragraph(told)]
+        reported = say("calibration.all_zero_counts_tell")
+        return [*parts, html.paragraph(reported)]
     figure = residuals_figure(record, calibration.campaign.rig, say)
     return [*parts, html.figure(figure, "residuals", first=False, language=say.language)]
 
@@ -114,23 +114,23 @@ def _region(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.region:
         return []
     counts = say("calibration.whole_counts_whose_rounding") if record.region["whole_counts"] else say("calibration.counts_gaussian_noise")
-    told = say(
+    reported = say(
         "calibration.u95_half_width_each",
         percent=100 * record.region["probability"],
         factor=record.region["factor"],
         counts=counts,
         bend=record.region["bend"],
     )
-    return [html.paragraph(told)]
+    return [html.paragraph(reported)]
 
 
 def _silence(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.unobservable:
         return []
-    told = say("calibration.each_motion_one_prior")
+    reported = say("calibration.each_motion_one_prior")
     return [
         html.heading(say("calibration.counts_cannot_tell")),
-        html.paragraph(told),
+        html.paragraph(reported),
         "<ul>" + "".join(f"<li>{html.kept(say.message(u.text))}</li>" for u in record.unobservable) + "</ul>",
     ]
 
@@ -244,26 +244,31 @@ def _predicted(calibration: Calibration, say: Say) -> list[str]:
 def _validation(record: CalibrationRecord, say: Say) -> list[str]:
     parts, number = [], say.number
     if "held_out" in record.validation:
-        told = record.validation["held_out"]
-        kept = [(p["pose"], p["channel"], number(p["error_mm"], "+.4f"), number(p["u_mm"], ".4f")) for p in told["poses"]]
+        reported = record.validation["held_out"]
+        kept = [(p["pose"], p["channel"], number(p["error_mm"], "+.4f"), number(p["u_mm"], ".4f")) for p in reported["poses"]]
         parts += [
             html.heading(say("calibration.poses_held_out")),
             html.paragraph(
-                say("calibration.they_took_no_part", mm=told["rms_mm"], expected=told["expected_mm"], percent=100 * told["within_95"])
+                say(
+                    "calibration.they_took_no_part",
+                    mm=reported["rms_mm"],
+                    expected=reported["expected_mm"],
+                    percent=100 * reported["within_95"],
+                )
             ),
             html.table((say("page.pose"), say("page.channel"), say("page.error_mm"), say("calibration.u_mm")), kept),
         ]
     if "against_nominal" in record.validation:
-        told = record.validation["against_nominal"]
+        reported = record.validation["against_nominal"]
         parts += [
             html.heading(say("calibration.against_drawing")),
             html.paragraph(
                 say(
                     "calibration.each_poses_was_predicted",
-                    poses=told["poses"],
-                    mm=told["rms_mm"],
-                    nominal=told["nominal_mm"],
-                    p=told["p_worse"],
+                    poses=reported["poses"],
+                    mm=reported["rms_mm"],
+                    nominal=reported["nominal_mm"],
+                    p=reported["p_worse"],
                     least=0.001,
                 )
             ),
@@ -299,13 +304,17 @@ def _robust(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.robust:
         return []
     rows = [(w["pose"], say.number(w["weight"], ".3f")) for w in sorted(record.robust["weights"], key=lambda w: float(w["weight"]))]
-    told = say(
+    reported = say(
         "calibration.constant_times_stated_noise",
         loss=say.message(record.robust["loss"]),
         constant=record.robust["constant"],
         scale=record.robust["scale"],
     )
-    return [html.heading(say("calibration.robust_loss")), html.paragraph(told), html.table((say("page.pose"), say("page.weight")), rows)]
+    return [
+        html.heading(say("calibration.robust_loss")),
+        html.paragraph(reported),
+        html.table((say("page.pose"), say("page.weight")), rows),
+    ]
 
 
 def _ranges(record: CalibrationRecord, say: Say) -> list[str]:
@@ -319,10 +328,10 @@ def _ranges(record: CalibrationRecord, say: Say) -> list[str]:
         )
         for r in record.ranges
     )
-    told = say("calibration.each_point_was_solved")
+    reported = say("calibration.each_point_was_solved")
     return [
         html.heading(say("calibration.result_over_range_nobody")),
-        html.paragraph(told),
+        html.paragraph(reported),
         html.table((say("calibration.point"), say("page.x_mm"), say("page.y_mm"), say("page.z_mm"), say("calibration.sets_fit")), rows),
     ]
 

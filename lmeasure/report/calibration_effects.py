@@ -42,7 +42,10 @@ def effects_shown(record: CalibrationRecord, say: Say) -> list[str]:
     if not kinds:
         return []
     number = say.number
-    rows = ((say.message(kind), number(min(own), ".2g"), number(max(own), ".2g"), say.message(unit)) for (kind, unit), own in kinds.items())
+    rows = (
+        (say.message(kind), number(min(own), ".2g"), number(max(own), ".2g"), say(f"unit_sign.{unit}"))
+        for (kind, unit), own in kinds.items()
+    )
     return [
         html.heading(say("calibration.physical_effects_residuals_would")),
         html.paragraph(say("calibration.how_large_each_must")),

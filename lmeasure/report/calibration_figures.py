@@ -73,8 +73,8 @@ def worst_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
         "colorscale": "Viridis",
         "colorbar": {"title": {"text": say("calibration.u_length_mm"), "side": "top"}} | html.BAR,
     }
-    told = f"%{{marker.color:.4f}} {unit}<br>%{{x:.0f}}, %{{y:.0f}}, %{{z:.0f}}<extra></extra>"
-    figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=told))
+    reported = f"%{{marker.color:.4f}} {unit}<br>%{{x:.0f}}, %{{y:.0f}}, %{{z:.0f}}<extra></extra>"
+    figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=reported))
     return figure.update_layout(height=560, margin={"t": 10}, scene=axes(say))
 
 
@@ -88,7 +88,7 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
             x=[i for i, _ in own],
             y=[d["left"] for _, d in own],
             mode="markers",
-            name=html.label(say.message(point)),
+            name=html.label(say("calibration.frame_of_poses") if point == "frame" else point),
             marker={"symbol": symbols, "size": 8},
         )
     figure.add_hline(y=1.0, line={"dash": "dash"})

@@ -125,7 +125,7 @@ def zip_of(out: Path) -> Path:
 
 
 def headline(content: dict[str, Any], folder: Path) -> list[str]:
-    """What a person is told on the screen: the figures that matter most, of how many the instrument is capable, where the files are."""
+    """What a person reads on the screen: the figures that matter most, of how many the instrument is capable, where the files are."""
     language = content["language"]
     rows = [(f.result, f.where) for f in figures(content)]
     out = [f"{say.title(content)} {content['id']}"]
@@ -144,10 +144,10 @@ def _without_figures(content: dict[str, Any]) -> list[str]:
     """Poses and paths of the program of which there is no figure, and no reason why: a program that states times of some parts is not
     looked for in the trajectory, and its other parts would be missing without a word."""
     names = {kind: [str(part["name"]) for part in content["program"][kind]] for kind in ("pose", "path")}
-    told = {(kind, str(c[kind])) for c in content["characteristics"] for kind in names if c.get(kind) is not None}
-    told |= {(str(e["kind"]), str(e["name"])) for e in content["excluded"]}
-    told |= {("pose", one) for a, b in itertools.permutations(names["pose"], 2) if ("pose", f"{a}-{b}") in told for one in (a, b)}
-    missing = [(kind, name) for kind in names for name in names[kind] if (kind, name) not in told]
+    reported = {(kind, str(c[kind])) for c in content["characteristics"] for kind in names if c.get(kind) is not None}
+    reported |= {(str(e["kind"]), str(e["name"])) for e in content["excluded"]}
+    reported |= {("pose", one) for a, b in itertools.permutations(names["pose"], 2) if ("pose", f"{a}-{b}") in reported for one in (a, b)}
+    missing = [(kind, name) for kind in names for name in names[kind] if (kind, name) not in reported]
     return [f"{word(content['language'], f'kind.{kind}')} {say.visible(name)}" for kind, name in missing]
 
 

@@ -26,8 +26,8 @@ def figures(language: str, measured: Measured) -> list[str]:
     if not evaluation.poses and not evaluation.paths:
         return []
     factor = magnification(evaluation)
-    told = word(language, "space.text", factor=number(language, factor, "g"))
-    drawn = [("space", told, _space(language, measured, factor))]
+    reported = word(language, "space.text", factor=number(language, factor, "g"))
+    drawn = [("space", reported, _space(language, measured, factor))]
     if evaluation.poses:
         drawn.append(("drift", "", _drift(language, evaluation)))
     if evaluation.paths:

@@ -33,12 +33,12 @@ def _targets(language: str, pose: AttainedPose) -> Picture:
     """The pose from above, from the front and from the side."""
     views = targets(pose, readable=True)
     radius = views[0].radius
-    told = [word(language, "bullseye.rings", radius=_short(language, radius), step=_short(language, drawings.ring_step(radius)))]
+    reported = [word(language, "bullseye.rings", radius=_short(language, radius), step=_short(language, drawings.ring_step(radius)))]
     if views[0].enlarged > 1.0:
-        told.append(word(language, "bullseye.enlarged", factor=_short(language, views[0].enlarged)))
+        reported.append(word(language, "bullseye.enlarged", factor=_short(language, views[0].enlarged)))
     name = say.visible(pose.name)
     axes = ("XYZ"[v.axes[0]] + "XYZ"[v.axes[1]] for v in views)
-    return Picture(tuple(drawings.target(v, f"{name} {a}") for v, a in zip(views, axes, strict=True)), "; ".join(told))
+    return Picture(tuple(drawings.target(v, f"{name} {a}") for v, a in zip(views, axes, strict=True)), "; ".join(reported))
 
 
 def _path(language: str, path: AttainedPath) -> Picture:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from lmeasure.certificate import with_u95 as with_u95
 from lmeasure.iso9283 import quantity_of
 from lmeasure.report.text import unit, word
-from lmeasure.text import decimal, from_stated, number, numbers, recognised, settled, signs, texts
+from lmeasure.text import decimal, from_stated, number, numbers, settled, signs, texts
 
 Rows = list[tuple[str, ...]]
 
@@ -63,8 +63,8 @@ def about(certificate: dict[str, Any]) -> Rows:
         row("authoriser", ", ".join(t for t in (stated("authoriser", "name"), stated("authoriser", "role")) if t) or None),
     ]
     if "accreditation" in details:
-        told = [stated("accreditation", key) or "" for key in ("statement", "body", "number")]
-        rows.append(row("accreditation", "; ".join(told)))
+        reported = [stated("accreditation", key) or "" for key in ("statement", "body", "number")]
+        rows.append(row("accreditation", "; ".join(reported)))
     if details.get("show_not_stated"):
         return rows
     missing = word(language, "not_stated")
@@ -76,33 +76,33 @@ def about(certificate: dict[str, Any]) -> Rows:
 def authoriser(certificate: dict[str, Any]) -> str:
     """Who answers for the report, or that nobody is stated to."""
     stated = certificate["details"].get("authoriser", {})
-    told = ", ".join(visible(stated[key]) for key in ("name", "role") if key in stated)
-    return told or word(certificate["language"], "not_stated")
+    reported = ", ".join(visible(stated[key]) for key in ("name", "role") if key in stated)
+    return reported or word(certificate["language"], "not_stated")
 
 
 def instrument(certificate: dict[str, Any]) -> list[str]:
     """The instrument in words: cables, encoders, calibration, zone. Certificates sealed before do not describe it."""
-    language, told = certificate["language"], certificate.get("measured_with")
+    language, reported = certificate["language"], certificate.get("measured_with")
     limit = certificate["settings"].get("limit_angle_deg")
-    if told is None:
+    if reported is None:
         return [word(language, "instrument.file" if certificate["instrument"] is None else "instrument.undescribed")]
 
     def rounded(values: list[float]) -> str:
         return " \u2026 ".join(dict.fromkeys(number(language, v, ".4g") for v in (values[0], values[-1])))
 
-    encoders = {"counts": rounded(told["counts_per_revolution"]), "length": rounded(told["count_length_mm"])}
-    passes = [] if told["passes"] == 1 else [word(language, "instrument.passes", passes=told["passes"])]
-    lines = [word(language, "instrument.cables", cables=told["cables"], points=told["observation_points"]), *passes]
+    encoders = {"counts": rounded(reported["counts_per_revolution"]), "length": rounded(reported["count_length_mm"])}
+    passes = [] if reported["passes"] == 1 else [word(language, "instrument.passes", passes=reported["passes"])]
+    lines = [word(language, "instrument.cables", cables=reported["cables"], points=reported["observation_points"]), *passes]
     lines.append(word(language, "instrument.encoders", **encoders))
-    record = told["calibration"]
+    record = reported["calibration"]
     if record is None:
         lines.append(word(language, "instrument.uncalibrated"))
     else:
         rms = record["residual_rms_mm"]
         residuals = "" if rms is None else word(language, "instrument.residuals", rms=number(language, rms, ".2g"))
         lines.append(word(language, "instrument.calibrated", poses=record["reference_poses"]) + residuals)
-    if limit is not None and told["worst_pressure_angle_deg"] is not None:
-        angles = {"limit": f"{limit:g}", "largest": f"{told['worst_pressure_angle_deg']:.1f}"}
+    if limit is not None and reported["worst_pressure_angle_deg"] is not None:
+        angles = {"limit": f"{limit:g}", "largest": f"{reported['worst_pressure_angle_deg']:.1f}"}
         lines.append(word(language, "instrument.zone", **{k: decimal(language, v) for k, v in angles.items()}))
     return lines
 
@@ -202,9 +202,9 @@ def verdict(language: str, figure: Mapping[str, Any]) -> str:
         return word(language, "excluded")
     if figure["capable"] is None:
         return word(language, "no_verdict")
-    told = word(language, "capable" if figure["capable"] else "not_capable")
+    reported = word(language, "capable" if figure["capable"] else "not_capable")
     alone = figure.get("capable_alone", figure["capable"])
-    return told if alone == figure["capable"] else f"{told}; {word(language, 'alone_capable' if alone else 'alone_not_capable')}"
+    return reported if alone == figure["capable"] else f"{reported}; {word(language, 'alone_capable' if alone else 'alone_not_capable')}"
 
 
 def rules(certificate: dict[str, Any]) -> set[str]:
@@ -250,7 +250,7 @@ def commanded(certificate: dict[str, Any]) -> Rows:
     """Poses and paths of the program: what was commanded, at what speed and load."""
     language, program = certificate["language"], certificate["program"]
     rows: Rows = []
-    for kind, told in (("pose", _commanded_pose), ("path", _commanded_path)):
+    for kind, reported in (("pose", _commanded_pose), ("path", _commanded_path)):
         for part in program[kind]:
             percent = f"{part['speed_percent']:g}\u00a0%" if "speed_percent" in part else ""
             speed = f"{part['speed_mm_s']:g}\u00a0{unit(language, 'mm/s')}" if "speed_mm_s" in part else ""
@@ -258,7 +258,7 @@ def commanded(certificate: dict[str, Any]) -> Rows:
             loaded = "" if load is None else decimal(language, f"{load:g}\u00a0{unit(language, 'kg')}")
             said = [texts(language)["number.between"].join(decimal(language, s) for s in (speed, percent) if s), loaded]
             name = f"{word(language, f'kind.{kind}')} {visible(part['name'])}"
-            rows.append((name, told(language, part), *(s or word(language, "not_stated") for s in said)))
+            rows.append((name, reported(language, part), *(s or word(language, "not_stated") for s in said)))
     return rows
 
 
@@ -371,7 +371,7 @@ def phrase(certificate: dict[str, Any], text: str) -> str:
     """A text of the computation in the certificate's language: by the code that the certificate has for it; of one without codes by the
     texts that are known, else as it is."""
     entry = next((e for e in certificate.get("findings", []) if e["text"] == text), None)
-    found = (None if entry is None else from_stated(entry)) or recognised(text)
+    found = None if entry is None else from_stated(entry)
     return visible(signs(text if found is None else found.text(certificate["language"])))
 
 

@@ -1,4 +1,4 @@
-"""The page of two certificates side by side: what changed and whether that can be told, by how much the robot is nearer, and what keeps it
+"""The page of two certificates side by side: what changed, whether by chance, by how much the robot is nearer, and what keeps it
 from being nearer still."""
 
 import math
@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from lmeasure.certificate import SIGNIFICANT, Comparison, Improvement, Pair, with_u95
 from lmeasure.report import html
 from lmeasure.report.text import axes, unit
-from lmeasure.text import ENGLISH, Say, decimal
+from lmeasure.text import ENGLISH, Say, decimal, message
 
 ARROWS = 0.15
 """Of the poses' extent: length at which the largest error is drawn."""
@@ -44,8 +44,8 @@ def write_comparison_page(
     html.write_page(path, say("comparison.certificates_side_side"), body, language)
 
 
-def told(better: Improvement) -> list[str]:
-    """What a person is told of an improvement, line by line."""
+def reported(better: Improvement) -> list[str]:
+    """What a person reads of an improvement, line by line."""
     low, high = better.factor_95
     before, after = better.before_mm[0], better.after_mm[0]
     within = f"{low:.3g} to {high:.3g}" if math.isfinite(high) else f"{low:.3g} or more"
@@ -53,7 +53,7 @@ def told(better: Improvement) -> list[str]:
     found = "" if parts.identified_mm is None else f", identification {parts.identified_mm:.4f}"
     limits = f"instrument {parts.instrument_mm:.4f}, robot's scatter {parts.scatter_mm:.4f}{found} mm"
     return [
-        f"mean distance from the commanded poses: {before:.4f} mm before, {after:.4f} mm after",
+        message("report.mean_distance_from_commanded", before=before, after=after),
         f"improvement: {better.factor:.3g} times ({within}, at 95 %)",
         f"noise floor {better.floor_mm:.4f} mm: {limits}",
         "what is left is at the noise floor" if after <= AT_THE_FLOOR * better.floor_mm else "what is left is above the noise floor",
@@ -63,7 +63,7 @@ def told(better: Improvement) -> list[str]:
 def _improved(better: Improvement, say: Say, language: str) -> list[str]:
     low, high = better.factor_95
     values = {"before": better.before_mm[0], "after": better.after_mm[0], "factor": better.factor, "low": low, "high": high}
-    told = say("comparison.robot_stood_mm_from", **values)
+    reported = say("comparison.robot_stood_mm_from", **values)
     nearer = say("comparison.times_nearer_95" if math.isfinite(high) else "comparison.times_nearer_more_95", **values)
     floor = {"floor": better.floor_mm}
     if better.after_mm[0] <= AT_THE_FLOOR * better.floor_mm:
@@ -73,7 +73,7 @@ def _improved(better: Improvement, say: Say, language: str) -> list[str]:
     vectors, times = vectors_figure(better, say)
     enlarged = say("comparison.errors_attained_means_each", times=times)
     return [
-        html.paragraph(f"{told} {nearer}", "verdict" if low > 1.0 else "verdict doubt"),
+        html.paragraph(f"{reported} {nearer}", "verdict" if low > 1.0 else "verdict doubt"),
         html.heading(say("comparison.limits")),
         html.table((say("comparison.attained_mean"), say("comparison.standard_uncertainty_mm")), _parts(better, say), "text"),
         html.paragraph(at),
@@ -161,5 +161,5 @@ def _moved(pair: Pair, say: Say) -> list[str]:
             verdict, chance = say("page.moved") if s.moved else say("comparison.not_shown_have_moved"), number(s.probability, ".2g")
         rows.append((s.pose, number(s.distance_mm, ".4f"), number(s.u95_mm, ".4f"), chance, verdict))
     header = (say("page.pose"), say("comparison.shift_mean_mm"), "U95", say("comparison.probability_chance"), say("comparison.verdict"))
-    told = say("comparison.pose_said_have_moved", percent=100.0 * SIGNIFICANT)
-    return [html.table(header, rows, "text moved"), html.paragraph(told)] if rows else []
+    reported = say("comparison.pose_said_have_moved", percent=100.0 * SIGNIFICANT)
+    return [html.table(header, rows, "text moved"), html.paragraph(reported)] if rows else []

@@ -26,16 +26,16 @@ def write_correction_page(
     done = found.done
     body = [html.paragraph(*_verdict(found, listing, say)), html.table((), _figures(found, say), "text")]
     if done:
-        told = say("correction.how_far_robot_known")
+        reported = say("correction.how_far_robot_known")
         space, times = space_figure(done, say)
         enlarged = say("correction.how_much_controller_told", times=times)
-        body += [html.heading(say("correction.errors_before_after")), html.paragraph(told)]
+        body += [html.heading(say("correction.errors_before_after")), html.paragraph(reported)]
         body += [html.figure(errors_figure(done, say), "errors", first=True, language=language)]
         body += [html.heading(say("correction.corrections_space")), html.paragraph(enlarged)]
         body += [html.figure(space, "space", first=False, language=language)]
     body += _targets(found, say)
     if listing.unread:
-        lines = "".join(f"<li>{html.kept(say.message(str(u)))}</li>" for u in listing.unread)
+        lines = "".join(f"<li>{html.kept(say.message(u.text))}</li>" for u in listing.unread)
         body += [html.heading(say("correction.positions_were_not_read")), f"<ul>{lines}</ul>"]
     body += [html.heading(say("page.inputs")), html.table((say("page.file"), "SHA-256"), inputs, "text hashes")]
     html.write_page(path, say("correction.corrected_program", name=", ".join(source.name for source in listing.sources)), body, language)
@@ -44,8 +44,8 @@ def write_correction_page(
 def _verdict(found: Corrected, listing: Listing, say: Say) -> tuple[str, str]:
     left = len(found.outcomes) - found.changed
     if left or listing.unread:
-        told = say("correction.targets_were_left_they", left=left, unread=len(listing.unread))
-        return told, "verdict doubt" if found.changed else "verdict bad"
+        reported = say("correction.targets_were_left_they", left=left, unread=len(listing.unread))
+        return reported, "verdict doubt" if found.changed else "verdict bad"
     return say("correction.every_target_corrected"), "verdict"
 
 
@@ -95,7 +95,7 @@ def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
 
 
 def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure, float]:
-    """Flange, or tool where a map corrected it, at the targets in the robot's base, what is told the controller less what was, and how many
+    """Flange, or tool where a map corrected it, at the targets in the robot's base, what the controller gets minus before, and how many
     times that is enlarged."""
     corrections = [o.correction for o in done if o.correction is not None]
     places = np.array([c.wanted[:3] for c in corrections])

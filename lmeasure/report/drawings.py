@@ -1,6 +1,6 @@
 """Pictures as SVG, the same on paper and on pages: a figure in its tolerance, errors in space, targets, curves, a code to be scanned.
 
-What is drawn was computed elsewhere; here it is only scaled to the picture. Colours can be told apart without colour vision.
+What is drawn was computed elsewhere; here it is only scaled to the picture. Colours can be distinguished without colour vision.
 """
 
 import itertools

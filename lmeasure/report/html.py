@@ -179,14 +179,14 @@ def of_dates(language: str) -> dict[str, Any]:
     """An axis of dates as a language writes them, in two lines, so that they find room beside each other on a telephone."""
     stops, since = [], None
     for until, form in _STEPS:
-        told = "\n".join(part for part in (form, _BENEATH.get(form, "")) if part).format(day=_DAYS[language])
-        stops.append({"dtickrange": [since, until], "value": told})
+        reported = "\n".join(part for part in (form, _BENEATH.get(form, "")) if part).format(day=_DAYS[language])
+        stops.append({"dtickrange": [since, until], "value": reported})
         since = until
     return {"tickformatstops": stops, "tickangle": 0}
 
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#882255", "#999933", "#7f7f7f")
-"""What lines and points are told apart by where nothing else gives them a colour, also without colour vision (Okabe and Ito; Tol)."""
+"""What lines and points are distinguished by where nothing else gives them a colour, also without colour vision (Okabe and Ito; Tol)."""
 LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "container", "yanchor": "bottom"}
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}

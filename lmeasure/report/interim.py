@@ -129,13 +129,13 @@ def trend_figure(trend: Trend, language: str) -> go.Figure:
 
 
 def _agreement(found: Checked, language: str) -> list[str]:
-    words, told = texts(language, "interim"), found.agreement
-    if told is None:
+    words, reported = texts(language, "interim"), found.agreement
+    if reported is None:
         return []
     values = {
-        "chi2": number(language, told.chi_squared, ".4g"),
-        "freedom": told.freedom,
-        "probability": _chance(language, told.probability),
+        "chi2": number(language, reported.chi_squared, ".4g"),
+        "freedom": reported.freedom,
+        "probability": _chance(language, reported.probability),
     }
     header = [words[f"column.{c}"] for c in ("cause", "size", "u", "detectable", "rest")]
     rows = [
@@ -144,7 +144,7 @@ def _agreement(found: Checked, language: str) -> list[str]:
             *(number(language, value, ".3g") + _unit(c, language) for value in (c.size, c.u, c.detectable)),
             number(language, c.rest, ".1f"),
         )
-        for c in told.causes
+        for c in reported.causes
     ]
     return [
         html.heading(words["agreement"]),

@@ -23,9 +23,9 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
     say = Say(language)
     pose = np.array([*record["position_mm"], *record["quaternion_xyzw"]])
     many = {"freedoms": record["freedoms"], "parameters": record["parameters"]}
-    told = say("mechanism.1_freedom_parameters", **many) if many["freedoms"] == 1 else say("mechanism.freedoms_parameters", **many)
+    reported = say("mechanism.1_freedom_parameters", **many) if many["freedoms"] == 1 else say("mechanism.freedoms_parameters", **many)
     near = say("mechanism.distance_from_singular_pose", near=record["nearness"])
-    body = [html.paragraph(told), html.paragraph(near), html.heading(say("page.space"))]
+    body = [html.paragraph(reported), html.paragraph(near), html.heading(say("page.space"))]
     body.append(html.figure(space_figure(file, pose, grid, say), "space", first=True, language=language))
     rows = [
         (name, say.number(v, ".3f"), *(say.number(w, "g") for w in record["joint_limits"][name])) for name, v in record["joints"].items()

@@ -56,21 +56,21 @@ def _figures(record: dict[str, Any], before: FloatArray, after: FloatArray, say:
         rows.append((whose, say.number(held["mean_mm"], ".4f"), say.number(held["max_mm"], ".4f")))
     parts = [html.table((say("robot.errors_mm"), say("robot.mean"), say("robot.worst")), rows)]
     used = sum(row["used"] for row in record["residuals"])
-    told = say("robot.rows_stays_robot_robot", rows=used, stays=record["stays"])
-    parts.append(html.paragraph(told))
+    reported = say("robot.rows_stays_robot_robot", rows=used, stays=record["stays"])
+    parts.append(html.paragraph(reported))
     noise = record["noise"]["position_mm"]
     if noise is None:
         parts.append(html.paragraph(say("robot.measurements_too_few_tell")))
     else:
-        told = say("robot.robot_instrument_scatter_mm", mm=noise)
-        parts.append(html.paragraph(told))
+        reported = say("robot.robot_instrument_scatter_mm", mm=noise)
+        parts.append(html.paragraph(reported))
     reading = record["noise"]["reading_mm"]
     if reading is not None:
-        told = say("robot.one_reading_scatters_mm", mm=reading)
-        parts.append(html.paragraph(told))
+        reported = say("robot.one_reading_scatters_mm", mm=reading)
+        parts.append(html.paragraph(reported))
     if record["beyond"]["factor"]:
-        told = say("robot.far_from_measured_joint", factor=record["beyond"]["factor"])
-        parts.append(html.paragraph(told))
+        reported = say("robot.far_from_measured_joint", factor=record["beyond"]["factor"])
+        parts.append(html.paragraph(reported))
     if held is not None:
         percent = 100 * held["within_u95"]
         parts.append(html.paragraph(say("robot.rows_held_out_lie", percent=percent)))
@@ -177,15 +177,15 @@ def _weights(found: Identified[Any], say: Say) -> list[str]:
     return [*parts, html.table((say("robot.row"), say("page.weight"), say("robot.off_mm")), rows)]
 
 
-def _workspace(over: PredictionMap, told: dict[str, Any], say: Say, *, with_code: bool) -> list[str]:
+def _workspace(over: PredictionMap, reported: dict[str, Any], say: Say, *, with_code: bool) -> list[str]:
     """How exactly the robot is predicted over its reach: in figures, as a map of distance from its first axis and height, and in space."""
     figures = (
-        (say("robot.median"), told["median_u95_mm"]),
-        (say("robot.95_poses_below"), told["quantile_95_u95_mm"]),
-        (say("robot.worst_pose"), told["largest_u95_mm"]),
-        (say("robot.median_measured_poses"), told["measured_u95_mm"]),
+        (say("robot.median"), reported["median_u95_mm"]),
+        (say("robot.95_poses_below"), reported["quantile_95_u95_mm"]),
+        (say("robot.worst_pose"), reported["largest_u95_mm"]),
+        (say("robot.median_measured_poses"), reported["measured_u95_mm"]),
     )
-    worst = ", ".join(f"{name} {say.number(value, '.1f')}" for name, value in told["worst_pose"].items())
+    worst = ", ".join(f"{name} {say.number(value, '.1f')}" for name, value in reported["worst_pose"].items())
     bar: dict[str, Any] = {"title": {"text": say("page.u95_mm"), "side": "top"}} | html.BAR
     hover = f"%{{x:.0f}}, %{{y:.0f}}: %{{z:.3f}} {say('page.mm')}<extra></extra>"
     flat = go.Figure(go.Heatmap(**_flat_map(over), colorbar=bar | {"y": -0.25}, colorscale="Viridis", hovertemplate=hover))
@@ -194,7 +194,7 @@ def _workspace(over: PredictionMap, told: dict[str, Any], say: Say, *, with_code
     marker = {"color": over.median_mm, "size": 7, "symbol": "square", "opacity": 0.6, "colorbar": bar, "colorscale": "Viridis"}
     space = go.Figure(go.Scatter3d(x=over.cells[:, 0], y=over.cells[:, 1], z=over.cells[:, 2], mode="markers", marker=marker, name="U95"))
     space.update_layout(scene=axes(say), height=640, margin={"t": 10})
-    about = say("robot.poses_spread_evenly_over", poses=told["poses"], worst=worst)
+    about = say("robot.poses_spread_evenly_over", poses=reported["poses"], worst=worst)
     rows = ((name, say.number(value, ".4f")) for name, value in figures)
     return [
         html.heading(say("robot.predicted_accuracy_over_workspace")),

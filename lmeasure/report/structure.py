@@ -14,7 +14,7 @@ from lmeasure.report import html
 from lmeasure.report.structure_drawing import svg
 from lmeasure.report.text import axes
 from lmeasure.structure import Linkage, lines
-from lmeasure.text import ENGLISH, Say, typeset
+from lmeasure.text import ENGLISH, Say
 
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
@@ -29,7 +29,7 @@ def write_structure_page(
 ) -> None:
     """Write a self-contained page of links and their record (`structure.record.described`); pose (7,) at which they were looked at."""
     say = Say(language)
-    body = [html.paragraph(typeset(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
+    body = [html.paragraph(say.message(line.text), "warning" if line.warns else "") for line in lines(record) if not line.detail]
     if len(linkage.base) == LINKS:
         body.append(svg(incidence(linkage.base, linkage.platform).structure))
         body.append(html.paragraph(say("structure.platform_above_base_below")))
@@ -90,11 +90,11 @@ def _at_pose(record: dict[str, Any], say: Say) -> list[tuple[str, str]]:
         (say("structure.determinant_mm"), _figure(record["determinant"], say)),
         (say("structure.rank"), str(record["rank"])),
         (say("structure.condition"), _figure(record["condition"], say)),
-        (say("structure.rim_lengths_off_1"), _figure(record["mm_per_mm"], say)),
+        (say("structure.rim_lengths_off"), _figure(record["mm_per_mm"], say)),
         (say("structure.u95_position_each_length"), _figure(record["u95_mm_per_mm"], say)),
     ]
     if "wrapped" in record:
-        rows.append((say("structure.u95_position_counts_1"), _figure(record["wrapped"]["u95_position_mm"], say)))
+        rows.append((say("structure.u95_position_counts"), _figure(record["wrapped"]["u95_position_mm"], say)))
     rows.append((say("structure.pressure_angles"), say.numbers(record["pressure_angles_deg"], ".1f")))
     if record["gradient"] is not None:
         rows.append((say("structure.gradient_v"), say.numbers(record["gradient"], ".4g")))
@@ -311,5 +311,5 @@ def write_list_page(path: Path, every: list[dict[str, Any]], language: str = "en
         cards.append(
             f"<div {CARD}>{svg(structure)}<br><b>{title}</b><br>{words}<br>{one['koliskor']}: {one['complex_assemblies']}, {how}</div>"
         )
-    told = say("structure.structures_six_links_platform", number=len(structures()), classes=len(classes))
-    html.write_page(path, say("structure.structures_six_links"), [html.paragraph(told), *cards], language)
+    reported = say("structure.structures_six_links_platform", number=len(structures()), classes=len(classes))
+    html.write_page(path, say("structure.structures_six_links"), [html.paragraph(reported), *cards], language)

@@ -33,7 +33,7 @@ def chosen(certificate: Mapping[str, Any]) -> list[Chosen]:
 
 
 def _place(name: str) -> tuple[float, str]:
-    """Where the list has a name: those first that tell most of a robot; a component is told by its vector."""
+    """Where the list has a name: those first that tell most of a robot; a component is given by its vector."""
     known = quantity_of(name)
     return (math.inf if known is None else known.summary.get(name, math.inf), name)
 
@@ -55,8 +55,8 @@ def counted(certificate: Mapping[str, Any]) -> list[str]:
     unjudged = sum(f["capable"] is None and not f.get("excluded") for f in figures)
     not_capable = len(figures) - capable - excluded - unjudged
     number = {"figures": len(figures), "capable": capable, "not_capable": not_capable, "excluded": excluded}
-    told = word(language, "counted", **number)
-    lines = [f"{told}, {word(language, 'no_verdict')} {unjudged}" if unjudged else told]
+    reported = word(language, "counted", **number)
+    lines = [f"{reported}, {word(language, 'no_verdict')} {unjudged}" if unjudged else reported]
     held = [f["conformity"]["verdict"] for f in figures if "conformity" in f]
     if held:
         counts = ((v, held.count(v)) for v in ("conforms", "does not conform", "not decided"))
@@ -65,7 +65,7 @@ def counted(certificate: Mapping[str, Any]) -> list[str]:
                 language,
                 "tolerances_counted",
                 number=len(held),
-                told=", ".join(f"{word(language, v.replace(' ', '_'))}: {n}" for v, n in counts if n),
+                reported=", ".join(f"{word(language, v.replace(' ', '_'))}: {n}" for v, n in counts if n),
             )
         )
     return lines
@@ -81,7 +81,7 @@ def robot(certificate: Mapping[str, Any]) -> str:
 
 
 def facts(certificate: dict[str, Any]) -> say.Rows:
-    """(what, told): robot, laboratory, customer, date, program and instrument; customer and laboratory where they are stated."""
+    """(what, reported): robot, laboratory, customer, date, program and instrument; customer and laboratory where they are stated."""
     language, details = certificate["language"], certificate["details"]
     dates = details.get("dates", {})
     measured = " \u2013 ".join(dict.fromkeys(dates[k] for k in ("measured_from", "measured_to") if k in dates))

@@ -110,8 +110,8 @@ def trajectory_summary(found: Along, language: str) -> list[tuple[str, str]]:
         rows.append((words["angle"], f"{own(np.nanmax(trajectory.worst_pressure_angle_deg), '.1f')}°"))
     if found.motion is not None:
         speed, u95 = found.motion.largest_speed()
-        told = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [own(speed)]
-        rows.append((words["speed"], f"{' ± '.join(told)} {words['mm/s']}"))
+        reported = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [own(speed)]
+        rows.append((words["speed"], f"{' ± '.join(reported)} {words['mm/s']}"))
         rows.append((words["path"], f"{own(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
         rows.extend((words["vibration"].format(axis=v.axis.upper()), _vibration(v, language)) for v in found.motion.vibration)
     else:
@@ -215,9 +215,9 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
         at = [i for s in own if (i := _near(s.first, known)) is not None]
         if at:
             px, py, pz = poses[at, :3].T
-            told = [html.label(about_stretch(s, language)) for s in own]
+            reported = [html.label(about_stretch(s, language)) for s in own]
             figure.add_scatter3d(
-                x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": COLOURS[key], "symbol": "diamond"}, text=told,
+                x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": COLOURS[key], "symbol": "diamond"}, text=reported,
                 name=words[key], hoverinfo="text",
             )  # fmt: skip
     scene = axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.2}, "center": html.CAMERA["center"]}}

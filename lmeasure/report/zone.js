@@ -43,9 +43,9 @@
 
   const draw = () => {
     const asked = limits();
-    id("level-told").textContent = printed(data.z[asked.level]) + words.mm;
-    id("angle-told").textContent = `${printed(asked.angle)}°`;
-    id("u95-told").textContent = Number.isFinite(asked.u95) ? digits(asked.u95) + words.mm : words.any;
+    id("level-reported").textContent = printed(data.z[asked.level]) + words.mm;
+    id("angle-reported").textContent = `${printed(asked.angle)}°`;
+    id("u95-reported").textContent = Number.isFinite(asked.u95) ? digits(asked.u95) + words.mm : words.any;
     let inside = 0;
     for (let n = 0; n < worst.length; n++) inside += margin(n, asked) >= 0;
     const volume = (inside * data.spacing[0] * data.spacing[1] * data.spacing[2]) / 1e9;
@@ -65,7 +65,7 @@
     const n = at(place.i, place.j, asked.level);
     const here = [data.x[place.i], data.y[place.j], data.z[asked.level]];
     const c = covariance.slice(6 * n, 6 * n + 6);
-    const told = Number.isFinite(c[0]);
+    const reported = Number.isFinite(c[0]);
     const cable = data.cables[weakest[n]];
     const between = data.mark === "," ? "; " : ", ";
     const rows = [
@@ -73,7 +73,7 @@
       [words.inside, margin(n, asked) >= 0 ? words.yes : words.no],
       [words.angle, `${printed(worst[n].toFixed(1))}°`],
       [words.u95, Number.isFinite(u95[n]) ? digits(u95[n]) + words.mm : words.unknown],
-      [words.weakest, told ? filled(words.cable, { name: cable.name, angle: printed(angle[n].toFixed(1)) }) : words.stuck],
+      [words.weakest, reported ? filled(words.cable, { name: cable.name, angle: printed(angle[n].toFixed(1)) }) : words.stuck],
     ];
     const table = document.createElement("table");
     for (const row of rows) {
@@ -85,7 +85,7 @@
     box.append(table);
     id("place").replaceChildren(box);
     const empty = { x: [[]], y: [[]], z: [[]] };
-    if (!told) {
+    if (!reported) {
       Plotly.restyle("ellipsoid", empty, [0]);
       Plotly.restyle("ellipsoid", empty, [1]);
       return;

@@ -121,12 +121,12 @@ def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
         1, 2, subplot_titles=(say("zone.worst_pressure_angle"), say("zone.95_radius_position_mm")), horizontal_spacing=0.14
     )
     for n, k in enumerate(levels):
-        for column, (values, ends, place, bar, told) in enumerate(maps, 1):
+        for column, (values, ends, place, bar, reported) in enumerate(maps, 1):
             figure.add_trace(
                 go.Heatmap(
                     x=x, y=y, z=np.float32(values[:, :, k].T), zmin=ends[0], zmax=ends[1], colorscale=SCALE, visible=n == first,
                     customdata=np.float32(radius[:, :, k].T), colorbar={"x": place} | bar,
-                    hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>{told}<extra></extra>",
+                    hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>{reported}<extra></extra>",
                 ), 1, column,
             )  # fmt: skip
             figure.add_trace(

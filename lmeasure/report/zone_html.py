@@ -12,7 +12,7 @@ from lmeasure.report.zone_faults import faults
 from lmeasure.report.zone_figures import space_figure
 from lmeasure.report.zone_maps import maps
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.structure import Piece
+from lmeasure.structure import Piece, one_limit
 from lmeasure.text import Say
 
 
@@ -61,12 +61,12 @@ def _in_space(edge: bool, say: Say) -> str:
 
 
 def _edge(followed: Sequence[Piece], say: Say) -> list[str]:
-    """The edge as it was followed, drawn from above and told level by level."""
+    """The edge as it was followed, drawn from above and reported level by level."""
     if not followed:
         return []
     drawn, rows = [], []
     for piece in followed:
-        limits = [limit.split(" in orientation")[0] for limit in piece.limits]
+        limits = [one_limit(limit) for limit in piece.limits]
         drawn.append(piece.as_dict() | {"limits": limits})
         size = say("page.open") if piece.area_mm2 is None else f"{say('page.closed')}, {piece.area_mm2 / 1e6:.4g}"
         rows.append((f"{piece.level_mm:g}", size, ", ".join(say.message(limit) for limit in dict.fromkeys(limits))))

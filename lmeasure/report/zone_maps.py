@@ -1,4 +1,4 @@
-"""The maps of a zone that answer a reader: a slider for the level and each limit, and what a clicked place is told by."""
+"""The maps of a zone that answer a reader: a slider for the level and each limit, and what a clicked place is given by."""
 
 import base64
 import json
@@ -128,7 +128,7 @@ def _part(u95: float, data: dict[str, Any]) -> float:
 
 def _slider(name: str, title: str, low: float, high: float, value: float, step: float) -> str:
     limits = f'min="{low:g}" max="{high:g}" step="{step:g}" value="{value:g}"'
-    return f'<label>{html.text(title)}: <b id="{name}-told"></b><input type="range" id="{name}" {limits}></label>'
+    return f'<label>{html.text(title)}: <b id="{name}-reported"></b><input type="range" id="{name}" {limits}></label>'
 
 
 def ticks(low: float, high: float) -> list[float]:

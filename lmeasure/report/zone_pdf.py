@@ -47,11 +47,11 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
             "page": say("zone.page"),
             "of": say("zone.of"),
             "levels": say("zone.level_level"),
-            "levels told": _levels_told(zone_text.has_edge(zone), say),
+            "levels reported": _levels_told(zone_text.has_edge(zone), say),
             "limit": say("zone.limit", angle=limit),
             "scale": say("zone.colour_scale_0_90"),
             "sides": say("zone.rig_seen_along_axes"),
-            "sides told": say("zone.green_scanned_box_red"),
+            "sides reported": say("zone.green_scanned_box_red"),
         },
     }
     pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(html.on_paper(content))}, pdf_standards=["a-2b"])

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from lmeasure.accuracy import Extent, reasons
+from lmeasure.accuracy import Extent, messages_of, reasons
 from lmeasure.core import FloatArray
 from lmeasure.rig import Rig
 from lmeasure.text import Say
@@ -50,13 +50,13 @@ def findings(zone: xr.Dataset, found: Extent, say: Say) -> list[str]:
         lines.append(say("zone.zone_reaches_faces_scanned"))
     if attrs["assemblies_in_zone"] > 1:
         lines.append(say("zone.zone_holds_more_than"))
-    return [*lines, say("zone.95_radius_covers", covers=say.message(attrs["u95_covers"]))]
+    return [*lines, say("zone.95_radius_covers", covers=say.message(messages_of(zone, "u95_covers")[0]))]
 
 
 def taken_as_exact(zone: xr.Dataset, say: Say) -> list[str]:
     """What nobody stated and nothing has solved, a sentence each."""
-    told = map(say.message, str(zone.attrs.get("taken_as_exact", "")).splitlines())
-    return [f"{line[:1].upper()}{line[1:]}." for line in told]
+    reported = map(say.message, messages_of(zone, "taken_as_exact"))
+    return [f"{line[:1].upper()}{line[1:]}." for line in reported]
 
 
 def tables(zone: xr.Dataset, found: Extent, rig: Rig, say: Say) -> list[tuple[str, tuple[str, ...], Rows]]:

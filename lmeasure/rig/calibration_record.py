@@ -7,13 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator, model_validator
 
 from lmeasure.core import DataFrame, FloatArray, Shown, framed
 from lmeasure.io import complaints, files, told
+from lmeasure.text import Message, restored, table
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=0)]
+Text = Annotated[str, WrapValidator(lambda value, own: value if isinstance(value, Message) else own(value))]
+"""A message, or the text of a file."""
 
 # of the correlations: what rounding leaves of a covariance that is singular along a direction
 NEGATIVE_EIGENVALUE = 1e-6
@@ -49,7 +52,7 @@ class Unobservable(_Record):
 
     point: str
     direction: dict[str, Number]
-    text: str
+    text: Text
 
 
 class Dimension(_Record):
@@ -80,7 +83,7 @@ class SolvedEffect(_Record):
 class ShownEffect(_Record):
     """Effect of a channel, searched for in the residuals, and the size that is detected with a probability of 80 %."""
 
-    effect: str
+    effect: Text
     channel: str
     size: Annotated[Number, Field(gt=0)]
     unit: str
@@ -90,7 +93,7 @@ class Finding(_Record):
     """Finding for the user, with a code from a fixed list and a text of one line."""
 
     code: str
-    text: str
+    text: Text
     channel: str | None = None
     pose: str | None = None
     value: float | None = None
@@ -171,6 +174,8 @@ class CalibrationRecord(Shown, _Record):
     """Mean temperature of the counts [°C]; None: not stated."""
     taken_as_exact: tuple[dict[str, Any], ...] = ()
     """Uncertainties that nobody stated or estimated, with the effect of typical values."""
+    messages: tuple[dict[str, Any], ...] = ()
+    """Ids and values of the texts of this record (`lmeasure.text.table`)."""
 
     def about(self) -> dict[str, str]:
         """What was solved, how well it fits, what it tells of lengths, what to know."""
@@ -301,11 +306,27 @@ def read_calibration_record(path: Path) -> CalibrationRecord:
     """
     raw = files.read_bytes(path)
     try:
-        return CalibrationRecord.model_validate_json(raw)
+        return _with_messages(CalibrationRecord.model_validate_json(raw))
     except ValidationError as error:
         # what is no JSON has no keys to name
         data = None if error.errors()[0]["type"] == "json_invalid" else json.loads(raw)
         raise told(str(path), data, complaints(error, data, CalibrationRecord)) from None
+
+
+def _with_messages(record: CalibrationRecord) -> CalibrationRecord:
+    """Return a record that was read, whose texts are messages where it keeps their ids."""
+
+    def known(rows: Any, key: str = "text") -> Any:
+        return tuple(row.model_copy(update={key: restored(getattr(row, key), record.messages)}) for row in rows)
+
+    texts = {"warnings": known(record.warnings), "unobservable": known(record.unobservable)}
+    texts |= {"effects_shown": known(record.effects_shown, "effect"), "robust": restored(record.robust, record.messages)}
+    return record.model_copy(update=texts | {"taken_as_exact": restored(record.taken_as_exact, record.messages), "messages": ()})
+
+
+def _stated_messages(record: CalibrationRecord) -> list[dict[str, Any]]:
+    own = [[w.text for w in record.warnings], [u.text for u in record.unobservable], [e.effect for e in record.effects_shown]]
+    return table([*own, record.robust, record.taken_as_exact])
 
 
 def write_calibration_record(path: Path, record: CalibrationRecord) -> None:
@@ -322,4 +343,5 @@ def write_calibration_record(path: Path, record: CalibrationRecord) -> None:
     --------
     >>> lm.write_calibration_record(Path("calibration.json"), calibration.record)
     """
-    files.write_text(path, json.dumps(record.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n")
+    content = record.model_dump(by_alias=True, mode="json") | {"messages": _stated_messages(record)}
+    files.write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")

@@ -28,6 +28,7 @@ from lmeasure.core import FileFormatError, RigError
 from lmeasure.io import Name, Strict, Whole, checked, files
 from lmeasure.rig.points_and_drums import Length, NotNegative, Positive
 from lmeasure.rig.rig import Rig, rig_from_dict
+from lmeasure.text import message
 
 AGREEMENT = 0.01  # of a turn's cable: beyond it the radius and the length of a count cannot be of one drum
 
@@ -305,14 +306,13 @@ def drum_summary(measured: Sequence[DrumMeasurement]) -> list[str]:
     points: dict[str, list[str]] = {}
     for m in measured:
         points.setdefault(_figures(m), []).append(m.point)
-    return [f"{', '.join(names)}: {figures}" for figures, names in points.items()]
+    return [message("rig.drum", points=tuple(names), figures=figures) for figures, names in points.items()]
 
 
 def _figures(measured: DrumMeasurement) -> str:
     g, (u_tangent, u_offset) = drum_geometry(measured), drum_uncertainty(measured)
-    tangent, offset = (f"u {u:.3f}" if u > 0 else "u not stated" for u in (u_tangent, u_offset))
-    return (
-        f"tangent {g.tangent_length_mm:.3f} mm ({tangent}), "
-        f"axial offset {g.axial_offset_mm:.3f} mm ({offset}), {g.count_length_mm:.6g} mm per count; "
-        f"groove angle {math.degrees(g.groove_angle):.3f} deg, drum to fixed pulley {g.stretch_mm:.3f} mm at k = 0"
-    )
+    tangent, offset = (message("rig.u", u=u) if u > 0 else message("rig.u_not_stated") for u in (u_tangent, u_offset))
+    return message(
+        "rig.drum_figures", tangent=g.tangent_length_mm, u_tangent=tangent, offset=g.axial_offset_mm, u_offset=offset,
+        count=g.count_length_mm, angle=math.degrees(g.groove_angle), stretch=g.stretch_mm,
+    )  # fmt: skip

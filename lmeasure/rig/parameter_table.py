@@ -25,7 +25,7 @@ class Owner(StrEnum):
 class CableParameter:
     """A kind of parameter of a cable.
 
-    key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it; words: what a reader does.
+    key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it.
     default_u: prior standard uncertainty of a nominal value that states none (a drawing, a tape measure, a protractor); assumed_u: of one
     in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do.
     """
@@ -33,7 +33,6 @@ class CableParameter:
     key: str
     owner: Owner
     group: str
-    words: str
     default_u: float
     assumed_u: float
     column: int | None
@@ -66,21 +65,21 @@ class CableParameter:
 
 def _place(axis: str, column: int) -> CableParameter:
     return CableParameter(
-        key=f"{axis}_mm", owner=Owner.POINT, group="position", words="", default_u=30.0, assumed_u=300.0, column=column,
+        key=f"{axis}_mm", owner=Owner.POINT, group="position", default_u=30.0, assumed_u=300.0, column=column,
         stored="position_mm", index="xyz".index(axis), stated="u_position_mm",
     )  # fmt: skip
 
 
 def _attachment(axis: str, column: int) -> CableParameter:
     return CableParameter(
-        key=f"{axis}_mm", owner=Owner.ATTACHMENT, group="attachment", words="", default_u=0.5, assumed_u=20.0, column=column,
+        key=f"{axis}_mm", owner=Owner.ATTACHMENT, group="attachment", default_u=0.5, assumed_u=20.0, column=column,
         index="xyz".index(axis), stated="u_attachment_mm",
     )  # fmt: skip
 
 
 def _guide(angle: str, column: int, assumed_u: float) -> CableParameter:
     return CableParameter(
-        key=f"guide_{angle}_deg", owner=Owner.POINT, group="guide", words=f"guide {angle}", default_u=5.0, assumed_u=assumed_u,
+        key=f"guide_{angle}_deg", owner=Owner.POINT, group="guide", default_u=5.0, assumed_u=assumed_u,
         column=column, stated="u_guide_deg",
     )  # fmt: skip
 
@@ -92,26 +91,26 @@ TABLE = (
     _guide("alpha", ALPHA, 26.0),  # anywhere within +-45 degrees
     _guide("beta", BETA, 104.0),  # anywhere on the circle: 360/sqrt(12)
     CableParameter(
-        key="pulley_radius_mm", owner=Owner.POINT, group="radius", words="the pulley radius", default_u=1.0, assumed_u=10.0,
+        key="pulley_radius_mm", owner=Owner.POINT, group="radius", default_u=1.0, assumed_u=10.0,
         column=RADIUS, unsigned=True,
     ),
     CableParameter(
-        key="scale", owner=Owner.DRUM, group="scale", words="the count scale", default_u=0.01, assumed_u=0.3, column=None,
+        key="scale", owner=Owner.DRUM, group="scale", default_u=0.01, assumed_u=0.3, column=None,
         inverse="count_length_mm",
     ),
     CableParameter(
-        key="tangent_length_mm", owner=Owner.DRUM, group="tangent", words="the drum's tangent length", default_u=5.0, assumed_u=60.0,
+        key="tangent_length_mm", owner=Owner.DRUM, group="tangent", default_u=5.0, assumed_u=60.0,
         column=TANGENT,
     ),
     CableParameter(
-        key="axial_offset_mm", owner=Owner.DRUM, group="axial", words="the drum's axial offset", default_u=5.0, assumed_u=20.0,
+        key="axial_offset_mm", owner=Owner.DRUM, group="axial", default_u=5.0, assumed_u=20.0,
         column=AXIAL,
     ),
     _attachment("x", ATTACHMENT_COLUMN),
     _attachment("y", ATTACHMENT_COLUMN + 1),
     _attachment("z", ATTACHMENT_COLUMN + 2),
     CableParameter(
-        key="groove_pitch_mm", owner=Owner.DRUM, group="pitch", words="the groove pitch", default_u=0.05, assumed_u=1.0,
+        key="groove_pitch_mm", owner=Owner.DRUM, group="pitch", default_u=0.05, assumed_u=1.0,
         column=TRAVEL, per_revolution=True,
     ),
 )  # fmt: skip
@@ -125,7 +124,6 @@ def _pair(key: str, owner: Owner, group: str, *, u: float, suffixes: tuple[str, 
             key=f"{key}_{suffix}_{unit}",
             owner=owner,
             group=group,
-            words="",
             default_u=u,
             assumed_u=10.0 * u,
             column=None,
@@ -141,14 +139,14 @@ FURTHER = (
     *_pair("run_out", Owner.DRUM, "run-out", u=0.05, suffixes=("cos", "sin")),
     *_pair("pulley_eccentricity", Owner.POINT, "eccentricity", u=0.1, suffixes=("cos", "sin")),
     CableParameter(
-        key="swivel_offset_mm", owner=Owner.POINT, group="offset", words="the swivel's offset", default_u=0.5, assumed_u=5.0, column=None,
+        key="swivel_offset_mm", owner=Owner.POINT, group="offset", default_u=0.5, assumed_u=5.0, column=None,
     ),
     CableParameter(
-        key="cable_oversize_mm", owner=Owner.DRUM, group="diameter", words="the cable's diameter", default_u=0.1, assumed_u=0.5,
+        key="cable_oversize_mm", owner=Owner.DRUM, group="diameter", default_u=0.1, assumed_u=0.5,
         column=None,
     ),
     CableParameter(
-        key="backlash_counts", owner=Owner.DRUM, group="backlash", words="the play", default_u=2.0, assumed_u=20.0, column=None,
+        key="backlash_counts", owner=Owner.DRUM, group="backlash", default_u=2.0, assumed_u=20.0, column=None,
     ),
 )  # fmt: skip
 """What a rig need not have, 0 where it is not given: in the order of `sensors.imperfect_parts`, which has their laws."""

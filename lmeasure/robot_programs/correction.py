@@ -13,6 +13,7 @@ from lmeasure.robot_programs.configuration import fits
 from lmeasure.robot_programs.frame_evidence import NEAR_RAD, contradicted
 from lmeasure.robot_programs.program import Dialect, Listing, Target, rewritten
 from lmeasure.robots import NO_POSE, Correction, IdentifiedRobot, Limits, corrections, in_keep_out, ways, whole_turns
+from lmeasure.text import message
 
 AS_WRITTEN_DEG = 0.02
 """By which a joint at 0 or at a quarter may seem to be beyond it, because places and angles were written with few decimals."""
@@ -98,7 +99,7 @@ def corrected_program(
         tool = listing.frames.get(target.tool, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
         at = se3.compose(robot.seen.forward(found[i].joints[None])[0], tool)[:3]
         if not why and in_keep_out(limits, np.array([at if place is None else place, at])) is not None:
-            why = "the way to it leads through a keep-out box"
+            why = message("robot_programs.way_leads_through_keep")
         place = at
         new = list(target.values) if why else [float(v) for v in _values(target, listing, dialect, found[i], robot)]
         u95 = float(robot.u95_mm(found[i].joints[None])[0]) + found[i].left_mm
@@ -146,21 +147,25 @@ def _joints(
     low, high = robot.nominal.limits
     if target.joints:
         if len(target.values) != len(low):
-            return None, f"{len(target.values)} joint values; the robot has {len(low)}"
+            return None, message("robot_programs.joint_values_robot_has", n=len(target.values), of=len(low))
         joints = _of_joints(target, dialect, robot)
-        return (joints, "") if ((joints >= low - 1e-9) & (joints <= high + 1e-9)).all() else (None, "beyond the limits of the joints")
+        return (
+            (joints, "")
+            if ((joints >= low - 1e-9) & (joints <= high + 1e-9)).all()
+            else (None, message("robot_programs.beyond_limits_joints"))
+        )
     if target.near:
         if len(target.near) != len(low):
-            return None, f"{len(target.near)} joint values are stated beside it; the robot has {len(low)}"
+            return None, message("program.beside", n=len(target.near), of=len(low))
         last = np.where(robot.nominal.sliding, target.near, np.array(target.near) * dialect.joint_size)
     flange = se3.compose(listing.frames[target.base], dialect.pose(target.values))
     found = ways(robot.nominal, se3.compose(flange, se3.inverse(listing.frames[target.tool])), last)
     if not len(found):
-        return None, "out of the nominal robot's reach"
+        return None, message("robot_programs.out_nominal_robots_reach")
     if target.near and last is not None and not target.taught:
         away = np.where(robot.nominal.sliding, 0.0, np.abs(found - last)).max(axis=1)
         if away.min() > NEAR_RAD:
-            return None, f"none of its {len(found)} ways is within 90° of the joint values that the program states beside it"
+            return None, message("robot_programs.none_ways_within_90", n=len(found))
     if target.flags:
         # a configuration may tell whole turns: those nearest to the target before are not always meant
         every = [q for way in found for q in whole_turns(robot.nominal, way)]
@@ -169,21 +174,21 @@ def _joints(
     if target.loose and last is not None:
         # nearest to where the robot comes from, unless what is stated says another
         if fitting and not np.array_equal(fitting[0], found[0]):
-            return None, "its configuration may not hold (ConfJ or ConfL \\Off), and the target before says another; state --near"
+            return None, message("robot_programs.configuration_may_not_hold")
         return found[0], ""
     if target.loose and len(found) > 1:
-        return None, "its configuration may not hold (ConfJ or ConfL \\Off), and nothing says where the robot comes from; state --near"
+        return None, message("robot_programs.configuration_may_not_hold_confj")
     if not fitting:
-        return None, f"none of its {len(found)} ways has the configuration that it states"
+        return None, message("robot_programs.none_ways_has_configuration", n=len(found))
     if last is None and len(fitting) > 1:
-        return None, f"{len(fitting)} ways lead to it, and nothing says which; state --near"
+        return None, message("robot_programs.ways_lead_nothing_says", n=len(fitting))
     return fitting[0], ""
 
 
 def _other_flags(target: Target, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> str:
     if target.joints or target.loose or fits(dialect, target.flags, robot.nominal, found.joints):
         return ""
-    return "corrected it would have another configuration than the program states"
+    return message("robot_programs.corrected_would_have_another")
 
 
 def _values(target: Target, listing: Listing, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> FloatArray:
@@ -200,7 +205,7 @@ def as_record(found: Corrected, listing: Listing, frames: Mapping[str, FloatArra
         "schema": "lmeasure.corrections/1",
         "targets": [_record(o) for o in found.outcomes],
         "corrected": found.changed,
-        "unread": [{"file": u.file, "line": u.line, "text": str(u)} for u in listing.unread],
+        "unread": [{"file": u.file, "line": u.line, "text": u.text} for u in listing.unread],
         "frames": {name: {"position_mm": row[:3].tolist(), "quaternion_xyzw": row[3:].tolist()} for name, row in frames.items()},
     }
 

@@ -15,6 +15,7 @@ import numpy as np
 from lmeasure.core import FloatArray
 from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, wrong
+from lmeasure.text import message
 
 POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
 _POSITION = re.compile(r'^[ \t]*P\[\s*(\d+)\s*(?::\s*"?([^"\]]*))?[^\]]*\]\s*(?=\{)', re.M)
@@ -54,14 +55,14 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
             continue
         by, registers = _BY_DIFFERENCE.search(m[2]), list(_NAMED.finditer(m[2]))
         if not registers:
-            leave(m.start(1), f"{m[1]} {m[2].strip().partition(' ')[0]}: a position that is computed")
+            leave(m.start(1), message("robot_programs.position_computed", m=m[1], m_=m[2].strip().partition(" ")[0]))
         for register in registers:
             number = register[2].strip()
             if m[2][register.end() :].lstrip().startswith("="):
                 continue  # what a skip condition keeps
             if register[1] == "PR" or not number.isdigit():
                 if not (by and register.start() > by.start()):
-                    leave(m.start(1), f"{m[1]} {register[0]}: a position that is computed")
+                    leave(m.start(1), message("robot_programs.position_computed_2", m=m[1], register=register[0]))
             else:
                 used.setdefault(int(number), set()).add(by[1].upper() if by else "")
                 first.setdefault(int(number), m.start(2) + register.start())
@@ -74,15 +75,15 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
         number, end = int(m[1]), closing(text, m.end(), "{}")
         name = f"P[{number}]"
         if end < 0:
-            leave(m.start(), f"{name}: not closed")
+            leave(m.start(), message("program.unclosed", name=name))
             continue
         differences = sorted(d for d in used.get(number, set()) if d)
         if number not in used:
-            leave(m.start(), f"{name}: no motion goes to it")
+            leave(m.start(), message("robot_programs.no_motion_goes", name=name))
         elif number in changed:
-            leave(m.start(), f"{name}: is changed by the program in {source.name}:{changed[number]}")
+            leave(m.start(), message("robot_programs.changed_program_2", name=name, name_=source.name, changed=changed[number]))
         elif differences:
-            leave(m.start(), f"{name}: is moved to with {', '.join(differences)}")
+            leave(m.start(), message("robot_programs.moved", name=name, how=tuple(differences)))
         else:
             found = _target(k, source, name, (m.end(), end), current)
             if isinstance(found, str):
@@ -90,7 +91,12 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
                 continue
             frame = next((f for t in found if not t.joints for f in (t.base, t.tool) if _set_at(f, set_here)), "")
             if frame:
-                leave(m.start(), f"{name}: its frame {frame} is set by the program in {source.name}:{_set_at(frame, set_here)}")
+                leave(
+                    m.start(),
+                    message(
+                        "robot_programs.frame_set_program_2", name=name, frame=frame, name_=source.name, _set_at=_set_at(frame, set_here)
+                    ),
+                )
             else:
                 targets += [replace(t, moved=(k, first[number]), label=(m[2] or "").strip()) for t in found]
 
@@ -129,7 +135,7 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
         return why
     out = [key for key in fields if key[0] == "E" and fields[key][0]]
     if out and not joints:
-        return f"{out[0]} is at {fields[out[0]][0]:g}: where robot and workpiece then are is not known"
+        return message("robot_programs.where_robot_workpiece_then", axis=out[0], value=fields[out[0]][0])
     frames = {}
     for m in _FRAME.finditer(text, start, stop):
         own = m[2] if m[2].isdigit() else next(iter(current[m[1]])) if len(current[m[1]]) == 1 else ""

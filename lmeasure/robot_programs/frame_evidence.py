@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.robot_programs.program import Dialect, Listing, Target
 from lmeasure.robots import RobotModel
+from lmeasure.text import message
 
 NOMINAL_MM, NOMINAL_PART, NOMINAL_RAD = 10.0, 0.005, np.radians(1.0)
 """By how much a nominal robot may miss its controller's poses, in mm or parts of its reach: several times what arms err by."""
@@ -53,7 +54,7 @@ class _Compared:
     @property
     def apart(self) -> str:
         """How far the two places are apart, for a message."""
-        return f"{self.off_mm:.1f} mm and {np.degrees(self.off_rad):.1f}°"
+        return message("program.apart", mm=self.off_mm, deg=float(np.degrees(self.off_rad)))
 
     @property
     def agree(self) -> bool:
@@ -106,7 +107,7 @@ def contradicted(listing: Listing, dialect: Dialect, robot: RobotModel, *, singl
         if len(sure_off) > 0.5 * len(sure) and sure:
             said = _refusal(listing, pairs[sure_off[0]], known[sure_off[0]], len(sure_off), len(sure), frame=None)
             raise RobotError(said + _level(list(pairs.values()), listing, dialect, robot))
-    return {i: f"its pose and its joint values are not one place: {known[i].apart} apart" for i in sure_off}
+    return {i: message("program.not_one_place", apart=known[i].apart) for i in sure_off}
 
 
 def _level(pairs: Sequence[Pair], listing: Listing, dialect: Dialect, robot: RobotModel) -> str:

@@ -17,6 +17,7 @@ from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.krl_flow import FIXED, NULL, Motion, fdat_frames
 from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, masked, pieces, wrong
 from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
+from lmeasure.text import message
 
 POSE, AXES, EXTERNAL = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7)), tuple(f"E{i}" for i in range(1, 7))
 FLAGS = "S", "T"
@@ -63,7 +64,7 @@ class _Reader:
             self._point(point)
         lost = self.without if self.elsewhere else set()
         for target in (self.targets[i] for i in sorted(lost)):
-            text = f"{target.name}: external axes are not stated, which elsewhere are not at 0"
+            text = message("robot_programs.external_axes_not_stated", name=target.name)
             self.unread.append(Unread(self.sources[target.source].name, target.line, text))
         kept = tuple(t for i, t in enumerate(self.targets) if i not in lost)
         return Listing(self.sources, kept, self.frames, tuple(self.unread))
@@ -78,7 +79,7 @@ class _Reader:
         for m in _DECLARED.finditer(text):
             span, kind, name = (m.end(), closing(text, m.end(), "{}")), m[2].upper(), m[3]
             if span[1] < 0:
-                self._leave(k, m.start(2), f"{name}: an aggregate that is not closed")
+                self._leave(k, m.start(2), message("program.aggregate_open", name=name))
             elif kind == "FDAT":
                 self.fdat[self.modules[k], name.upper()] = fdat_frames(text[slice(*span)])
             elif kind == "FRAME":
@@ -96,7 +97,7 @@ class _Reader:
             if first is not None and all(f is not None and np.allclose(f, first, atol=1e-12) for _, _, f in every):
                 self.frames[name] = first
             else:
-                self._leave(k, place, f"{name}: a frame that is no list of six numbers, or another elsewhere")
+                self._leave(k, place, message("program.frame_elsewhere", name=name))
 
     def _frame_of(self, k: int, span: Span) -> FloatArray | None:
         found = self._aggregate(k, span) if span[1] > 0 else None
@@ -113,7 +114,7 @@ class _Reader:
             name, where = re.sub(r"\s", "", m[1]).upper(), f"{self.sources[k].name}:{self.sources[k].line(m.start(1))}"
             point = self.points.at(name, k, m.start())
             if point is not None:
-                point.changed = point.changed or f"is changed by the program in {where}"
+                point.changed = point.changed or message("robot_programs.changed_program", where=where)
             if m[2] or not text[m.end() :].lstrip(" \t").startswith("{") or not re.search(r"\[\d+\]$", name):
                 self.moving.setdefault(re.sub(r"\[(?!\d+\]).*", "", name), where)
                 self.fdat.pop((self.modules[k], name), None)
@@ -123,7 +124,9 @@ class _Reader:
         for word in re.findall(r"\w+", given):
             point = self.points.at(word, k, place)
             if point is not None:
-                point.changed = point.changed or f"is passed to {call} in {self.sources[k].name}:{self.sources[k].line(place)}"
+                point.changed = point.changed or message(
+                    "robot_programs.passed", call=call, name=self.sources[k].name, line=self.sources[k].line(place)
+                )
 
     def _frame(self, k: int, which: str, span: Span) -> str:
         """The name of a frame that $BASE or $TOOL is set to; an aggregate gets its own."""
@@ -145,10 +148,10 @@ class _Reader:
     def _move(self, motion: Motion) -> None:
         k, kind, text = motion.source, motion.kind, self.plain[motion.source]
         if kind.endswith("_REL"):
-            self._leave(k, motion.place, f"{kind}: moves by a difference, not to a target")
+            self._leave(k, motion.place, message("program.difference", name=kind))
             return
         if not motion.states:
-            self._leave(k, motion.place, f"{kind}: nothing leads to it")
+            self._leave(k, motion.place, message("robot_programs.nothing_leads", name=kind))
             return
         parts = pieces(text, motion.rest)
         for start, stop in parts[: 2 if kind.endswith("CIRC") else 1]:
@@ -163,11 +166,11 @@ class _Reader:
                 continue
             point = self.points.at(name, k, start)
             if operand.startswith("{") and end < 0:
-                self._leave(k, start, f"{kind}: an aggregate that is not closed")
+                self._leave(k, start, message("program.aggregate_open", name=kind))
             elif word is None or re.match(r"\s*[:\[.]", operand[word.end() :]):
-                self._leave(k, start, f"{kind} {operand.strip()}: a target that is computed")
+                self._leave(k, start, message("robot_programs.target_computed", kind=kind, strip=operand.strip()))
             elif point is None:
-                self._leave(k, start, f"{kind} {name}: is not declared here with its values")
+                self._leave(k, start, message("robot_programs.not_declared_here_values", kind=kind, name=name))
             else:
                 point.use(frames, (k, start))
 
@@ -191,7 +194,7 @@ class _Reader:
         if not used and point.kind.endswith("AXIS"):
             used = {(NULL, NULL)}
         if not used:
-            self._leave(point.source, point.span[0], f"{point.name}: no motion to it is here, so that its frames are not known")
+            self._leave(point.source, point.span[0], message("robot_programs.no_motion_here_so", name=point.name))
         elif point.changed:
             self._leave(point.source, point.span[0], f"{point.name}: {point.changed}")
         else:
@@ -200,7 +203,7 @@ class _Reader:
     def _take(self, name: str, k: int, span: Span, used: set[tuple[str, str]], moved: tuple[int, int]) -> None:
         found = self._aggregate(k, span)
         if found is None:
-            self._leave(k, span[0], f"{name}: an aggregate with what is no number, or a field twice")
+            self._leave(k, span[0], message("program.aggregate_field", name=name))
             return
         joints = "A1" in found
         wanted = AXES if joints else POSE
@@ -210,18 +213,18 @@ class _Reader:
         several = ", ".join(sorted(" / ".join(u) for u in used))
         frames = min(used)
         if missing:
-            self._leave(k, span[0], f"{name}: {', '.join(missing)} not stated: the rest is where the robot is")
+            self._leave(k, span[0], message("program.rest", name=name, missing=tuple(missing)))
         elif why := wrong([v for v, _ in found.values()]):
             self._leave(k, span[0], f"{name}: {why}")
         elif not joints and any(out.values()):
             key = next(key for key in out if out[key])
-            self._leave(k, span[0], f"{name}: {key} is at {out[key]:g}: where robot and workpiece then are is not known")
+            self._leave(k, span[0], message("robot_programs.where_robot_workpiece_then_not", name=name, axis=key, value=out[key]))
         elif len(used) > 1 and not joints:
-            self._leave(k, span[0], f"{name}: moved to in several frames: {several}")
+            self._leave(k, span[0], message("robot_programs.moved_several_frames", name=name, frames=several))
         elif not joints and (frame := next((f for f in frames if self._set_at(f)), "")):
-            self._leave(k, span[0], f"{name}: its frame {frame} is set by the program in {self._set_at(frame)}")
+            self._leave(k, span[0], message("robot_programs.frame_set_program", name=name, frame=frame, where=self._set_at(frame)))
         elif frames[0] == FIXED[0]:
-            self._leave(k, span[0], f"{name}: the robot holds the workpiece, the tool stands still")
+            self._leave(k, span[0], message("robot_programs.robot_holds_workpiece_tool", name=name))
         else:
             flags = {key: int(found[key][0]) for key in FLAGS if key in found}
             if not joints and not out:

@@ -10,6 +10,7 @@ from lmeasure.core import FloatArray, se3
 from lmeasure.robot_programs.correction import Corrected, Outcome
 from lmeasure.robot_programs.program import Dialect, Listing, Target, rewritten
 from lmeasure.robots import Correction, ErrorMap, Limits, in_keep_out, too_large
+from lmeasure.text import message
 
 STEPS = 50
 SETTLED = 1e-9
@@ -34,7 +35,7 @@ def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limi
         found = _corrected(wanted, errors, limits)
         why = found.refused
         if not why and in_keep_out(limits, np.array([wanted[:3] if place is None else place, wanted[:3]])) is not None:
-            why = "the way to it leads through a keep-out box"
+            why = message("robot_programs.way_leads_through_keep")
         place = wanted[:3]
         new = list(target.values)
         if not why:
@@ -48,13 +49,13 @@ def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limi
 def _unfit(target: Target, listing: Listing, tool: FloatArray | None) -> str:
     """Why a map cannot be asked about a target."""
     if target.joints:
-        return "joint values: a map knows poses alone"
+        return message("robot_programs.joint_values_map_knows")
     if tool is None:
         return ""
     off = se3.displacement(listing.frames[target.tool], tool)
     if np.linalg.norm(off[3:]) <= SAME_MM and np.linalg.norm(off[:3]) <= SAME_RAD:
         return ""
-    return f"its tool {target.tool} is not the one that the map was measured with"
+    return message("robot_programs.tool_not_one_map", tool=target.tool)
 
 
 def _known(errors: ErrorMap, pose: FloatArray) -> FloatArray:
@@ -74,7 +75,7 @@ def _corrected(wanted: FloatArray, errors: ErrorMap, limits: Limits) -> Correcti
             break
     refused = errors.outside(_known(errors, wanted)) or errors.outside(_known(errors, told))
     if not refused and step >= SETTLED:
-        refused = "errors change too much around it to be corrected"
+        refused = message("robot_programs.errors_change_too_much")
     change, clipped = se3.displacement(told, wanted), False
     if not refused and (why := too_large(change, limits)):
         if limits.clip:

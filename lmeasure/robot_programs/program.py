@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import MAX_LENGTH_MM, FloatArray, check_kind, se3, shortened
 from lmeasure.io import Column
+from lmeasure.text import Message, composed, message
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -43,8 +44,15 @@ class Unread:
     line: int
     why: str
 
+    @property
+    def text(self) -> Message:
+        """Return the whole line."""
+        short = shortened(" ".join(self.why.split()))
+        why = self.why if short == self.why else short
+        return composed("{file}:{line}: {why}", file=self.file, line=self.line, why=why)
+
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}: {shortened(' '.join(self.why.split()))}"
+        return str(self.text)
 
 
 @dataclass(frozen=True)
@@ -139,7 +147,13 @@ class Listing:
         for target in self.targets:
             missing = [] if target.joints else [name for name in (target.base, target.tool) if name not in known]
             if missing:
-                lost.append(Unread(self.sources[target.source].name, target.line, f"{target.name}: the frame {missing[0]} is not stated"))
+                lost.append(
+                    Unread(
+                        self.sources[target.source].name,
+                        target.line,
+                        message("robot_programs.frame_not_stated", name=target.name, frame=missing[0]),
+                    )
+                )
             else:
                 kept.append(target)
         return replace(self, targets=tuple(kept), frames=known, unread=tuple(lost))
@@ -236,9 +250,9 @@ def wrong(values: Sequence[float], quaternion: Sequence[float] = ()) -> str:
     """Why numbers are those of no target, empty where they may be: one that no robot reaches, or a quaternion that is not of length 1."""
     for value in values:
         if not abs(value) <= MAX_LENGTH_MM:
-            return f"a number that no robot has: {value:g}"
+            return message("robot_programs.number_no_robot_has", value=value)
     length = math.sqrt(sum(q * q for q in quaternion)) if len(quaternion) else 1.0
-    return "" if abs(length - 1.0) <= UNIT else f"a quaternion of length {length:.4g}, not 1"
+    return "" if abs(length - 1.0) <= UNIT else message("robot_programs.quaternion_length_not", length=length)
 
 
 def pose(position_mm: Sequence[float], turn: Rotation) -> FloatArray:

@@ -29,6 +29,7 @@ from lmeasure.robot_programs.program import (
     wrong,
 )
 from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
+from lmeasure.text import message
 
 _DECLARED = re.compile(
     r"\b((?:LOCAL\s+|TASK\s+)?)(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I
@@ -80,11 +81,15 @@ class _Reader:
         for point in self.points:
             k, name, used = point.source, point.name, point.used
             if not used:
-                self._leave(k, point.span[0], f"{name}: no motion goes to it as it stands")
+                self._leave(k, point.span[0], message("robot_programs.no_motion_goes_stands", name=name))
             elif point.changed:
                 self._leave(k, point.span[0], f"{name}: {point.changed}")
             elif len(used) > 1:
-                self._leave(k, point.span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
+                self._leave(
+                    k,
+                    point.span[0],
+                    message("robot_programs.moved_several_frames", name=name, frames=tuple(sorted(" / ".join(u) for u in used))),
+                )
             else:
                 self._take(k, name, point.span, next(iter(used)), point.first or (k, point.span[0]))
         return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
@@ -110,18 +115,18 @@ class _Reader:
         """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not told; all
         targets are elsewhere where a displacement may be on."""
         for m in _ASSIGNED.finditer(text):
-            self._mark(k, m[1], m.start(1), "is changed by the program")
+            self._mark(k, m[1], m.start(1), message("robot_programs.changed_program_3"))
             if not self._hides(k, m[1], m.start(1)):
                 self.moving.setdefault(m[1].lower(), f"{self.sources[k].name}:{self.sources[k].line(m.start(1))}")
         for m in _GIVEN.finditer(text):
             at_once = m[1].upper() == "IF" and not re.search(r"\bTHEN\b", m[2], re.I) and not _MOVE.search(m[2])
             if at_once or not (_MOVE.match(m[1]) or _WORDS.fullmatch(m[1].lower())):
                 for word in re.findall(r"\w+", m[2]):
-                    self._mark(k, word, m.start(1), f"is passed to {m[1]}")
+                    self._mark(k, word, m.start(1), message("program.passed", routine=m[1]))
         for m in re.finditer(r"\bFUNC\s+\w+\s+(\w+)", "\n".join(self.plain), re.I):
             for call in re.finditer(rf"(?<!\w)(?<!FUNC )\b{m[1]}\s*\(([^()]*)\)", text, re.I):
                 for word in re.findall(r"\w+", call[1]):
-                    self._mark(k, word, call.start(), f"is passed to {m[1]}")
+                    self._mark(k, word, call.start(), message("program.passed", routine=m[1]))
         for point in self.points:
             displaced = self._displacement()
             if displaced and point.kind == "robtarget":
@@ -131,21 +136,21 @@ class _Reader:
         for k, text in enumerate(self.plain):
             m = _DISPLACED.search(text)
             if m:
-                return f"a displacement may be on, by {m[1]} in {self.sources[k].name}:{self.sources[k].line(m.start())}"
+                return message("robot_programs.displacement_may", m=m[1], name=self.sources[k].name, line=self.sources[k].line(m.start()))
         return ""
 
     def _mark(self, k: int, name: str, place: int, why: str) -> None:
         point = None if self._hides(k, name, place) else self.points.at(name, k, place)
         if point is not None:
-            point.changed = point.changed or f"{why} in {self.sources[k].name}:{self.sources[k].line(place)}"
+            point.changed = point.changed or message("program.why_in", why=why, file=self.sources[k].name, line=self.sources[k].line(place))
 
     def _declared(self, k: int, m: re.Match[str]) -> None:
         text, kind, name = self.plain[k], m[2].lower(), m[3]
         span = m.end(), closing(text, m.end(), "[]")
         if span[1] < 0:
-            self._leave(k, m.start(), f"{name}: a list that is not closed")
+            self._leave(k, m.start(), message("program.not_closed", name=name))
         elif m[4]:
-            self._leave(k, m.start(), f"{name}: an array of {kind}")
+            self._leave(k, m.start(), message("program.array", name=name, kind=kind))
         elif kind in ("robtarget", "jointtarget"):
             self.points.add(Point(name, k, kind, span, self._region(k, m)))
         else:
@@ -171,11 +176,11 @@ class _Reader:
             held, frames = words[:2] == ["FALSE", "TRUE"], parts[3:5]
         found = [self._frame(k, p) for p in frames]
         if not held:
-            self._leave(k, span[0], f"{name}: {'a tool that stands still' if kind == 'tooldata' else 'a work object that moves'}")
+            self._leave(k, span[0], message("program.tool_still" if kind == "tooldata" else "program.object_moves", name=name))
         elif not found or any(f is None for f in found):
-            self._leave(k, span[0], f"{name}: a frame that is no list of numbers, or no orientation")
+            self._leave(k, span[0], message("program.no_frame", name=name))
         elif name.lower() in self.stated:
-            self._leave(k, span[0], f"{name}: is declared more than once")
+            self._leave(k, span[0], message("robot_programs.declared_more_than_once", name=name))
             self.frames.pop(name.lower(), None)
         else:
             total = np.array(IDENTITY)
@@ -196,13 +201,13 @@ class _Reader:
         text, move = self.plain[k], m[1].lower()
         end = text.find(";", m.end())
         if end < 0:
-            self._leave(k, m.start(), f"{m[1]}: an instruction that is not closed")
+            self._leave(k, m.start(), message("program.open_instruction", name=m[1]))
             return
         plain = [p for p in pieces(text, (m.end(), end)) if text[p[0] : p[1]] and text[p[0]] != "\\"]
         if move.startswith("search"):
             # a signal and the target that takes what was found stand before where it moves to
             for start, stop in plain[:2]:
-                self._mark(k, text[start:stop], start, "is searched for")
+                self._mark(k, text[start:stop], start, message("program.searched"))
             plain = plain[2:]
         targets = plain[: 2 if move.startswith(("movec", "triggc", "searchc")) else 1]
         # to, speed, (trigger,) (zone,) tool; what follows the tool are signals
@@ -219,10 +224,10 @@ class _Reader:
             operand = re.sub(r"(?<=[\w\]])\s*\\.*", "", text[start:stop], flags=re.S).strip()
             point = None if self._hides(k, operand, start) else self.points.at(operand, k, start)
             if sensed:
-                why = f"{m[1]} with \\Corr: a sensor shifts the way"
+                why: str = message("program.sensor", move=m[1])
                 self._leave(k, start, why)
                 if point is not None:
-                    point.changed = point.changed or f"is moved to by {why}"
+                    point.changed = point.changed or message("program.moved_by", why=why)
             elif operand.startswith("[") and (why := self._displacement()):
                 self._leave(k, start, f"{line}: {why}")
             elif operand.startswith("["):
@@ -230,14 +235,14 @@ class _Reader:
             elif point is not None:
                 point.use({("wobj0", "tool0") if move.startswith("moveabs") else frames}, (k, start))
             elif re.fullmatch(r"\w+", operand):
-                self._leave(k, start, f"{m[1]} {operand}: is not declared here with its values")
+                self._leave(k, start, message("robot_programs.not_declared_here_values_2", m=m[1], operand=operand))
             else:
-                self._leave(k, start, f"{m[1]} {text[start:stop]}: a target that is computed")
+                self._leave(k, start, message("robot_programs.target_computed_2", m=m[1], v2=text[start:stop]))
 
     def _take(self, k: int, name: str, span: Span, frames: tuple[str, str], moved: tuple[int, int]) -> None:
         lists = self._lists(k, span)
         if lists is None:
-            self._leave(k, span[0], f"{name}: a list with what is no number")
+            self._leave(k, span[0], message("program.no_numbers", name=name))
             return
         place, shape = self.sources[k].line(span[0]), [len(v) for v in lists]
         own = [v for part in lists[:-1] for v, _ in part]
@@ -249,13 +254,13 @@ class _Reader:
             else:
                 self.targets.append(Target(name, k, place, True, numbers, spans, *frames, moved=moved))
         elif shape != [3, 4, 4, 6]:
-            self._leave(k, span[0], f"{name}: neither a robtarget nor a jointtarget")
+            self._leave(k, span[0], message("robot_programs.neither_robtarget_nor_jointtarget", name=name))
         elif why := wrong(own, own[3:7]):
             self._leave(k, span[0], f"{name}: {why}")
         elif frame := next((f for f in frames if f in self.moving), ""):
-            self._leave(k, span[0], f"{name}: its frame {frame} is set by the program in {self.moving[frame]}")
+            self._leave(k, span[0], message("robot_programs.frame_set_program", name=name, frame=frame, where=self.moving[frame]))
         elif out:
-            self._leave(k, span[0], f"{name}: an external axis is at {out[0]:g}: where robot and workpiece then are is not known")
+            self._leave(k, span[0], message("robot_programs.external_axis_where_robot", name=name, value=out[0]))
         else:
             numbers, spans = zip(*lists[0], *lists[1], strict=True)
             flags = dict(zip(("cf1", "cf4", "cf6", "cfx"), (int(v) for v, _ in lists[2]), strict=True))

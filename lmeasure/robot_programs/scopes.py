@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from lmeasure.robot_programs.program import Span
+from lmeasure.text import message
 
 Region = tuple[tuple[int, int, int], ...]
 EVERYWHERE: Region = ()
@@ -40,7 +41,7 @@ class Points:
         same = self._all.setdefault(point.name.upper(), [])
         for other in same:
             if other.region == point.region:
-                other.changed = point.changed = "is declared more than once"
+                other.changed = point.changed = message("robot_programs.declared_more_than_once_2")
         same.append(point)
 
     def at(self, name: str, source: int, place: int) -> Point | None:

@@ -19,6 +19,7 @@ from lmeasure.core import CONVENTIONS, QUATERNION_COLUMNS, FloatArray, RobotErro
 from lmeasure.io import COLUMN_KINDS, Column
 from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, pose, wrong
+from lmeasure.text import message
 
 PLACE = ("x_mm", "y_mm", "z_mm")
 Columns = Mapping[str, Column]
@@ -125,13 +126,13 @@ def _rows(
         values = tuple(sizes[c] * float(w) for c, w in zip(wanted, words, strict=False) if re.fullmatch(NUMBER, w))
         why = ""
         if not wanted:
-            why = f"neither {', '.join((*place, *turn))} nor joint values"
+            why = message("program.neither", columns=(*place, *turn))
         elif twice := [c for c in wanted if header.count(c) > 1]:
-            why = f"two columns {twice[0]}"
+            why = message("program.two_columns", name=twice[0])
         elif len(cells) != len(header):
-            why = f"{len(cells)} cells under {len(header)} columns"
+            why = message("robot_programs.cells_under_columns", cells=len(cells), of=len(header))
         elif len(values) < len(wanted):
-            why = "a cell that is no number"
+            why = message("robot_programs.cell_no_number")
         why = why or wrong(values, values[3:] if posed and turn == QUATERNION_COLUMNS else ())
         if why:
             unread.append(Unread(source.name, line, f"{name}: {why}"))

@@ -31,6 +31,7 @@ from lmeasure.robot_programs.program import (
     pose as _placed,
     wrong,
 )
+from lmeasure.text import message
 
 _SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
 _ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)
@@ -95,7 +96,7 @@ class _Reader:
         for m in _CALL.finditer(text):
             end = closing(text, m.end(), "()")
             if end < 0:
-                self._leave(m.start(), f"{m[1]}: a call that is not closed")
+                self._leave(m.start(), message("program.call_open", name=m[1]))
                 continue
             arguments = [self._unnamed(part) for part in pieces(text, (m.end() + 1, end))]
             if m[1] == "set_tcp":
@@ -114,17 +115,17 @@ class _Reader:
                     self._leave(place, f"{move} {text[slice(*argument)]}: is moved along by {along}")
                     for name in re.findall(r"\w+", text[slice(*argument)]):
                         if name in self.named:
-                            self.named[name].changed = f"is moved along by {along}"
+                            self.named[name].changed = message("program.moved_along", along=along)
                 elif found:
                     self._moved(move, argument, {state[0] for state in found})
                 else:
-                    self._leave(place, f"{move} {text[slice(*argument)]}: nothing leads to it")
+                    self._leave(place, message("robot_programs.nothing_leads_2", move=move, v2=text[slice(*argument)]))
                     self.aside.add(text[slice(*argument)])
         for name, literal in self.named.items():
             if literal.used:
                 self._take(name, literal)
             elif name not in self.frames and name not in self.aside and self._six(literal.span) is not None:
-                self._leave(literal.span[0], f"{name}: no motion goes to it as it stands")
+                self._leave(literal.span[0], message("robot_programs.no_motion_goes_stands", name=name))
 
     def _blocks(self) -> list[Event]:
         """Functions, which may stand within others, blocks, and calls of the functions; a thread that is run may or may not have run."""
@@ -159,7 +160,9 @@ class _Reader:
         """Names that a function is given: where it moves to them is not told."""
         for name in re.findall(r"\w+", self.text[slice(*given)]):
             if name in self.named:
-                self.named[name].changed = f"is passed to {function} in {self.source.name}:{self.source.line(place)}"
+                self.named[name].changed = message(
+                    "robot_programs.passed_2", function=function, name=self.source.name, line=self.source.line(place)
+                )
 
     def _unnamed(self, argument: Span) -> Span:
         """What is given as pose=... or q=..., without that."""
@@ -249,20 +252,23 @@ class _Reader:
         return given["x"], near, tool
 
     def _computed(self, move: str, argument: Span) -> None:
-        self._leave(argument[0], f"{move} {self.text[slice(*argument)]}: a target that is computed or set elsewhere")
+        self._leave(argument[0], message("robot_programs.target_computed_set_elsewhere", move=move, v2=self.text[slice(*argument)]))
 
     def _take(self, name: str, literal: _Literal) -> None:
         found, used = self._six(literal.span), literal.used
         if found is None:
-            self._leave(literal.span[0], f"{name}: not six numbers")
+            self._leave(literal.span[0], message("program.not_six", name=name))
         elif why := wrong([v for v, _ in found]):
             self._leave(literal.span[0], f"{name}: {why}")
         elif len(used) > 1 and literal.is_pose:
-            self._leave(literal.span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
+            self._leave(
+                literal.span[0],
+                message("robot_programs.moved_several_frames", name=name, frames=tuple(sorted(" / ".join(u) for u in used))),
+            )
         elif literal.changed:
             self._leave(literal.span[0], f"{name}: {literal.changed}")
         elif len(literal.near) > 1:
-            self._leave(literal.span[0], f"{name}: several ways to it are stated")
+            self._leave(literal.span[0], message("robot_programs.several_ways_stated", name=name))
         else:
             values, spans = zip(*found, strict=True)
             line, near = self.source.line(literal.span[0]), next(iter(literal.near), ())

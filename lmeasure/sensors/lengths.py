@@ -1,5 +1,6 @@
 """Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base."""
 
+import json
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,7 +34,7 @@ from lmeasure.rig import Drum, Observed, Rig, SensorTable, cables_among
 from lmeasure.sensors.cable_effects import effects_of, zero_at
 from lmeasure.sensors.rejected_samples import Reasons, on_time_base, other_times, rate_notes, reasons_of
 from lmeasure.sensors.stated_errors import last_travel
-from lmeasure.text import Message, from_file, in_english, message
+from lmeasure.text import Message, message, of_file, table as table_of
 
 POSE = 7
 """Numbers of a pose."""
@@ -139,7 +140,7 @@ class Lengths(Shown):
         out: dict[str, Any] = {"time_s": self.time_s}
         out |= {f"{name}_mm" if i < self.lengths else f"{name}_rad": self.change_mm[:, i] for i, name in enumerate(self.cables)}
         out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
-        return out | {"status": words(self.flags), "cause": in_english(self.cause), "cable": self.cable}
+        return out | {"status": words(self.flags), "cause": self.cause, "cable": self.cable}
 
 
 def write_lengths(path: Path, lengths: Lengths) -> None:
@@ -156,7 +157,7 @@ def write_lengths(path: Path, lengths: Lengths) -> None:
     --------
     >>> lm.write_lengths(Path("lengths.parquet"), lm.lengths_from_counts(run))
     """
-    files.write_table(path, lengths.columns())
+    files.write_table(path, lengths.columns(), lambda: {"messages": json.dumps(table_of(lengths.cause.tolist()))})
 
 
 def read_lengths(path: Path) -> Lengths:
@@ -194,7 +195,7 @@ def read_lengths(path: Path) -> Lengths:
         table.matrix(columns, gaps=True),
         table.matrix([f"{n}_count" for n in names], gaps=True),
         table.choices("status", WORDS),
-        from_file(table.labels("cause")),
+        of_file(table.labels("cause"), json.loads(table.kept("messages") or "[]")),
         table.labels("cable"),
         encoders=sum(c.endswith("_rad") for c in columns),
     )

@@ -49,12 +49,12 @@ class Taken:
     @property
     def text(self) -> str:
         """What it is, in English, as files have it."""
-        return str(self.what)
+        return self.what
 
     @property
     def usual(self) -> str:
         """The size in English."""
-        return str(self.size)
+        return self.size
 
     @property
     def said(self) -> Message:
@@ -173,7 +173,7 @@ class Unsolved:
         chosen = list(variables)
         self.variables = [v for v in chosen if v.kind not in (BACKLASH, FRICTION)]
         self.names = tuple(name for v in self.variables for name in v.names)
-        self.sources = tuple(v.kind.text for v in self.variables for _ in v.names)
+        self.sources = tuple(v.kind.said for v in self.variables for _ in v.names)
         # as they obey one law they are one variable
         squares: dict[str, float] = {}
         for v in chosen:
@@ -212,7 +212,7 @@ class Unsolved:
     @property
     def play_sources(self) -> tuple[str, ...]:
         """(p,) what the columns of `play` stand for."""
-        return ("play of drums",) * (len(self._played) + int(np.count_nonzero(self.play_mm)))
+        return (message("sensors.play_drums"),) * (len(self._played) + int(np.count_nonzero(self.play_mm)))
 
     def _at(self, rows: FloatArray, poses: FloatArray, counts: FloatArray) -> FloatArray:
         """(n, m, q) what each variable adds to F(P) - D(k)."""

@@ -16,6 +16,7 @@ from lmeasure.rig import Rig, read_linked_rig, rig_from_dict, write_rig
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
 from lmeasure.simulation.instrument import SimulatedCampaign, SimulatedRun, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, smooth_path
+from lmeasure.text import message
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Temperature = Annotated[float, Field(ge=TEMPERATURE_RANGE_C[0], le=TEMPERATURE_RANGE_C[1])]
@@ -216,7 +217,7 @@ class Simulated(Shown):
                 f"{', '.join(counts.channels)}; true poses in truth.parquet"
             )
         if self.campaign is not None:
-            lines.append(f"{len(self.campaign.poses)} reference poses in calibration/, the true rig and poses in calibration/true/")
+            lines.append(message("simulation.reference_poses_calibration_true", count=len(self.campaign.poses)))
         return "\n".join(lines)
 
 

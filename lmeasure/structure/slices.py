@@ -11,6 +11,7 @@ from lmeasure.kernels import COUNT_LENGTH
 from lmeasure.linkages import Boundary, Bounds, Slice, boundary, first_met
 from lmeasure.structure.links import Linkage
 from lmeasure.structure.measures import lines_of
+from lmeasure.text import Message, composed, message
 
 PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
 """Both directions of a plane, and that of its levels."""
@@ -36,11 +37,10 @@ class Piece:
 
     def line(self, axis: str) -> str:
         """One line for a person."""
-        met = ", ".join(dict.fromkeys(limit.split(" in orientation")[0] for limit in self.limits))
-        size = "open: it leaves the window"
-        if self.area_mm2 is not None:
-            size = f"{'a hole' if self.hole else 'closed'}, {self.area_mm2:.6g} mm^2"
-        return f"boundary at {axis} = {self.level_mm:g} mm: {size}; met: {met}"
+        code = "open" if self.area_mm2 is None else "hole" if self.hole else "closed"
+        met = tuple(dict.fromkeys(map(one_limit, self.limits)))
+        level = composed("{axis} = {mm:g} {unit}", axis=axis, mm=self.level_mm, unit=message("unit_sign.mm"))
+        return message(f"structure.boundary_{code}", level=level, area=self.area_mm2, met=met)
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON has it."""
@@ -80,19 +80,25 @@ def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float]
     a, b, axis = PLANES[plane]
     across = np.eye(3)[[a, b]]
     reached = _Reached(bounds, Slice(np.asarray(pose, dtype=np.float64), across, reach_mm), axis)
-    pieces, said = [], []
+    pieces: list[Piece] = []
+    said: list[str] = []
     for level in levels:
         seed = reached.at(float(level))
-        name = f"{'xyz'[axis]} = {level:g} mm"
+        name = composed("{axis} = {mm:g} {unit}", axis="xyz"[axis], mm=level, unit=message("unit_sign.mm"))
         if seed is None:
-            said.append(f"boundary at {name}: no place of the window is reached within the limits")
+            said.append(message("structure.boundary_no_place_window", level=name))
             continue
         found, failed = followed(bounds, Slice(seed, across, reach_mm), level)
-        said += [f"{name}: {error}" for error in failed]
+        said += [composed("{name}: {error}", name=name, error=error) for error in failed]
         if not (found or failed):
-            said.append(f"boundary at {name}: none within {reach_mm:g} mm")
+            said.append(message("structure.boundary_none_within_mm", level=name, mm=reach_mm))
         pieces += found
     return pieces, said
+
+
+def one_limit(limit: str) -> str:
+    """Return a limit without the orientation in which it is met."""
+    return limit.values["name"] if isinstance(limit, Message) and limit.code == "linkages.orientation" else limit
 
 
 def followed(bounds: Bounds, plane: Slice, level: float) -> tuple[list[Piece], list[str]]:

@@ -8,7 +8,7 @@ import numpy as np
 from lmeasure.core import DataFrame, FloatArray, Shown, framed
 from lmeasure.structure.links import Linkage
 from lmeasure.structure.record import Workspace, described
-from lmeasure.structure.text import told
+from lmeasure.structure.text import described_lines
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,7 +69,7 @@ class Described(Shown):
 
     def lines(self) -> list[str]:
         """All of it in lines for a person."""
-        return told(self.record)
+        return described_lines(self.record)
 
     @property
     def boundary(self) -> Boundary | None:

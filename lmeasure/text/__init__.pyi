@@ -10,13 +10,12 @@ from .catalogue import (
     texts as texts,
     typed as typed,
 )
-from .legacy import TOLD as TOLD, known as known, old_texts as old_texts, pages as pages, recognised as recognised, retold as retold
 from .messages import (
     JOINED as JOINED,
-    Finding as Finding,
+    Lines as Lines,
     Message as Message,
     composed as composed,
-    finding as finding,
+    count_of as count_of,
     from_stated as from_stated,
     joined as joined,
     message as message,
@@ -28,9 +27,8 @@ from .sample_messages import (
     Cause as Cause,
     and_also as and_also,
     common as common,
-    from_file as from_file,
-    in_english as in_english,
     is_of as is_of,
+    of_file as of_file,
     within as within,
     without as without,
 )

@@ -62,6 +62,11 @@ def composed(template: str, /, **values: Any) -> Message:
     return Message("", values, template)
 
 
+def count_of(kind: str, count: int) -> Message:
+    """Return how many faults of a kind there were."""
+    return message(f"fault.{kind}", count=count) if f"fault.{kind}" in texts("en") else composed("{n:d} {kind}", n=count, kind=kind)
+
+
 def joined(messages: Iterable[str]) -> str:
     """Return messages one behind the other, with semicolons between them; empty where there are none."""
     out = ""
@@ -125,4 +130,18 @@ def _replaced(document: Any, known: Mapping[str, Message]) -> Any:
     return document
 
 
-Finding, finding = Message, message
+class Lines(str):
+    """A text of several lines that are messages: `splitlines` gives them as they are."""
+
+    lines: tuple[str, ...]
+
+    def __new__(cls, lines: Iterable[str]) -> "Lines":
+        """Return the text of these lines, each without a line break."""
+        own = tuple(lines)
+        out = super().__new__(cls, "\n".join(own))
+        out.lines = own
+        return out
+
+    def splitlines(self, keepends: bool = False) -> list[str]:
+        """Return the lines."""
+        return super().splitlines(keepends) if keepends else list(self.lines)

@@ -3,7 +3,8 @@
 import re
 from typing import Any
 
-from lmeasure.text.catalogue import Writer, number, numbers, signs, texts
+from lmeasure.text.catalogue import Writer, number, numbers, plain, signs, texts
+from lmeasure.text.messages import Message
 
 
 def powers(printed: str) -> str:
@@ -43,9 +44,7 @@ class Say:
 
     def message(self, text: str) -> str:
         """Return what a computation reported: a message in the language, any other text as it is."""
-        from lmeasure.text.legacy import known
-
-        return typeset(known(self.language, text))
+        return typeset(text.text(self.language) if isinstance(text, Message) else plain(text))
 
 
 ENGLISH = Say()

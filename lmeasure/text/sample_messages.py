@@ -1,15 +1,12 @@
-"""Why samples have no pose, or have one without a channel: (n,) arrays of findings, "" where there is nothing to say.
+"""Why samples have no pose, or have one without a channel: (n,) arrays of messages, "" where there is nothing to say."""
 
-Files hold their English words. What comes out of a file is known again by the catalogue, or stays the text that it is.
-"""
-
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from lmeasure.core import TextArray
-from lmeasure.text.messages import JOINED, Message, message
+from lmeasure.text.messages import JOINED, Message, from_stated, message
 
 Cause = str
 """A message, or the text of a file; empty where there is nothing to report."""
@@ -25,17 +22,10 @@ def without(causes: TextArray) -> TextArray:
     return _each(causes, lambda cause: message("cause.without", cause=cause), message("cause.without", cause=""))
 
 
-def in_english(causes: TextArray) -> TextArray:
-    """(n,) texts, as files have them."""
-    return _each(causes, str, "")
-
-
-def from_file(texts: TextArray) -> TextArray:
-    """(n,) causes of the texts of a file."""
-    from lmeasure.text.legacy import recognised
-
-    known = {text: recognised(text) or text for text in set(texts.tolist()) - {""}}
-    return _each(texts, known.__getitem__, "")
+def of_file(texts: TextArray, stated: Iterable[Mapping[str, Any]]) -> TextArray:
+    """Return the causes (n,) of the texts of a file: messages where the file keeps their ids (`table`), else its texts."""
+    known = {str(one): one for one in map(from_stated, stated) if one is not None}
+    return _each(texts, lambda text: known.get(text, text), "")
 
 
 def said_first(cause: Cause) -> Cause:

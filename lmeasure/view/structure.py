@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from lmeasure.core import FloatArray, se3
 from lmeasure.kernels import wrap_geometry
 from lmeasure.linkages import LINKS, incidence
-from lmeasure.structure import Linkage, told
+from lmeasure.structure import Linkage, described_lines
 from lmeasure.view.recording import cable_colour, recording
 from lmeasure.view.space import CABLE, GREY, PLAIN, THICK, metres
 
@@ -49,7 +49,7 @@ def write_structure_recording(path: Path, name: str, linkage: Linkage, record: d
             rec.log(f"/world/boundary/{k}", rr.LineStrips3D([metres(strip)], colors=BOUNDARY, radii=CABLE), static=True)
         if "way" in record:
             _log_way(rec, linkage, record["way"])
-        lines = "\n".join(f"- {line.strip()}" for line in told(record))
+        lines = "\n".join(f"- {line.strip()}" for line in described_lines(record))
         rec.log("/notes", rr.TextDocument(f"# {name}\n\n{lines}\n", media_type=rr.MediaType.MARKDOWN), static=True)
         rec.send_blueprint(_blueprint("way" in record), make_active=True, make_default=True)
 

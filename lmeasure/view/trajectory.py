@@ -9,7 +9,7 @@ import rerun as rr
 from lmeasure.accuracy import stated_radii_95
 from lmeasure.core import WORDS, FloatArray, IntArray, Status
 from lmeasure.rig import Rig
-from lmeasure.text import in_english
+from lmeasure.text import message
 from lmeasure.trajectory import Trajectory
 from lmeasure.view.recording import changed_rows, entity_path, indexes_at, send_scalars, time_indexes
 from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, draw_frames, draw_shaded_path, send_tool, thinned_note
@@ -80,7 +80,7 @@ class TrajectoryLog:
             part = slice(i, i + MAX_FRAMES)
             indexes = indexes_at(frames.rows[part, 0], frames.numbers[part])
             draw_frames(self._rec, self._rig, indexes, frames.rows[part, 1:], place_only=self._place_only, looks=i == 0)
-        notes = [f"uncertainties: {self._covers}", *self._notes, *thinned_note(frames)]
+        notes = [message("trajectory.uncertainties", covers=self._covers), *self._notes, *thinned_note(frames)]
         return notes + draw_shaded_path(self._rec, "/world/path", path)
 
 
@@ -111,7 +111,7 @@ class _Statuses:
     def add(self, piece: Trajectory, first: int) -> IntArray:
         """Take the next samples, of which the first has that number; the rows at which something changes."""
         was = self._open
-        causes = in_english(piece.cause)
+        causes = piece.cause
         columns = (piece.status, was and was.status), (causes, was and was.cause), (piece.cable, was and was.cable)
         rows = np.unique(np.concatenate([changed_rows(values, before) for values, before in columns]))
         begun = [_Stretch(first + i, float(piece.time_s[i]), int(piece.status[i]), causes[i], str(piece.cable[i])) for i in rows.tolist()]

@@ -22,6 +22,7 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from lmeasure.core import LMeasureError
+from lmeasure.text import message
 from lmeasure.view.viewer import check_recording
 
 LOOPBACK = "127.0.0.1"
@@ -95,8 +96,9 @@ def serve(recording: Path, port: int, say: Callable[[str], None]) -> None:
         signal.signal(number, signal.default_int_handler)
     with serving(recording, port) as server:
         at = server.server_port
-        say(f"{recording} is shown at http://{LOOPBACK}:{at}/ by any browser of this machine, and of no other; Ctrl-C ends it")
-        say(f"from another machine: ssh -L {at}:{LOOPBACK}:{at} {socket.gethostname()}, then the same address there")
+        say(message("view.shown", file=recording, address=f"http://{LOOPBACK}:{at}/"))
+        command = f"ssh -L {at}:{LOOPBACK}:{at} {socket.gethostname()}"
+        say(message("view.elsewhere", command=command))
         try:
             server.serve_forever()
         except KeyboardInterrupt:

@@ -98,8 +98,8 @@ def described() -> dict[str, Any]:
         schema = load(name).settings.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas |= schema.pop("$defs", {})
         schemas[f"{name}-settings"] = schema | {"title": f"{name} settings"}
-        told = {"command": {"const": name}, "settings": {"$ref": f"#/components/schemas/{name}-settings"}}
-        bodies.append({"type": "object", "properties": told, "required": ["command", "settings"]})
+        reported = {"command": {"const": name}, "settings": {"$ref": f"#/components/schemas/{name}-settings"}}
+        bodies.append({"type": "object", "properties": reported, "required": ["command", "settings"]})
     schemas["job"] = {
         "type": "object",
         "properties": {
@@ -168,7 +168,7 @@ async def live(socket: WebSocket) -> None:
         return
 
 
-def told(request: Request) -> Response:
+def reported(request: Request) -> Response:
     """The API for people."""
     return page(request, "api.html", described=described())
 
@@ -176,7 +176,7 @@ def told(request: Request) -> Response:
 def routes() -> Sequence[Route | WebSocketRoute]:
     """Of the API."""
     return [
-        Route("/api", told),
+        Route("/api", reported),
         Route("/api/openapi.json", openapi),
         Route("/api/project", project),
         Route("/api/commands", commands),

@@ -18,11 +18,11 @@ def known(jobs: Jobs) -> dict[str, str]:
     if last is None or not (bus := _bus(last)) or bus.startswith(("replay:", "simulated:")):
         return {}
     given = forms.of_words(last.command, last.words)
-    told = {"bus": bus, "bus_option": "\n".join(given.get("bus_option", []))}
+    reported = {"bus": bus, "bus_option": "\n".join(given.get("bus_option", []))}
     state = {} if cell is None else cell.last.get("cell", {})
     if state.get("at") == "home":
-        told["start"] = typed(state["pose"])
-    return {key: text for key, text in told.items() if text}
+        reported["start"] = typed(state["pose"])
+    return {key: text for key, text in reported.items() if text}
 
 
 def _bus(job: Job) -> str:

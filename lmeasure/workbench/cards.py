@@ -174,12 +174,12 @@ def card(
     *,
     page: str = "",
     given: Mapping[str, Any] | None = None,
-    told: Mapping[str, Any] | None = None,
+    reported: Mapping[str, Any] | None = None,
     error: SettingsError | str | None = None,
 ) -> Card:
-    """The card of a command, with what was given in its fields, or what is told of some of them, and what is wrong with it beside them."""
+    """The card of a command, with what was given in its fields, or what is given of some of them, and what is wrong with it beside them."""
     wrong = error if isinstance(error, SettingsError) else None
-    fields = forms.fields(command, project, given, wrong, told=told)
+    fields = forms.fields(command, project, given, wrong, reported=reported)
     ahead = [*FIRST.get(command, ()), *(f.option.name for f in fields if f.option.required)]
     first = sorted((f for f in fields if f.option.name in ahead), key=lambda f: ahead.index(f.option.name))
     panels: dict[str, list[forms.FieldOf]] = {}
@@ -206,7 +206,7 @@ def hindered(command: str, given: Mapping[str, Any], folder: Path) -> str:
 
 
 def lacking(command: str, given: Mapping[str, Any]) -> tuple[str, str]:
-    """The option that a form lacks beside those that are always needed, and what is told of it; two empty texts where it lacks none."""
+    """The option that a form lacks beside those that are always needed, and what is given of it; two empty texts where it lacks none."""
     if command == "plan-poses" and not any(given.get(name) for name in ("box", "extend", "robot")):
         return "box", "workbench.say_where_robot_may"
     return "", ""

@@ -58,10 +58,10 @@ def preview(request: Request, form: Form) -> Response:
     typed = {key: values[-1] for key, values in form.items()}
     content = form_of_details.filled({}, typed)
     wrong = form_of_details.complaints(content, "details")
-    told: dict[str, Any] = {"complaints": wrong, "missing": form_of_details.missing(content)}
+    reported: dict[str, Any] = {"complaints": wrong, "missing": form_of_details.missing(content)}
     if not wrong:
-        told["printed"] = {language: form_of_details.printed(content, language) for language in ("en", "ru")}
-    return JSONResponse(told)
+        reported["printed"] = {language: form_of_details.printed(content, language) for language in ("en", "ru")}
+    return JSONResponse(reported)
 
 
 async def verify_dropped(request: Request) -> Response:
@@ -155,8 +155,8 @@ def courses(project: Project) -> dict[str, list[Course]]:
                 own = [c for c in content["characteristics"] if c["name"] == name and c["value"] is not None and c["u95"] is not None]
                 if own:
                     worst = max(own, key=lambda c: abs(c["value"]))
-                    told = Point(folder, day, float(worst["value"]), float(worst["u95"]))
-                    robots.setdefault(robot, {}).setdefault(name, []).append((str(worst["unit"]), told))
+                    reported = Point(folder, day, float(worst["value"]), float(worst["u95"]))
+                    robots.setdefault(robot, {}).setdefault(name, []).append((str(worst["unit"]), reported))
         except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
             continue
     return {robot: [_drawn(name, one[0][0], [p for _, p in one]) for name, one in by_name.items()] for robot, by_name in robots.items()}

@@ -123,10 +123,10 @@ def fields(
     given: Mapping[str, Any] | None = None,
     error: SettingsError | None = None,
     *,
-    told: Mapping[str, Any] | None = None,
+    reported: Mapping[str, Any] | None = None,
 ) -> list[FieldOf]:
-    """The fields of a command: what was given stands in them; else what is told of some, and what the project suggests for the others."""
-    values = given if given is not None else told or {}
+    """The fields of a command: what was given stands in them; else what is given of some, and what the project suggests for the others."""
+    values = given if given is not None else reported or {}
     out = []
     every = options_of(load(command).settings)
     labels = {flag: option.label for option in every for flag in option.flag.split("/") if flag.startswith("--")}
@@ -174,8 +174,8 @@ def suggested(command: str, name: str, project: Project) -> str:
 
 def own_bus(folder: Path) -> str:
     """A bus of this machine on which a project's simulated cell speaks, and no other project's."""
-    told = hashlib.sha256(str(folder.resolve()).encode()).digest()
-    return f"udp_multicast:239.74.{1 + told[0] % 250}.{1 + told[1] % 250}"
+    reported = hashlib.sha256(str(folder.resolve()).encode()).digest()
+    return f"udp_multicast:239.74.{1 + reported[0] % 250}.{1 + reported[1] % 250}"
 
 
 def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]:

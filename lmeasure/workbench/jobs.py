@@ -190,7 +190,7 @@ class Jobs:
         process = job.process
         if process is None or process.stderr is None or process.stdout is None:
             return
-        told = asyncio.create_task(process.stdout.read())
+        reported = asyncio.create_task(process.stdout.read())
         async for raw in process.stderr:
             text = raw.decode("utf-8", "replace").rstrip()
             try:
@@ -202,7 +202,7 @@ class Jobs:
             job.tell(event)
         code = await process.wait()
         try:
-            job.result = json.loads((await told).decode("utf-8", "replace"))
+            job.result = json.loads((await reported).decode("utf-8", "replace"))
         except ValueError:
             job.result = None
         failed = CANCELLED if job.cancelling or code in (CANCELLED_CODE, -2) else FAILED

@@ -104,7 +104,7 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
         query = {key: request.query_params.getlist(key) for key in request.query_params}
         given = forms.filled_in(name, query)
         # a link names a field or two; a job that is done again names all that were not left as they are by default
-        return _form(request, name, given=forms.defaults(name) | given) if "_form" in query else _form(request, name, told=given)
+        return _form(request, name, given=forms.defaults(name) | given) if "_form" in query else _form(request, name, reported=given)
     given = forms.filled_in(name, form)
     try:
         words = forms.asked(name, given, bench.folder)
@@ -126,8 +126,8 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
 def _wrong(request: Request, form: Form, error: LMeasureError) -> Response:
     """The form of a command, with what is wrong with it."""
     name = request.path_params["command"]
-    told = error if isinstance(error, SettingsError) else str(error)
-    return _form(request, name, given=forms.filled_in(name, form), error=told, status=422)
+    reported = error if isinstance(error, SettingsError) else str(error)
+    return _form(request, name, given=forms.filled_in(name, form), error=reported, status=422)
 
 
 def line(request: Request, form: Form) -> Response:
@@ -155,9 +155,9 @@ def _outputs(command: str, given: Mapping[str, Any]) -> list[str]:
 
 
 def _form(
-    request: Request, name: str, *, given: Any = None, told: Any = None, error: SettingsError | str | None = None, status: int = 200
+    request: Request, name: str, *, given: Any = None, reported: Any = None, error: SettingsError | str | None = None, status: int = 200
 ) -> Response:
-    shown = card(name, bench_of(request).project, page=f"run/{name}", given=given, told=told, error=error)
+    shown = card(name, bench_of(request).project, page=f"run/{name}", given=given, reported=reported, error=error)
     return page(request, "cards.html", status, title=TITLES.get(name, name), lead="", cards=[shown], made=[])
 
 

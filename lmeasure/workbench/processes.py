@@ -57,14 +57,14 @@ Streams = tuple[Typed, asyncio.StreamReader, asyncio.StreamReader]
 class Forked:
     """A forked process, as asyncio has others: its standard streams, its end and how to bring it about."""
 
-    def __init__(self, pid: int, streams: "Streams", told: asyncio.StreamReader, asking: asyncio.StreamWriter) -> None:
+    def __init__(self, pid: int, streams: "Streams", reported: asyncio.StreamReader, asking: asyncio.StreamWriter) -> None:
         self.pid, (self.stdin, self.stdout, self.stderr) = pid, streams
         self.returncode: int | None = None
-        self._end = asyncio.ensure_future(self._ended(told, asking))
+        self._end = asyncio.ensure_future(self._ended(reported, asking))
 
-    async def _ended(self, told: asyncio.StreamReader, asking: asyncio.StreamWriter) -> int:
+    async def _ended(self, reported: asyncio.StreamReader, asking: asyncio.StreamWriter) -> int:
         try:
-            line = await told.readline()
+            line = await reported.readline()
         except OSError:
             line = b""
         asking.close()
@@ -202,17 +202,17 @@ async def _forked(words: list[str], folder: Path, environment: Mapping[str, str]
         if not prepared.handed([read, stdout, stderr, other.fileno()]):
             return None
         here.pop_all()
-    told, asking = await asyncio.open_unix_connection(sock=talk)
+    reported, asking = await asyncio.open_unix_connection(sock=talk)
     streams = Typed(typed), await _reader(said), await _reader(shown)
     try:
-        pid = int(await asyncio.wait_for(told.readline(), ANSWER_S))
+        pid = int(await asyncio.wait_for(reported.readline(), ANSWER_S))
         asking.write(asked)
     except (OSError, TimeoutError, ValueError):
         # it has died: what it forked meanwhile finds nobody who asks, and ends
         asking.close()
         streams[0].close()
         return None
-    return Forked(pid, streams, told, asking)
+    return Forked(pid, streams, reported, asking)
 
 
 def _pipe(reads: contextlib.ExitStack, writes: contextlib.ExitStack) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""A project folder: what lies in it, told from the files themselves, and what comes next. The command line and the workbench share it."""
+"""A project folder: what lies in it, found from the files themselves, and what comes next. The command line and the workbench share it."""
 
 import contextlib
 import json

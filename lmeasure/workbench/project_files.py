@@ -29,7 +29,7 @@ BELOW: tuple[tuple[str, str, Callable[[str], dict[str, str]]], ...] = (
     ("drum", "drum", lambda file: {"measurements": file}),
     ("placement", "place", lambda file: {"task": file}),
 )
-"""The command that takes a file of a kind, and how it is told of it."""
+"""The command that takes a file of a kind, and how it is given of it."""
 
 
 def raw(request: Request) -> Response:
@@ -167,7 +167,7 @@ def rig(request: Request, form: Form) -> Response:
         ]
         values["faults"] = [] if request.method == "POST" else rig_form.faults(path, document)
         values |= {"file": file, "parts": shown, "digest": digest, "links": "calibration" in document}
-        below = [card(command, project, page="rig", told=told(file)) for of, command, told in BELOW if of == kind]
+        below = [card(command, project, page="rig", reported=reported(file)) for of, command, reported in BELOW if of == kind]
         values |= {"drawing": _drawing(language_of(request)), "kind": kind, "cards": below}
     return page(request, "rig.html", 422 if complaints else 200, **values)
 

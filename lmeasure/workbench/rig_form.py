@@ -22,7 +22,7 @@ ARROWS = {
     "guide_alpha_deg": "α",
     "guide_beta_deg": "u",
     "pulley_radius_mm": "R",
-    "tangent_length_mm": "workbench.tangent_length_2",
+    "tangent_length_mm": "workbench.tangent_length",
     "axial_offset_mm": "axial(k)",
     "groove_pitch_mm": "axial(k)",
     "count_length_mm": "workbench.drum_encoder_k_counts",

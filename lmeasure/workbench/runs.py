@@ -18,13 +18,13 @@ from lmeasure.workbench.project import Project
 
 
 class RunAt(NamedTuple):
-    """A run of the project: its path; what its start is: stated, told (absolute encoders tell it), missing, or unread; what is wrong with
+    """A run of the project: its path; what its start is: stated, reported (by encoders), missing, or unread; what is wrong with
     its files; what its recording says."""
 
     path: str
     start: str
     error: str
-    told: tuple[str, ...]
+    reported: tuple[str, ...]
 
 
 def runs(project: Project, language: str) -> list[RunAt]:
@@ -37,7 +37,7 @@ def _run(folder: Path, path: str, language: str) -> RunAt:
         head = read_run_head(folder / path)
     except (LMeasureError, OSError) as error:
         return RunAt(path, "unread", within(folder, error), ())
-    start = "stated" if head.start is not None else "told" if head.rig.swivel else "missing"
+    start = "stated" if head.start is not None else "reported" if head.rig.swivel else "missing"
     return RunAt(path, start, "", tuple(note.text(language) for one in head.recorded for note in one.notes()))
 
 

@@ -38,8 +38,8 @@ def about(path: Path, language: str) -> dict[str, Any]:
     """Return summary, left_out, begin and end [s] of a trajectory file, in words of a language."""
     found = _along(path)
     time_s = found.trajectory.time_s
-    told = {"summary": trajectory_summary(found, language), "left_out": left_out(found, language)}
-    return told | {"begin": float(time_s[0]), "end": float(time_s[-1])}
+    reported = {"summary": trajectory_summary(found, language), "left_out": left_out(found, language)}
+    return reported | {"begin": float(time_s[0]), "end": float(time_s[-1])}
 
 
 def left_out(found: Along, language: str) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.core import CalibrationError, SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import (
     COLUMNS,
@@ -139,7 +139,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
         write_recording(settings.rerun, result.rig, nominal=campaign.rig, reference=result.campaign.poses, record=result.record)
     compared = () if comparison is None else tuple(comparison_summary(comparison).splitlines())
     poses = f", {out / 'poses.csv'}" if result.record.poses else ""
-    written = f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}{poses}"
+    written = message("workflow.written", v0=out / "rig.toml", v1=out / "calibration.json", v2=out / "report.html", poses=poses)
     return Result(
         result,
         (*_lines(result.record), *compared, written),
@@ -191,27 +191,38 @@ def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
     write_calibration_page(out / "report.html", result, None, settings.language or of_terminal())
     write_calibration_record(out / "calibration.json", record)
     write_rig(out / "rig.toml", found.rig)
-    written = f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}"
+    written = message("workflow.written_2", v0=out / "rig.toml", v1=out / "calibration.json", v2=out / "report.html")
     figures = {p.name: p.value for p in record.parameters}
     return Result(result, (*_lines(record), written), figures, tuple(f"{w.code}: {w.text}" for w in record.warnings))
 
 
 def _lines(record: "CalibrationRecord") -> list[str]:
-    """What a person is told of a record."""
+    """What a person reads of a record."""
     lines = [f"{p.name:28s} {p.value:z14.4f}  u {p.u:.3g}" for p in record.parameters]
-    lines.append(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
-    lines.append(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
+    lines.append(message("workflows.equations_unknowns_rank", equations=record.equations, unknowns=record.unknowns, rank=record.rank))
+    lines.append(message("workflows.residuals_mm_rms", rms=record.noise["residual_rms_mm"]))
     for e in record.effects:
-        verdict = "found" if e.found else "not told" if e.bits < 1.0 else "not found"
-        told = f"{e.value:.3g} {e.unit}".rstrip()
-        lines.append(f"effect {e.effect} of {e.owner}: {told}  u {e.u:.2g}  p {e.probability:.2g}  {e.bits:.1f} bits learned: {verdict}")
+        verdict = message("workflow.found") if e.found else message("workflow.not_told") if e.bits < 1.0 else message("workflow.not_found")
+        reported = f"{e.value:.3g} {e.unit}".rstrip()
+        lines.append(
+            message(
+                "workflows.effect_u_p_bits",
+                effect=e.effect,
+                owner=e.owner,
+                size=reported,
+                u=e.u,
+                p=e.probability,
+                bits=e.bits,
+                verdict=verdict,
+            )
+        )
     for e in record.predicted["lengths"]:
-        lines.append(f"predicted over the workspace: cable {e['cable']} u {e['rms_mm']:.4f} mm rms, {e['worst_mm']:.4f} at worst")
+        lines.append(message("workflows.predicted_over_workspace_cable", cable=e["cable"], rms=e["rms_mm"], worst=e["worst_mm"]))
     if "against_nominal" in record.validation:
-        told = record.validation["against_nominal"]
-        lines.append(f"lengths at poses left out: {told['rms_mm']:.4f} mm rms; by the nominal rig {told['nominal_mm']:.4f}")
+        reported = record.validation["against_nominal"]
+        lines.append(message("workflows.lengths_poses_left_out", rms=reported["rms_mm"], nominal=reported["nominal_mm"]))
     if "held_out" in record.validation:
-        told = record.validation["held_out"]
-        text = f"{told['rms_mm']:.4f} mm rms, {told['expected_mm']:.4f} expected, {100 * told['within_95']:.0f}% within 95 %"
-        lines.append(f"lengths at the poses held out: {text}")
-    return [*lines, *(f"warning {w.code}: {w.text}" for w in record.warnings)]
+        reported = record.validation["held_out"]
+        part = 100 * reported["within_95"]
+        lines.append(message("workflow.held_out", rms=reported["rms_mm"], expected=reported["expected_mm"], part=part))
+    return [*lines, *(message("line.warning", code=w.code, text=w.text) for w in record.warnings)]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
 from lmeasure.core import CancelledError, pasted
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
 READING = "How a reading is taken"
 KNOWN = "How well the poses are known"
 QUESTIONS = {
-    "u_position_mm": "Standard uncertainty of each coordinate of the poses [mm]",
-    "u_rotation_deg": "Standard uncertainty of their orientation about each axis [degrees]",
-    "u_repeatability_mm": "Standard deviation with which the robot comes back to a pose [mm]",
+    "u_position_mm": message("workflow.standard_uncertainty_each_coordinate"),
+    "u_rotation_deg": message("workflow.standard_uncertainty_their_orientation"),
+    "u_repeatability_mm": message("workflow.standard_deviation_robot_comes"),
 }
 
 
@@ -76,7 +77,7 @@ def run(
 ) -> "Result[CaptureFolder]":
     """Capture until all poses are read, or somebody ends it; what is read is kept, and the next call goes on.
 
-    say takes lines for a person, keys gives what the person types (nobody types without), ask puts a question, show is told the state of
+    say takes lines for a person, keys gives what the person types (nobody types without), ask puts a question, show is given the state of
     things all the while. A source that ends before the poses do, and counters that do not come back, are failures.
     """
     from lmeasure.acquisition import as_mapped, connect, options_from_text, with_files_beside
@@ -110,11 +111,11 @@ def _state_uncertainty(settings: Settings, folder: "CaptureFolder", ask: Callabl
     if ask is not None and not folder.readings:
         open_ = {"u_position_mm": "position" in poses.absent, "u_rotation_deg": "rotation" in poses.absent}
         for name in (name for name, is_open in open_.items() if is_open and name not in stated):
-            answer = _number(ask, f"{QUESTIONS[name]}; Enter: not known")
+            answer = _number(ask, message("workflows.enter_not_known", text=QUESTIONS[name]))
             if answer is not None:
                 stated[name] = answer
         if "u_repeatability_mm" not in stated and any(open_.values()):
-            answer = _number(ask, f"{QUESTIONS['u_repeatability_mm']}; Enter: not known")
+            answer = _number(ask, message("workflows.enter_not_known", text=QUESTIONS["u_repeatability_mm"]))
             if answer is not None:
                 stated["u_repeatability_mm"] = answer
     if stated:
@@ -178,7 +179,9 @@ def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | N
 def _result(session: "Session", ended: str) -> "Result[CaptureFolder]":
     folder, closure = session.folder, session.closure
     read = len({r.pose for r in folder.of_pass})
-    lines = [f"{read} of {len(folder.poses)} poses read, {len(folder.of_pass)} readings: {folder.path}"]
+    lines: list[str] = [
+        message("workflows.poses_read_readings", read=read, of=len(folder.poses), readings=len(folder.of_pass), folder=folder.path)
+    ]
     figures: dict[str, float] = {"poses": float(read), "readings": float(len(folder.of_pass))}
     if session.worth is not None:
         figures |= {"directions_determined": float(session.worth.rank), "unknowns": float(session.worth.unknowns)}
@@ -186,14 +189,14 @@ def _result(session: "Session", ended: str) -> "Result[CaptureFolder]":
             figures |= {"u95_length_rms_mm": session.worth.rms_mm, "u95_length_worst_mm": session.worth.worst_mm}
     failure = ""
     if ended != "complete":
-        failure = f"{folder.path}: the bus was lost, what was read is kept: {ended}"
+        failure = message("workflow.capture_lost", folder=folder.path, why=ended)
     elif not session.finished:
-        failure = f"{folder.path}: ended before pose {session.goal} was read; the same command goes on"
+        failure = message("workflow.capture_ended", folder=folder.path, pose=session.goal)
     elif closure is not None and closure.lost:
-        failure = f"{folder.path}: {', '.join(closure.lost)} did not come back to the counts of the first pose"
+        failure = message("workflow.capture_closure", folder=folder.path, channels=tuple(closure.lost))
     elif session.goal is None:
-        lines.append(f"next: lmeasure calibrate {pasted(folder.path)} --out calibrated")
+        lines.append(message("workflow.next", command=f"lmeasure calibrate {pasted(folder.path)} --out calibrated"))
     else:
-        lines.append("the same command goes on")
+        lines.append(message("workflow.same_command_goes"))
     there = tuple(sorted(path for path in folder.path.rglob("*") if path.is_file()))
     return Result(folder, tuple(lines), figures, tuple(folder.notes), failure=failure, files=there)

@@ -68,9 +68,9 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     if settings.run is None and any(of_run.values()):
         raise SettingsError(next(name for name, given in of_run.items() if given), "goes with --run")
     beside = ("columns", "u_position_mm", "u_rotation_deg")
-    told = next((name for name in beside if getattr(settings, name) not in (None, "")), None)
-    if settings.run is not None and told is not None:
-        raise SettingsError(told, "is said of a trajectory from elsewhere; with --run the poses are those of its counts")
+    reported = next((name for name in beside if getattr(settings, name) not in (None, "")), None)
+    if settings.run is not None and reported is not None:
+        raise SettingsError(reported, "is said of a trajectory from elsewhere; with --run the poses are those of its counts")
     if settings.angles is not None and settings.angles not in CONVENTIONS:
         raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
     same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "rule", "still_mm", "trials", "seed")

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import LMeasureError
+from lmeasure.text import joined, message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -46,20 +47,20 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     finally:
         link.source.close()
     faults = result.all_faults
-    failure = f"{settings.rig}: {len(faults)} fault(s), the first: {faults[0]}" if faults else ""
-    data, told = corrected(document, result)
+    failure = message("workflow.faults", rig=settings.rig, count=len(faults), first=faults[0]) if faults else ""
+    data, reported = corrected(document, result)
     left = () if settings.write is None else not_corrected(result)
     if settings.write is None:
-        hint = (f"--write FILE writes a rig with {len(told)} correction(s): {'; '.join(told)}",) if told else ()
+        hint = (message("workflows.write_file_writes_rig", count=len(reported), what=joined(reported)),) if reported else ()
         return Result(result, (*result.notes, *hint), _figures(result), tuple(faults), failure=failure)
     content = document.holding(data)
     rig_from_dict(content, str(settings.write))
     try:
         files.rewrite_toml(settings.write, content)
     except LMeasureError as error:  # a person has walked through all of it: what it showed is not lost
-        return Result(result, (*result.notes, *told, *left), _figures(result), tuple(faults), failure=str(error))
-    end = "to be checked again" if told or left else "with nothing to correct"
-    lines = (*result.notes, *told, *left, f"written: {settings.write}, {end}")
+        return Result(result, (*result.notes, *reported, *left), _figures(result), tuple(faults), failure=str(error))
+    code = "workflow.checked_again" if reported or left else "workflow.checked_nothing"
+    lines = (*result.notes, *reported, *left, message(code, file=settings.write))
     return Result(result, lines, _figures(result), tuple(faults), failure=failure)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.core import SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, START, Distances, Paths, Start, Writing, option
 
@@ -79,16 +79,18 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
         record, page = (together.enter_context(files.whole(settings.out / name)) for name in ("check.json", "check.html"))
         files.write_text(record, text)
         write_check_page(page, found, trend, inputs=inputs, language=settings.language or of_terminal(), when=when)
-    stops = ", ".join(f"{name} at {begin:.1f} s" for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True))
-    lines = [f"stops: {stops}"]
+    stops = tuple(
+        message("check_line.stop", name=name, s=begin) for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True)
+    )
+    lines: list[str] = [message("workflows.stops", stops=stops)]
     lines += [_told(c, failed=c in found.failed) for c in found.closures]
     if found.agreement is not None:
-        told = found.agreement
-        off = "  off" if found.disagrees else ""
-        lines.append(f"channels agree: chi-squared {told.chi_squared:.4g} of {told.freedom}, p {told.probability:.2g}{off}")
-    lines += [f"note: {note}" for note in said(found)]
-    written = f"written: {settings.out / 'check.json'}, {settings.out / 'check.html'}"
-    appended_to = () if settings.trend is None else (f"appended: {settings.trend}",)
+        reported = found.agreement
+        code = "check_line.disagree" if found.disagrees else "check_line.agree"
+        lines.append(message(code, chi=reported.chi_squared, freedom=reported.freedom, p=reported.probability))
+    lines += [message("line.note", text=note) for note in said(found)]
+    written = message("workflow.written_4", v0=settings.out / "check.json", v1=settings.out / "check.html")
+    appended_to = () if settings.trend is None else (message("workflows.appended", path=settings.trend),)
     worst = {kind: max(abs(c.value_mm) for c in found.closures if c.kind == kind) for kind in dict.fromkeys(c.kind for c in found.closures)}
     return Result(
         found,
@@ -100,5 +102,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
 
 def _told(closure: "Closure", *, failed: bool) -> str:
     value = round(closure.value_mm, 4) + 0.0  # nothing has no sign
-    off = "  off" if failed else ""
-    return f"{closure.kind:9s} {closure.name:14s} {value:+.4f} mm  U95 {closure.u95_mm:.4f}  p {closure.probability:.2g}{off}"
+    values = {"value": value, "u95": closure.u95_mm, "p": closure.probability}
+    code = "check_line.closure_off" if failed else "check_line.closure"
+    return message(code, kind=message(f"check_line.kind.{closure.kind}"), name=closure.name, **values)

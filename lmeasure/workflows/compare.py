@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from lmeasure.core import SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option
 
@@ -34,7 +34,7 @@ class Settings(Writing):
     ] = None
     corrections: Annotated[
         Path | None,
-        option("corrections.json of `lmeasure correct`: what identification left is told with what limits the robot.", metavar="FILE"),
+        option("corrections.json of `lmeasure correct`: what identification left is listed with what limits the robot.", metavar="FILE"),
     ] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
@@ -51,13 +51,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
         return _calibrations(settings)
     from lmeasure.certificate import CERTIFICATE, as_dict, canonical, compare_certificates, improvement, lines, read_certificate
     from lmeasure.io import files
-    from lmeasure.report import told as of_improvement, write_comparison_page
+    from lmeasure.report import reported as of_improvement, write_comparison_page
     from lmeasure.robot_programs import identified_mm
 
     read = [(str(path), read_certificate(path / CERTIFICATE if path.is_dir() else path)) for path in settings.certificates]
     found = compare_certificates(read)
     progress(1.0, "compare")
-    told, better = list(lines(found)), None
+    reported, better = list(lines(found)), None
     if len(read) == 2:
         by_name = dict(read)
         first, later = (by_name[name] for name in found.names)
@@ -66,7 +66,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
     if settings.corrections is not None and better is None:
         raise SettingsError("corrections", "tells of two certificates that have poses in common, the earlier one without correction")
     if settings.corrections is not None and better is not None:
-        told += of_improvement(better)
+        reported += of_improvement(better)
     # nothing is written before all that is read has been
     if settings.out is not None:
         files.write_text(settings.out, canonical(as_dict(found)).decode("utf-8"))
@@ -74,12 +74,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
         contents = [(name, dict(read)[name]) for name in found.names]
         write_comparison_page(settings.page, found, contents, better, language=settings.language or of_terminal())
     written = [str(path) for path in (settings.out, settings.page) if path is not None]
-    told += [f"written: {', '.join(written)}"] if written else []
+    reported += [message("line.written", files=tuple(written))] if written else []
     shifts = [shift.distance_mm for pair in found.pairs for shift in pair.shifts]
     figures = {"certificates": float(len(read)), "compared": float(sum(len(pair.changes) for pair in found.pairs))}
     figures |= {"largest_shift_mm": max(shifts)} if shifts else {}
     figures |= {"largest_exchangeability_mm": max(e.value_mm for e in found.exchangeability)} if found.exchangeability else {}
-    return Result(found, tuple(told), figures)
+    return Result(found, tuple(reported), figures)
 
 
 def _is_calibration(path: Path) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from lmeasure.core import RobotError, SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import composed, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import BOX, LANGUAGE, Box, Names, Numbers, Paths, Spans, Writing, option, pose_of
 
@@ -101,20 +101,28 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     written = write_correction(settings.out, found, listing, inputs=settings.paths().inputs, language=settings.language or of_terminal())
     done = found.done
     lines.insert(
-        0, f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"
+        0,
+        message(
+            "workflows.targets_corrected_positions_not",
+            n=found.changed,
+            of=len(found.outcomes),
+            dialect=dialect.name,
+            unread=len(listing.unread),
+        ),
     )
     figures: dict[str, float] = {"corrected": found.changed}
     if done:
         size, was = (max(getattr(o.correction, key) for o in done) for key in ("size_mm", "was_mm"))
         worst = max(o.u95_mm for o in done)
-        lines.append(f"largest correction {size:.3f} mm; the {'identified ' * (settings.map is None)}robot was off by up to {was:.3f} mm")
-        lines.append(
-            f"U95 of where it goes now: {worst:.3f} mm at most" if np.isfinite(worst) else "U95 of where it goes now: cannot be told"
-        )
+        code = "workflow.largest_correction_identified" if settings.map is None else "workflow.largest_correction"
+        lines.append(message(code, size=size, was=was))
+        lines.append(message("workflows.u95_where_goes_now", u=worst) if np.isfinite(worst) else message("workflow.u95_where_goes_now"))
         figures |= {"largest_correction_mm": size, "largest_error_before_mm": was, "largest_u95_mm": worst}
-    remarks = [f"{o.file}:{o.target.line}: {o.target.name}: {o.left}" for o in found.outcomes if o.left] + [str(u) for u in listing.unread]
-    lines += [f"left as it was: {text}" for text in remarks]
-    lines.append(f"written: {', '.join(str(settings.out / name) for name in written)}")
+    at = "{file}:{line}: {name}: {why}"
+    left = [composed(at, file=o.file, line=o.target.line, name=o.target.name, why=o.left) for o in found.outcomes if o.left]
+    remarks = [*left, *(u.text for u in listing.unread)]
+    lines += [message("workflow.left", what=text) for text in remarks]
+    lines.append(message("line.written", files=tuple(str(settings.out / name) for name in written)))
     return Result(found, tuple(lines), figures, tuple(remarks))
 
 
@@ -145,22 +153,19 @@ def _by_map(settings: Settings) -> Correcting:
     assert settings.map is not None
     for name in ("near", "base"):
         if getattr(settings, name) is not None:
-            raise SettingsError(name, "is for an identified robot; a map is told in the robot's base")
+            raise SettingsError(name, "is for an identified robot; a map is in the robot's base")
     given = read_map(settings.map, columns_of(settings.columns))
     try:
         errors = error_map(given.poses, given.errors_mm, given.turns, turned=given.turned)
     except RobotError as error:
         raise RobotError(f"{settings.map}: {error}") from None
     off = np.linalg.norm(errors.place.left_out, axis=1)
-    lines = [
-        f"map of {len(off)} points; left out in turn they are {off.mean():.4f} mm off in the mean, {off.max():.4f} at worst, "
-        f"{100 * errors.within:.1f} % within their u95"
-    ]
+    lines: list[str] = [message("workflows.map_points_left_out", n=len(off), mean=off.mean(), most=off.max(), percent=100 * errors.within)]
     if not given.turned:
-        lines.append("note: the map has no orientations: every target is taken to have those that it was measured with")
+        lines.append(message("workflow.note_map_has_no"))
     tool = _frame(settings.tool, "tool")
     if tool is None:
-        lines.append("note: no tool is stated (--tool): every target is taken to be told with the one that the map was measured with")
+        lines.append(message("workflow.note_no_tool_stated"))
     return lambda listing, dialect: (mapped_program(listing, dialect, errors, limits=_limits(settings), tool=tool), lines)
 
 
@@ -191,7 +196,11 @@ def _listing(settings: Settings) -> "tuple[Listing, Dialect]":
     strange = [name for name in settings.skip if name not in {t.name for t in listing.targets}]
     if strange:
         raise SettingsError("skip", f"the program has no target {strange[0]!r}")
-    left = tuple(Unread(sources[t.source].name, t.line, f"{t.name}: skipped") for t in listing.targets if t.name in settings.skip)
+    left = tuple(
+        Unread(sources[t.source].name, t.line, message("workflows.skipped", name=t.name))
+        for t in listing.targets
+        if t.name in settings.skip
+    )
     listing = replace(listing, targets=tuple(t for t in listing.targets if t.name not in settings.skip), unread=(*listing.unread, *left))
     if not listing.targets:
         first = f"; the first that was left: {listing.unread[0]}" if listing.unread else ""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import pasted
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -45,7 +46,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
 
     if settings.robot:
         from lmeasure.demo import robot_demo
-        from lmeasure.report import told
+        from lmeasure.report import reported
 
         tested = robot_demo(settings.out or fresh("lmeasure-robot-demo"), step, settings.seed, correct=settings.correct)
         head = ("characteristic", "value", "U95", "truth", "unit", "")
@@ -59,7 +60,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
         corrected: tuple[str, ...] = ()
         if tested.loop is not None:
             better, (before, after) = tested.loop.improvement, tested.loop.true_mm
-            corrected = ("", "corrected and measured again:", *told(better), f"truly {before:.4f} mm before, {after:.4f} mm after")
+            corrected = (
+                "",
+                message("workflow.corrected_measured_again"),
+                *reported(better),
+                message("workflows.truly_mm_before_mm", before=before, after=after),
+            )
             figures |= {"mean_distance_before_mm": better.before_mm[0], "mean_distance_after_mm": better.after_mm[0]}
             figures |= {"improvement": better.factor, "improvement_at_least": better.factor_95[0], "noise_floor_mm": better.floor_mm}
         said = _told([head, *rows], tested.remarks, tested.look, corrected)
@@ -78,7 +84,7 @@ def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple
     for first, *others in rows:
         cells = [f"{cell:>{width}}" for cell, width in zip(others[:-1], widths[1:-1], strict=True)]
         table.append("   ".join([f"{first:{widths[0]}}", *cells, others[-1]]).rstrip())
-    files = [f"All files are in {look[0].parent}. Look at", *(f"  {path}" for path in look)]
+    files = [message("workflows.all_files_look", folder=look[0].parent), *(f"  {path}" for path in look)]
     recording = next(path for path in look if path.suffix == ".rrd")
     opened = f"Open the recording with: lmeasure view {pasted(recording)}   (or: python3 run.py view {pasted(recording)})"
-    return ("", *table, *more, "", *(f"note: {remark}" for remark in remarks), *files, opened)
+    return ("", *table, *more, "", *(message("line.note", text=remark) for remark in remarks), *files, opened)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -41,7 +42,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Rig]":
     progress(1.0, "drums")
     files.rewrite_toml(settings.out, content)
     linked = before.get("calibration")
-    dropped = f"note: the link to {linked} is dropped: it was made with the drums as they were; calibrate again"
+    dropped = message("workflow.link_dropped", file=linked)
     notes = () if linked is None else (dropped,)
     found = {f"{m.point}.{name}": float(getattr(drum_geometry(m), name)) for m in measured for name in WRITTEN}
     return Result(rig, (*drum_summary(measured), *notes), found, notes)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import FileFormatError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, inside, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -74,9 +75,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     progress(1.0, "minimax")
     largest = float(np.abs(first).max())
     lines = (
-        f"{len(best)} links for {len(poses)} poses, the best of {len(near)} different ones from {settings.starts} starts",
-        f"largest miss {largest:.6g} mm by least squares, {found.largest:.6g} mm by minimax",
-        f"written: {', '.join(str(settings.out / name) for name in names)}",
+        message("workflows.links_poses_best_different", links=len(best), poses=len(poses), all=len(near), starts=settings.starts),
+        message("workflows.largest_miss_mm_least", one=largest, other=found.largest),
+        message("line.written", files=tuple(str(settings.out / name) for name in names)),
     )
     return Result(found, lines, {"largest_miss_mm": largest, "largest_miss_minimax_mm": found.largest})
 

@@ -9,7 +9,7 @@ from typing import Concatenate, Generic, ParamSpec, TypeVar, cast
 
 from lmeasure.core import LMeasureError
 from lmeasure.io import abandoned
-from lmeasure.text import plain
+from lmeasure.text import Message, message, plain
 from lmeasure.workflows.outputs import writing
 from lmeasure.workflows.settings import Asked, Writing
 
@@ -19,7 +19,7 @@ More = ParamSpec("More")
 
 
 Progress = Callable[[float, str], None]
-"""Is told how much is done, 0 to 1, and of what. Whoever wants the work to end raises CancelledError from it."""
+"""Is given how much is done, 0 to 1, and of what. Whoever wants the work to end raises CancelledError from it."""
 
 
 def silent(fraction: float, text: str) -> None:
@@ -37,7 +37,7 @@ def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
 
 @dataclass(frozen=True)
 class Result(Generic[Made]):
-    """What a workflow gives: what was made, what a person is told of it, line by line, with figures by name and warnings for those who do
+    """What a workflow gives: what was made, what a person is given of it, line by line, with figures by name and warnings for those who do
     not read lines, and the files written. failure: why what was made is not what was asked for, though it is kept; exit_code: as a
     command's."""
 
@@ -61,13 +61,17 @@ def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable
             result = work(settings, *args, **more)
         return replace(
             result,
-            summary=(*map(plain, result.summary), *(f"note: {text}" for text in unlikely)),
-            warnings=(*map(plain, result.warnings), *unlikely),
-            failure=plain(result.failure),
+            summary=(*map(_plain, result.summary), *(message("line.note", text=text) for text in unlikely)),
+            warnings=(*map(_plain, result.warnings), *unlikely),
+            failure=_plain(result.failure),
             files=tuple(dict.fromkeys((*written, *result.files))),
         )
 
     return cast(Callable[Concatenate[Given, More], Result[Made]], run)
+
+
+def _plain(text: str) -> str:
+    return text if isinstance(text, Message) else plain(text)
 
 
 def present(*found: Path | None) -> tuple[Path, ...]:
@@ -95,9 +99,9 @@ def _of_unlikely(inputs: Iterable[Path]) -> Iterator[list[str]]:
     try:
         yield unlikely
     except LMeasureError as error:
-        told = sizes_of(inputs)
-        if told:
-            error.complaints = (*error.lines, *told)
+        reported = sizes_of(inputs)
+        if reported:
+            error.complaints = (*error.lines, *reported)
         raise
     unlikely += sizes_of(inputs)
 
@@ -107,10 +111,10 @@ def sizes_of(paths: Iterable[Path]) -> list[str]:
     from lmeasure.io import LARGEST_TOML, read_regular, read_toml
     from lmeasure.rig import unlikely_size
 
-    told = []
+    reported: list[str] = []
     for path in dict.fromkeys(path for path in paths if path.suffix == ".toml"):
         with suppress(LMeasureError, OSError):
             # most files are no rigs, and some are large
             found = unlikely_size(read_toml(path), str(path)) if b"observation_point" in read_regular(path, LARGEST_TOML) else None
-            told += [] if found is None else [str(found)]
-    return told
+            reported += [] if found is None else [found]
+    return reported

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from lmeasure.core import RobotError, SettingsError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -62,7 +63,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     except RobotError as error:
         raise RobotError(f"{settings.robot}, {settings.measured}: {error}") from None
     alone = tuple(
-        f"pose {name!r} stands in {path} alone; it is left out"
+        message("workflows.pose_stands_alone_left", name=name, path=path)
         for path, own, other in ((settings.robot, robot, seen), (settings.measured, seen, robot))
         for name in own.names
         if name not in set(other.names)
@@ -92,9 +93,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     }
     files.write_text(settings.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
     lines = [f"{p['name']:12s} {p['value']:14.5f}  u {p['u']:.3g}, u95 {p['u95']:.3g} {p['unit']}" for p in parameters]
-    lines += [f"{found.kept.sum()} poses; residuals {np.linalg.norm(found.errors_mm()[found.kept], axis=1).mean():.4f} mm in the mean"]
-    lines += [*silent_texts, *(f"warning {f.code}: {f.text}" for f in found.findings)]
-    lines += [*(f"warning unmatched: {text}" for text in alone), f"written: {settings.out}"]
+    lines += [
+        message(
+            "workflows.poses_residuals_mm_mean", count=found.kept.sum(), mean=np.linalg.norm(found.errors_mm()[found.kept], axis=1).mean()
+        )
+    ]
+    lines += [*silent_texts, *(message("line.warning", code=f.code, text=f.text) for f in found.findings)]
+    lines += [*(message("workflow.unmatched", text=text) for text in alone), message("line.written", files=settings.out)]
     return Result(found, tuple(lines), {p["name"]: p["value"] for p in parameters}, (*(f.text for f in found.findings), *alone))
 
 

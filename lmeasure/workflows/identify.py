@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from lmeasure.core import RobotError, SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, Names, Paths, Writing, option
 
@@ -104,7 +104,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     out, columns = settings.out, columns_of(settings.columns)
     robot = nominal(settings.robot, settings.tip, settings.base_link)
     if "stiffness" in settings.free and getattr(robot, "payload", None) is None:
-        raise SettingsError("free", "stiffness is told by a load: the robot states no [payload], whose weight would turn its joints")
+        raise SettingsError("free", "stiffness needs a load: the robot states no [payload], whose weight would turn its joints")
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     measured = given(settings.measurements, settings.joints, robot.model, Stated(columns, settings.u_position_mm, turn))
     rows = measured.rows
@@ -147,10 +147,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         files.write_table(out / "predictions.csv", prediction_columns(asked.names, predicted))
         names.insert(names.index("report.html") + 1, "predictions.csv")
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
-    written = f"written: {', '.join(str(out / name) for name in names)}"
-    told = (*(f"{f.code}: {f.text}" for f in findings), *unasked)
+    written = message("line.written", files=tuple(str(out / name) for name in names))
+    reported = (*(f"{f.code}: {f.text}" for f in findings), *unasked)
     lines = (*summary(found, done.held, findings, done.over), *(f"warning {text}" for text in unasked), *frames_of(robot))
-    return Result(found, (*lines, written), figures, told)
+    return Result(found, (*lines, written), figures, reported)
 
 
 def _measured_targets(asked: "Measurements", rows: "Measurements", path: Path | None) -> "tuple[Measurements, list[str]]":
@@ -163,14 +163,14 @@ def _measured_targets(asked: "Measurements", rows: "Measurements", path: Path | 
     if not keep.any():
         raise SettingsError("predict", f"{path}: target {strange[0]!r} was not measured; measured: {measured}")
     counts = {name: int((asked.target_of == asked.targets.index(name)).sum()) for name in strange}
-    told = [f"predict: target {name!r} was not measured (measured: {measured}): {n} rows left out" for name, n in counts.items()]
-    return asked.of(np.flatnonzero(keep)), told
+    reported = [f"predict: target {name!r} was not measured (measured: {measured}): {n} rows left out" for name, n in counts.items()]
+    return asked.of(np.flatnonzero(keep)), reported
 
 
 def frames_of(robot: "AnyRobot") -> list[str]:
     """Say which links of a .urdf are the controller's base and flange."""
     links = [getattr(getattr(robot, frame, None), "link", None) for frame in ("base", "flange")]
-    return [f"of the .urdf: base {links[0]!r} (--base-link), flange {links[1]!r} (--tip)"] if all(links) else []
+    return [message("workflows.urdf_base_base_link", base=links[0], flange=links[1])] if all(links) else []
 
 
 def nominal(name: str, tip: str | None = None, base_link: str | None = None) -> "AnyRobot":

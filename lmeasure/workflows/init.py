@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import SettingsError, pasted
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, inside, silent, sizes_of, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -19,7 +20,7 @@ LEAST_MM = 1e-9
 MOST_COUNTS = 2**32 - 1
 
 Ask = Callable[[str, str], str]
-"""Is told a question and the answer that Enter gives; gives the answer."""
+"""Is given a question and the answer that Enter gives; gives the answer."""
 
 
 class Settings(Writing):
@@ -59,7 +60,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     name = settings.template
     alone = settings.out.suffix == ".toml"
     if name is None and ask is not None:
-        name = _choice(ask, "Which shape", tuple(TEMPLATES))
+        name = _choice(ask, message("init.shape"), tuple(TEMPLATES))
     if name not in TEMPLATES:
         raise SettingsError("template", f"{name!r} is not one of {', '.join(TEMPLATES)}")
     template = TEMPLATES[name]
@@ -73,15 +74,15 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     )
     _write(texts)
     main = settings.out if alone else settings.out / "rig.toml"
-    told = [f"{main}: {template.text}"]
+    reported = [f"{main}: {template.text}"]
     if rig.assumed:
-        told.append(f"{len(rig.assumed)} of its values are guesses and stand in its list assumed; hold all others against your rig too")
+        reported.append(message("workflows.values_guesses_stand_list", count=len(rig.assumed)))
     measures, measured = main.with_name("drums.toml"), main.with_name("measured.toml")
     command = f"lmeasure drum {pasted(measures)} --rig {pasted(main)} --out {pasted(measured)}"
-    told.append(f"next: measure the drums, and `{command}`; docs/rig.md goes on from there")
-    told += [f"note: {text}" for text in sizes_of([main])]
+    reported.append(message("workflow.next_measure_drums_docs", command=command))
+    reported += [message("line.note", text=text) for text in sizes_of([main])]
     figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
-    return Result(rig, tuple(told), figures)
+    return Result(rig, tuple(reported), figures)
 
 
 def _write(texts: Mapping[Path, str]) -> None:
@@ -95,10 +96,10 @@ def _write(texts: Mapping[Path, str]) -> None:
 
 def _choice(ask: Ask, question: str, options: tuple[str, ...]) -> str:
     while True:
-        answer = ask(f"{question} ({', '.join(options)})", options[0]).strip()
+        answer = ask(message("init.which", question=question, options=tuple(options)), options[0]).strip()
         if answer in options:
             return answer
-        question = f"{answer!r} is none of them. Which"
+        question = message("init.none_of_them", answer=answer)
 
 
 def _asked(ask: Ask, template: "Template") -> "Answers":
@@ -106,22 +107,19 @@ def _asked(ask: Ask, template: "Template") -> "Answers":
     from lmeasure.core import CONVENTIONS
     from lmeasure.templates import DRUM, PULLEY_RADIUS_MM, Answers
 
-    name = ask("Name of the rig", Answers().name).strip()
-    angles = _choice(ask, "Convention of the controller's angles", tuple(CONVENTIONS))
+    name = ask(message("workflow.name_rig"), Answers().name).strip()
+    angles = _choice(ask, message("init.angles"), tuple(CONVENTIONS))
     drum = {
         "counts_per_revolution": _numbers(
-            ask, "Counts of an encoder in one turn of its drum", (DRUM["counts_per_revolution"],), whole=True, least=1, most=MOST_COUNTS
+            ask, message("workflow.counts_encoder_one_turn"), (DRUM["counts_per_revolution"],), whole=True, least=1, most=MOST_COUNTS
         )[0],
-        "count_length_mm": _numbers(ask, "Cable per count [mm]", (DRUM["count_length_mm"],), least=LEAST_MM)[0],
-        "groove_pitch_mm": _numbers(ask, "Groove pitch of the drums [mm]", (DRUM["groove_pitch_mm"],))[0],
+        "count_length_mm": _numbers(ask, message("workflow.cable_per_count_mm"), (DRUM["count_length_mm"],), least=LEAST_MM)[0],
+        "groove_pitch_mm": _numbers(ask, message("workflow.groove_pitch_drums_mm"), (DRUM["groove_pitch_mm"],))[0],
     }
-    asked = "Radius of the swivel pulleys to the middle of the cable [mm]; Enter if it was not measured"
+    asked = message("workflow.radius_swivel_pulleys_middle")
     radius = _numbers(ask, asked, (PULLEY_RADIUS_MM,), least=0)
-    positions = {
-        f"B{i}": _numbers(ask, f"B{i}: where the swivel axis touches the pulley's groove, x,y,z in the base frame [mm]", place)
-        for i, place in enumerate(template.points, 1)
-    }
-    tool = {f"P{i}": _numbers(ask, f"P{i}: attachment point, x,y,z in the tool frame [mm]", at) for i, at in enumerate(template.tool, 1)}
+    positions = {f"B{i}": _numbers(ask, message("workflow.b_where_swivel_axis", i=i), place) for i, place in enumerate(template.points, 1)}
+    tool = {f"P{i}": _numbers(ask, message("workflow.p_attachment_point_x", i=i), at) for i, at in enumerate(template.tool, 1)}
     measured = None if radius[0] == PULLEY_RADIUS_MM else radius[0]
     return Answers(
         name,
@@ -145,10 +143,11 @@ def _numbers(
         except ValueError:
             values = ()
         if len(values) == len(default) and not any(v != v for v in values):
-            beyond = next((f"at least {least:.10g}" if v < least else f"at most {most:.10g}" for v in values if not least <= v <= most), "")
-            if not beyond:
+            beyond = next((v for v in values if not least <= v <= most), None)
+            if beyond is None:
                 return values
-            question = f"{answer!r} must be {beyond}. {asked}"
+            code, limit = ("init.at_least", least) if beyond < least else ("init.at_most", most)
+            question = message(code, answer=answer, limit=limit, question=asked)
             continue
-        kind = "a whole number" if whole else "a number" if len(default) == 1 else f"{len(default)} numbers with commas between them"
-        question = f"{answer!r} is not {kind}. {asked}"
+        code = "init.not_whole" if whole else "init.not_number" if len(default) == 1 else "init.not_numbers"
+        question = message(code, answer=answer, n=len(default), question=asked)

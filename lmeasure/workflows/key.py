@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -23,5 +24,8 @@ def run(settings: Settings, progress: Progress = silent) -> Result[str]:
     from lmeasure.certificate import new_key
 
     fingerprint, public = new_key(settings.out, force=settings.force), Path(f"{settings.out}.pub")
-    told = (f"private key {settings.out}, public key {public}", f"fingerprint {fingerprint}")
-    return Result(fingerprint, told)
+    reported = (
+        message("workflows.private_key_public_key", file=settings.out, public=public),
+        message("workflows.fingerprint", fingerprint=fingerprint),
+    )
+    return Result(fingerprint, reported)

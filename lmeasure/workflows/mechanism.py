@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from lmeasure.core import FileFormatError, GeometryError, SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Paths, Point, Quaternion, Range, Recording, Writing, option
 
@@ -90,7 +90,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
 
         write_mechanism_recording(settings.rerun, file)
     progress(1.0, "mechanism")
-    lines += [f"written: {settings.report / 'mechanism.html'}"] if settings.report is not None else []
+    lines += [message("line.written", files=settings.report / "mechanism.html")] if settings.report is not None else []
     figures = {"freedoms": float(record["freedoms"]), "nearness": record["nearness"]}
     figures |= {} if grid is None else {"volume_mm3": grid.found.volume_mm3}
     return Result(record, tuple(lines), figures)
@@ -152,25 +152,28 @@ def _grid(settings: Settings, file: "ParallelFile") -> "Grid | None":
 
 
 def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
-    freedoms = "1 freedom" if record["freedoms"] == 1 else f"{record['freedoms']} freedoms"
-    lines = [f"{record['name']}: {freedoms}, {record['parameters']} parameters"]
-    lines.append("pose " + ", ".join(f"{v:z.3f}" for v in record["position_mm"]) + " mm")
-    lines.append("joints " + ", ".join(f"{name} {value:z.3f}" for name, value in record["joints"].items()))
-    lines.append(f"singular: {record['singular']}; smallest over largest singular value {record['nearness']:.4g}")
+    code = "mechanism_line.freedom" if record["freedoms"] == 1 else "mechanism_line.freedoms"
+    lines: list[str] = [message(code, name=record["name"], freedoms=record["freedoms"], parameters=record["parameters"])]
+    lines.append(message("mechanism_line.pose", place=tuple(map(float, record["position_mm"]))))
+    joints = tuple(message("mechanism_line.joint", name=name, value=value) for name, value in record["joints"].items())
+    lines.append(message("mechanism_line.joints", values=joints))
+    lines.append(message("workflows.singular_smallest_over_largest", kind=record["singular"], near=record["nearness"]))
     broken = [name for name, kept in record["limits_kept"].items() if not kept]
     if broken:
-        lines.append(f"outside its limits: {', '.join(broken)}")
+        lines.append(message("workflows.outside_limits", names=tuple(broken)))
     if "ranges" in record:
-        units = {name: "deg" if name.startswith("r") else "mm" for name in record["ranges"]}
-        lines.append("goes " + ", ".join(f"{n} {a:.1f} to {b:.1f} {units[n]}" for n, (a, b) in record["ranges"].items()))
+        codes = {name: f"mechanism_line.range_{'deg' if name.startswith('r') else 'mm'}" for name in record["ranges"]}
+        ranges = tuple(message(codes[n], name=n, low=a, high=b) for n, (a, b) in record["ranges"].items())
+        lines.append(message("mechanism_line.goes", ranges=ranges))
     if "commanded" in record:
-        lines.append(f"is told {', '.join(record['commanded'])}; the others follow")
+        lines.append(message("workflows.told_others_follow", names=tuple(record["commanded"])))
     if "leg_turns_deg" in record:
-        lines.append("legs turn about themselves by " + ", ".join(f"{v:.3f}" for v in record["leg_turns_deg"].values()) + " deg")
+        turns = tuple(map(float, record["leg_turns_deg"].values()))
+        lines.append(message("mechanism_line.legs", values=turns))
     if grid is not None:
         from lmeasure.report import workspace_words
 
-        lines.append(f"workspace: {workspace_words(grid)}")
+        lines.append(message("workflows.workspace", words=workspace_words(grid)))
     return lines
 
 
@@ -187,11 +190,17 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
         columns = at_poses(file, given.rows)
         files.write_table(out, {"pose": list(given.names), **columns})
         kept = int(columns["kept"].sum())
-        return f"{len(given.rows)} poses: {int(np.isfinite(columns['nearness']).sum())} reached, {kept} within all limits; {out}"
+        return message(
+            "workflows.poses_reached_within_all",
+            count=len(given.rows),
+            reached=int(np.isfinite(columns["nearness"]).sum()),
+            kept=kept,
+            file=out,
+        )
     try:
         rows, found = completions(file, settings.complete.replace("-", " "), given.rows)
     except GeometryError as error:
         raise FileFormatError(f"{poses}: {error}") from None
     names = [f"{given.names[row]}_{1 + int((rows[:k] == row).sum())}" for k, row in enumerate(rows)]
     files.write_table(out, pose_columns(poses_from_rows(found, names)))
-    return f"{len(given.rows)} poses: {len(np.unique(rows))} completed, {len(found)} completions; {out}"
+    return message("workflows.poses_completed_completions", count=len(given.rows), done=len(np.unique(rows)), all=len(found), file=out)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import SettingsError, TrajectoryError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
@@ -74,38 +75,44 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     write_motion(settings.out, found)
     largest, u95 = found.largest_speed()
     way = float(np.nanmax(found.path_mm))
-    told = f"{len(found.time_s)} samples, window +-{found.half_width_s:g} s: path {way:.3f} mm, speed up to {largest:.3f}"
+    reported: str = message(
+        "workflows.samples_window_s_path", samples=len(found.time_s), window=found.half_width_s, path=way, speed=largest
+    )
     figures = {"path_mm": way, "largest_speed_mm_s": largest, "half_width_s": found.half_width_s, "highest_hz": found.highest_hz}
     figures |= {f"vibration_{i}_{v.axis}_{name}": value for i, v in enumerate(found.vibration, 1) for name, value in v.values().items()}
     if "position" in trajectory.absent:
-        told += " mm/s; no uncertainty is stated: state it by columns or --u-position-mm"
+        reported = message("workflow.no_speed_uncertainty", what=reported)
     else:
         u = np.nanmedian(np.linalg.norm(found.u_velocity[:, 3:], axis=1))
-        told += f" +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s)"
+        reported = message("workflow.speed_uncertainty", what=reported, u95=u95, u=u)
         figures["u95_mm_s"] = u95
     turned = not np.isnan(found.poses[:, 3:]).all()
     lines, warnings = notes_of_file((*trajectory.notes, *found.stamps.notes))
     notes = list[str]()
     if lost := int(np.isnan(trajectory.poses[:, 0]).sum()):
-        notes.append(f"{lost} of {len(trajectory.time_s)} samples have no pose: motion is told where the window holds enough others")
+        notes.append(message("workflows.samples_have_no_pose", lost=lost, all=len(trajectory.time_s)))
     if largest > FASTEST_MM_S:
-        notes.append(f"no robot moves at {largest / 1e3:.0f} m/s: places or times are in other units than stated")
+        notes.append(message("workflows.no_robot_moves_m", speed=largest / 1000.0))
     if not turned:
-        named = f"{', '.join(QUATERNION_COLUMNS[:-1])} and {QUATERNION_COLUMNS[-1]}, or the angles of a controller"
-        notes.append(f"the orientation is not measured, or not under known names ({named}): nothing is said of rotations")
-    more = tuple(f"note: {note}" for note in notes)
-    return Result(found, (told, *map(_line, found.vibration), _above(found), *lines, *more), figures, (*warnings, *more))
+        notes.append(message("workflow.no_orientation", named=tuple(QUATERNION_COLUMNS)))
+    more = tuple(message("line.note", text=note) for note in notes)
+    return Result(found, (reported, *map(_line, found.vibration), _above(found), *lines, *more), figures, (*warnings, *more))
 
 
 def _line(v: "Vibration") -> str:
     """Return one vibration in words."""
-    return (
-        f"vibration along {v.axis}: {v.frequency_hz:.3f} +- {v.u95_frequency_hz:.3f} Hz, amplitude {1e3 * v.amplitude_mm:.2f} +- "
-        f"{1e3 * v.u95_amplitude_mm:.2f} um, {v.speed_mm_s:.3f} +- {v.u95_speed_mm_s:.3f} mm/s (U95)"
+    return message(
+        "workflows.vibration_along_hz_amplitude",
+        axis=v.axis,
+        hz=v.frequency_hz,
+        u_hz=v.u95_frequency_hz,
+        um=1000.0 * v.amplitude_mm,
+        u_um=1000.0 * v.u95_amplitude_mm,
+        speed=v.speed_mm_s,
+        u_speed=v.u95_speed_mm_s,
     )
 
 
 def _above(found: "Motion") -> str:
     """Return the highest frequency that the samples show, in words."""
-    none = "" if found.vibration else "no vibration found; "
-    return f"{none}the samples show vibration up to {found.highest_hz:.4g} Hz, and nothing is stated about faster motion"
+    return message("workflow.vibration_up_to" if found.vibration else "workflow.no_vibration_up_to", hz=found.highest_hz)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lmeasure.core import CalibrationError, SettingsError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
 from lmeasure.workflows.plan_robot import run_robot
 from lmeasure.workflows.plan_settings import OPTIONS, Settings as Settings
@@ -87,7 +88,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     figures = {"poses": len(plan.poses), "recorded": plan.recorded, "usable_part": plan.usable, "equations": plan.equations}
     figures |= {"unknowns": len(plan.parameters), "directions_determined": plan.outlook.rank}
     figures |= {"u_length_rms_mm": plan.outlook.rms_mm, "u_length_worst_mm": plan.outlook.worst_mm}
-    return Result(plan, (*plan_summary(plan).splitlines(), f"written: {out}{fill_in}"), figures)
+    return Result(plan, (*plan_summary(plan).splitlines(), message("workflow.written_5", out=out, fill_in=fill_in)), figures)
 
 
 def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Campaign":

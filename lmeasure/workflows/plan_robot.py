@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from lmeasure.core import SettingsError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result
 from lmeasure.workflows.identify import frames_of, nominal
 from lmeasure.workflows.plan_settings import Settings, poses_file
@@ -65,17 +66,18 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     files.write_table(settings.out, columns)
     expected = replace(poses_from_rows(se3.compose(np.broadcast_to(stands, at.shape), at), own), absent=("position", "rotation"))
     files.write_table(poses_file(settings.out), pose_columns(expected))
-    lines = [
-        f"{len(order)} poses of {len(joints)} candidates; left uncertain of their places, rms, at {u:g} mm a coordinate:",
-        *(f"  after {k:3d}: {plan.expected_mm[k - 1]:.4f} mm, at random {plan.random_mm[k - 1]:.4f}" for k in _steps(len(order))),
+    lines: list[str] = [
+        message("workflows.poses_candidates_left_uncertain", n=len(order), all=len(joints), u=u),
+        *(
+            message("workflow.after_mm_random", k=k, expected_mm=plan.expected_mm[k - 1], random_mm=plan.random_mm[k - 1])
+            for k in _steps(len(order))
+        ),
     ]
     if tool is None and robot.tool is None:
-        lines.append(
-            "note: no tool is stated (--tool): the target is taken to sit on the flange itself, where it tells nothing of the last joint"
-        )
+        lines.append(message("workflow.note_no_tool_stated_tool"))
     if base is None and (settings.zone is not None or settings.rig is not None):
-        lines.append("note: no place of the robot is stated (--base): its base is taken for the instrument's frame")
-    lines += [*frames_of(robot), f"written: {settings.out}, {poses_file(settings.out)}"]
+        lines.append(message("workflow.note_no_place_robot"))
+    lines += [*frames_of(robot), message("workflow.written_6", out=settings.out, poses_file=poses_file(settings.out))]
     figures = {"expected_mm": float(plan.expected_mm[-1]), "random_mm": float(plan.random_mm[-1])}
     return Result(plan, tuple(lines), figures)
 

@@ -1,10 +1,11 @@
-"""A simulated cell that speaks on a bus and does what it is told."""
+"""A simulated cell that speaks on a bus and does what it is given."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import CancelledError, GeometryError, LMeasureError, SettingsError
+from lmeasure.text import message
 from lmeasure.workflows.capture import Keys
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Names, Paths, Start, option
@@ -60,7 +61,7 @@ def run(
     show: "Callable[[PlayedCell], None] | None" = None,
 ) -> Result[None]:
     """Play until nobody types any more, or without keys until Ctrl-C. say takes lines for a person, keys gives what the person types, show
-    is told of the cell."""
+    is given of the cell."""
     from lmeasure.acquisition import Pace, bus_opener, counter_fields, options_from_text, play
     from lmeasure.rig import read_rig
 
@@ -77,7 +78,11 @@ def run(
         raise LMeasureError(f"{settings.bus}: somebody speaks there already, such as another simulated cell; end it, or choose another bus")
     rows, pace = 0, Pace(settings.rate_hz)
     at_once = max(1, round(AT_ONCE_S * settings.rate_hz))
-    say(f"{rig.name} speaks on {settings.bus}, {settings.rate_hz:g} samples/s of {', '.join(f.channel for f in fields)}")
+    say(
+        message(
+            "workflows.speaks_samples_s", rig=rig.name, bus=settings.bus, rate=settings.rate_hz, channels=tuple(f.channel for f in fields)
+        )
+    )
     try:
         while not (keys is not None and keys.gone):
             for line in keys.typed() if keys is not None else ():
@@ -92,7 +97,7 @@ def run(
             rows += at_once
     finally:
         bus.shutdown()
-    return Result(None, (f"{rows} samples were sent",), {"samples": float(rows)})
+    return Result(None, (message("workflows.samples_were_sent", rows=rows),), {"samples": float(rows)})
 
 
 def _do(cell: "PlayedCell", line: str, say: Callable[[str], None]) -> None:
@@ -100,7 +105,7 @@ def _do(cell: "PlayedCell", line: str, say: Callable[[str], None]) -> None:
         try:
             say(cell.do(line))
         except LMeasureError as error:
-            say(f"not done: {error}")
+            say(message("workflows.not_done", why=error))
 
 
 def _cell(settings: Settings, rig: "Rig", progress: Progress) -> "PlayedCell":

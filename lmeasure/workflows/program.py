@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import SettingsError
-from lmeasure.text import numbers
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import COLUMNS, Names, Numbers, Pair, Paths, Quaternion, Writing, known_convention, notes_of_file, option
 
@@ -102,13 +102,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     plan = campaign(cube, chosen)
     write_campaign(settings.out, plan)
     minutes = duration_s(plan) / 60.0
-    lasts = f"{minutes:.0f} min" if minutes >= 1.0 else f"{60.0 * minutes:.0f} s"
+    lasts = message("workflow.minutes", minutes=minutes) if minutes >= 1.0 else message("workflow.seconds", seconds=60.0 * minutes)
     return Result(
         plan.program,
         (
-            f"cube of {cube.edge_mm:g} mm about ({numbers('en', cube.centre, 'g')}) mm, plane {cube.plane}",
-            f"{len(plan.program.pose)} poses, {len(plan.program.path)} paths, {len(plan.commands)} commands: {lasts}",
-            f"program.toml, commands.csv and robodk.csv are in {settings.out}",
+            message("workflows.cube_mm_about_mm", edge=cube.edge_mm, centre=tuple(map(float, cube.centre)), plane=cube.plane),
+            message(
+                "workflow.program", poses=len(plan.program.pose), paths=len(plan.program.path), commands=len(plan.commands), lasts=lasts
+            ),
+            message("workflows.program_toml_commands_csv", folder=settings.out),
         ),
         {"edge_mm": float(cube.edge_mm), "minutes": minutes},
     )
@@ -162,17 +164,23 @@ def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
     if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
         raise SettingsError("ran", "fills in the program that --out holds; it makes no other")
     written = settings.out / "program.toml"
-    told = settings.out / "commands.csv"
+    reported = settings.out / "commands.csv"
     stated = Stated(columns_of(settings.columns), angles=known_convention(settings.angles))
     before = read_program(written)
     trajectory = read_trajectory(ran, replace(stated, likely=before.angles))
-    program, notes = windows_from_rests(before, told, trajectory, loaded=settings.loaded, align=settings.align)
+    program, notes = windows_from_rests(before, reported, trajectory, loaded=settings.loaded, align=settings.align)
     write_program(written, program)
     windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path]
     windows += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
     count = sum(map(len, windows))
     lines, warnings = notes_of_file((*trajectory.notes, *stamps_of(trajectory).notes, *notes))
-    return Result(program, (f"{count} windows filled in: {written}", *lines), {"windows": float(count)}, warnings, files=(written,))
+    return Result(
+        program,
+        (message("workflows.windows_filled", count=count, file=written), *lines),
+        {"windows": float(count)},
+        warnings,
+        files=(written,),
+    )
 
 
 def _cycles(text: str | None) -> dict[str, int]:

@@ -51,8 +51,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     progress(0.0, "reconstruct")
     if can_stream(head) and linear:
         with _each_piece(settings.rerun, head) as each:
-            told = steps(progress, "reconstruct")
-            summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=told, each=each, judge=explained)
+            reported = steps(progress, "reconstruct")
+            summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=reported, each=each, judge=explained)
         return Result(summary, tuple(summary.text().splitlines()), summary.figures())
     recorded = read_run(settings.run, settings.rig, stated)
     trajectory = reconstruct(
@@ -70,7 +70,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
         from lmeasure.view import write_recording
 
         write_recording(settings.rerun, recorded.rig, run=recorded, trajectory=trajectory)
-    return Result(trajectory, tuple(trajectory.summary().splitlines()), trajectory.told().figures())
+    return Result(trajectory, tuple(trajectory.summary().splitlines()), trajectory.overview().figures())
 
 
 def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["Each | None"]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import CancelledError, GeometryError, RigError, TrajectoryError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
 
@@ -38,7 +39,7 @@ class Settings(Writing):
 
 @workflow
 def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[Recorded]":
-    """Record a pass. show is told of it all the while, where `live` is asked for. A recording that ends early is kept, and a failure."""
+    """Record a pass. show is given of it all the while, where `live` is asked for. A recording that ends early is kept, and a failure."""
     from lmeasure.acquisition import record_session
 
     pose = pose_watch(settings.rig, settings.start, settings.passage) if settings.live else ""
@@ -51,7 +52,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             for taker in takers:
                 taker(samples)
 
-        def told(state: "State") -> None:
+        def reported(state: "State") -> None:
             nonlocal asked_to_end
             if settings.live and show is not None:
                 show(state, pose)
@@ -74,7 +75,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             passage=settings.passage,
             options=settings.bus_option,
             paced=not settings.fast,
-            show=None if show is None and progress is silent else told,
+            show=None if show is None and progress is silent else reported,
             each=each,
             stop=lambda: asked_to_end,
             say=said,
@@ -105,9 +106,9 @@ def _missing(settings: Settings) -> str:
     from lmeasure.trajectory import enough_absolute
 
     if enough_absolute(read_rig(settings.rig)):
-        return "note: no --start pose: the absolute encoders are to tell where the tool started"
+        return message("workflow.note_absolute")
     where = settings.out / "run.toml"
-    return f"note: no --start pose: where the tool started is unknown; state [start] in {where} before poses are wanted"
+    return message("workflow.note_no_start_pose", where=where)
 
 
 def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
@@ -118,14 +119,14 @@ def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
 
     measured, calibration = read_linked_rig(rig)
     if start is None and not enough_absolute(measured):
-        return "no pose: where the tool starts is unknown without --start"
+        return message("workflow.no_pose_where_tool")
     try:
         known = None if start is None else start_from_text(start, measured)
         live = LivePose(measured, known, calibration, aside=True)
     except (RigError, GeometryError, TrajectoryError) as error:
-        return f"no pose: {error}"
+        return message("workflow.no_pose", error=str(error))
     if live.channels != tuple(measured.counters_of(passage)):
-        return "no pose: the channels are not those of the cables"
+        return message("workflow.no_pose_channels")
     return PoseWatch(live)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.core import SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
@@ -94,7 +94,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     name = settings.measured.resolve().name
     write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language or of_terminal())
     progress(1.0, "report")
-    told = [f"{label}: {value}" for label, value in trajectory_summary(found, "en")]
+    reported = [f"{label}: {value}" for label, value in trajectory_summary(found, "en")]
     figures = {"samples": float(len(trajectory.time_s)), "left_out": float(sum(s.samples for s in found.stretches if not s.ok))}
     if found.worst is not None:
         figures["worst_u95_position_mm"] = float(found.u95_mm[found.worst])
@@ -102,4 +102,4 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
         figures["largest_speed_mm_s"] = found.motion.largest_speed()[0]
     notes = () if settings.measured.is_dir() else (*trajectory.notes, *stamps_of(trajectory).notes)
     lines, warnings = notes_of_file(notes)
-    return Result(found, (*told, *lines, f"written: {page}"), figures, warnings)
+    return Result(found, (*reported, *lines, message("line.written", files=page)), figures, warnings)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 from lmeasure.core import CancelledError, SettingsError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
@@ -16,7 +17,7 @@ class Settings(Asked):
 
     bus: Annotated[str | None, option("Listen to this bus; without it adapters are listed.", metavar="INTERFACE:CHANNEL")] = None
     seconds: Annotated[float, option("How long to listen.", ge=0.1, le=3600, unit="s")] = 5.0
-    bit_rate: Annotated[int | None, option("Of the bus, where the adapter has to be told.", ge=1, unit="bit/s")] = None
+    bit_rate: Annotated[int | None, option("Of the bus, where the adapter needs it.", ge=1, unit="bit/s")] = None
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
 
     def paths(self) -> Paths:
@@ -28,7 +29,7 @@ class Settings(Asked):
 def run(
     settings: Settings, progress: Progress = silent, *, show: "Callable[[float, tuple[Spoken, ...]], None] | None" = None
 ) -> Result[Any]:
-    """List adapters, or listen; show is told who speaks all the while."""
+    """List adapters, or listen; show is given who speaks all the while."""
     from lmeasure.acquisition import adapters, listen, open_source, options_from_text
 
     if settings.bus is None:
@@ -36,13 +37,13 @@ def run(
             raise SettingsError("bus", "is missing: which bus is listened to")
         progress(0.0, "looking for adapters")
         found, unanswered = adapters()
-        notes = tuple(f"the driver of {name} did not answer" for name in unanswered)
-        lines = tuple(one.line() for one in found) or ("no adapter is found; interfaces and their names: docs/acquisition.md",)
+        notes = tuple(message("workflows.driver_did_not_answer", name=name) for name in unanswered)
+        lines = tuple(one.line() for one in found) or (message("workflow.no_adapter_found_interfaces"),)
         made = [{"bus": one.bus, "options": list(one.options), "about": one.about} for one in found]
         return Result(made, (*lines, *notes), {"adapters": float(len(found))}, notes)
     ended = False
 
-    def told(seconds: float, spoken: "tuple[Spoken, ...]") -> None:
+    def reported(seconds: float, spoken: "tuple[Spoken, ...]") -> None:
         nonlocal ended
         if show is not None:
             show(seconds, spoken)
@@ -53,7 +54,7 @@ def run(
 
     source = open_source(settings.bus, settings.bit_rate, options_from_text(settings.bus_option))
     try:
-        found_there = listen(source, settings.seconds, show=told, stop=lambda: ended)
+        found_there = listen(source, settings.seconds, show=reported, stop=lambda: ended)
     finally:
         source.close()
     heard: list[dict[str, Any]] = [

@@ -24,6 +24,7 @@ from pydantic_core import core_schema
 
 from lmeasure.core import SettingsError
 from lmeasure.io import complaints
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray
@@ -117,7 +118,7 @@ def unit_of(name: str, field: FieldInfo) -> str:
 
 
 def said_of(field: FieldInfo) -> dict[str, Any]:
-    """What `option` was told beside help and range."""
+    """What `option` was said beside help and range."""
     return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
@@ -273,7 +274,7 @@ def stated_beside(settings: Any) -> "Stated":
 
 def notes_of_file(notes: "Iterable[Message]") -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the lines that say how a file was read and what is wrong with it, and the latter alone."""
-    lines = {f"note: {note}": note.code not in ("orientation.read", "time.of_day") for note in notes}
+    lines = {message("line.note", text=note): note.code not in ("orientation.read", "time.of_day") for note in notes}
     return tuple(lines), tuple(line for line, wrong in lines.items() if wrong)
 
 

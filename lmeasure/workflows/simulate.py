@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import RERUN, Paths, Recording, Writing, option
 
@@ -66,8 +67,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
         figures |= {"samples": float(len(passes[0].time_s)), "duration_s": float(passes[0].time_s[-1]), "passes": float(len(passes))}
     if simulated.campaign is not None:
         figures["reference_poses"] = float(len(simulated.campaign.poses))
-    told: tuple[str, ...] = ()
+    reported: tuple[str, ...] = ()
     if scenario.robot is not None:
-        rests = " and joints.csv of its rests" if performed.program is None else ", joints.csv of its rests and program.toml of their poses"
-        told = (f"the robot as drawn{rests} in robot/, as built in robot/true/",)
-    return Result(simulated, (*simulated.summary().splitlines(), *told, *(f"note: {text}" for text in remarks)), figures, remarks)
+        reported = (message("workflow.robot_rests" if performed.program is None else "workflow.robot_rests_program"),)
+    return Result(
+        simulated, (*simulated.summary().splitlines(), *reported, *(message("line.note", text=text) for text in remarks)), figures, remarks
+    )

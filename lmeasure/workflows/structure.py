@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from lmeasure.core import FileFormatError, SettingsError, StructureError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, Writing, option
 
@@ -80,7 +80,7 @@ class Settings(Writing):
 def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     """Describe the links, and write it where that is asked for."""
     from lmeasure.io import files
-    from lmeasure.structure import all_structures, described, read_linkage, told, told_list
+    from lmeasure.structure import all_structures, described, described_lines, list_lines, read_linkage
 
     _check(settings)
     if settings.file is None:
@@ -90,7 +90,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
 
             write_list_page(settings.report / "structure.html", every, settings.language or of_terminal())
         made: Any = every
-        lines = told_list(every)
+        lines = list_lines(every)
     else:
         linkage = _of_robot(settings.file) or read_linkage(settings.file)
         if settings.lengths_mm is not None:
@@ -101,7 +101,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
             made = described(linkage, pose, to=to, workspace=_workspace(settings), design=settings.design, within_mm=settings.within_mm)
         except StructureError as error:
             raise FileFormatError(f"{settings.file}: {error}") from None
-        lines = told(made)
+        lines = described_lines(made)
         progress(0.5, "structure")
         if settings.report is not None:
             from lmeasure.report import write_structure_page
@@ -115,7 +115,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     progress(1.0, "structure")
     if settings.out is not None:
         files.write_text(settings.out, json.dumps(made, indent=1, allow_nan=False) + "\n")
-    written = () if settings.report is None else (f"written: {settings.report / 'structure.html'}",)
+    written = () if settings.report is None else (message("line.written", files=settings.report / "structure.html"),)
     return Result(made, (*lines, *written), _figures(made))
 
 

@@ -21,7 +21,7 @@ class Settings(Asked):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Verification]":
     """Look at every byte and compute every figure again; the exit code says what came of it."""
-    from lmeasure.certificate import opened_zip, read_public_key, told, verify
+    from lmeasure.certificate import opened_zip, read_public_key, report_lines, verify
     from lmeasure.report import PRINTERS
 
     key = None if settings.public_key is None else read_public_key(settings.public_key)
@@ -33,4 +33,4 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Verification
             found = verify(folder, key, PRINTERS, step)
     figures: dict[str, float] = {"figures": found.figures, "differences": len(found.differences), "not_compared": len(found.skipped)}
     figures |= {"largest_relative_difference": found.largest} if found.figures else {}
-    return Result(found, tuple(told(found, asked=key is not None)), figures, exit_code=found.exit_code)
+    return Result(found, tuple(report_lines(found, asked=key is not None)), figures, exit_code=found.exit_code)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import CancelledError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.record import pose_watch
 from lmeasure.workflows.settings import START, Asked, Paths, Start, option
@@ -35,7 +36,7 @@ class Settings(Asked):
 
 @workflow
 def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[State]":
-    """Watch until the time is over or somebody ends it; show is told of counts, speeds, faults and the pose all the while."""
+    """Watch until the time is over or somebody ends it; show is given of counts, speeds, faults and the pose all the while."""
     from lmeasure.acquisition import connect, options_from_text, watch
     from lmeasure.rig import read_linked_rig
 
@@ -44,7 +45,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
     taker: Callable[[Samples], None] = (lambda samples: None) if isinstance(pose, str) else pose
     asked_to_end = False
 
-    def told(state: "State") -> None:
+    def reported(state: "State") -> None:
         nonlocal asked_to_end
         if show is not None:
             show(state, pose)
@@ -62,13 +63,13 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             link.fields,
             passage=settings.passage,
             seconds=settings.seconds,
-            show=told,
+            show=reported,
             each=taker,
             stop=lambda: asked_to_end,
         )
     finally:
         link.source.close()
-    faults = ", ".join(f"{n} {kind}" for kind, n in sorted(last.faults.items())) or "no faults"
-    line = f"{last.samples} samples from {last.frames} frames over {last.seconds:.1f} s: {faults}; nothing was recorded"
+    faults = ", ".join(f"{n} {kind}" for kind, n in sorted(last.faults.items())) or message("acquisition.no_faults")
+    line = message("workflows.samples_from_frames_over", samples=last.samples, frames=last.frames, seconds=last.seconds, faults=faults)
     figures = {"samples": float(last.samples), "frames": float(last.frames), "frames_lost": float(last.lost)}
     return Result(last, (line,), figures | {"faults": float(sum(last.faults.values()))})

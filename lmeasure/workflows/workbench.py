@@ -37,7 +37,7 @@ class Settings(Asked):
 
 @workflow
 def run(settings: Settings, progress: Progress = silent, *, serve: Serve) -> Result[None]:
-    """Serve the pages until Ctrl-C; progress is told where."""
+    """Serve the pages until Ctrl-C; progress gets where."""
     if settings.within is not None and settings.folder.resolve().parent != settings.within.resolve():
         raise SettingsError("folder", f"{settings.folder}: is no folder of {settings.within}, within which projects are")
     if settings.folder.exists() and not settings.folder.is_dir():

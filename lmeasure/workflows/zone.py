@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.core import AccuracyError, SettingsError
-from lmeasure.text import of_terminal
+from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Pair, Paths, Range, Recording, UnitQuaternion, Writing, option
 
@@ -141,10 +141,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         write_recording(settings.rerun, rig, zone=data)
     chosen = " ".join(f"--{name} {':'.join(f'{v:g}' for v in ranges[name])}" for name, span in given.items() if span is None)
     missing = [f"--{name}" for name, span in given.items() if span is None]
-    along = "" if len(missing) == len(given) else f" for {', '.join(missing)}"
-    lines = [*([f"no range was given{along}: the box is {chosen}, around the rig"] if chosen else []), *summary(data).splitlines()]
+    code = "zone_line.no_range" if len(missing) == len(given) else "zone_line.no_range_for"
+    lines = [*([message(code, ranges=tuple(missing), box=chosen)] if chosen else []), *summary(data).splitlines()]
     if chosen and (over := goes_on(data)):
-        lines.append(f"the zone goes on beyond the box along {', '.join(over)}")
+        lines.append(message("workflows.zone_goes_beyond_box", axes=tuple(over)))
     if not data["in_zone"].values.any():
         lines += advice(data, settings.rig)
     lines += [*faults_said(data), *(piece.line("z") for piece in followed), *said]

@@ -26,8 +26,8 @@ from lmeasure.certificate import (
     opened_zip,
     read_private_key,
     read_public_key,
+    report_lines,
     seal,
-    told,
     verify,
     write_zip,
 )
@@ -268,7 +268,7 @@ def test_a_page_changed_with_care_is_never_passed(what: str, moved: bool, copy: 
         assert found.skipped == (f"{name}: compared by its text only; what it draws, and how, was not",)
     else:
         assert [d.what for d in found.differences] == [name]
-    assert told(found, asked=False)[0] == "unsigned: origin not proved"
+    assert report_lines(found, asked=False)[0] == "unsigned: origin not proved"
 
 
 def covered(pdf: bytes) -> bytes:
@@ -342,7 +342,7 @@ def test_another_environment_allows_the_last_digits_and_says_so(copy: Path) -> N
     assert [text.partition(":")[0] for text in found.skipped] == ["environment", "certificate.pdf", "report.html", "certificate.xml"]
     assert found.environment[0].startswith("numpy 1.0, here ")
     assert 1e-10 < found.largest < 1e-8
-    assert f"up to {RELATIVE:g} is no difference" in "\n".join(told(found, asked=False))
+    assert f"up to {RELATIVE:g} is no difference" in "\n".join(report_lines(found, asked=False))
     figures[0]["value"] *= 1 + 1e-5
     resealed(copy, {"characteristics": figures})
     assert [d.what for d in verify(copy).differences] == [label(figures[0])]

@@ -25,8 +25,8 @@ from lmeasure.certificate import (
     environment,
     measure,
     read_certificate,
+    report_lines,
     seal,
-    told,
     verify,
 )
 from lmeasure.certificate.bundle import SIGNATURE, Difference
@@ -119,7 +119,7 @@ def test_a_sound_one_is_sound(folder: Path) -> None:
     assert found.figures > 10
     assert seen[-1] == (400, 400)
     digits = f"{content['id']}: every byte as sealed, all {found.figures} figures computed again and the same to the digit"
-    assert told(found, asked=False) == ["unsigned: origin not proved", digits]
+    assert report_lines(found, asked=False) == ["unsigned: origin not proved", digits]
 
 
 def test_an_id_that_is_not_that_of_the_content(folder: Path) -> None:
@@ -157,7 +157,7 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
     assert found.beside[0] == f"figures by method {METHOD + 1}, as sealed, beside those by method {METHOD}:"
     assert len(found.beside) == 1 + len(figures)
     assert found.beside[1].startswith(f"{first}: sealed 5.0")
-    lines = told(found, asked=False)
+    lines = report_lines(found, asked=False)
     assert lines[1 : 1 + len(found.beside)] == list(found.beside)
     assert lines[-1] == f"{content['id']}: hashes as sealed; 2 not compared, named above"
     # what no method has a part in is held all the same, and so is the id
@@ -220,7 +220,7 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
     assert found.environment == (f"numpy 1.0, here {np.__version__}",)
     assert [d.what for d in found.differences] == ([label(figures[number])] if differs else [])
     assert found.largest == (0.0 if differs else pytest.approx(times * RELATIVE, rel=1e-5))
-    lines = told(found, asked=False)
+    lines = report_lines(found, asked=False)
     assert f"not compared: environment: numpy 1.0, here {np.__version__}: what the certificate states cannot be checked here" in lines
     if not differs:
         assert f"figures differ in their last digits, by {found.largest:.2g} at most; up to 1e-06 is no difference" in lines
@@ -457,27 +457,27 @@ def stated() -> Callable[..., Verification]:
 
 def test_whose_key_signed_it_is_only_said_where_it_was_asked(stated: Callable[..., Verification]) -> None:
     signed = "signed by 0123456789abcdef: "
-    assert told(stated(), asked=True)[0] == signed + "the key asked for"
-    assert told(stated(), asked=False)[0] == signed + "a key nobody vouches for here"
+    assert report_lines(stated(), asked=True)[0] == signed + "the key asked for"
+    assert report_lines(stated(), asked=False)[0] == signed + "a key nobody vouches for here"
     other = stated(differences=(Difference(SIGNATURE, "is by another key"),))
-    assert told(other, asked=True)[:2] == [signed + "a key nobody vouches for here", "signature.json: is by another key"]
-    assert told(stated(differences=(Difference("a", "b"),)), asked=True)[0] == signed + "the key asked for"
-    assert told(stated(signer=None), asked=True)[0] == "unsigned: origin not proved"
+    assert report_lines(other, asked=True)[:2] == [signed + "a key nobody vouches for here", "signature.json: is by another key"]
+    assert report_lines(stated(differences=(Difference("a", "b"),)), asked=True)[0] == signed + "the key asked for"
+    assert report_lines(stated(signer=None), asked=True)[0] == "unsigned: origin not proved"
     # a signature that cannot be read is named, and it is not said that there is none
     broken = stated(signer=None, differences=(Difference(SIGNATURE, "is not one"),))
-    assert told(broken, asked=True) == ["signature.json: is not one", "LM-1: 1 difference"]
+    assert report_lines(broken, asked=True) == ["signature.json: is not one", "LM-1: 1 difference"]
 
 
 def test_the_last_line_says_what_came_of_it(stated: Callable[..., Verification]) -> None:
     one = Difference("a", "b")
-    assert told(stated(), asked=True)[-1] == "LM-1: every byte as sealed, all 7 figures computed again and the same to the digit"
-    assert told(stated(figures=0), asked=True)[-1] == "LM-1: every byte as sealed"
-    assert told(stated(differences=(one, one)), asked=True)[-1] == "LM-1: 2 differences"
-    assert told(stated(certificate="", differences=(one,)), asked=True)[-1] == "certificate: 1 difference"
-    skipped = told(stated(skipped=("x: y", "z")), asked=True)
+    assert report_lines(stated(), asked=True)[-1] == "LM-1: every byte as sealed, all 7 figures computed again and the same to the digit"
+    assert report_lines(stated(figures=0), asked=True)[-1] == "LM-1: every byte as sealed"
+    assert report_lines(stated(differences=(one, one)), asked=True)[-1] == "LM-1: 2 differences"
+    assert report_lines(stated(certificate="", differences=(one,)), asked=True)[-1] == "certificate: 1 difference"
+    skipped = report_lines(stated(skipped=("x: y", "z")), asked=True)
     assert skipped[1:3] == ["not compared: x: y", "not compared: z"]
     assert skipped[-1].endswith("the same to the digit; 2 not compared, named above")
-    other = told(stated(environment=("numpy 1.0, here 2.0",), largest=2e-9), asked=True)
+    other = report_lines(stated(environment=("numpy 1.0, here 2.0",), largest=2e-9), asked=True)
     assert other[1] == "figures differ in their last digits, by 2e-09 at most; up to 1e-06 is no difference"
     assert other[-1].endswith("computed again and the same within 1e-06")
     assert [stated(**c).exit_code for c in ({}, {"skipped": ("x",)}, {"differences": (one,), "skipped": ("x",)})] == [0, 3, 1]

@@ -121,7 +121,7 @@ def test_forces_come_from_the_log_of_the_loads(loaded: tuple[Path, Program, Traj
     before = (folder / "program.toml").read_bytes()
     refused = CliRunner().invoke(app, given)
     assert isinstance(refused.exception, CertificationError)
-    assert "cannot be told apart: say when each force acted, by --loaded" in str(refused.exception)
+    assert "cannot be distinguished: say when each force acted, by --loaded" in str(refused.exception)
     assert (folder / "program.toml").read_bytes() == before
     done = CliRunner().invoke(app, [*given, "--loaded", str(folder / "loads.csv")])
     assert done.exit_code == 0, done.output

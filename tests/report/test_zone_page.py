@@ -100,7 +100,7 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
         np.testing.assert_allclose(10.0 ** np.array(radius), zone["u95_position_mm"].values[:, :, 1].T, rtol=1e-5)
         page.evaluate(move("angle", 40))
         page.evaluate(move("u95", 500))
-        shown = page.evaluate("[document.getElementById('u95-told'), document.getElementById('left')].map(e => e.textContent)")
+        shown = page.evaluate("[document.getElementById('u95-reported'), document.getElementById('left')].map(e => e.textContent)")
         limit = float(shown[0].removesuffix("\u00a0mm"))
         expected = within(zone, Limits(angle_deg=40.0, u95_mm=limit))["in_zone"].values.sum()
         # the limit is the figure that is printed

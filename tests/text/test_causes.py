@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lmeasure.text import Cause, Message, and_also, from_file, from_stated, in_english, is_of, message, within, without
+from lmeasure.text import Cause, Message, and_also, from_stated, is_of, message, of_file, table, within, without
 
 NO_COUNT = message("cause.no_count", channel="ch7")
 TURN = message("screw.turn", at=(40.0, -25.0, 0.0), along=(0.0, 0.0, 1.0))
@@ -67,7 +67,7 @@ def test_many_samples_share_what_is_said_of_them() -> None:
     more = and_also(causes, SUSPECTED)
     assert more[0] is more[2] is SUSPECTED
     assert more[1] is more[3]
-    assert in_english(more).tolist() == [
+    assert more.tolist() == [
         str(SUSPECTED),
         f"{NO_COUNT}; {SUSPECTED}",
         str(SUSPECTED),
@@ -80,9 +80,11 @@ def test_many_samples_share_what_is_said_of_them() -> None:
         f"without it: {NO_COUNT}", "without it: of another version"]  # fmt: skip
 
 
-def test_what_a_file_says_in_other_words_stays_its_text() -> None:
-    read = from_file(some("", "channel ch7 has no count", "a jump", "channel ch7 has no count"))
-    assert read.tolist() == ["", NO_COUNT, "a jump", NO_COUNT]
-    assert in_english(read).tolist() == ["", "channel ch7 has no count", "a jump", "channel ch7 has no count"]
+def test_texts_of_a_file_are_messages_where_it_keeps_their_ids() -> None:
+    stated = table([NO_COUNT])
+    read = of_file(some("", "channel ch7 has no count", "a jump"), stated)
+    assert read.tolist() == ["", NO_COUNT, "a jump"]
+    assert within(read[1], "cause.no_count") is read[1]
     assert within(read[2], "cause.no_count") is None
+    assert within(of_file(read.astype(str).astype(object), [])[1], "cause.no_count") is None
     assert not is_of("", "cause.no_count")

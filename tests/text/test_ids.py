@@ -80,7 +80,7 @@ def test_every_text_is_used() -> None:
         head, _, rest = key.partition(".")
         names = {key, rest} if head in SUBJECTS else {key}
         dynamic = head in ("fault", "source") or key.startswith(
-            ("workbench.kind.", "workbench.state.", "workbench.unit.", "label.", "rig_form.")
+            ("workbench.kind.", "workbench.state.", "workbench.unit.", "label.", "rig_form.", "cli.stage.")
         )
         if not dynamic and not names & plain and not any(pattern.fullmatch(name) for pattern in patterns for name in names):
             unused.append(key)

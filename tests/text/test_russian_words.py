@@ -1,4 +1,4 @@
-"""Russian has one word for each thing, that of docs/glossary.md, in all catalogues; and `play` and `scan` speak it."""
+"""Russian has one word for each thing, that of docs/glossary.md, in all catalogues."""
 
 import re
 from collections import Counter
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from lmeasure.cli.text import retold
 from lmeasure.text import texts
 from lmeasure.text.catalogue import LOCALE
 
@@ -69,40 +68,3 @@ def test_a_pose_is_no_position() -> None:
         and re.search(r"(?<!пред)положени", russian, re.IGNORECASE)
     ]
     assert wrong == []
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "demo speaks on udp_multicast:239.74.163.2, 200 samples/s of ch1, ch2",
-        "c1 is pulled out by 100.5 mm",
-        "sw1 is turned by 45 degrees",
-        "c2 is let back",
-        "c1: its drum is turned once",
-        "the robot goes home",
-        "the robot goes to pose P1",
-        "the robot runs its motion, 12 s",
-        "3412 samples were sent",
-        "not done: there is no pose 'x'; they are 1, 2",
-        "not done: there is no pose 'x'; none was given by --poses",
-        "not done: 'c9': there is no such cable; they are c1, c2",
-        "not done: 'abc' is no number",
-        "drive.log: 1200 frames in 12.3456 s; candump, times of day",
-        "drive.log: 1200 frames in 12.3456 s; candump, times from a beginning of its own",
-        "      181  can0         1200     100.0/s      4 bytes",
-        "           bytes 0-3: counter, 32 bits little, -120 .. 3400, steps to 12",
-        "           byte 4: counts the frames, by 1",
-        "           byte 5: toggles between 00 and FF",
-        "           byte 6: 14 values, no counter (a checksum, or a measurement)",
-        "3 error frames",
-        "no adapter is found; interfaces and their names: docs/acquisition.md",
-        "the driver of slcan did not answer",
-    ],
-)
-def test_what_play_and_scan_say_is_said_in_russian(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LANGUAGE", "ru")
-    russian = retold(line)
-    names = r"udp_multicast|can0|candump|drive\.log|sw1|c[129]|ch[12]|docs/acquisition\.md|slcan|demo|--poses|P1|abc|FF|0x|x"
-    assert not re.search("[a-zA-Z]", re.sub(names, "", russian)), russian
-    assert re.findall(r"\d+", russian) == re.findall(r"\d+", line) or "little" in line
-    assert len(russian) - len(russian.lstrip()) == len(line) - len(line.lstrip())

@@ -64,7 +64,7 @@ def test_what_a_dead_bus_sent_last_is_not_shown_as_what_is(monkeypatch: pytest.M
     for seconds, counts in ((0.5, [7.0] * 6), (0.4 + STALE_S, [7.0] * 6), (0.6 + STALE_S, [None] * 6)):
         told = live(counting, seconds, monkeypatch, capsys)
         assert [c["count"] for c in told["channels"]] == counts
-        assert told["pose"]["told"] == ("no counts" if counts[0] is None else "")
+        assert told["pose"]["shown"] == ("no counts" if counts[0] is None else "")
         assert told["samples"] == counting.samples > 100
 
 
@@ -77,7 +77,7 @@ def test_a_recording_tells_in_the_words_of_who_reads(monkeypatch: pytest.MonkeyP
     told = live(counting, 0.5, monkeypatch, capsys)
     assert "пропусков 3" in told["faults_told"]
     assert told["pose"]["text"] == "нет позы: без --start неизвестно, откуда начал инструмент"
-    assert live(counting, 9.0, monkeypatch, capsys)["pose"]["told"] == "нет отсчётов"
+    assert live(counting, 9.0, monkeypatch, capsys)["pose"]["shown"] == "нет отсчётов"
     events.Paced("state")("pose 4  still 2.3 s   +27333")
     assert json.loads(capsys.readouterr().err)["text"] == "поза 4  покой 2,3 с   +27333"
 

@@ -42,7 +42,7 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
             browser.evaluate(
                 f"(() => {{const e = document.getElementById('u95'); e.value = {place}; e.dispatchEvent(new Event('input'))}})()"
             )
-            limit, left = browser.evaluate("['u95-told', 'left'].map(name => document.getElementById(name).textContent)")
+            limit, left = browser.evaluate("['u95-reported', 'left'].map(name => document.getElementById(name).textContent)")
             told = zone(monkeypatch, "--out", f"zones/{place}.nc", "--u95-mm", limit.removesuffix("\u00a0mm"))
             nodes = int(told.attrs["nodes_in_zone"])
             assert 0 < nodes < told["in_zone"].size

@@ -9,6 +9,7 @@ from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, Frames
 from lmeasure.acquisition.bus.network import EMERGENCY, HEARTBEAT
 from lmeasure.acquisition.counters.decoders import CounterField
 from lmeasure.rig import Rig
+from lmeasure.text import message
 
 SEVERAL = 1.5
 """Frames of a counter for each SYNC from which on they are of more than one sender, and SYNCs for each frame likewise."""
@@ -68,7 +69,7 @@ class BusWatch:
         nodes = {f.identifier & 0x7F for f in self.fields if not f.extended}
         network = {base + n for n in nodes for base in (EMERGENCY, HEARTBEAT, *SDO)} | {*NETWORK, self.sync_id, *self._others}
         out = [
-            f"{identifier:03X}h ({n} frames)"
+            message("acquisition.h_frames", identifier=identifier, n=n)
             for (identifier, wide), n in self._seen.most_common()
             if not any(self._is_of(f, identifier, wide) for f in self.fields) and (wide or identifier not in network)
         ]
@@ -81,14 +82,14 @@ class BusWatch:
             return []
         counts = {f.channel: sum(n for (i, wide), n in self._seen.items() if self._is_of(f, i, wide)) for f in self.fields}
         counts = {channel: n * (every or {}).get(channel, 1) for channel, n in counts.items()}
-        out = [
-            f"channel {f.channel}: {counts[f.channel]} frames {f.identifier:03X}h for {syncs} SYNCs: more than one device sends them"
+        out: list[str] = [
+            message("acquisition.channel_frames_h_syncs", channel=f.channel, counts=counts[f.channel], identifier=f.identifier, syncs=syncs)
             for f in self.fields
             if counts[f.channel] > SEVERAL * syncs
         ]
         most = max(counts.values(), default=0)
         if 0 < SEVERAL * most < syncs:
-            out.append(f"{syncs} SYNCs for {most} frames of a counter: more than one sends the SYNC, such as another recording")
+            out.append(message("acquisition.syncs_frames_counter_more", syncs=syncs, frames=most))
         return out
 
     @staticmethod

@@ -9,6 +9,7 @@ from lmeasure.acquisition.bus.frames import ERROR
 from lmeasure.acquisition.bus.sources import Source
 from lmeasure.acquisition.logs.scan_log import Heard, Scan, Seen
 from lmeasure.core import AcquisitionError
+from lmeasure.text import message
 
 LOOK_S = 0.1
 LIT_S = 0.6
@@ -72,5 +73,5 @@ def listen(
         why = f"{errors} error frames and none that can be read: another bit rate, or a line without its terminating resistors"
         silent = "no frame at all: nothing is connected or switched on, nobody sends the SYNC, or another bit rate is set"
         raise AcquisitionError(f"{source.name}: {why if errors else silent}")
-    notes = (f"{errors} error frames",) if errors else ()
-    return heard.scan(Path(source.name), "a bus", notes)
+    notes = (message("acquisition.error_frames", count=errors),) if errors else ()
+    return heard.scan(Path(source.name), message("acquisition.bus"), notes)

@@ -11,6 +11,7 @@ import numpy as np
 
 from lmeasure.acquisition.check.watch import LEAST_PULL_MM, LEAST_TURN_DEG, Watch
 from lmeasure.rig import SensorChannel
+from lmeasure.text import message
 
 STEPS = 3
 ASKED_DEG = 45.0
@@ -59,11 +60,10 @@ def _motion(one: SensorChannel) -> _Motion:
     if one.kind == "swivel":
         point = one.from_point
         return _Motion(
-            f"Swivel pulley of {point}: get ready, do not turn it yet",
-            f"Turn the swivel pulley of {point} by about {ASKED_DEG:g} degrees, clockwise as seen along the cable from the drum, "
-            "and hold it",
-            f"Let the swivel pulley of {point} back to where it was",
-            f"swivel of {point}",
+            message("acquisition.swivel_pulley_get_ready", point=point),
+            message("acquisition.turn_swivel_pulley_about_degrees", point=point, asked_deg=ASKED_DEG),
+            message("acquisition.let_swivel_pulley_back", point=point),
+            message("acquisition.swivel", point=point),
             f"swing {one.name} {ASKED_DEG:g}",
             ASKED_DEG,
             LEAST_TURN_DEG,
@@ -71,18 +71,19 @@ def _motion(one: SensorChannel) -> _Motion:
         )
     if one.kind == "inclination":
         axis = ", ".join(f"{x:g}" for x in getattr(one.table, "axis", ()))
-        side = f"the side to which its axis ({axis}) points"
-        motion = f"Tilt the tool by about {TILTED_DEG:g} degrees so that it rises on {side}, and hold it"
+        motion = message("acquisition.tilt_tool", deg=TILTED_DEG, axis=axis)
         act = f"swing {one.name} {TILTED_DEG:g}"
         return _Motion(
-            "Tool: get ready to tilt it, do not move it yet", motion, "Tilt the tool back to where it was", f"inclination {one.name}", act,
-            TILTED_DEG, LEAST_TILT_DEG,
+            message("acquisition.tool_get_ready_tilt"), motion, message("acquisition.tilt_tool_back_where"),
+            message("acquisition.inclination", name=one.name), act, TILTED_DEG, LEAST_TILT_DEG,
         )  # fmt: skip
     about, least, unit = (MOVED_MM, LEAST_PULL_MM, "mm") if one.is_length else (TILTED_DEG, LEAST_TILT_DEG, "degrees")
-    motion = one.table.motion or "Move the tool so that its reading rises"
+    move, sign = one.table.motion or message("acquisition.sensor_motion"), "unit_sign.mm" if unit == "mm" else "acquisition.degrees"
     return _Motion(
-        f"{one.kind} {one.name}: get ready, do not move the tool yet", f"{motion} by about {about:g} {unit}, and hold it",
-        "Move the tool back to where it was", f"{one.kind} {one.name}", f"swing {one.name} {about:g}", about, least, unit,
+        message("acquisition.sensor_ready", kind=one.kind, name=one.name),
+        message("acquisition.sensor_move", motion=move, about=about, unit=message(sign)),
+        message("acquisition.sensor_back"), message("channel.sensor", kind=one.kind, name=one.name),
+        f"swing {one.name} {about:g}", about, least, unit,
     )  # fmt: skip
 
 
@@ -104,24 +105,29 @@ def _once(watch: Watch, one: SensorChannel, motion: _Motion, alike: list[int], *
     way = np.abs(turned)
     j = alike[int(np.argmax(way[alike]))]
     if way[j] < motion.least:
-        return EncoderCheck(what, one.channel, faults=(f"no {one.kind} turned by {motion.least:g} {unit}{watch.instead(way)}",))
-    faults = []
+        return EncoderCheck(what, one.channel, faults=(watch.nothing("check.no_kind", way, kind=one.kind, least=motion.least, unit=unit),))
+    faults: list[str] = []
     if channels[j] != one.channel:
-        faults.append(f"channel {channels[j]} turned, the rig says {one.channel}")
+        faults.append(message("acquisition.channel_turned_rig_says", channels=channels[j], channel=one.channel))
     others = [channels[i] for i in alike if i != j and way[i] > CROSSTALK * way[j]]
     if motion.alone and others:
-        faults.append(f"{', '.join(others)} turned with it")
+        faults.append(message("acquisition.turned", v1=tuple(others)))
     direction = int(np.sign(turned[j]))
     if direction != one.table.count_sign:
-        faults.append(f"counts {'up' if direction > 0 else 'down'}, the rig says count_sign = {one.table.count_sign}")
+        faults.append(message("check.counts_up" if direction > 0 else "check.counts_down", sign=one.table.count_sign))
     play = float((back[j] - start[j]) * watch.unit[j])
     if unit == "degrees" and abs(play) > PLAY_DEG:
-        faults.append(f"came back {play:+.2f} degrees from where it was: loose on its shaft, or the cable does not take it along")
+        faults.append(message("acquisition.came_back_degrees_from", play=play))
     doublings = math.log2(way[j] / motion.about)
     if motion.alone and turns and abs(doublings) > AS_ASKED and channels[j] == one.channel:
         counts = one.table.counts_per_revolution * way[j] / motion.about
         faults.append(
-            f"turned by {way[j]:.0f} degrees with counts_per_revolution = {one.table.counts_per_revolution}; if it was by about "
-            f"{motion.about:g}, a revolution has about {counts:.2g} counts"
+            message(
+                "acquisition.turned_degrees_counts_per_revolution",
+                way=way[j],
+                counts_per_revolution=one.table.counts_per_revolution,
+                about=motion.about,
+                counts=counts,
+            )
         )
     return EncoderCheck(what, one.channel, channels[j], direction, float(way[j]), play, tuple(faults))

@@ -17,6 +17,7 @@ from lmeasure.acquisition.counters.wraps import range_notes
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, DataFrame, Shown, framed
 from lmeasure.rig import Cable, Rig, SensorChannel, default_can, rig_from_dict
+from lmeasure.text import count_of, joined, message
 
 REST_S = 1.0
 """How long the counters are looked at before anything is moved."""
@@ -63,15 +64,19 @@ class Check(Shown):
         """One line each."""
         return [
             *self.faults,
-            *(f"cable {c.cable}: {f}" for c in self.cables for f in c.faults),
-            *(f"{e.what}: {f}" for e in self.encoders for f in e.faults),
+            *(message("acquisition.cable", cable=c.cable, f=f) for c in self.cables for f in c.faults),
+            *(message("check.encoder_fault", what=e.what, fault=f) for e in self.encoders for f in e.faults),
         ]
 
     def about(self) -> dict[str, str]:
         """What each cable and encoder showed, by its name: its faults, or ok and what was counted."""
-        told = {c.cable: c.faults or (f"ok: {c.channel}, {_or_not(c.stroke_mm)} mm, slack {_or_not(c.slack_mm)} mm",) for c in self.cables}
-        told |= {e.what: e.faults or (f"ok: {e.channel}, {_or_not(e.turned_deg)} deg",) for e in self.encoders}
-        return {name: "; ".join(texts) for name, texts in told.items()}
+        told = {
+            c.cable: c.faults
+            or (message("acquisition.ok_mm_slack_mm", channel=c.channel, _or_not=_or_not(c.stroke_mm), _or_not_=_or_not(c.slack_mm)),)
+            for c in self.cables
+        }
+        told |= {e.what: e.faults or (message("check.ok_encoder", channel=e.channel, turned=_or_not(e.turned_deg)),) for e in self.encoders}
+        return {name: joined(texts) for name, texts in told.items()}
 
     def to_frame(self) -> DataFrame:
         """A row for each cable."""
@@ -90,7 +95,7 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
     cables = rig.cables_of(passage)
     turned = tuple(o for o in rig.observed if isinstance(o, SensorChannel) and o.passage == passage)
     watch = Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3) + STEPS * len(turned))
-    watch.begin("Leave all cables at rest")
+    watch.begin(message("acquisition.leave_all_cables_rest"))
     time_s, rest = watch.look(REST_S)
     channels = watch.channels
     silent = [c for c, column in zip(channels, rest.T, strict=True) if not np.isfinite(column).any()]
@@ -104,18 +109,24 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
     rate = (len(time_s) - 1) / (time_s[-1] - time_s[0])
     spread = {c: float(np.nanmax(column) - np.nanmin(column)) for c, column in zip(channels, rest.T, strict=True)}
     quiet = np.where(watch.lengths, QUIET_COUNTS, np.maximum(QUIET_COUNTS, QUIET_DEG / watch.unit))
-    faults = [f"channel {c}: moves by {s:g} counts at rest" for (c, s), most in zip(spread.items(), quiet, strict=True) if s > most]
+    faults: list[str] = [
+        message("acquisition.channel_moves_counts_rest", channel=c, counts=s)
+        for (c, s), most in zip(spread.items(), quiet, strict=True)
+        if s > most
+    ]
     results = tuple(_cable(rig, watch, cable, turns=turns, settle_s=settle_s) for cable in cables)
     moved = [c.moved for c in results if c.moved is not None]
-    faults += [f"channel {c} moves with {moved.count(c)} cables" for c in dict.fromkeys(moved) if moved.count(c) > 1]
+    faults += [
+        message("acquisition.channel_moves_cables", channel=c, count=moved.count(c)) for c in dict.fromkeys(moved) if moved.count(c) > 1
+    ]
     encoders = tuple(encoder_checked(watch, one, turned, turns=turns, settle_s=settle_s) for one in turned)
     moved = [e.moved for e in encoders if e.moved is not None]
-    faults += [f"channel {c} moves with {moved.count(c)} encoders" for c in dict.fromkeys(moved) if moved.count(c) > 1]
+    faults += [message("check.moves_encoders", channel=c, count=moved.count(c)) for c in dict.fromkeys(moved) if moved.count(c) > 1]
     every = watch.every()
     faults += watch.bus.twice(every)
-    faults += [f"{who} from a sender that the rig does not name" for who in watch.bus.foreign()]
-    faults += [f"{n} {kind}" for kind, n in sorted(watch.faults().items()) if kind not in FINE]
-    notes = [f"channel {c}: answers every {ordinal(n)} SYNC" for c, n in every.items()]
+    faults += [message("acquisition.from_sender_rig_does", who=who) for who in watch.bus.foreign()]
+    faults += [count_of(kind, n) for kind, n in sorted(watch.faults().items()) if kind not in FINE]
+    notes: list[str] = [message("acquisition.channel_answers_every_sync", channel=c, n=ordinal(n)) for c, n in every.items()]
     notes += range_notes(rig, link.fields, passage, 1.0 / float(rate))
     return Check(float(rate), spread, results, tuple(faults), encoders, tuple(notes))
 
@@ -129,36 +140,36 @@ def _cable(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float
 
 def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
     drum, channels, mm, drums = rig.point(cable.from_point).drum, watch.channels, watch.unit, np.flatnonzero(watch.lengths)
-    start = watch.step(f"Cable {cable.name} at {cable.from_point}: get ready, do not pull yet", settle_s)[0]
-    end, extremes = watch.step(f"Pull cable {cable.name} out by about 100 mm and hold it", settle_s, cable.channel, f"pull {cable.name}")
-    back, _ = watch.step(f"Let cable {cable.name} back to where it was", settle_s, act=f"let {cable.name}")
+    start = watch.step(message("acquisition.cable_get_ready_do", cable=cable.name, point=cable.from_point), settle_s)[0]
+    end, extremes = watch.step(message("acquisition.pull_cable_out_about", cable=cable.name), settle_s, cable.channel, f"pull {cable.name}")
+    back, _ = watch.step(message("acquisition.let_cable_back_where", cable=cable.name), settle_s, act=f"let {cable.name}")
     way = np.abs(end - start) * mm
     j = int(drums[np.argmax(way[drums])])
-    faults = []
+    faults: list[str] = []
     if way[j] < LEAST_PULL_MM:
-        return CableCheck(cable.name, cable.channel, faults=(f"no channel moved by {LEAST_PULL_MM:g} mm{watch.instead(way)}",))
+        return CableCheck(cable.name, cable.channel, faults=(watch.nothing("check.no_channel", way, least=LEAST_PULL_MM),))
     moved = channels[j]
     if moved != cable.channel:
-        faults.append(f"channel {moved} moved, the rig says {cable.channel}")
+        faults.append(message("acquisition.channel_moved_rig_says", moved=moved, channel=cable.channel))
     others = [channels[i] for i in drums if i != j and way[i] > CROSSTALK * way[j]]
     if others:
-        faults.append(f"{', '.join(others)} moved with it")
+        faults.append(message("acquisition.moved", channels=tuple(others)))
     direction = int(np.sign(end[j] - start[j]))
     if direction != drum.count_sign:
-        faults.append(f"counts {'up' if direction > 0 else 'down'} when paid out, the rig says count_sign = {drum.count_sign}")
+        faults.append(message("check.counts_up_paid" if direction > 0 else "check.counts_down_paid", sign=drum.count_sign))
     slack = float((back[j] - start[j]) * mm[j])
     if abs(slack) > SLACK_MM:
-        faults.append(f"came back {slack:+.2f} mm from where it was: slack, or it slips on the drum")
+        faults.append(message("acquisition.came_back_mm_from", slack=slack))
     per_turn, expected = None, drum.counts_per_revolution * drum.scale
     if turns:
-        before = watch.step(f"Drum of {cable.from_point}: get ready to turn it from mark to mark", settle_s)[0]
-        turn = f"Turn the drum of {cable.from_point} once, in the direction of paying out"
+        before = watch.step(message("acquisition.drum_get_ready_turn", point=cable.from_point), settle_s)[0]
+        turn = message("acquisition.turn_drum_once_direction", point=cable.from_point)
         after, _ = watch.step(turn, settle_s, act=f"turn {cable.name}")
         per_turn = float(abs(after[j] - before[j]))
         if abs(per_turn - expected) > TURN_TOLERANCE * expected:
             near = next((f for f in (0.25, 0.5, 2.0, 4.0) if abs(per_turn - f * expected) <= TURN_TOLERANCE * f * expected), None)
-            hint = f": {near:g} times as many, as a counter decoded at another scale" if near else ""
-            faults.append(f"{per_turn:.0f} counts in a turn, the rig says {expected:g}{hint}")
+            code = "check.per_turn_times" if near else "check.per_turn"
+            faults.append(message(code, counts=per_turn, expected=expected, times=near))
     stroke = float((extremes[1][j] - extremes[0][j]) * mm[j])
     return CableCheck(cable.name, cable.channel, moved, direction, stroke, slack, per_turn, expected, tuple(faults))
 
@@ -174,7 +185,7 @@ def not_corrected(result: Check) -> tuple[str, ...]:
     out = []
     for kind, checks in (("cable", result.cables), ("encoder", result.encoders)):
         if any(c.moved not in (None, c.channel) for c in checks) and not _one_each(checks):
-            out.append(f"channels stay as they are: not every {kind} moved one of its own; check again, then --write")
+            out.append(message(f"check.stay_{kind}"))
     return tuple(out)
 
 
@@ -191,29 +202,29 @@ def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any]
     if _one_each(result.cables):
         for c in result.cables:
             if c.moved != c.channel:
-                told.append(f"cable {c.cable}: channel {c.channel} -> {c.moved}")
+                told.append(message("acquisition.cable_channel", cable=c.cable, was=c.channel, now=c.moved))
                 tables[c.cable]["channel"] = c.moved
     for c in result.cables:
         point = tables[c.cable]["from"]
         before = points[point]["drum"].get("count_sign", 1)
         # of a channel that is not the cable's in the end the direction is another drum's
         if c.direction is not None and c.direction != before and tables[c.cable]["channel"] == c.moved:
-            told.append(f"drum of {point}: count_sign {before} -> {c.direction}")
+            told.append(message("acquisition.drum_count_sign", point=point, was=before, now=c.direction))
             points[point]["drum"]["count_sign"] = c.direction
     turned = {table["channel"]: table for kind in rig_from_dict(data).sensor_tables for table in data.get(kind, ())}
     owners: dict[str, str | None] = {e.what: e.channel for e in result.encoders}
     if _one_each(result.encoders):
         for e in result.encoders:
             if e.moved != e.channel:
-                told.append(f"{e.what}: channel {e.channel} -> {e.moved}; see that its zero_deg is that encoder's")
+                told.append(message("check.encoder_channel", what=e.what, was=e.channel, now=e.moved))
                 turned[e.channel]["channel"] = owners[e.what] = e.moved
     for e in result.encoders:
         before = turned[e.channel].get("count_sign", 1)
         if e.direction is not None and e.direction != before and owners[e.what] == e.moved:
-            told.append(f"{e.what}: count_sign {before} -> {e.direction}")
+            told.append(message("check.encoder_sign", what=e.what, was=before, now=e.direction))
             turned[e.channel]["count_sign"] = e.direction
     frames = {c.channel: c.id for c in default_can(rig_from_dict(dict(content)).all_channels).channel}
     if "can" not in data and frames != {c.channel: c.id for c in default_can(rig_from_dict(data).all_channels).channel}:
         data["can"] = {"decoder": "raw", "channel": [{"channel": channel, "id": identifier} for channel, identifier in frames.items()]}
-        told.append("a table [can] says which frames the channels are, as before")
+        told.append(message("acquisition.table_can_says_frames"))
     return data, told

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from lmeasure.acquisition.counters.samples import SyncAssembler
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, FloatArray
 from lmeasure.rig import Rig
+from lmeasure.text import Message, joined, message
 
 PATIENCE_S = 2.0
 """How much longer for the first of them."""
@@ -133,22 +134,23 @@ class Watch:
                 what, faults = told(found)
                 if faults:
                     self.number -= 1  # a question, and no step more
-                    self.step(f"{what}: {'; '.join(faults)}. Type {AGAIN} to do it again, or go on", 0.05)
+                    self.step(message("check.again", what=what, faults=joined(faults), again=AGAIN), 0.05)
             except Again:
                 continue
             return found
 
-    def instead(self, way: FloatArray) -> str:
-        """Which channel of any kind moved as far as is asked for, by ways (m,) in the unit of each; nothing where none did."""
+    def nothing(self, code: str, way: FloatArray, **values: Any) -> Message:
+        """Return that nothing moved as far as requested, and which channel of any kind did, by ways (m,) in the unit of each."""
         j = int(np.argmax(way / self.least))
         if way[j] < self.least[j]:
-            return ""
-        return f", but {self.channels[j]} moved by {way[j]:.0f} {'mm' if self.lengths[j] else 'degrees'}"
+            return message(code, **values)
+        unit = message("unit_sign.mm" if self.lengths[j] else "acquisition.degrees")
+        return message(f"{code}_but", **values, channel=self.channels[j], way=way[j], **{"other" if "unit" in values else "unit": unit})
 
     def _said(self, begun: FloatArray | None, wanted: str) -> str:
         self.look(0.1)
         if self.last is None or begun is None:
-            return "no counts"
+            return message("acquisition.no_counts")
         moved = (self.last - begun) * self.unit
         told = []
         for unit, of in ("mm", self.lengths), ("deg", ~self.lengths):
@@ -158,7 +160,9 @@ class Watch:
             alike = np.flatnonzero(self.lengths == self.lengths[self.channels.index(wanted)])
             j = int(alike[np.argmax(np.abs(moved[alike]))])
             if abs(moved[j]) > self.least[j] and self.channels[j] != wanted:
-                told.insert(0, f"{self.channels[j]} moves, not {wanted}")  # first: a narrow terminal cuts what is behind
+                told.insert(
+                    0, message("check.moves_not", channel=self.channels[j], wanted=wanted)
+                )  # first: a narrow terminal cuts what is behind
         return "  ".join(told)
 
     def _moved(self, begun: FloatArray | None, wanted: str) -> tuple[Moved, ...]:

@@ -45,7 +45,7 @@ NO_PAUSE_S = 1e6
 FIRST_PAUSE_S = 10.0
 """No bus pauses for longer behind its first few frames."""
 RESTART_S = 1.0
-"""Longest pause in which a clock that restarted at zero is recognised."""
+"""Longest pause in which a clock that restarted at zero is detected."""
 LATE = 0.95
 """Smallest interval between two frames of a timer, in periods, when late stamps are judged."""
 SURE = 0.98

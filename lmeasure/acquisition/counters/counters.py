@@ -15,6 +15,7 @@ from lmeasure.acquisition.counters.wraps import may_wrap
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import runs_on
 from lmeasure.rig import StartInput
+from lmeasure.text import message
 
 RESET_WITHIN = 2
 """Units from zero within which a device that starts again is found."""
@@ -329,7 +330,7 @@ class CounterState:
         for i in np.flatnonzero(plain != steps):
             events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "wrap", f"from {values[i] - plain[i]} to {values[i]}"))
         for i in np.flatnonzero(np.abs(steps) > limit):
-            text = f"{steps[i]} units where {limit[i]:.0f} are possible"
+            text = message("acquisition.units_where_possible", moved=steps[i], possible=limit[i])
             events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "jump", text))
 
     def _origin_lost(self, piece: _Piece, follows: BoolArray, calm: BoolArray | None, events: EventLog) -> int | None:

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from lmeasure.text import composed, count_of, joined, message
+
 EVENTS_KEPT = 10_000
 """Of each kind; all are counted."""
 CONTRADICTED = 0.05
@@ -102,27 +104,22 @@ class EventLog:
 
     def notes(self) -> list[str]:
         """Lines for a summary: steps that gaps may hide, and limits of values that the data contradict."""
-        out = []
+        out: list[str] = []
         if self.steps:
             steps = ", ".join(f"{channel} {text} at sample {sample}" for channel, (_, text, sample) in sorted(self.steps.items()))
-            out.append(f"largest step of a counter that a gap may hide: {steps}")
+            out.append(message("acquisition.largest_step_counter_gap", steps=steps))
         for channel, (came, void) in sorted(self.values.items()):
             if void > CONTRADICTED * came:
-                part = f"{100.0 * void / came:.0f} % of its values are {self.limits[channel]}, and give no counts"
-                why = (
-                    "the sensor reports errors, or its message uses all values"
-                    if self.reserved[channel]
-                    else "the range contradicts the data"
-                )
-                way = "if they are counts, set whole_range = true for it in the rig's [can] table"
-                out.append(f"channel {channel}: {part}: {why}; {way}")
+                code = "acquisition.no_counts_reserved" if self.reserved[channel] else "acquisition.no_counts_range"
+                part, limits = 100.0 * void / came, self.limits[channel]
+                out.append(joined((message(code, channel=channel, part=part, limits=limits), message("acquisition.whole_range"))))
         return out
 
     def summary(self) -> str:
         """One line: how many of each kind."""
         if not self.tally:
-            return "no faults"
-        return ", ".join(f"{n} {kind}" for kind, n in sorted(self.tally.items()))
+            return message("acquisition.no_faults")
+        return composed("{faults}", faults=tuple(count_of(kind, n) for kind, n in sorted(self.tally.items())))
 
 
 def event_columns(events: Sequence[Event], origin_s: float, decimals: int | None = None) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from lmeasure.acquisition.counters.origins import longest_interval
 from lmeasure.acquisition.counters.wraps import Evidence
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import tabulate
+from lmeasure.text import message
 
 LONGEST_HOLD_S = 0.3
 """Longest time for which a sample waits for the end of a burst of late stamps."""
@@ -425,7 +426,7 @@ class SyncAssembler:
         """Report once that channels answer every n-th SYNC."""
         for c in channels:
             n = int(self.transmission.n[c])
-            text = f"answers every {ordinal(n)} SYNC"
+            text: str = message("acquisition.answers_every_sync", n=ordinal(n))
             if n > 1 and not self.transmission.meets:
                 text += '; no SYNC is answered by all channels: give them one transmission type, or state timing = "free"'
             self._event(0, self.fields[c].channel, "unanswered", text)

@@ -15,6 +15,7 @@ import numpy as np
 from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.rig import Rig
+from lmeasure.text import message
 
 ASSUMED_S = 0.02
 """SYNC period for the warning, before the period is known."""
@@ -56,8 +57,16 @@ def range_notes(rig: Rig, fields: Sequence[CounterField], passage: int = 1, peri
             limit = counter.rate * counter.speed_per_count
             alike.setdefault((f.modulus, key, limit, unit, half_s), []).append(f.channel)
     return [
-        f"{', '.join(channels)}: {modulus} counts pass half their range in {1e3 * half_s:.3g} ms at {limit:g} {unit}: "
-        f"state a smaller {key}, or keep the SYNC period below {1e3 * 0.46 * half_s:.2g} ms"
+        message(
+            "acquisition.counts_pass_half_their",
+            channels=tuple(channels),
+            counts=modulus,
+            time=1000.0 * half_s,
+            limit=limit,
+            unit=unit,
+            key=key,
+            period=1000.0 * 0.46 * half_s,
+        )
         for (modulus, key, limit, unit, half_s), channels in alike.items()
     ]
 

@@ -12,6 +12,7 @@ from lmeasure.acquisition.logs.lines import blocks_of_lines, by_library, decoded
 from lmeasure.acquisition.logs.report import BLANK, COMMENT, COMMENT_SIGNS, HEADER, UNKNOWN_LINE, Channels, LogReport, UnreadableError
 from lmeasure.core import IntArray
 from lmeasure.kernels import EVENTS, Bytes, Columns, scan_asc
+from lmeasure.text import message
 
 ASC_DATE = re.compile(r"date\s+\w+\s+(.+)", re.IGNORECASE)
 ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
@@ -174,7 +175,7 @@ def _moment(text: str) -> float | None:
 
 FORMAT = LogFormat(
     name="asc",
-    label="Vector's ASC",
+    label=message("acquisition.vectors_asc"),
     read=asc_batches,
     suffixes=(".asc",),
     suffix_decides=True,

@@ -20,6 +20,7 @@ from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.report import BLOCK_BYTES, Channels, LogReport, frames_of, new_columns, read_some
 from lmeasure.core import FileFormatError
 from lmeasure.kernels import BROKEN, ODD, OTHER_OBJECTS, SMALLEST_FRAME_OBJECT, WIDE, scan_blf
+from lmeasure.text import message
 
 LARGEST_HEADER = 1 << 16
 CONTAINER, RESTORE_POINT = 10, 115
@@ -253,4 +254,4 @@ def _joined(pieces: Iterator[tuple[bool, bytes]], size: int) -> Iterator[tuple[b
             yield inside, b"".join(held)
 
 
-FORMAT = LogFormat(name="blf", label="Vector's BLF", read=blf_batches, suffixes=(".blf",), suffix_decides=True)
+FORMAT = LogFormat(name="blf", label=message("acquisition.vectors_blf"), read=blf_batches, suffixes=(".blf",), suffix_decides=True)

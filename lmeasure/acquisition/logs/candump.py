@@ -13,6 +13,7 @@ from lmeasure.acquisition.logs.lines import blocks_of_lines, by_library, decoded
 from lmeasure.acquisition.logs.report import BLANK, COMMENT, COMMENT_SIGNS, UNKNOWN_LINE, LogReport, UnreadableError, frames_of, new_columns
 from lmeasure.core import IntArray
 from lmeasure.kernels import NAME_BYTES, NAMES, Bytes, Columns, scan_candump
+from lmeasure.text import message
 
 LINE = re.compile(r"\(-?[0-9]+[.,]?[0-9]*\)\s+\S+\s+[0-9a-f]{1,8}#(#[0-9])?(r[0-9]*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE)
 
@@ -59,5 +60,10 @@ class _Candump:
 
 
 FORMAT = LogFormat(
-    name="candump", label="lines of candump -L", read=candump_batches, suffixes=(".log",), possible_suffixes=(".txt",), typical_line=LINE
+    name="candump",
+    label=message("acquisition.lines_candump_l"),
+    read=candump_batches,
+    suffixes=(".log",),
+    possible_suffixes=(".txt",),
+    typical_line=LINE,
 )

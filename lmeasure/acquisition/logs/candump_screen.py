@@ -18,6 +18,7 @@ from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import Line, blocks_of_lines, data_bytes, decimal_number, line_batches
 from lmeasure.acquisition.logs.report import COMMENT, COMMENT_SIGNS, LARGEST_IDENTIFIER, UNKNOWN_LINE, LogReport, UnreadableError
 from lmeasure.kernels import Bytes
+from lmeasure.text import message
 
 SCREEN_LINE = re.compile(
     r"(?:\((?P<time>[^()]*)\)\s+)?(?P<bus>\S+)\s+(?:(?P<way>[RT]X)\s+(?P<switch>[B-])\s+(?P<state>[E-])\s+)?"
@@ -122,5 +123,9 @@ def _data(rest: str, length: int) -> bytes:
 
 
 FORMAT = LogFormat(
-    name="screen", label="what candump shows on a screen", read=screen_batches, possible_suffixes=(".log", ".txt"), typical_line=SCREEN_LINE
+    name="screen",
+    label=message("acquisition.candump_shows_screen"),
+    read=screen_batches,
+    possible_suffixes=(".log", ".txt"),
+    typical_line=SCREEN_LINE,
 )

@@ -1,4 +1,4 @@
-"""Logs that this program does not read, and what converts them: recognised by a line of their text, or by their suffix."""
+"""Logs that this program does not read, and what converts them: detected by a line of their text, or by their suffix."""
 
 import re
 from typing import NamedTuple

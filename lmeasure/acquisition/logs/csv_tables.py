@@ -17,6 +17,7 @@ from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import Line, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
 from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD
 from lmeasure.core import FileFormatError
+from lmeasure.text import message
 
 GVRET_COLUMNS = ("time stamp", "id", "extended", "bus", "len", "d1")
 PYTHON_CAN_COLUMNS = ("timestamp", "arbitration_id", "extended", "remote", "error", "dlc", "data")
@@ -93,7 +94,7 @@ def _flag(cell: str) -> bool:
 
 GVRET = LogFormat(
     name="gvret",
-    label="CSV of GVRET or SavvyCAN",
+    label=message("acquisition.csv_gvret_savvycan"),
     read=by_lines(partial(_Csv, needed=GVRET_COLUMNS, frame=_gvret_line)),
     possible_suffixes=(".csv",),
     typical_line=re.compile(r"\W?time stamp\W+id\W+extended\W.*", re.IGNORECASE),

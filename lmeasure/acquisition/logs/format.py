@@ -1,4 +1,4 @@
-"""A log format: its name, its suffixes, the lines by which its text is recognised, and its reader."""
+"""A log format: its name, its suffixes, the lines by which its text is detected, and its reader."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -33,7 +33,7 @@ class LogFormat:
     possible_suffixes
         Suffixes of files that are of this format if one of their first lines is typical of it.
     typical_line
-        Pattern of whole lines, without blanks at both ends, by which a text is recognised.
+        Pattern of whole lines, without blanks at both ends, by which a text is detected.
     packed
         Whether such files are also read when gzip has packed them (.gz).
     """

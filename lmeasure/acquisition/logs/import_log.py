@@ -19,6 +19,7 @@ from lmeasure.core import AcquisitionError, FileFormatError, FloatArray, Overwri
 from lmeasure.io import files
 from lmeasure.recording import Counts, Run, write_run
 from lmeasure.rig import CalibrationRecord, CanOpenCan, DbcCan, DbcChannel, Rig
+from lmeasure.text import Lines, message
 
 SHOWN_IDENTIFIERS = 12
 PAUSE_S = 5.0
@@ -52,8 +53,12 @@ class Survey:
         shown = ", ".join(f"{_name(i)} ({n})" for i, n in sorted(most))
         more = f" and {len(self.identifiers) - len(most)} more" if len(self.identifiers) > len(most) else ""
         return [
-            f"buses {', '.join(f'{bus} ({n} frames)' for bus, n in self.buses.items())}; {self.errors} error frames",
-            f"identifiers {shown}{more}",
+            message(
+                "acquisition.buses_error_frames",
+                buses=tuple(message("acquisition.frames", bus=bus, n=n) for bus, n in self.buses.items()),
+                errors=self.errors,
+            ),
+            message("acquisition.identifiers", shown=shown, more=more),
         ]
 
 
@@ -78,7 +83,14 @@ class ImportedLog:
         """For people: what was found in it."""
         duration = float(self.counts.time_s[-1])
         return [
-            f"{self.path}: {self.report.frames} frames, {len(self.counts.time_s)} samples in {duration:.6g} s, {self.events.summary()}",
+            message(
+                "acquisition.frames_samples_s",
+                file=self.path,
+                frames=self.report.frames,
+                samples=len(self.counts.time_s),
+                seconds=duration,
+                faults=self.events.summary(),
+            ),
             *self.survey.lines(),
             *self.report.notes(),
             *self.events.notes(),
@@ -109,7 +121,7 @@ class Imported:
 
     def summary(self) -> str:
         """For people."""
-        return "\n".join(line for log in self.logs for line in log.lines())
+        return Lines(line for log in self.logs for line in log.lines())
 
 
 def import_logs(
@@ -189,7 +201,7 @@ def _of_one_bus(
             readings = decode(batch, fields, sync_id)
             for j, one in enumerate(fields):
                 channels = np.unique(batch.channel[readings.frame[readings.field == j]])
-                where.setdefault(f"channel {one.channel}", set()).update(batch.buses[c] for c in channels)
+                where.setdefault(message("acquisition.channel", channel=one.channel), set()).update(batch.buses[c] for c in channels)
             channels = np.unique(batch.channel[readings.sync])
             where.setdefault("SYNC", set()).update(batch.buses[c] for c in channels)
             for name, buses in where.items():

@@ -26,7 +26,7 @@ FORMATS: tuple[LogFormat, ...] = (
 GROUP = "lmeasure.log_formats"
 
 HEAD_BYTES = 1 << 16
-"""Beginning of a text log, by which its format is recognised."""
+"""Beginning of a text log, by which its format is detected."""
 HEAD_LINES = 200
 SHOWN = 60
 NEW_LINE = "\n"

@@ -17,6 +17,7 @@ from lmeasure.acquisition.logs.read import log_batches
 from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.core import FileFormatError, FloatArray, IntArray
 from lmeasure.rig import SYNC_ID
+from lmeasure.text import composed, message
 
 KEPT = 200_000
 """Frames of an identifier that are looked at."""
@@ -48,7 +49,8 @@ class Field:
     def text(self) -> str:
         """In words."""
         span = f"{self.first}-{self.first + self.size - 1}"
-        return f"bytes {span}: counter, {8 * self.size} bits {self.order}, {self.least} .. {self.most}, steps to {self.step}"
+        values = {"span": span, "bits": 8 * self.size, "least": self.least, "most": self.most, "step": self.step}
+        return message(f"scan.counter_{self.order}", **values)
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,9 @@ class Carried:
     def lines(self) -> list[str]:
         """A line, and one for each thing in its bytes."""
         size = ",".join(map(str, self.lengths))
-        head = f"{self.name:>9s}  {self.bus:8s} {self.frames:8d} {self.rate_hz:9.1f}/s  {size:>5s} bytes"
-        told = [f"answers every {ordinal(self.answers)} SYNC"] if self.answers not in (None, 1) else []
-        return [head, *(f"{'':11s}{text}" for text in (*(c.text for c in self.counters), *self.others, *told))]
+        head = message("acquisition.s_bytes", name=self.name, bus=self.bus, frames=self.frames, rate_hz=self.rate_hz, size=size)
+        told = [message("acquisition.answers_every_sync", n=ordinal(self.answers))] if self.answers not in (None, 1) else []
+        return [head, *(composed("           {text}", text=text) for text in (*(c.text for c in self.counters), *self.others, *told))]
 
 
 @dataclass(frozen=True)
@@ -111,21 +113,32 @@ class Scan:
             lines += ["extended = true"] * carried.extended
             lines += [f"byte_offset = {field.first}", f"bits = {bits}", f'byte_order = "{field.order}"']
             if self.sync is not None and carried.answers != 1:
-                answers = "does not answer the SYNC" if carried.answers is None else f"answers every {ordinal(carried.answers)} SYNC"
+                answers = (
+                    "does not answer the SYNC"
+                    if carried.answers is None
+                    else message("acquisition.answers_every_sync", n=ordinal(carried.answers))
+                )
                 lines[-1] += f"  # {answers}"
         return lines
 
     def lines(self) -> list[str]:
         """For people: the identifiers, then the guess."""
         out = [
-            f"{self.path}: {sum(c.frames for c in self.carried)} frames in {self.lasts_s:.6g} s; {self.dialect}, {self.times}",
+            message(
+                "scan.head",
+                file=self.path,
+                frames=sum(c.frames for c in self.carried),
+                seconds=self.lasts_s,
+                dialect=self.dialect,
+                times=self.times,
+            ),
             *(line for c in self.carried for line in c.lines()),
             *self.notes,
         ]
         table = self.table()
         if not table:
-            return [*out, "nothing moves like a counter: was the robot moved while this was logged?"]
-        guess = "a guess for rig.toml; which drum is which `lmeasure check` tells:"
+            return [*out, message("acquisition.nothing_moves_like_counter")]
+        guess = message("acquisition.guess_rig_toml_drum")
         return [*out, "", guess, "", *table]
 
 
@@ -211,7 +224,7 @@ def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple
     _, at, of = best
     told = [replace(c, answers=of.get(i)) for i, c in enumerate(carried)]
     if told[at].lengths == (1,):
-        told[at] = replace(told[at], others=("byte 0: the SYNC's counter",))
+        told[at] = replace(told[at], others=(message("acquisition.byte_0_syncs_counter"),))
     return tuple(told), told[at]
 
 
@@ -297,7 +310,7 @@ def _movement(place: int, values: Bytes) -> str:
         return ""
     steps = np.mod(np.diff(values.astype(np.int64)), 256)
     if len(np.unique(steps)) == 1:
-        return f"byte {place}: counts the frames, by {int(steps[0])}"
+        return message("acquisition.byte_counts_frames", place=place, step=int(steps[0]))
     if len(different) == 2:
-        return f"byte {place}: toggles between {different[0]:02X} and {different[1]:02X}"
-    return f"byte {place}: {len(different)} values, no counter (a checksum, or a measurement)"
+        return message("acquisition.byte_toggles_between", place=place, one=different[0], other=different[1])
+    return message("acquisition.byte_values_no_counter", place=place, count=len(different))

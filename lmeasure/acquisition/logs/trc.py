@@ -30,6 +30,7 @@ from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import FD_LENGTHS, Line, announced, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
 from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, UnreadableError
 from lmeasure.core import FileFormatError
+from lmeasure.text import message
 
 HEADER_LINE = re.compile(r";\$(FILEVERSION|STARTTIME|COLUMNS)\s*=\s*(.*)", re.IGNORECASE)
 DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
@@ -172,7 +173,7 @@ class _Trc:
 
 FORMAT = LogFormat(
     name="trc",
-    label="PEAK's TRC",
+    label=message("acquisition.peaks_trc"),
     read=by_lines(_Trc),
     suffixes=(".trc",),
     typical_line=re.compile(r";\$FILEVERSION.*|;-+\+-.*|\d+\)\s.*", re.IGNORECASE),

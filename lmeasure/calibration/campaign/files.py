@@ -14,6 +14,7 @@ from lmeasure.io import Column, files, gathered, no_folder
 from lmeasure.recording import read_pose_table, read_poses
 from lmeasure.rig import Drum, Input, SensorTable, read_rig
 from lmeasure.sensors import ARM_MM, REFERENCE_C, counts_from_poses
+from lmeasure.text import joined, message
 
 _REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
 MIN_POSES = 2
@@ -67,7 +68,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
     # a drum without a column is an error; what an encoder shows is more than what was always needed
     cables = tuple(c for c in measured if c.is_cable or c.channel in table.columns)
     unread = dict.fromkeys(c.channel for c in measured if c not in cables)
-    notes = tuple(f"encoder {channel}: counts.csv has no column of it; nothing is told of it" for channel in unread)
+    notes = tuple(message("calibration.encoder_counts_csv_has", channel=channel) for channel in unread)
     pose_of = np.array([index[name] for name in names])
     visit_of = _visits(pose_of, passage)
     stated = read_pose_table(folder / "reference_poses.csv", rig.angles, columns)
@@ -178,9 +179,9 @@ def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
     names = (*poses.names, *(f"{poses.names[i]} (visit {v + 1})" for v, i in again))
     own = campaign.u_visit
     every = replace(poses.of(order), names=names)
-    note = f"{len(again)} later visit(s) of a pose share its error"
+    note: str = message("calibration.later_visit_s_pose", n=len(again))
     if own is None:
-        note += "; no u_repeatability_mm is stated: the robot is taken to come back exactly"
+        note = joined((note, message("calibration.no_repeatability")))
     return replace(
         campaign,
         poses=every,
@@ -255,7 +256,7 @@ def _checked(campaign: Campaign, path: Path) -> Campaign:
                 f"{path}: channel {c.channel} does not move: all its counts are zero, where the nominal rig has its cable change by "
                 f"{change:.3g} mm; if its winch stood still, say braked = true in its drum"
             )
-        notes.append(f"channel {c.channel}: all its counts are zero; its cable is taken to have kept its length")
+        notes.append(message("calibration.channel_all_counts_zero", channel=c.channel))
     return replace(campaign, notes=(*campaign.notes, *notes)) if notes else campaign
 
 
@@ -308,6 +309,6 @@ def _unwrapped(campaign: Campaign) -> Campaign:
         turns = np.rint((predicted + counts[campaign.zero[j], j] - counts[:, j]) / full)
         turns[campaign.zero[j]] = 0
         if np.nansum(np.abs(turns)) > 0:
-            notes.append(f"channel {c.channel}: {drum.counter_bits}-bit counter unwrapped between poses by the nominal rig's prediction")
+            notes.append(message("calibration.channel_bit_counter_unwrapped", channel=c.channel, bits=drum.counter_bits))
             counts[:, j] += turns * full
     return replace(campaign, counts=counts, notes=(*campaign.notes, *notes))

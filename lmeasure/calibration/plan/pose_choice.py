@@ -30,6 +30,7 @@ from lmeasure.estimation import (
 from lmeasure.kernels import span_lengths
 from lmeasure.recording import Poses, joined, poses_from_rows
 from lmeasure.rig import Observed, Rig, Unobservable, cables_among
+from lmeasure.text import Lines, composed, message
 
 Progress = Callable[[int, int], None]
 
@@ -306,32 +307,40 @@ def _mm(value: float) -> str:
 
 
 def _line(first: str, outlook: Outlook, unknowns: int, note: str = "") -> str:
-    told = f"{outlook.rank} of {unknowns}"
-    return f"{first:>6s} {_mm(outlook.rms_mm)} {_mm(outlook.worst_mm)}  {outlook.worst_cable:8s} {told:>10s}  {note}".rstrip()
+    known = message("calibration.plan.of", rank=outlook.rank, of=unknowns)
+    row = "{first:>6s} {rms} {worst}  {cable:8s} {known:>10s}" + ("  {note}" if note else "")
+    values = {"rms": _mm(outlook.rms_mm), "worst": _mm(outlook.worst_mm), "cable": outlook.worst_cable}
+    return composed(row, first=first, known=known, note=note, **values)
 
 
 def plan_summary(plan: Plan) -> str:
     """What the plan brings: the poses, the predicted uncertainty as they are measured one after the other and with further ones, what each
     is worth, and what stays undetermined."""
     unknowns, planned = len(plan.parameters), len(plan.poses) - plan.recorded
-    head = f"{'':>6s} {'rms':>10s} {'worst':>10s}  {'cable':8s} {'determined':>10s}"
-    lines = [f"{plan.usable:.0%} of the poses tried can be used"]
-    lines += [f"  {part:.0%} ruled out: {reason}" for reason, part in plan.broken if part]
-    lines += ["", "predicted standard uncertainty of a length over the zone, from the calibration alone [mm]", "after as many poses:", head]
+    columns = {name: message(f"calibration.plan.{name}") for name in ("rms", "worst", "cable", "determined")}
+    head = message("calibration.plan.head", gap="", **columns)
+    lines: list[str] = [message("calibration.poses_tried_can_used", part=plan.usable)]
+    lines += [message("calibration.ruled_out", part=part, reason=reason) for reason, part in plan.broken if part]
+    lines += ["", message("calibration.predicted_standard_uncertainty_length"), message("calibration.after_many_poses"), head]
     for count, outlook in plan.course:
-        note = "recorded" if count == plan.recorded else "the plan" if count == len(plan.poses) else ""
-        lines.append(_line(str(count), outlook, unknowns, note or ("further" if count > len(plan.poses) else "")))
+        of_plan, further = count == len(plan.poses), count > len(plan.poses)
+        note = "recorded" if count == plan.recorded else "plan" if of_plan else "further" if further else ""
+        lines.append(_line(str(count), outlook, unknowns, message(f"calibration.plan.{note}") if note else ""))
     if planned > 1:
-        lines += ["the plan without one pose:", head]
+        lines += [message("calibration.plan_without_one_pose"), head]
         lines += [_line(name, outlook, unknowns) for name, outlook in plan.without]
     u_position, u_rotation = plan.poses.u_position_mm, plan.poses.u_rotation_rad
     exact = not (u_position.any() or u_rotation.any())
-    lines += ["", f"{plan.equations} equations, {unknowns} unknowns, {plan.outlook.rank} directions determined by the counts"]
+    lines += [
+        "",
+        message(
+            "calibration.equations_unknowns_directions_determined", equations=plan.equations, unknowns=unknowns, rank=plan.outlook.rank
+        ),
+    ]
     if plan.undetermined:
-        lines.append(f"the plan leaves {len(plan.undetermined)} directions undetermined; only the rig's priors hold them:")
-        lines += [f"  {u.text}" for u in plan.undetermined]
-    lines.append(
-        f"predicted worst u {plan.outlook.worst_mm:.3g} mm (cable {plan.outlook.worst_cable}), rms {plan.outlook.rms_mm:.3g} mm"
-        + ("; reference poses taken as exact: state --u-position-mm and --u-rotation-deg" if exact else "")
-    )
-    return "\n".join(lines)
+        lines.append(message("calibration.plan_leaves_directions_undetermined", count=len(plan.undetermined)))
+        lines += [composed("  {text}", text=u.text) for u in plan.undetermined]
+    outlook = plan.outlook
+    predicted = message("calibration.predicted_worst_u_mm", worst=outlook.worst_mm, cable=outlook.worst_cable, rms=outlook.rms_mm)
+    lines.append(message("calibration.plan.exact", what=predicted) if exact else predicted)
+    return Lines(lines)

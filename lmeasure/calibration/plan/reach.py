@@ -12,6 +12,7 @@ from lmeasure.core import BoolArray, CalibrationError, FloatArray, conventions, 
 from lmeasure.kernels import BASE_XYZ, GUIDE_XYZ, RADIUS, counts_from_changes, least_clearances, span_lengths, wrap_geometry
 from lmeasure.rig import Cable, Rig
 from lmeasure.sensors import effects_of, zero_at
+from lmeasure.text import message
 
 TO_THE_EDGE = 1.25
 """Sobol points are stretched by this and cut to the unit cube: a fifth of the candidates' coordinates lie on the region's edge, where
@@ -122,12 +123,12 @@ class Usable:
     """Tells usable poses from those where a cable would be slack, wrapped too far, or crossed."""
 
     REASONS = (
-        "a cable too short or too long",
-        "a cable near its swivel axis",
-        "wrapped too far",
-        "cables crossing",
-        "a slack cable",
-        "angles near singular",
+        message("calibration.cable_too_short_too"),
+        message("calibration.cable_near_swivel_axis"),
+        message("calibration.wrapped_too_far"),
+        message("calibration.cables_crossing"),
+        message("calibration.slack_cable"),
+        message("calibration.angles_near_singular"),
     )
 
     def __init__(self, rig: Rig, cables: tuple[Cable, ...], limits: Limits, start: FloatArray) -> None:

@@ -36,6 +36,7 @@ from lmeasure.estimation import MIN_FREEDOM, Deletion, Fit, Parameters, Remainde
 from lmeasure.kernels import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, COUNT_LENGTH, GUIDE_XYZ, length_gradients
 from lmeasure.rig import Finding, ShownEffect, solved_parameters
 from lmeasure.sensors import ECCENTRICITY, OFFSET, RUN_OUT, Unsolved, Variable, Zero, arms, span
+from lmeasure.text import joined, message
 
 CHANCE = 0.01
 NEAR = math.log(100.0)
@@ -124,19 +125,14 @@ class _Named:
     def finding(self) -> Finding:
         """In words."""
         (_, log_p, tried), count = self.followed[0], len(self.followed)
-        followed = "the law of" if count == 1 else f"{count} together of the laws of"
-        apart = ", which these data do not tell apart" if len(self.laws) > count else ""
-        laws = ", ".join(self.laws.values())
-        text = (
-            f"what is left of the residuals follows {followed} {laws}{apart}: p = {math.exp(log_p):.2g} for chance, with {tried} effects "
-            "tried; nothing was corrected"
-        )
+        code = f"physical.left.{'one' if count == 1 else 'several'}{'_apart' if len(self.laws) > count else ''}"
+        parts = [message(code, k=count, laws=tuple(self.laws.values()), p=math.exp(log_p), n=tried)]
         keys = [effect.key for effect, _, _ in self.followed]
         solved, stated = ([key for key in keys if key and (":" in key) is solvable] for solvable in (True, False))
         if solved:
-            text += f"; look at {'it' if count == 1 else 'them'}, or --solve {','.join(solved)}"
-        text += "".join(f"; state {key}" for key in dict.fromkeys(stated))
-        return Finding(code="effect", channel=self.best.channel, text=text, value=math.exp(log_p))
+            parts.append(message(f"physical.look_at_{'it' if count == 1 else 'them'}", key=",".join(solved)))
+        parts += [message("physical.state", key=key) for key in dict.fromkeys(stated)]
+        return Finding(code="effect", channel=self.best.channel, text=joined(parts), value=math.exp(log_p))
 
 
 def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownEffect, ...]]:
@@ -167,7 +163,10 @@ def _asked(at: _Fitted) -> tuple[_Named, _Fitted] | None:
     if log_p > math.log(CHANCE) or not judged:
         return None
     near, wider = _competed(at, [effect for each, effect in judged if each <= judged[0][0] + NEAR])
-    laws = {e.law: f"{e.kind} of {e.channel} ({size_of(at.left, e):.2g} {e.unit})" for e in near}
+    laws: dict[tuple[str, str], str] = {
+        e.law: message("physical.of", kind=e.kind, channel=e.channel, size=size_of(at.left, e), unit=message(f"unit_sign.{e.unit}"))
+        for e in near
+    }
     return _Named(((near[0], log_p, len(judged)),), laws), wider
 
 
@@ -265,9 +264,9 @@ def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -
         if c.is_cable:
             point = campaign.rig.point(c.from_point)
             for kind, said, holder in (
-                (RUN_OUT, "run-out of the drum", point.drum),
-                (ECCENTRICITY, "an eccentric pulley", point),
-                (OFFSET, "a swivel axis off its groove", point),
+                (RUN_OUT, message("physical.run_out"), point.drum),
+                (ECCENTRICITY, message("physical.eccentric_pulley"), point),
+                (OFFSET, message("physical.swivel_offset"), point),
             ):
                 variable = Variable(kind, point.name, 1.0)
                 if getattr(holder, kind.key) is not None or variable.names[0] in names:
@@ -279,12 +278,18 @@ def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -
             if f"{c.from_point}.backlash_counts" not in names and point.drum.u_backlash_counts is None:
                 way = np.where(mine, -travel[at] * rows[j, COUNT_LENGTH] / scales[j], 0.0)
                 yield Effect(
-                    "play", c.channel, np.column_stack([way, mine.astype(np.float64)]), "counts", 1.0, f"backlash:{c.from_point}", 1
+                    message("physical.play"),
+                    c.channel,
+                    np.column_stack([way, mine.astype(np.float64)]),
+                    "counts",
+                    1.0,
+                    f"backlash:{c.from_point}",
+                    1,
                 )
             solvable = (
-                (BY_SCALE, "scale", "a drum of another diameter", "%", 100.0, "scale"),
-                (BY_PITCH, "groove_pitch_mm", "another groove pitch", "mm", 1.0, "pitch"),
-                (BY_RADIUS, "pulley_radius_mm", "another pulley radius", "mm", 1.0, "radius"),
+                (BY_SCALE, "scale", message("physical.diameter"), "%", 100.0, "scale"),
+                (BY_PITCH, "groove_pitch_mm", message("physical.pitch"), "mm", 1.0, "pitch"),
+                (BY_RADIUS, "pulley_radius_mm", message("physical.radius"), "mm", 1.0, "radius"),
             )
             for column, key, said, unit, size, ask in solvable:
                 if f"{c.from_point}.{key}" not in names:
@@ -295,12 +300,14 @@ def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -
             trail = radius * (1.0 - span(way, rows[j, GUIDE_XYZ], radius).cosine)
             angle = counts[:, j] * campaign.rig.counter(c).per_count
             seen = np.column_stack([np.cos(angle), np.sin(angle)]) * per_unit[j]
-            yield Effect("an eccentric encoder", c.channel, _of(model, seen, j), "deg", math.degrees(1.0), "eccentricity_deg")
+            yield Effect(
+                message("physical.eccentric_encoder"), c.channel, _of(model, seen, j), "deg", math.degrees(1.0), "eccentricity_deg"
+            )
             if radius > 0.0 and trail.min() > LEAST_TRAIL * radius:
                 beside = (per_unit[j] / trail)[:, None]
-                yield Effect("a groove beside its swivel axis", c.channel, _of(model, beside, j), "mm", 1.0, "")
+                yield Effect(message("physical.groove_beside"), c.channel, _of(model, beside, j), "mm", 1.0, "")
             tilt = np.where(mine[:, None], g[:, [BY_ALPHA, BY_BETA]], 0.0)
-            yield Effect("an encoder with a tilted axis", c.channel, tilt, "deg", math.degrees(1.0), "")
+            yield Effect(message("physical.tilted_encoder"), c.channel, tilt, "deg", math.degrees(1.0), "")
 
 
 def _of(model: Model, values: FloatArray, j: int) -> FloatArray:

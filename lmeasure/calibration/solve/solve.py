@@ -46,6 +46,7 @@ from lmeasure.core import CalibrationError, DataFrame, FloatArray, Shown
 from lmeasure.estimation import BENT, BIWEIGHT, EXCLUDED, Fit, Group, Weights, fit, linear_objective, regions, robust_fit
 from lmeasure.rig import FURTHER, PLACE, TABLE, TILT, CalibrationRecord, Finding, Rig, SolvedEffect
 from lmeasure.sensors import phased
+from lmeasure.text import message
 
 LAWS = ("radius", "scale", "pitch", *dict.fromkeys(p.group for p in (*FURTHER, *TILT)))
 """Groups of parameters that are effects and no matter of where things stand."""
@@ -105,7 +106,7 @@ def down_weighted(campaign: Campaign, weights: Weights) -> list[Finding]:
     out = []
     for i in np.flatnonzero(weights.weight < NAMED):
         name, weight = campaign.poses.names[i], 0.0 if weights.weight[i] <= EXCLUDED else float(weights.weight[i])
-        text = f"pose {name}: the other poses contradict it; the robust loss gave it the weight {weight:.2g}"
+        text = message("calibration.pose_other_poses_contradict", pose=name, weight=weight)
         out.append(Finding(code="down_weighted", pose=name, value=weight, text=text))
     return out
 
@@ -113,7 +114,7 @@ def down_weighted(campaign: Campaign, weights: Weights) -> list[Finding]:
 def weights_entry(campaign: Campaign, weights: Weights) -> dict[str, object]:
     """The record's account of the robust loss."""
     every = [{"pose": n, "weight": float(w)} for n, w in zip(campaign.poses.names, weights.weight, strict=True)]
-    return {"loss": "Tukey biweight", "constant": BIWEIGHT, "scale": weights.scale, "weights": every}
+    return {"loss": message("calibration.tukey"), "constant": BIWEIGHT, "scale": weights.scale, "weights": every}
 
 
 SAMPLES_LOG2 = 6
@@ -232,7 +233,7 @@ def calibrate(campaign: Campaign, settings: CalibrationSettings | None = None, p
     if not settings.prior:
         again, then = _calibrated(campaign, replace(settings, prior=True), progress)
         if again.refused is None and then is not None and not then.worse:
-            text = f"without priors {compared.text()}: the nominal rig was kept as a prior everywhere, with which {then.text()}"
+            text = message("calibration.without_priors_nominal_rig", a=compared.text(), b=then.text())
             kept = Finding(code="kept_nominal", text=text, value=compared.rms_mm / compared.nominal_mm)
             return replace(again, record=again.record.model_copy(update={"warnings": (kept, *again.record.warnings)}))
     return replace(result, refused=compared.refusal())
@@ -271,10 +272,7 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     findings += named
     findings += shape_findings(campaign, model.parameters, found, begun.points, searched=begun.searched)
     if where.bend > BENT and not len(found.silent):
-        text = (
-            f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
-            "that; lengths are determined better than the values suggest"
-        )
+        text = message("calibration.values_lie_bent_valley", bend=where.bend)
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
     compared = against_nominal(model, found, begun.first)
     judged = _held_out(whole, model, found, kept_out, settings.seed)
@@ -291,7 +289,7 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance.tolist()))})
     open_directions = underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
     taken = taken_as_exact(campaign, rig, record, predicted.rows)
-    warm = [Finding(code="temperature", text=str(t.said), value=t.mm) for t in taken if t.stated]
+    warm = [Finding(code="temperature", text=t.said, value=t.mm) for t in taken if t.stated]
     record = record.model_copy(
         update={
             "warnings": (*record.warnings, *open_directions, *warm, *unknown_temperature(campaign)),
@@ -318,7 +316,7 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
         progress(steps, steps)
     refused = wrong.refused
     if refused is None and compared is None and wrong.doubtful and not free:
-        refused = "counts, poses and nominal rig contradict each other, and the poses are too few to show which of them is wrong"
+        refused = message("calibration.contradict_too_few")
     return Calibration(rig, record, campaign, predicted, refused), compared
 
 

@@ -22,6 +22,7 @@ from lmeasure.calibration.solve.unknowns import Model, rig_with
 from lmeasure.core import CalibrationError, FloatArray, se3
 from lmeasure.estimation import Eliminated, Parameters
 from lmeasure.rig import CalibrationRecord, Finding, Residual, Rig, value_of
+from lmeasure.text import joined, message
 
 MOVED = 1e-3
 """Probability of chance under which the rig is not that of the record any more."""
@@ -29,7 +30,7 @@ STEPS = 30
 SETTLED = 1e-4  # of a standard uncertainty
 APART = 2.0 * math.log(100.0)
 """Twice the logarithm of odds of a hundred."""
-AGAIN = "calibrate again"
+AGAIN = "calibration.moved.again"
 
 
 @dataclass(frozen=True)
@@ -114,14 +115,14 @@ def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: 
         return float(np.sum((U.T @ free) ** 2)) - 2.0 * U.shape[1]
 
     owners = {owner: model.parameters.of(owner) for owner in dict.fromkeys(model.parameters.owner(i) for i in range(model.own))}
-    found = [(gain(whitened[:, own]), f"{owner} has moved", AGAIN) for owner, own in owners.items()]
+    found = [(gain(whitened[:, own]), message("calibration.moved.owner", owner=owner), AGAIN) for owner, own in owners.items()]
     # as many places as there are samples to begin at
     samples, names = range(2, len(campaign.poses)), campaign.poses.names
     begins, place = (model.pose_index[:, None] >= samples).astype(np.float64), 2.0 * math.log(max(len(samples), 1))
     for owner, own in owners.items():
         steps = [gain(part.W @ (part.A[:, own] * behind[:, None])) - place for behind in begins.T]
         if steps:
-            found.append((max(steps), f"{owner} has moved during the run, before {names[samples[int(np.argmax(steps))]]}", AGAIN))
+            found.append((max(steps), message("calibration.moved.during", owner=owner, name=names[samples[int(np.argmax(steps))]]), AGAIN))
     for j, c in enumerate(campaign.cables):
         own = np.vstack([part.W @ (begins * (model.cable_index == j)[:, None]), np.tile(no_prior[:, None], len(samples))])
         own -= Q @ (Q.T @ own)
@@ -132,16 +133,14 @@ def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: 
             k = int(np.argmax(gains))
             # modelled less measured
             size = -float(along[k] / square[k]) / campaign.mm_per_unit[j]
-            by = f"{size:+.3g} mm" if c.is_length else f"{math.degrees(size):+.3g} deg"
-            found.append(
-                (float(gains[k]), f"channel {c.channel} reads {by} more from {names[samples[k]]} on", "counts were lost, or it slipped")
-            )
+            code, by = ("reads_mm", size) if c.is_length else ("reads_deg", math.degrees(size))
+            text = message(f"calibration.moved.{code}", channel=c.channel, by=by, name=names[samples[k]])
+            found.append((float(gains[k]), text, "calibration.moved.lost"))
     found.sort(key=lambda one: -one[0])
     near = [one for one in found if one[0] > found[0][0] - APART]
     if len(near) == 1:
-        return f"the run contradicts the record (p = {probability:.2g} for chance): {near[0][1]}, it seems; {near[0][2]}"
-    listed = "; ".join(said for _, said, _ in near[:4])
-    return f"the run contradicts the record (p = {probability:.2g} for chance): one of these, which cannot be told apart: {listed}"
+        return message("calibration.moved.one", p=probability, what=near[0][1], cure=message(near[0][2]))
+    return message("calibration.moved.several", p=probability, what=joined(text for _, text, _ in near[:4]))
 
 
 def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArray, test: tuple[float, int, float]) -> CalibrationRecord:
@@ -159,11 +158,10 @@ def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArr
         float(np.linalg.norm(np.ptp(places[:, :3], axis=0))),
         float(np.linalg.norm(se3.displacement(places, places[0])[:, :3], axis=1).max()),
     )
-    text = (
-        f"goes on from the record of {old.equations} equations by {model.equations} of a run: places were known to {before:.3g} mm in the "
-        f"mean square, now {after:.3g}; chi-squared of both {test[0]:.4g} with {test[1]} degrees of freedom (p = {test[2]:.2g}); the "
-        f"run reaches over {reach:.0f} mm and {math.degrees(turn):.0f} deg, and lengths are predicted over that"
-    )
+    text = message(
+        "calibration.continued", equations=old.equations, more=model.equations, before=before, after=after, chi2=test[0], freedom=test[1],
+        p=test[2], reach=reach, turn=math.degrees(turn),
+    )  # fmt: skip
     return old.model_copy(
         update={
             "parameters": parameters,

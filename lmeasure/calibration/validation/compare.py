@@ -18,6 +18,7 @@ from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.kernels import changes_from_counts, counts_from_changes, span_lengths
 from lmeasure.rig import PLACE, Cable, CalibrationRecord, Rig, parameter_names, read_calibration_record, read_rig, value_of
 from lmeasure.sensors import channel_names, further_solved, length_gradients_since, parts_of
+from lmeasure.text import Lines, composed, message
 
 SIGNIFICANT = 0.01
 """Probability of chance, over all points or all cables together, under which something has moved."""
@@ -110,7 +111,7 @@ def compare(old: Earlier, new: Calibration, seed: int = 0) -> Comparison:
     """Judge the new calibration against the old one over the new campaign's workspace; CalibrationError as `compare_records`."""
     found = compare_records(old, Earlier(new.rig, new.record, "the new calibration"))
     lengths, dropped = _lengths(old, new, seed)
-    notes = [f"cable {name}: is not in {old.source}, or runs between other points there" for name in dropped]
+    notes = [message("calibration.cable_not_runs_between", name=name, source=old.source) for name in dropped]
     return replace(found, lengths=lengths, notes=(*found.notes, *notes))
 
 
@@ -255,39 +256,38 @@ def _check_frames(old: Earlier, new: CalibrationRecord) -> None:
 
 
 def _notes(old: Earlier, new: Earlier, names: list[str], common: list[str]) -> list[str]:
-    out = []
+    out: list[str] = []
     shared = {i.sha256 for i in old.record.inputs if i.file == "counts.csv"} & {i.sha256 for i in new.record.inputs}
     if shared:
-        out.append("both were made of the same counts.csv; the tests take them as independent, which makes them cautious")
+        out.append(message("calibration.same_counts"))
     missing = sorted({n.rsplit(".", 1)[0].removeprefix("tool.") for n in set(names) - set(common)})
     if missing:
-        out.append(f"in one of the two only: {', '.join(missing)}")
+        out.append(message("calibration.one_two_only", names=tuple(missing)))
     solved = [{p.name for p in record.parameters} for record in (old.record, new.record)]
     one_sided = sorted({n.rsplit(".", 1)[1] for n in common if (n in solved[0]) != (n in solved[1])})
     if one_sided:
-        out.append(f"solved in one of the two only, and taken as exact in the other: {', '.join(one_sided)}")
+        out.append(message("calibration.solved_one_two_only", names=tuple(one_sided)))
     return out
 
 
 def comparison_summary(comparison: Comparison) -> str:
     """The comparison as a table for a person."""
-    verdict = "something moved" if comparison.moved else "nothing moved beyond the uncertainties"
-    lines = [f"compared with {comparison.source}: {verdict} (probability of chance under {SIGNIFICANT:g})"]
-    lines += [f"note: {note}" for note in comparison.notes]
-    lines.append(f"{'point':10s} {'shift, mm':>12s} {'chi-squared':>12s} {'freedom':>8s} {'by chance':>10s}")
-    for name, p in (*((p.point, p) for p in comparison.points), ("all points", comparison.together)):
-        lines.append(
-            f"{name:10s} {p.distance_mm:12.4f} {p.chi_squared:12.4g} {p.freedom:3d} of {p.values:<2d} {chance(p.probability):>9s}  "
-            f"{'has moved' if p.moved else ''}".rstrip()
-        )
+    verdict = message("calibration.something_moved" if comparison.moved else "calibration.nothing_moved")
+    lines: list[str] = [message("calibration.compared_probability_chance_under", source=comparison.source, verdict=verdict, p=SIGNIFICANT)]
+    lines += [message("line.note", text=note) for note in comparison.notes]
+    head = "{point:10s} {shift:>12s} {chi:>12s} {freedom:>8s} {chance:>10s}"
+    columns = {name: message(f"calibration.compared.{name}") for name in ("point", "shift", "chi", "freedom", "chance")}
+    moved, lines = message("calibration.compared.moved"), [*lines, composed(head, **columns)]
+    for name, p in (*((p.point, p) for p in comparison.points), (message("calibration.all_points"), comparison.together)):
+        values = {"mm": p.distance_mm, "chi": p.chi_squared, "freedom": p.freedom, "values": p.values, "chance": chance(p.probability)}
+        lines.append(message(f"calibration.compared.row{'_moved' * p.moved}", name=name, moved=moved, **values))
     if comparison.lengths:
-        lines.append(f"{'cable':10s} {'rms, mm':>12s} {'worst, mm':>12s} {'u, mm':>8s} {'by chance':>10s}")
+        columns = {name: message(f"calibration.compared.{name}") for name in ("cable", "rms", "worst", "u", "chance")}
+        lines.append(composed("{cable:10s} {rms:>12s} {worst:>12s} {u:>8s} {chance:>10s}", **columns))
     for c in comparison.lengths:
-        lines.append(
-            f"{c.cable:10s} {c.rms_mm:12.4f} {c.worst_mm:12.4f} {c.u_mm:8.4f} {chance(c.probability):>10s}  "
-            f"{'has moved' if c.moved else ''}".rstrip()
-        )
-    return "\n".join(lines)
+        row = "{name:10s} {rms:12.4f} {worst:12.4f} {u:8.4f} {chance:>10s}" + ("  {moved}" if c.moved else "")
+        lines.append(composed(row, name=c.cable, rms=c.rms_mm, worst=c.worst_mm, u=c.u_mm, chance=chance(c.probability), moved=moved))
+    return Lines(lines)
 
 
 def chance(probability: float | None) -> str:

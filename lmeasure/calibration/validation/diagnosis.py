@@ -19,6 +19,7 @@ from lmeasure.calibration.validation.file_slips import Hypothesis, misread_poses
 from lmeasure.calibration.validation.hold_out import outlier_poses, outlier_readings, slipped_counters
 from lmeasure.estimation import CHANCE, Fit, improbable
 from lmeasure.rig import Cable, Finding, Rig
+from lmeasure.text import message
 
 Judge = Callable[[Campaign], Fit | None]
 """The best fit of all observation points to a campaign, with the prior on every direction; None where no cable could run so."""
@@ -120,22 +121,21 @@ def diagnose(
             before_aside = campaign, stated, list(findings)
         findings.append(Finding(code=best.code, channel=best.channel, pose=best.pose, value=best.value, text=_text(best, gain)))
         if not best.curable:
-            return Diagnosis(campaign, tuple(findings), f"{best.text}; correct that and calibrate again")
+            return Diagnosis(campaign, tuple(findings), message("calibration.correct_calibrate_again", what=best.text))
         campaign, stated = best.campaign, fit
     if before_aside is not None and (not _explains(stated) or _repeated(findings[len(before_aside[2]) :])):
         # what was set aside does not explain all, or more and more of one channel: then it is no slip of single numbers
         campaign, stated, findings = before_aside
     if findings and not _agrees(stated):
-        named = ", ".join(f.channel or f.pose or f.code for f in findings)
-        left = f"residuals of {residual_rms(stated):.3g} mm rms are left"
-        why = f"the files contradict each other: {left} when what was found ({named}) is corrected"
+        named = tuple(f.channel or f.pose or f.code for f in findings)
+        why = message("calibration.left_after_cures", rms=residual_rms(stated), named=named)
         return Diagnosis(campaign, tuple(findings), why)
     return Diagnosis(campaign, tuple(findings), doubtful=gross(stated))
 
 
 def _text(h: Hypothesis, gain: float) -> str:
-    done = "set aside" if h.removed else "applied" if h.curable else "not applied"
-    return f"{h.text}; this was {done} (evidence {gain:.3g} in twice the log odds)"
+    cure = "aside" if h.removed else "applied" if h.curable else "not_applied"
+    return message(f"calibration.cure.{cure}", what=h.text, gain=gain)
 
 
 def _agrees(fit: Fit) -> bool:
@@ -179,7 +179,7 @@ def _swaps(campaign: Campaign) -> Iterator[Hypothesis]:
             continue
         counts, unit = campaign.counts.copy(), [campaign.rig.counter(c).count_sign / campaign.rig.counter(c).scale for c in (a, b)]
         counts[:, [i, j]] = counts[:, [j, i]] * np.array([unit[0] / unit[1], unit[1] / unit[0]])
-        text = f"channels {a.channel} and {b.channel}: the counts fit when the two are swapped"
+        text = message("calibration.channels_counts_fit_when", a=a.channel, b=b.channel)
         curable = a.is_cable
         other = replace(campaign, counts=counts)
         if curable:
@@ -198,16 +198,15 @@ def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
             counts = campaign.counts.copy()
             own = [k for k, each in enumerate(campaign.cables) if each.channel == c.channel]
             counts[:, own] /= factor
-            read = f"at scale {factor:g}, not at the rig's" if factor > 0 else "with the other sign"
-            read += f" and scale {-factor:g}" if factor < 0 and factor != -1 else ""
-            text = f"channel {c.channel}: its counts fit when it is decoded {read}"
+            read = "scale" if factor > 0 else "sign" if factor == -1 else "sign_scale"
+            text = message(f"calibration.decoded.{read}", channel=c.channel, factor=abs(factor))
             rig = _decoded(campaign.rig, point, factor) if drawn else _reversed(campaign.rig, c.channel)
             other = replace(campaign, counts=counts, rig=rig)
             yield Hypothesis("scale" if factor > 0 else "sign", text, other, c.channel, value=factor)
         for other_point in campaign.rig.tool:
             if c.is_cable and other_point != c.to_point:
                 tied = _with_cables(campaign, {c.name: {"to_point": other_point}})
-                text = f"channel {c.channel}: its counts fit when cable {c.name} is tied to {other_point}, not to {c.to_point}"
+                text = message("calibration.channel_counts_fit_when", channel=c.channel, cable=c.name, other=other_point, own=c.to_point)
                 yield Hypothesis("attachment", text, tied, c.channel)
 
 
@@ -218,7 +217,7 @@ def _other_pass(campaign: Campaign) -> Iterator[Hypothesis]:
         there = {c.channel: c for c in campaign.rig.cable if c.passage == passage}
         if all(c.channel in there for c in campaign.cables) and len(there) == len(campaign.cables):
             cables = tuple(there[c.channel] for c in campaign.cables)
-            text = f"the counts fit when they are those of pass {passage}, not of pass {min(own)}"
+            text = message("calibration.counts_fit_when_they", other=passage, own=min(own))
             yield Hypothesis("pass", text, replace(campaign, cables=cables))
 
 

@@ -14,6 +14,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.hold_out import poses_and_visits, shifted_lengths
 from lmeasure.core import BoolArray, FileFormatError, FloatArray, GeometryError, IntArray, conventions, se3
 from lmeasure.sensors import counts_from_poses
+from lmeasure.text import message
 
 SAME_RAD = 1e-6
 
@@ -40,7 +41,7 @@ def misread_poses(campaign: Campaign) -> Iterator[Hypothesis]:
     order."""
     yield from _conventions(campaign)
     for order in [o for o in itertools.permutations(range(3)) if o != (0, 1, 2)]:
-        text = f"the reference poses fit when their coordinates are read in the order {', '.join('xyz'[i] for i in order)}"
+        text = message("calibration.reference_poses_fit_when", order=tuple("xyz"[i] for i in order))
         rows = campaign.poses.rows[:, [*order, 3, 4, 5, 6]]
         yield Hypothesis("columns", text, replace(campaign, poses=replace(campaign.poses, rows=rows)))
     yield from _exchanged(campaign)
@@ -51,7 +52,7 @@ def _conventions(campaign: Campaign) -> Iterator[Hypothesis]:
     own = campaign.rig.angles
     for name, rotation in _readings(campaign):
         rows = se3.pose(campaign.poses.rows[:, :3], rotation)
-        text = f"the reference poses fit when their angles are read as {name}, not as the rig's {own}"
+        text = message("calibration.reference_poses_fit_when_their", name=name, own=own)
         yield Hypothesis("angles", text, replace(campaign, poses=replace(campaign.poses, rows=rows), angles=None))
 
 
@@ -114,7 +115,7 @@ def _exchanged(campaign: Campaign) -> Iterator[Hypothesis]:
         for cycle in some:
             rows[cycle] = order[cycle]
         names = [campaign.poses.names[reference[i]] for cycle in some for i in cycle]
-        text = f"poses {', '.join(names[:-1])} and {names[-1]}: the counts fit when their coordinates are exchanged"
+        text = message("calibration.poses_counts_fit_when", poses=tuple(names[:-1]), last=names[-1])
         place = np.arange(len(campaign.poses))
         place[reference] = reference[rows]
         moved = place[campaign.reference_of]
@@ -196,7 +197,7 @@ def _poses_aside(model: Model) -> Iterator[_Candidate]:
         which = np.isin(np.arange(len(campaign.counts)), visits)[:, None] & np.isfinite(campaign.counts)
         columns = shifted_lengths(model, visits)
         name = campaign.poses.names[visits[0]]
-        text = f"pose {name}: the other poses contradict it, and agree without it"
+        text = message("calibration.pose_other_poses_contradict_agree", pose=name)
         if columns.shape[1] and _left(campaign, which):
             yield columns, int(which.sum()), partial(_without, campaign, which, "outlier", text, pose=name)
 
@@ -222,7 +223,7 @@ def _one_reading(campaign: Campaign, pose: int, j: int) -> "partial[Hypothesis]"
     name, channel = campaign.poses.names[pose], campaign.cables[j].channel
     counter = campaign.rig.counter(campaign.cables[j])
     recorded = float(campaign.counts[pose, j] * counter.scale / counter.count_sign)
-    text = f"pose {name}, channel {channel}: all other readings contradict the count {recorded:.10g}, and agree without it"
+    text = message("calibration.pose_channel_all_other", pose=name, channel=channel, count=recorded)
     return partial(_without, campaign, _one(campaign, pose, j), "outlier", text, channel=channel, pose=name, value=recorded)
 
 
@@ -237,7 +238,7 @@ def _counters_aside(model: Model) -> Iterator[_Candidate]:
             column = ((model.cable_index == j) & np.isin(model.pose_index, order[k:])).astype(np.float64)[:, None]
             name, channel = campaign.poses.names[order[k]], campaign.cables[j].channel
             part = "later" if 2 * k >= len(order) else "earlier"
-            text = f"channel {channel}: its counter slipped before pose {name}; all other readings agree without its {part} counts"
+            text = message(f"calibration.slipped_without_{part}", channel=channel, pose=name)
             yield column, int(which.sum()), partial(_without, campaign, which, "slip", text, channel=channel, pose=name)
 
 

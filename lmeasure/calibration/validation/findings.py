@@ -12,8 +12,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.estimation import Fit, Parameters
 from lmeasure.rig import GUIDE, PLACE, Finding, Unobservable
 from lmeasure.sensors import effects_of
-
-BEGINS = "no point can be searched for alone: the nominal rig starts the least squares"
+from lmeasure.text import message
 
 
 def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable], by_prior: Prediction) -> list[Finding]:
@@ -25,9 +24,13 @@ def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable]
         equations = int(np.isin(model.cable_index, seen).sum())
         cables = [j for j in seen if j < len(campaign.drums)]
         share = float(np.sqrt(np.mean(by_prior.length_mm[:, cables] ** 2))) if cables else 0.0
-        text = (
-            f"{owner}: {equations} equations leave {len(own)} of {len(model.parameters.of(owner))} unknowns undetermined; there the "
-            f"nominal rig's priors decide ({share:.4f} mm rms of the predicted lengths)"
+        text = message(
+            "calibration.equations_leave_unknowns_undetermined",
+            owner=owner,
+            equations=equations,
+            left=len(own),
+            of=len(model.parameters.of(owner)),
+            mm=share,
         )
         out.append(Finding(code="underdetermined", text=text, value=float(len(own))))
     return out
@@ -38,7 +41,7 @@ def unknown_temperature(campaign: Campaign) -> list[Finding]:
     effects = effects_of(campaign.rig, campaign.drums)
     if effects is None or not effects.thermal or campaign.temperature_c is not None:
         return []
-    text = f"the rig states expansions and no file a temperature_c: {effects.reference_c:g} deg C is taken, the rig's reference"
+    text = message("calibration.rig_states_expansions_no", c=effects.reference_c)
     return [Finding(code="temperature", text=text)]
 
 
@@ -47,17 +50,12 @@ def poses_findings(model: Model, found: Fit) -> list[Finding]:
     if not model.pose_unknowns:
         return []
     n, d = len(model.at), model.pose_unknowns
-    told = f"{model.equations} equations for {model.own} values of the rig and {d} of each of {n} poses"
+    told = message("calibration.equations_values_rig_each", equations=model.equations, own=model.own, d=d, n=n)
     if model.frame is None:
-        return [Finding(code="note", text=f"the reference poses have no orientations: {told}; the counts tell them; {BEGINS}")]
-    held = "the nominal rig" if model.frame == "rig" else "the reference poses"
-    if found.prior_everywhere:
-        text = f"{told}; the priors of the nominal rig act everywhere, and the frame is that of least squared shifts from {held}"
-    else:
-        text = (
-            f"{told}; {found.motions} motions of rig and poses together are free, and the frame is that of least squared shifts from {held}"
-        )
-    text += f". The scale is that of the counts; {BEGINS}"
+        return [Finding(code="note", text=message("calibration.reference_poses_have_no", told=told, begins=message("calibration.begins")))]
+    held = message("calibration.frame.nominal_rig" if model.frame == "rig" else "calibration.frame.poses")
+    code = "calibration.frame.priors" if found.prior_everywhere else "calibration.frame.motions"
+    text = message(code, told=told, n=found.motions, held=held, begins=message("calibration.begins"))
     return [Finding(code="frame", text=text, value=float(found.motions))]
 
 
@@ -75,16 +73,14 @@ def shape_findings(
     for point in points:
         for rival in point.rivals[:1]:
             there = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.names, rival.theta, strict=True))
-            text = f"{point.name}: another result fits as well (chi-squared {rival.chi2:.3g} against {point.fit.chi2:.3g}): {there}"
+            text = message("calibration.another_result_fits_well", name=point.name, rival=rival.chi2, own=point.fit.chi2, there=there)
             out.append(Finding(code="ambiguous", text=text, value=rival.chi2 - point.fit.chi2))
         for channel, solutions in point.coarse.items():
             if not any(s.physical for s in solutions):
-                why = "fewer than four poses, or poses in one plane" if not solutions else "no root has positive lengths"
+                why = message("calibration.coarse.no_root" if solutions else "calibration.coarse.few")
                 out.append(
                     Finding(
-                        code="coarse",
-                        channel=channel,
-                        text=f"channel {channel}: no coarse solution ({why}); the nominal rig alone started the search",
+                        code="coarse", channel=channel, text=message("calibration.channel_no_coarse_solution", channel=channel, why=why)
                     )
                 )
     for name, boxes in searched.items():
@@ -95,15 +91,12 @@ def shape_findings(
             + [math.radians(values.get(f"{name}.{k}", getattr(p, k))) for k in GUIDE]
         )
         if not any(box.holds(where.copy()) for box in boxes):
-            text = f"{name}: the result lies at the edge of the neighbourhood searched, or beyond; widen it (--neighbourhood-mm, -deg)"
+            text = message("calibration.result_lies_edge_neighbourhood", name=name)
             out.append(Finding(code="edge", text=text))
         u_alpha = _u_of(f"{name}.{GUIDE[0]}", found)
         if math.cos(where[3]) < math.radians(u_alpha):
-            text = (
-                f"{name}: its guide is vertical within its uncertainty of {u_alpha:.2g} deg: beta says little, and covariances by alpha "
-                "and beta leave out part of its direction's; a base frame in which no guide is vertical tells all of it"
-            )
+            text = message("calibration.vertical", name=name, u=u_alpha)
             out.append(Finding(code="vertical", text=text, value=u_alpha))
     if not found.converged:
-        out.append(Finding(code="not_converged", text="the least squares did not settle; the result is where they stopped"))
+        out.append(Finding(code="not_converged", text=message("calibration.not_converged")))
     return out

@@ -8,6 +8,7 @@ import scipy.stats
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.diagnosis import GROSS_MM, residual_rms
 from lmeasure.estimation import Deletion, Fit, improbable
+from lmeasure.text import message
 
 SIGNIFICANT = 1e-3
 """Probability under which a rig that predicts no worse than the nominal one would look as bad by chance."""
@@ -42,15 +43,12 @@ class AgainstNominal:
     def refusal(self) -> str:
         """Return why the rig must not be used."""
         if self.p_worse < SIGNIFICANT:
-            return f"the calibrated rig is worse than the nominal one: {self.text()}"
-        return f"counts and poses contradict each other, and nothing explains why: {self.text()}"
+            return message("calibration.calibrated_rig_worse_than", why=self.text())
+        return message("calibration.counts_poses_contradict_each", why=self.text())
 
     def text(self) -> str:
         """In words."""
-        return (
-            f"lengths at {self.poses} poses, each left out in turn, are off by {self.rms_mm:.3g} mm rms, by the nominal rig "
-            f"{self.nominal_mm:.3g} mm (p = {self.p_worse:.2g} for no worse)"
-        )
+        return message("calibration.lengths_poses_each_left", poses=self.poses, rms=self.rms_mm, nominal=self.nominal_mm, p=self.p_worse)
 
 
 def against_nominal(model: Model, found: Fit, first: Fit) -> AgainstNominal | None:

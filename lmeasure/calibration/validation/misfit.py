@@ -13,6 +13,7 @@ from lmeasure.core import BoolArray, FloatArray
 from lmeasure.estimation import CHANCE, Explained as State, Fit, evidence, explained, improbable, settled
 from lmeasure.rig import Finding
 from lmeasure.sensors import ARM_MM
+from lmeasure.text import message
 
 DOUBTED = 0.02
 """Probability under which residuals raise no alarm, and yet lengths that err are reckoned with in what is measured."""
@@ -20,7 +21,7 @@ DOUBTED = 0.02
 REDUNDANT = 12
 """Degrees of freedom from which residuals tell how uncertain poses are that do not say it."""
 
-_OPTIONS = {"position": "--u-position-mm", "rotation": "--u-rotation-deg", "pose": "--u-position-mm and --u-rotation-deg"}
+_OPTIONS = {"position": "--u-position-mm", "rotation": "--u-rotation-deg"}
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
         return Explained(model, found, findings, False, np.where(_drawn(model), doubt, 0.0))
     if blamed:
         rms = _rms(found)
-        text = f"residuals of {rms:.3g} mm rms exceed the noise; look first at what is named above ({', '.join(blamed)})"
+        text = message("calibration.residuals_mm_rms_exceed", rms=rms, blamed=tuple(blamed))
         return _covered(state, [*findings, Finding(code="misfit", text=text, value=rms)], rms)
     if improbable(state.fit):
         findings += _contradictions(state.problem, state.fit)
@@ -84,31 +85,24 @@ def _covered(state: State[Model], findings: list[Finding], before: float) -> Exp
         u_length = np.hypot(u_length, np.where(_drawn(model), u or _rms(found) * math.sqrt(1.0 - 1.0 / excess), 0.0))
         found = replace(found, covariance=np.asarray(found.covariance * excess), excess=excess)
         if not any(w.code == "misfit" for w in findings):
-            text = (
-                f"residuals of {before:.3g} mm rms exceed the stated noise, and nothing explains them; the uncertainties are multiplied by "
-                f"{math.sqrt(excess):.3g}, and {np.sqrt(np.mean(u_length**2)):.3g} mm of each length is carried into what is measured"
+            text = message(
+                "calibration.residuals_mm_rms_exceed_stated", before=before, times=math.sqrt(excess), mm=np.sqrt(np.mean(u_length**2))
             )
             findings = [*findings, Finding(code="misfit", text=text, value=before)]
     return Explained(model, found, findings, bool(state.sizes) or found.excess > 1.0, u_length)
 
 
 def _assumed(name: str) -> Finding:
-    size, unit = (ASSUMED[name], "mm") if name == "position" else (math.degrees(ASSUMED[name]), "deg")
-    text = (
-        f"reference_poses.csv does not state how uncertain the {name}s are, and the residuals are too few to tell: {size:g} {unit} "
-        f"(1 sigma per axis) is assumed; state it ({_OPTIONS[name]})"
-    )
+    size = ASSUMED[name] if name == "position" else math.degrees(ASSUMED[name])
+    text = message(f"calibration.assumed_{name}", size=size, option=_OPTIONS[name])
     return Finding(code=f"assumed_{name}", text=text, value=size)
 
 
 def _estimated(state: State[Model], name: str) -> Finding:
     u = _size(state, name)
-    size = f"{u:.2g} mm" if name == "position" else f"{math.degrees(u):.2g} deg"
-    text = (
-        f"reference_poses.csv does not state how uncertain the {name}s are: the residuals agree with {size} (1 sigma per axis), which is "
-        f"taken; state it if it is known ({_OPTIONS[name]})"
-    )
-    return Finding(code=f"assumed_{name}", text=text, value=u if name == "position" else math.degrees(u))
+    size = u if name == "position" else math.degrees(u)
+    text = message(f"calibration.estimated_{name}", size=size, option=_OPTIONS[name])
+    return Finding(code=f"assumed_{name}", text=text, value=size)
 
 
 def _size(state: State[Model], name: str, channel: str | None = None) -> float:
@@ -119,45 +113,33 @@ def _size(state: State[Model], name: str, channel: str | None = None) -> float:
 
 def _told(state: State[Model], begun: State[Model]) -> list[Finding]:
     """What was taken, in words."""
-    rms = f"residuals of {_rms(begun.fit):.3g} mm rms exceed the stated noise"
-    out = []
+    rms, out = _rms(begun.fit), []
     for group in state.groups:
-        text = f"{rms}; errors of the {_VALUES[group]} explain them best and were solved for too (ask for it: --solve ...,{group})"
-        out.append(Finding(code="misfit", text=text, value=_rms(begun.fit)))
+        rest = message("calibration.exceed.solved", values=message(f"calibration.values.{group}"), group=group)
+        out.append(Finding(code="misfit", text=message("calibration.exceed", rms=rms, rest=rest), value=rms))
     for name, channel in list(state.sizes)[len(begun.sizes) :]:
         u = _size(state, name, channel)
         if not u:
             continue
         encoder = channel is not None and not next(c.is_length for c in state.problem.campaign.cables if c.channel == channel)
         if name == "length" and encoder:
-            text = (
-                f"{rms}; angles of encoder {channel} that err by {math.degrees(u / ARM_MM):.3g} deg on their own (it stands off its axis, "
-                "has play, or its pulley does not follow the cable) explain them best, and the uncertainties of this rig include that"
-            )
+            rest = message("calibration.exceed.encoder", channel=channel, deg=math.degrees(u / ARM_MM))
         elif name == "length":
-            whose = "each cable" if channel is None else f"channel {channel}"
-            text = (
-                f"{rms}; lengths of {whose} that err by {u:.3g} mm on their own (run-out, eccentric pulleys, friction) explain them best, "
-                "and the uncertainties of this rig and of what is measured with it include that"
-            )
+            whose = message("calibration.each_cable") if channel is None else message("calibration.channel", channel=channel)
+            rest = message("calibration.exceed.lengths", whose=whose, u=u)
         elif name == "stated":
-            text = f"{rms}; reference poses {math.sqrt(1 + u**2):.3g} times as uncertain as stated explain them best, and are taken so"
+            rest = message("calibration.exceed.stated", times=math.sqrt(1 + u**2))
         else:
             turn = math.degrees(u / arm_mm(state.problem) if name == "pose" else u)
-            sizes = {"position": f"{u:.3g} mm", "rotation": f"{turn:.3g} deg", "pose": f"{u:.3g} mm and {turn:.3g} deg"}[name]
-            text = (
-                f"{rms}; reference poses in error by {sizes} (1 sigma per axis) more than stated explain them best, and the uncertainties "
-                f"include that; if it is so, state it ({_OPTIONS[name]})"
+            rest = message(
+                f"calibration.exceed.{name}", mm=u, deg=turn, option=_OPTIONS.get(name) or message("calibration.options_of_pose")
             )
+        text = message("calibration.exceed", rms=rms, rest=rest)
         if (name, channel) != ("length", None) and state.doubt:
-            rival = f"Lengths of all cables that err by {state.doubt:.3g} mm on their own explain nearly as much"
-            text += f". {rival}, and are reckoned with"
+            text = message("calibration.exceed.lengths_too", rest=text, mm=state.doubt)
         value = math.degrees(u) if name == "rotation" else u
         out.append(Finding(code="misfit", text=text, channel=channel, value=value))
     return out
-
-
-_VALUES = {"scale": "drums' circumferences (scales)", "attachment": "attachment points", "radius": "pulleys' radii"}
 
 
 def _contradictions(model: Model, found: Fit) -> list[Finding]:
@@ -165,11 +147,9 @@ def _contradictions(model: Model, found: Fit) -> list[Finding]:
     worst = min(tests, key=lambda s: s.log_probability, default=None)
     if worst is None or worst.log_probability > math.log(CHANCE):
         return []
-    odds = f"F = {worst.statistic:.3g}, p = {math.exp(worst.log_probability):.2g}"
+    odds = {"f": worst.statistic, "p": math.exp(worst.log_probability)}
     if worst.kind == "outlier":
-        text = f"pose {worst.pose}: the other poses contradict it ({odds}); it was used all the same"
+        text = message("calibration.outlier", pose=worst.pose, **odds)
         return [Finding(code="outlier", pose=worst.pose, value=worst.statistic, text=text)]
-    text = (
-        f"channel {worst.channel}: its counter slipped by {worst.shift_mm:+.4g} mm from pose {worst.pose} on ({odds}); nothing was repaired"
-    )
+    text = message("calibration.slip", channel=worst.channel, mm=worst.shift_mm, pose=worst.pose, **odds)
     return [Finding(code="slip", channel=worst.channel, pose=worst.pose, value=worst.shift_mm, text=text)]

@@ -8,9 +8,9 @@ from lmeasure.core import FloatArray
 from lmeasure.estimation import Parameters, by_owner
 from lmeasure.recording import Poses
 from lmeasure.rig import PLACE, TABLE, Observed, Rig, Unobservable
+from lmeasure.text import Message, joined, message, texts
 
-SAME = ": the counts stay the same, only the prior holds it"
-_WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words} | {"zero_deg": ("its zero", "deg"), "zero_mm": ("its zero", "mm")}
+_UNITS = {p.key: p.unit for p in TABLE if f"parameter.{p.key}" in texts("en")} | {"zero_deg": "deg", "zero_mm": "mm"}
 
 
 def lines_of_sight(rig: Rig, cables: Iterable[Observed], poses: Poses) -> dict[str, FloatArray]:
@@ -35,27 +35,28 @@ def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dic
         ]
         of = unknowns.of(found.owner) if found.alone else range(len(unknowns.names))
         direction = {unknowns.names[i]: float(found.weight[i]) for i in of}
-        out.append(Unobservable(point=found.owner, direction=direction, text="; ".join(told) + SAME))
+        out.append(Unobservable(point=found.owner, direction=direction, text=message("calibration.silent", what=joined(told))))
     return out
 
 
-def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> str:
+def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> Message:
     """What moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
     by_key = dict(zip(keys, change, strict=True))
-    parts = []
+    parts: list[Message | tuple[Message, ...]] = []
     move = np.array([by_key.get(k, 0.0) for k in PLACE])
     length = float(np.linalg.norm(move))
     place = [i for i, k in enumerate(keys) if k in PLACE]
     if place and float(np.linalg.norm(vector[place])) > 0.1:
         along = abs(float(move @ sight)) / length if sight is not None else 0.0
-        way = "along its line of sight" if along > 0.9 else "across its line of sight" if along < 0.4 else "askew to its line of sight"
-        unit = ", ".join(f"{c:.2f}".replace("-0.00", "0.00") for c in move / length)
-        parts.append(f"moves {length:.3g} mm {way} ({unit})")
+        way = "along" if along > 0.9 else "across" if along < 0.4 else "askew"
+        parts.append(message(f"calibration.silent.{way}", mm=length, **dict(zip("xyz", (move / length).tolist(), strict=True))))
     turns = []
     for key, value, weight in zip(keys, change, vector, strict=True):
         if key not in PLACE and abs(weight) > 0.1:
-            name, unit = _WORDS.get(key, (key, ""))
-            turns.append(f"{name} changes by {value:+.3g} {unit}".rstrip())
+            unit = f"_{_UNITS[key]}" if _UNITS.get(key) else ""
+            name = message(f"parameter.{key}") if key in _UNITS else key
+            turns.append(message(f"calibration.silent.changes{unit}", name=name, value=float(value)))
     if turns:
-        parts.append(", ".join(turns))
-    return f"{owner} " + " while ".join(parts)
+        parts.append(tuple(turns))
+    what = parts[0] if len(parts) == 1 else message("calibration.silent.moves_while", moves=parts[0], turns=parts[1]) if parts else ""
+    return message("calibration.silent.owner", owner=owner, what=what)

@@ -42,7 +42,7 @@ class DistanceTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[DistanceTest]:
-    """As the program asks for them, by default of `USUAL` or the first two poses. CertificationError names one that cannot be told."""
+    """As the program asks for them, by default of `USUAL` or the first two poses. CertificationError names one that cannot."""
     poses = attained.poses
     asked = list(attained.program.distance)
     if not asked:

@@ -40,13 +40,13 @@ class PosingTest(IsoTest):
             return iso9283_time.posing_time(time_s, distance(from_start), distance(from_rest), band)[..., None]
 
         cycles = [motion.stretch(*w, f"posing {name}, cycle {i}", begins=True) for i, w in enumerate(self.windows, 1)]
-        told = motion.read(cycles, Reading(time, distance, band, np.array([longest_s(cycles)])))
-        for cycle, ((start, end), reached) in enumerate(zip(self.windows, told.reached, strict=True), 1):
+        reported = motion.read(cycles, Reading(time, distance, band, np.array([longest_s(cycles)])))
+        for cycle, ((start, end), reached) in enumerate(zip(self.windows, reported.reached, strict=True), 1):
             if not reached:
                 where = {"posing": name, "cycle": cycle, "band_mm": band, "start_s": start, "end_s": end}
                 return Read(findings=(message("posing.not_reached", **where),))
         note = message("posing.band", band_mm=band)
-        found = told.characteristic(0, CharacteristicKey("t_min", name), clause="9", unit="s", note=note)
+        found = reported.characteristic(0, CharacteristicKey("t_min", name), clause="9", unit="s", note=note)
         return Read((of_duration(found, motion.stamps),))
 
 

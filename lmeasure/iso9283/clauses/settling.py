@@ -48,14 +48,14 @@ class SettlingTest(IsoTest):
 
         cycles = [motion.stretch(*w, f"pose {name}, settling {i}", begins=False) for i, w in enumerate(self.windows, 1)]
         farthest = max(float(distance(s.poses[:, :3] - s.poses[s.places[-1], :3].mean(axis=0)).max()) for s in cycles)
-        told = motion.read(cycles, Reading(both, distance, band, np.array([longest_s(cycles), farthest]), largest=True))
-        for cycle, ((start, end), reached) in enumerate(zip(self.windows, told.reached, strict=True), 1):
+        reported = motion.read(cycles, Reading(both, distance, band, np.array([longest_s(cycles), farthest]), largest=True))
+        for cycle, ((start, end), reached) in enumerate(zip(self.windows, reported.reached, strict=True), 1):
             if not reached:
                 where = {"pose": name, "cycle": cycle, "band_mm": band, "start_s": start, "end_s": end}
                 return Read(findings=(message("settling.not_reached", **where),))
         note = message("settling.band" if self.limit_band_mm else "settling.band_repeatability", band_mm=band)
-        time = told.characteristic(0, CharacteristicKey("t_s", name), clause="7.4", unit="s", note=note)
-        overshoot = told.characteristic(1, CharacteristicKey("OV", name), clause="7.5", unit="mm", note=note, over=largest, above=band)
+        time = reported.characteristic(0, CharacteristicKey("t_s", name), clause="7.4", unit="s", note=note)
+        overshoot = reported.characteristic(1, CharacteristicKey("OV", name), clause="7.5", unit="mm", note=note, over=largest, above=band)
         if overshoot.u95 >= band:
             # no draw errs by a band but those that never leave it again: then all of it may be none
             overshoot = replace(overshoot, u95=max(overshoot.u95, overshoot.value))

@@ -44,13 +44,13 @@ class StabilisationTest(IsoTest):
             part = slice(max(passing.behind.start - MARGIN, 0), passing.behind.stop)
             place = np.array([passing.behind.start - part.start])
             cycles.append(Stretch(cycle.samples[part], cycle.time_s[part], cycle.poses[part], (place,)))
-        told = motion.read(cycles, Reading(length, deviation, limit, np.array([0.5 * corner.after_mm]), origin=corner.place))
-        for number, reached in enumerate(told.reached, 1):
+        reported = motion.read(cycles, Reading(length, deviation, limit, np.array([0.5 * corner.after_mm]), origin=corner.place))
+        for number, reached in enumerate(reported.reached, 1):
             if not reached:
                 where = {"path": self.subject.name, "cycle": number, "corner": corner.number, "limit_mm": limit}
                 return Read(findings=(message("stabilisation.not_reached", **where),))
         key = CharacteristicKey("SPL", path=self.subject.name, part=f"corner {corner.number}")
-        return Read((told.characteristic(0, key, clause="8.5", unit="mm", note=message("stabilisation.limit", limit_mm=limit)),))
+        return Read((reported.characteristic(0, key, clause="8.5", unit="mm", note=message("stabilisation.limit", limit_mm=limit)),))
 
 
 def tests(attained: Attainment) -> Iterator[StabilisationTest]:

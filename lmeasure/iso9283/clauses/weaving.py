@@ -24,7 +24,7 @@ ABOUT, PART = 7, 6
 RESOLVED = 3.0
 """Percent that every other sample takes off a stroke at most, where the samples resolve it."""
 SEEN = 3
-"""Samples on either side of the farthest by which what lies between them is told, where it may be at fewer."""
+"""Samples on either side of the farthest by which what lies between them is given, where it may be at fewer."""
 
 
 @dataclass(frozen=True)

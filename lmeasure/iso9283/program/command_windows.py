@@ -315,7 +315,7 @@ def _under_load(program: Program, targets: NDArray[np.str_], trajectory: Traject
     if loaded is None:
         stated = {c.pose: list(c.windows_s) for c in program.compliance}
         if any(len(stated.get(name, [])) != (targets == name).sum() for name in targets):
-            raise CertificationError("rests under load at one place cannot be told apart: say when each force acted, by --loaded")
+            raise CertificationError("rests under load at one place cannot be distinguished: say when each force acted, by --loaded")
         return [stated[name].pop(0) for name in targets]
     table = files.read_table(loaded)
     windows = list(zip(table.numbers("start_s").tolist(), table.numbers("end_s").tolist(), strict=True))

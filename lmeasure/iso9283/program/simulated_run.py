@@ -27,6 +27,7 @@ from lmeasure.robots import (
     write_robot,
 )
 from lmeasure.simulation import Scenario, Simulated, TestedRobot, simulate, write_simulated
+from lmeasure.text import message
 
 NATURAL_RAD_S, DAMPING = 90.0, 0.5
 RAMP_S = (0.08, 0.03)
@@ -144,7 +145,7 @@ def _performed(scenario: Scenario, asked: TestedRobot, folder: Path, robot: Simu
 
 
 def _attained(drawn: AnyRobot, nominal: Mounted, poses: FloatArray) -> FloatArray:
-    """(N, 7) where the drawing has the tool when it is told poses (N, 7)."""
+    """(N, 7) where the drawing has the tool when it is given poses (N, 7)."""
     return nominal.placed(drawn.model.nearest(nominal.flange(poses))) if isinstance(drawn, ParallelFile) else poses
 
 
@@ -202,13 +203,10 @@ def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance, *, programmed
         beyond = [name for name in ("gaps", "base_cone", "platform_cone", "regular", "stands") if not getattr(kept, name).all()]
         if beyond:
             count = int((~kept.all).sum())
-            out.append(f"{count} of {len(ends)} commanded poses lie outside the limits of {drawn.name!r}: {', '.join(beyond)}")
+            out.append(message("iso9283.commanded_poses_lie_outside", count=count, all=len(ends), name=drawn.name, limits=tuple(beyond)))
         off = np.linalg.norm(nominal.placed(attained)[:, :3] - ends[:, :3], axis=1)
         if off.max() > 1e-6:
-            out.append(
-                f"{drawn.name!r} is told {', '.join(drawn.model.commanded)} alone: the others follow, and its tool goes up to "
-                f"{off.max():.3f} mm beside the commanded places"
-            )
+            out.append(message("iso9283.told_alone_others_follow", name=drawn.name, reported=tuple(drawn.model.commanded), mm=off.max()))
             if programmed:
-                out.append(f"{drawn.name!r}: told by [[waypoint]] or joint values, robot/program.toml has them where it goes")
+                out.append(message("iso9283.told_waypoint_joint_values", name=drawn.name))
     return tuple(out)

@@ -6,6 +6,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray
 from lmeasure.rig import Rig
+from lmeasure.text import message
 
 ALLOWED = 3.0
 """Standard uncertainties of the difference of two means."""
@@ -37,23 +38,18 @@ class Return:
 
     def lines(self) -> list[str]:
         """For a person."""
-        told = dict(zip(self.channels, zip(self.counts, self.mm, strict=True), strict=True))
-        shown = "  ".join(f"{c} {counts:+.1f}" for c, (counts, _) in told.items())
-        lines = [f"  back at the first pose, counts: {shown}"]
+        reported = dict(zip(self.channels, zip(self.counts, self.mm, strict=True), strict=True))
+        shown = "  ".join(f"{c} {counts:+.1f}" for c, (counts, _) in reported.items())
+        lines: list[str] = [message("capture.back_first_pose_counts", shown=shown)]
         if not self.beyond:
-            return [*lines, f"  closed: no more than {self.allowed.max():.1f} counts, as rounding allows"]
+            return [*lines, message("capture.closed_no_more_than", v1=self.allowed.max())]
         for channel in self.lost:
-            lines.append(
-                f"  ! {channel} came back {told[channel][0]:+.0f} counts ({told[channel][1]:+.3f} mm) off: lost counts, or a cable slipped"
-            )
+            lines.append(message("capture.came_back_counts_mm", channel=channel, reported=reported[channel][0], told_=reported[channel][1]))
         if not self.lost:
             most = np.abs(self.mm).max()
-            lines.append(
-                f"  not closed by rounding alone ({', '.join(self.beyond)}), but within {most:.3f} mm, as a robot comes back: "
-                "state --u-repeatability-mm"
-            )
+            lines.append(message("capture.not_closed_rounding_alone", v1=tuple(self.beyond), most=most))
         elif len(self.lost) > len(self.channels) / 2:
-            lines.append("  ! most channels are off: is this the first pose?")
+            lines.append(message("capture.most_channels_off_this"))
         return lines
 
 

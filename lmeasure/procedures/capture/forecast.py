@@ -69,9 +69,11 @@ class Forecast:
         """Of the readings of a campaign."""
         p = len(self._instrument.unknowns.names)
         information = parameter_information(self._instrument.recorded(campaign)[0], p)
-        told: Outlook = outlook_of(information, self._lengths)
+        reported: Outlook = outlook_of(information, self._lengths)
         least = 1 + math.ceil(p / len(self._instrument.cables))
-        return Worth(told.rank, p, U95 * told.rms_mm, U95 * told.worst_mm, told.worst_cable, self._position(information), least)
+        return Worth(
+            reported.rank, p, U95 * reported.rms_mm, U95 * reported.worst_mm, reported.worst_cable, self._position(information), least
+        )
 
     def _position(self, information: FloatArray) -> float | None:
         """The largest 95 % radius over the zone of a position measured with whole counts and the calibration that is had so far."""

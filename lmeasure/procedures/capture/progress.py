@@ -9,6 +9,7 @@ from lmeasure.calibration import Campaign, of_cables, read_campaign
 from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.procedures.capture.folder import CaptureFolder
 from lmeasure.procedures.capture.forecast import Expected, Forecast, Worth
+from lmeasure.text import message
 
 
 class Progress:
@@ -39,7 +40,7 @@ class Progress:
                 self.worth = self._forecast.worth(self._campaign)
                 self._remember(self._forecast, self._campaign)
         except LMeasureError as error:
-            self._say(f"  no forecast: {error}")
+            self._say(message("capture.no_forecast", error=error))
 
     def _remember(self, forecast: Forecast, campaign: Campaign) -> None:
         """The worth by now behind that of fewer readings, all of which a session that goes on does not know yet."""

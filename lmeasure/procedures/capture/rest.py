@@ -1,4 +1,4 @@
-"""Whether the robot stands still, told by its counts as they come, and the samples of the rest it is in."""
+"""Whether the robot stands still, found by its counts as they come, and the samples of the rest it is in."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from lmeasure.core import FloatArray
 from lmeasure.rig import Rig
 
 STILL_MM = 0.1
-"""By which no cable's length changes while the robot stands still: half of what a run's rests are told by, for here a mean is wanted."""
+"""By which no cable's length changes while the robot stands still: half of what a run's rests are given by, for here a mean is wanted."""
 STILL_DEG = 0.01
 """The same of angles."""
 STILL_COUNTS = 5.0
@@ -98,8 +98,8 @@ class Rest:
 
     def leaps(self) -> list[Leap]:
         """Those since the last question."""
-        told, self._leaps = self._leaps, []
-        return told
+        reported, self._leaps = self._leaps, []
+        return reported
 
     @property
     def lasts_s(self) -> float:

@@ -20,6 +20,7 @@ from lmeasure.procedures.capture.progress import Progress
 from lmeasure.procedures.capture.rest import Rest, still_counts
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig
+from lmeasure.text import message
 
 SURPRISED = 5.0
 SURPRISED_MM = 2.0
@@ -35,24 +36,32 @@ def pose_line(poses: Poses, name: str, angles: str) -> str:
         typed = conventions.rounded_angles(angles, conventions.angles_from_rotation(angles, poses.rotation[i]))
         columns = conventions.convention(angles).columns
         values += [f"{c.rsplit('_', 1)[0]} {v:g}" for c, v in zip(columns, typed, strict=True)]
-    return f"pose {name} ({i + 1} of {len(poses)}): {'  '.join(values)}"
+    return message("capture.pose", name=name, v1=i + 1, count=len(poses), v4="  ".join(values))
 
 
 def reading_lines(reading: Reading, channels: tuple[str, ...], u: FloatArray) -> list[str]:
     """What was counted: means with their standard uncertainties u (m,) [counts]."""
     lasts = reading.time_s[-1] - reading.time_s[0]
-    lines = [f"  read: {len(reading.counts)} counts of each channel over {lasts:.2f} s, within {reading.spread.max():.0f} of each other"]
-    told = [f"{c} {mean:.2f} (u {err:.2f})" for c, mean, err in zip(channels, reading.mean, u, strict=True)]
-    return lines + [f"    {'  '.join(told[i : i + IN_A_LINE])}" for i in range(0, len(told), IN_A_LINE)]
+    lines = [message("capture.read_counts_each_channel", count=len(reading.counts), lasts=lasts, v3=reading.spread.max())]
+    reported = [f"{c} {mean:.2f} (u {err:.2f})" for c, mean, err in zip(channels, reading.mean, u, strict=True)]
+    return lines + [f"    {'  '.join(reported[i : i + IN_A_LINE])}" for i in range(0, len(reported), IN_A_LINE)]
 
 
 def worth_line(worth: Worth, readings: int) -> str:
     """How well lengths and positions would be known if nothing more were read."""
     if not worth.enough(readings):
-        return f"  {readings} of at least {worth.least} poses: too few yet to determine anything by counts alone"
-    held = "" if worth.rank == worth.unknowns else f"; {worth.unknowns - worth.rank} of {worth.unknowns} directions are the rig's own yet"
-    position = "" if worth.position_mm is None else f", position {worth.position_mm:.2g}"
-    return f"  U95 by now: lengths {worth.rms_mm:.2g} mm rms, {worth.worst_mm:.2g} at worst ({worth.worst_cable}){position}{held}"
+        return message("capture.least_poses_too_few", readings=readings, least=worth.least)
+    left = worth.unknowns - worth.rank
+    held = message("capture.held", left=left, of=worth.unknowns) if left else ""
+    position = "" if worth.position_mm is None else message("capture.position", mm=worth.position_mm)
+    return message(
+        "capture.u95_now_lengths_mm",
+        rms_mm=worth.rms_mm,
+        worst_mm=worth.worst_mm,
+        worst_cable=worth.worst_cable,
+        position=position,
+        held=held,
+    )
 
 
 def surprising(expected: Expected) -> BoolArray:
@@ -63,16 +72,16 @@ def surprising(expected: Expected) -> BoolArray:
 def surprise(expected: Expected) -> str:
     """The lengths that are farthest off."""
     order = [j for j in np.argsort(-np.abs(expected.off_mm) / expected.u_mm) if surprising(expected)[j]][:IN_A_LINE]
-    told = ", ".join(f"{expected.cables[j].name} by {expected.off_mm[j]:+.1f} mm (u {expected.u_mm[j]:.2g})" for j in order)
-    return f"off what is expected: {told}"
+    reported = tuple(message("capture.off_by", cable=expected.cables[j].name, off=expected.off_mm[j], u=expected.u_mm[j]) for j in order)
+    return message("procedures.off_expected", cables=reported)
 
 
 def expected_line(expected: Expected) -> str:
     """How the counts agree with what was expected of them."""
     if surprising(expected).any():
-        return f"  ! {surprise(expected)}\n    another pose, a wrong sign or channel, or lost counts? `undo` takes the reading back"
+        return message("capture.unexpected", what=surprise(expected))
     j = int(np.argmax(np.abs(expected.off_mm)))
-    return f"  as expected within {abs(expected.off_mm[j]):.2g} mm (u {expected.u_mm[j]:.2g}, cable {expected.cables[j].name})"
+    return message("capture.expected_within_mm_u", abs=abs(expected.off_mm[j]), u_mm=expected.u_mm[j], name=expected.cables[j].name)
 
 
 KEPT_COUNTS = 3.0
@@ -80,7 +89,6 @@ KEPT_MM = 0.1
 """By which counters differ at most at a pose read before, when they have kept their counts; the second is what robots drift by."""
 TOLD = 0.5
 """Part of the channels that may be off a pose for the others to tell which it is."""
-BACK = "go back to a pose that has been read, to see that the counters kept their counts"
 
 
 @dataclass
@@ -102,7 +110,9 @@ class Trust:
     @property
     def why(self) -> str:
         """What is to be said against them."""
-        return "; ".join(f"{channel} {what}" for channel, what in self.doubts.items()) or ("this is a new session" if self.resumed else "")
+        return "; ".join(f"{channel} {what}" for channel, what in self.doubts.items()) or (
+            message("capture.this_new_session") if self.resumed else ""
+        )
 
     def restore(self) -> None:
         """From here on they are believed."""
@@ -120,9 +130,9 @@ class Trust:
         if not wrong.any():
             return pose, ""
         if wrong.mean() < TOLD:
-            told = ", ".join(f"{self.channels[j]} by {off[nearest, j]:+.0f} counts" for j in np.flatnonzero(wrong))
-            return "", f"the others stand as at pose {pose}, but off are {told}: counts were lost; begin in a new folder, or `trust`"
-        return "", f"{self.why}: {BACK}; this is none of them"
+            reported = ", ".join(message("capture.counts", channels=self.channels[j], off=off[nearest, j]) for j in np.flatnonzero(wrong))
+            return "", message("procedures.others_stand_pose_but", pose=pose, channels=reported)
+        return "", message("capture.none_of_them", why=self.why, back=message("capture.back"))
 
 
 By = Literal["key", "rest", "both"]
@@ -135,12 +145,7 @@ MOVES_S = 0.1
 """A rest is no rest before that."""
 IDLE_S = 1.0
 PIECE_S = 0.02
-LOSSES = {
-    "jump": "went faster than its drum can turn",
-    "reset": "started again at zero",
-    "lost_wrap": "was silent while it may have wrapped",
-    "stall": "stood still while the others moved",
-}
+LOSSES = {"jump": "capture.loss.jump", "reset": "capture.loss.reset", "lost_wrap": "capture.loss.silent", "stall": "capture.loss.stall"}
 """Faults of a recording after which a channel's count is not believed."""
 ORIGIN_LOST = ("reset", "lost_wrap")
 """Those after which it has none any more in the same recording."""
@@ -226,13 +231,13 @@ class Session:
         elif word in actions and not rest:
             actions[word]()
         else:
-            self._say(f"{line.strip()!r} is no command. {HELP}")
+            self._say(message("capture.no_command", strip=line.strip(), help=HELP))
 
     def look(self, events: Sequence[Event], idle_s: float = 0.0) -> None:
         """Decide on what has come; events are all faults of the recording so far, idle_s is since when no sample came [s]."""
         self._note_faults(events)
         if idle_s > IDLE_S and not self._idle:  # once, also where nobody asks for a reading
-            self._say("no counts come from the bus at all: is it connected and switched on? `lmeasure check` says what comes instead")
+            self._say(message("capture.no_counts_come_from"))
         self._idle = idle_s > IDLE_S
         pending, self._pending = self._pending, []
         # as they would have come had nothing else kept this program busy: no rest is overlooked
@@ -252,7 +257,7 @@ class Session:
         still = self.rest.lasts_s >= self.settings.settle_s + self.settings.dwell_s and not self._idle
         still = still and self.rest.seen_throughout(self.settings.dwell_s)
         if self._wanted and self.rest.since_s > self._asked_s:
-            self._refuse("the robot moved during the dwell")
+            self._refuse(message("capture.robot_moved_during_dwell"))
         elif still and not self.trust.whole and self.folder.of_pass:
             self._hold_against_readings()
         elif still and (self._wanted or self._may_read_by_itself()):
@@ -274,13 +279,13 @@ class Session:
             self._refuse(why)
         elif self.rest.lasts_s < MOVES_S:
             channel, speed = self.rest.fastest
-            self._refuse(f"the robot moves ({channel}: {speed:.0f} counts/s); press when it stands")
+            self._refuse(message("procedures.robot_moves_counts_s", channel=channel, speed=speed))
         else:
             self._wanted, self._asked_s = True, self.rest.since_s
 
     def _undo(self) -> None:
         if not self.folder.of_pass:
-            self._say("nothing to take back")
+            self._say(message("capture.nothing_take_back"))
             return
         reading = self.folder.take_back()
         if self.keys:  # who takes it back does not want it again at once: `Enter`, or another rest
@@ -289,7 +294,7 @@ class Session:
         if not self.folder.of_pass:
             self.trust.restore()
         self.closure, self.finished = None, False
-        self._say(f"taken back: the reading of pose {reading.pose}; {len(self.folder.of_pass)} left")
+        self._say(message("procedures.taken_back_reading_pose", pose=reading.pose, left=len(self.folder.of_pass)))
         self._head_for(reading.pose)
 
     def _skip(self) -> None:
@@ -298,27 +303,27 @@ class Session:
         if self.returns:
             self.settings = replace(self.settings, closure=False)
         self.skipped.add(self.goal)
-        self._say(f"pose {self.goal} left out")
+        self._say(message("procedures.pose_left_out", pose=self.goal))
         self._head_for(self._next())
 
     def _go(self, name: str) -> None:
         if name not in self.poses.names:
-            self._say(f"there is no pose {name!r}; they are {', '.join(self.poses.names)}")
+            self._say(message("procedures.there_no_pose_they", pose=name, poses=tuple(self.poses.names)))
             return
         self.skipped.discard(name)
         self._head_for(name)
 
     def _return(self) -> None:
         if not self.folder.of_pass:
-            self._say("no pose has been read yet")
+            self._say(message("capture.no_pose_has_been"))
             return
         self._head_for(self.folder.of_pass[0].pose)
 
     def _believe(self) -> None:
         if not self.trust.whole:
-            self.folder.note(f"trusted before reading {len(self.folder.of_pass) + 1}: {self.trust.why}")
+            self.folder.note(message("procedures.trusted_before_reading", number=len(self.folder.of_pass) + 1, why=self.trust.why))
             self.trust.restore()
-            self._say("the counters are trusted as they stand, which the folder notes")
+            self._say(message("capture.counters_trusted_they_stand"))
 
     def _quit(self) -> None:
         self.finished = self.stopped = True
@@ -326,7 +331,7 @@ class Session:
     def _status(self) -> None:
         for reading in self.folder.of_pass:
             means = "  ".join(f"{c} {v:.1f}" for c, v in zip(self.folder.channels, reading.mean, strict=True))
-            self._say(f"  {reading.pose:>6s}  {len(reading.counts)} counts each: {means}")
+            self._say(message("capture.counts_each", pose=reading.pose, count=len(reading.counts), means=means))
         self._say_worth()
         self._say(self.line())
 
@@ -336,20 +341,23 @@ class Session:
     def doubt(self) -> str:
         """What keeps counts from being believed, or from coming; empty where nothing does."""
         if self._idle:
-            return "no counts come from the bus at all"
+            return message("capture.no_counts_come_from_bus")
         if self.lost:
-            anew = "what comes needs a folder of its own" if self.folder.of_pass else "begin again"
-            return f"{', '.join(self.lost)}: where it counts from is lost; end here, {anew}"
+            return message("capture.lost_folder" if self.folder.of_pass else "capture.lost_again", channels=tuple(self.lost))
         if self.rest.silent:
-            return f"{', '.join(self.rest.silent)}: no counts come; look at the encoder, its plug and its cable"
-        return f"{self.trust.why}: {BACK}" if self.folder.of_pass and not self.trust.whole else ""
+            return message("procedures.no_counts_come_look", channels=tuple(self.rest.silent))
+        return (
+            message("capture.why_back", why=self.trust.why, back=message("capture.back"))
+            if self.folder.of_pass and not self.trust.whole
+            else ""
+        )
 
     def _unfit(self) -> str:
         """Why no reading can be taken whatever the robot does; empty where it can."""
         if self.doubt or not self.folder.of_pass:
             return self.doubt
         if self.goal == self.folder.of_pass[-1].pose:
-            return f"pose {self.goal} was read last; `undo` reads it anew, a second visit comes after another pose"
+            return message("procedures.pose_was_read_last", pose=self.goal)
         return ""
 
     def _may_read_by_itself(self) -> bool:
@@ -375,7 +383,10 @@ class Session:
         if expected is None or not surprising(expected).any():
             return True
         self._held_s = self.rest.now_s
-        self._say(f"a rest, but not at pose {self.goal}: {surprise(expected)}" + ("; Enter reads it all the same" if self.keys else ""))
+        self._say(
+            message("procedures.rest_but_not_pose", pose=self.goal, why=surprise(expected))
+            + ("; Enter reads it all the same" if self.keys else "")
+        )
         return False
 
     def _read(self) -> None:
@@ -388,7 +399,7 @@ class Session:
         if not why and whole.mean() < WHOLE_PART:
             gaps = np.isnan(dwell.recorded).mean(axis=0)
             worst = [f"{self.folder.channels[j]} ({gaps[j]:.0%})" for j in np.argsort(-gaps) if gaps[j] > 0]
-            why = f"counts are missing: {', '.join(worst)} of the dwell"
+            why = message("procedures.counts_missing_dwell", which=tuple(worst))
         if why:
             self._held_s = self.rest.now_s  # said once of a rest
             self._refuse(why)
@@ -433,7 +444,7 @@ class Session:
             self._refuse(why)
             return
         self.trust.restore()
-        self._say(f"the counters stand as they did at pose {pose}: they have kept their counts")
+        self._say(message("procedures.counters_stand_they_did", pose=pose))
         self._head_for(self.goal)
 
     # --- faults ---
@@ -443,39 +454,43 @@ class Session:
             if event.kind in ORIGIN_LOST:
                 self._originless.add(event.channel)
             if event.kind in LOSSES and self.folder.of_pass:
-                self._doubt(event.channel, LOSSES[event.kind], f" ({event.text})" if event.text else "")
+                self._doubt(event.channel, message(LOSSES[event.kind]), f" ({event.text})" if event.text else "")
         self._seen_events = len(events)
 
     def _note_leaps(self) -> None:
         for leap in self.rest.leaps():
             if self.folder.of_pass:
-                self._doubt(leap.channel, f"leapt by {leap.counts:+.0f} counts, alone and at once", "")
+                self._doubt(leap.channel, message("capture.leapt", counts=leap.counts), "")
 
     def _doubt(self, channel: str, why: str, more: str) -> None:
         if channel not in self.trust.doubts:
-            self._say(f"channel {channel} {why}{more}: no reading until it has been held against a pose that was read")
+            self._say(message("capture.doubt", channel=channel, why=why, more=more))
             self.trust.doubts[channel] = why
             self._wanted = False
 
     def _refuse(self, why: str) -> None:
         self._wanted = False
-        self._say(f"not read: {why}")
+        self._say(message("procedures.not_read", why=why))
 
     # --- what is said ---
 
     def _begin(self) -> None:
         done = len(self.folder.of_pass)
         if done:
-            self._say(f"going on: {done} readings are there, of poses {', '.join(dict.fromkeys(r.pose for r in self.folder.of_pass))}")
+            self._say(
+                message(
+                    "procedures.going_readings_there_poses", count=done, poses=tuple(dict.fromkeys(r.pose for r in self.folder.of_pass))
+                )
+            )
         self.progress.renew()
         if self.progress.of_all is not None:
-            self._say(f"all {len(self.poses)} poses promise:")
+            self._say(message("procedures.all_poses_promise", count=len(self.poses)))
             self._say(worth_line(self.progress.of_all, len(self.poses)).replace("U95 by now", "U95"))
         if self.settings.by != "rest":
             self._say(HELP)
         if self.goal is None:
             self.finished = True
-            self._say("all poses have been read; `lmeasure calibrate` takes the folder")
+            self._say(message("capture.all_poses_have_been"))
         else:
             self._head_for(self.goal)
 
@@ -490,18 +505,18 @@ class Session:
     def line(self) -> str:
         """The state of things in one line."""
         if self._idle:
-            state = "no counts"
+            state = message("acquisition.no_counts")
         elif self.lost:
-            state = f"no origin: {', '.join(self.lost)}"
+            state = message("capture.state.no_origin", channels=tuple(self.lost))
         elif self.rest.silent:
-            state = f"silent: {', '.join(self.rest.silent)}"
+            state = message("capture.state.silent", channels=tuple(self.rest.silent))
         elif self.rest.lasts_s > 0.1:
-            state = f"still {self.rest.lasts_s:.1f} s"
+            state = message("capture.state.still", seconds=self.rest.lasts_s)
         else:
-            state = "moving"
+            state = message("capture.state.moving")
         newest = self.rest.counts[-1] if len(self.rest.counts) else np.full(len(self.folder.channels), np.nan)
         counts = " ".join("-" if np.isnan(v) else f"{v:+.0f}" for v in newest)
-        return f"pose {self.goal}  {state:12s}  {counts}"
+        return message("capture.pose_2", goal=self.goal, state=state, counts=counts)
 
     def _say_worth(self) -> None:
         if self.worth is not None:

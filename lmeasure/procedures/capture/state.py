@@ -51,18 +51,18 @@ def typed(session: Session, name: str) -> list[tuple[str, float]]:
     return out
 
 
-def worth(readings: int, told: Worth) -> dict[str, Any]:
+def worth(readings: int, reported: Worth) -> dict[str, Any]:
     """After so many readings."""
-    position = None if told.position_mm is None else _number(told.position_mm)
+    position = None if reported.position_mm is None else _number(reported.position_mm)
     return {
         "readings": readings,
-        "rms_mm": told.rms_mm,
-        "worst_mm": told.worst_mm,
-        "cable": told.worst_cable,
+        "rms_mm": reported.rms_mm,
+        "worst_mm": reported.worst_mm,
+        "cable": reported.worst_cable,
         "position_mm": position,
-        "rank": told.rank,
-        "unknowns": told.unknowns,
-        "enough": told.enough(readings),
+        "rank": reported.rank,
+        "unknowns": reported.unknowns,
+        "enough": reported.enough(readings),
     }
 
 

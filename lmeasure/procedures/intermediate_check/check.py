@@ -12,7 +12,7 @@ from lmeasure.procedures.intermediate_check.closures import Closure, closures
 from lmeasure.procedures.intermediate_check.moved_parts import Cause, Verdict, agreement
 from lmeasure.procedures.intermediate_check.stops import Stops, find_stops
 from lmeasure.recording import Run
-from lmeasure.text import decimal, texts
+from lmeasure.text import decimal, joined, message, texts
 from lmeasure.trajectory import Alignment, Reconstruction, RunModel, align, collect_epochs, estimate_origins, prepare, reconstruction_of
 
 ASSUMED_MM = 0.05
@@ -56,7 +56,7 @@ class Checked(Shown):
     @property
     def astray_mm(self) -> float:
         """By how much the run does not fit, where that is farther than parts of a rig move unseen, 0 where it is not: the run is of
-        something else. A start that is told to be elsewhere is no riddle."""
+        something else. A start that is given to be elsewhere is no riddle."""
         off = max((abs(c.value_mm) for c in self.failed), default=0.0)
         if self.causes:
             off = min(c.size if c.unit == "mm" and c.kind != "start" else 0.0 for c in self.causes)
@@ -107,18 +107,18 @@ def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limit
         notes.append("distance")
     tests = len(found) + (reconstruction.redundancy is not None)
     limit = limits.alarm / max(tests, 1)
-    told = None
+    reported = None
     if reconstruction.model.correction is not None:
         notes.append("effects")
     else:
-        told = agreement(reconstruction, stops, limit)
-        if told is None:
+        reported = agreement(reconstruction, stops, limit)
+        if reported is None:
             notes.append("six")
-    return Checked(run.rig.name, stops, found, told, limit, tuple(notes))
+    return Checked(run.rig.name, stops, found, reported, limit, tuple(notes))
 
 
 def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
-    """Of a run: where its start is stated, before the run has told anything of its origins."""
+    """Of a run: where its start is stated, before the run has shown anything of its origins."""
     if run.start is None:
         if not any(run.rig.counter(o).absolute for o in run.rig.observed):
             # says what to do
@@ -132,7 +132,7 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
 
 def as_dict(found: Checked) -> dict[str, Any]:
     """What a check's file holds."""
-    stops, told = found.stops, found.agreement
+    stops, reported = found.stops, found.agreement
     return {
         "schema": "lmeasure.check-instrument/1",
         "rig": found.rig,
@@ -140,10 +140,15 @@ def as_dict(found: Checked) -> dict[str, Any]:
         "limit": found.limit,
         "closures": [vars(c) | {"failed": c in found.failed} for c in found.closures],
         "agreement": None
-        if told is None
-        else {"chi_squared": told.chi_squared, "freedom": told.freedom, "probability": told.probability, "failed": found.disagrees},
+        if reported is None
+        else {
+            "chi_squared": reported.chi_squared,
+            "freedom": reported.freedom,
+            "probability": reported.probability,
+            "failed": found.disagrees,
+        },
         "moved": [_cause(c) for c in found.causes],
-        "causes": [] if told is None else [_cause(c) for c in told.causes],
+        "causes": [] if reported is None else [_cause(c) for c in reported.causes],
         "stops": [
             {
                 "place": name,
@@ -170,31 +175,23 @@ def said(found: Checked, language: str = "en") -> list[str]:
 
 def moved_text(c: Cause) -> str:
     """What has changed, in words."""
-    size = f"{c.size:.3g} {c.unit} (u {c.u:.2g})"
-    return {
-        "point": f"point {c.name} has moved {size}",
-        "attachment": f"attachment point {c.name} has moved {size} on the tool",
-        "encoder": f"encoder {c.name} has turned on its pulley by {size}",
-        "drum": f"the drum of {c.name} counts otherwise by {size}",
-        "start": f"the start pose is not where it is said to be, by {size}",
-    }[c.kind]
+    unit = message(f"unit_sign.{c.unit}") if c.unit in ("mm", "deg", "%") else c.unit
+    return message(f"check_line.moved.{c.kind}", name=c.name, size=c.size, unit=unit, u=c.u)
 
 
 def verdict_text(found: Checked) -> str:
     """One sentence for a person."""
     if found.passed:
-        return "passed: all closes and agrees within what is stated"
+        return message("interim_line.passed_all_closes_agrees")
     if found.astray_mm:
-        return (
-            f"not judged: the run is off by {found.astray_mm:.3g} mm, farther than parts of a rig move unseen: most likely the start pose "
-            "is not where the counters were zeroed (its place, its orientation, the order or convention of its angles), or the rig is "
-            "another; state them as they were (--start, --rig) and check again"
-        )
-    failed = [f"{c.kind} {c.name} is off by {c.value_mm:.3g} mm (U95 {c.u95_mm:.2g})" for c in found.failed]
+        return message("procedures.not_judged_run_off", mm=found.astray_mm)
+    failed = [message(f"check_line.off.{c.kind}", name=c.name, mm=c.value_mm, u95=c.u95_mm) for c in found.failed]
     if not found.causes:
-        return f"calibrate again: {'; '.join(failed) or 'the channels contradict each other'}; what has moved cannot be told"
-    told = [moved_text(c) for c in found.causes]
-    if len(told) == 1:
+        return message(
+            "procedures.calibrate_again_has_moved", failed=joined(failed) or message("interim_line.channels_contradict_each_other")
+        )
+    reported = [moved_text(c) for c in found.causes]
+    if len(reported) == 1:
         only = found.causes[0].kind == "start"
-        return f"{told[0]}: {'state it as it is' if only else 'calibrate again'}"
-    return f"calibrate again: one of these, which the stops do not tell apart: {'; '.join(told)}"
+        return message("check_line.state" if only else "check_line.calibrate", cause=reported[0])
+    return message("procedures.calibrate_again_one_these", causes=joined(reported))

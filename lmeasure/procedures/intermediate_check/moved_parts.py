@@ -46,7 +46,7 @@ class Cause:
 @dataclass(frozen=True)
 class Verdict:
     """chi_squared of the parities, degrees of freedom, probability of as much by chance; causes: the likeliest first; named: those that
-    cannot be told from the likeliest, none while all agrees."""
+    cannot be determined from the likeliest, none while all agrees."""
 
     chi_squared: float
     freedom: int

@@ -45,10 +45,10 @@ def appended(path: Path, found: Checked, when: str, *, into: Path | None = None)
     verdict = "passed" if found.passed else "calibrate again"
     new = [(c.kind, c.name, c.value_mm, c.u95_mm, c.probability) for c in found.closures]
     if found.agreement is not None:
-        told = found.agreement
-        limit = scipy.stats.chi2.ppf(0.95, told.freedom)
-        per = max(told.freedom, 1)
-        new.append(("agreement", "channels", float(np.sqrt(told.chi_squared / per)), float(np.sqrt(limit / per)), told.probability))
+        reported = found.agreement
+        limit = scipy.stats.chi2.ppf(0.95, reported.freedom)
+        per = max(reported.freedom, 1)
+        new.append(("agreement", "channels", float(np.sqrt(reported.chi_squared / per)), float(np.sqrt(limit / per)), reported.probability))
     for kind, name, *numbers in new:
         row = (when, found.rig, kind, name, *(f"{number:.17g}" for number in numbers), verdict)
         for column, text in zip(COLUMNS, row, strict=True):

@@ -13,6 +13,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, RobotError, se3
 from lmeasure.robots.model import RobotModel
+from lmeasure.text import message
 
 STEPS = 30
 SETTLED = 1e-10
@@ -21,7 +22,7 @@ MOST_JOINT_RAD = np.radians(5.0)
 MOST_JOINT_MM = 50.0
 """A joint that a correction moves farther leaves its branch or is near a singular pose, where errors of the robot are no small changes."""
 
-NO_POSE = "no pose of the nominal or the identified robot has these joint values"
+NO_POSE = message("robots.no_pose_nominal_identified")
 BETWEEN = 9
 """Joint values between nominal and corrected ones at which the branch is looked at."""
 
@@ -117,8 +118,8 @@ def too_large(change: FloatArray, limits: Limits) -> str:
     size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
     if size_mm <= limits.most_mm and size_rad <= limits.most_rad:
         return ""
-    most = f"{limits.most_mm:g} mm and {np.degrees(limits.most_rad):g}° are the most"
-    return f"a correction of {size_mm:.3f} mm and {np.degrees(size_rad):.3f}°; {most}"
+    most = {"most_mm": limits.most_mm, "most_deg": float(np.degrees(limits.most_rad))}
+    return message("robots.correction_limit", mm=size_mm, deg=float(np.degrees(size_rad)), **most)
 
 
 def in_keep_out(limits: Limits, places: FloatArray) -> int | None:
@@ -208,21 +209,21 @@ def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved:
     near = np.flatnonzero(~lost & (far.max(axis=1) <= 1.0))
     one = np.zeros(len(joints), np.bool_)
     one[near] = _one_branch(nominal, joints[near], solved[near]) & _one_branch(found, joints[near], solved[near])
-    out = []
+    out: list[str] = []
     for i, at in enumerate(solved):
         beyond = np.flatnonzero((at < low) | (at > high))
         if lost[i]:
-            out.append("the identified robot does not reach it")
+            out.append(message("robots.identified_robot_does_not"))
         elif far[i].max() > 1.0:
             j = int(np.argmax(far[i]))
             by, unit = (moved[i, j], "mm") if nominal.sliding[j] else (np.degrees(moved[i, j]), "deg")
-            out.append(f"{nominal.joint_names[j]} would move by {by:.1f} {unit}: near a singular pose, or another branch")
+            out.append(message("robots.would_move_near_singular", joint=nominal.joint_names[j], size=by, unit=unit))
         elif not one[i]:
-            out.append("a singular pose lies between the nominal and the corrected joint values: another branch")
+            out.append(message("robots.singular_pose_lies_between"))
         elif len(beyond):
             j = int(beyond[0])
             value, unit = (at[j], "mm") if nominal.sliding[j] else (np.degrees(at[j]), "deg")
-            out.append(f"{nominal.joint_names[j]} would be at {value:.4f} {unit}, beyond its limit")
+            out.append(message("robots.would_beyond_limit", joint=nominal.joint_names[j], value=value, unit=unit))
         else:
             out.append("")
     return out

@@ -21,6 +21,7 @@ from scipy.stats import norm, t
 
 from lmeasure.accuracy import radii_95
 from lmeasure.core import BoolArray, FloatArray, RobotError, se3
+from lmeasure.text import message
 
 LEAST, MOST = 40, 4000
 """Points of a map: of fewer its stated radii hold too little (77 % at 30 of a real arm), more take too long."""
@@ -107,13 +108,13 @@ class ErrorMap:
     def outside(self, pose: FloatArray) -> str:
         """Why the map tells nothing of a pose (7,); empty where it does."""
         if not inside(self.poses[:, :3], pose[None, :3])[0]:
-            return "outside the region where errors were measured"
+            return message("robots.outside_region_where_errors")
         if self.turned:
             away = float(_angles(self.poses, pose[None]).min())
             if away > self.most_rad:
-                return f"its orientation is {math.degrees(away):.1f} deg from the nearest that was measured"
+                return message("robots.orientation_deg_from_nearest", deg=math.degrees(away))
         if self.u95_mm(pose[None])[0] >= self.largest_mm:
-            return "the map is no surer there than the robot is without it"
+            return message("robots.map_no_surer_there")
         return ""
 
     @property

@@ -17,8 +17,8 @@ class Noted:
 
     @property
     def text(self) -> str:
-        """In English."""
-        return str(self.said)
+        """Return the message, whose text is English."""
+        return self.said
 
     def stated(self) -> dict[str, Any]:
         """As identified.json has it."""

@@ -30,8 +30,8 @@ class Silent:
 
     @property
     def text(self) -> str:
-        """In English."""
-        return str(self.said)
+        """Return the message, whose text is English."""
+        return self.said
 
 
 def determined(fit: Fit[R]) -> BoolArray:

@@ -16,6 +16,7 @@ from lmeasure.robots.identification.notes import Noted
 from lmeasure.robots.identification.observability import determined, silent_directions, unknown_frames
 from lmeasure.robots.identification.prediction_map import PredictionMap, worst_pose
 from lmeasure.robots.robot import AnyRobot, Robot
+from lmeasure.text import message
 
 SCHEMA = "lmeasure.identified/1"
 
@@ -118,32 +119,29 @@ def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Not
     before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
     lines = []
     if len(after):
-        stays = f" at {found.stays} stays" if found.stays < found.kept.sum() else ""
-        lines.append(f"{found.kept.sum()} rows{stays}; errors {before.mean():.4f} mm before, {after.mean():.4f} after, in the mean")
+        code = "robots.rows_stays" if found.stays < found.kept.sum() else "robots.rows"
+        lines.append(message(code, rows=found.kept.sum(), stays=found.stays, before=before.mean(), after=after.mean()))
     if found.settings.weights == "biweight":
-        lines.append(f"weighed by Tukey's biweight: they count as {found.weight.sum():.1f} rows")
-    lines.append(f"freed: {', '.join(found.settings.free)}")
+        lines.append(message("robots.weighed_tukeys_biweight_they", rows=found.weight.sum()))
+    lines.append(message("robots.freed", names=tuple(found.settings.free)))
     told = determined(found.fit)[: len(found.fit.problem.unknowns.own)]
-    lines.append(f"{told.sum()} of {len(told)} parameters determined by the measurements, the others held by their nominal values")
-    size = f"{found.robot_mm:.4f} mm (one standard deviation of each coordinate)"
+    lines.append(message("robots.parameters_determined_measurements_others", count=told.sum(), of=len(told)))
+    size = message("robots.scatter_size", mm=found.robot_mm) if found.tells_noise else message("robots.cannot_tell")
     apart = found.rows.stated[0] or found.noise.reading_mm > 0.0
-    lines.append(f"robot{'' if apart else ' and instrument'}: {size if found.tells_noise else 'cannot be told'}")
+    lines.append(message("robots.scatter" if apart else "robots.scatter_both", size=size))
     if found.noise.reading_mm > 0.0:
-        lines.append(f"one reading: {found.noise.reading_mm:.4f} mm (one standard deviation of each coordinate)")
+        lines.append(message("robots.one_reading_mm_one", noise=found.noise.reading_mm))
     if held is None:
-        lines.append("rows held out: none, there are too few")
+        lines.append(message("robots.rows_held_out_none"))
     else:
         error = held.error_mm
-        said = f"{error.mean():.4f} mm in the mean, {error.max():.4f} at worst, {100 * held.within:.1f} % within their u95"
-        lines.append(f"rows held out: {said}")
+        lines.append(message("robots.held_out", mean=error.mean(), most=error.max(), part=100 * held.within))
     if found.beyond.factor:
-        times = f"u95 grows {found.beyond.factor:.1f} times faster"
-        lines.append(f"far from the measured joint values {times}: parts of the rows predict others worse than their covariance says")
+        lines.append(message("robots.far", times=found.beyond.factor))
     if over is not None:
         median, most, largest = over.quantiles_mm
-        said = f"{median:.4f} mm in the median, {most:.4f} for 95 %, {largest:.4f} at worst"
-        lines.append(f"predicted over all that its limits allow: u95 {said}; at the measured poses {over.at_measured_mm:.4f}")
-    return [*lines, *(f"warning {f.code}: {f.text}" for f in findings)]
+        lines.append(message("robots.predicted", median=median, most=most, largest=largest, there=over.at_measured_mm))
+    return [*lines, *(message("line.warning", code=f.code, text=f.text) for f in findings)]
 
 
 def _workspace(found: Identified[Any], over: PredictionMap) -> dict[str, Any]:

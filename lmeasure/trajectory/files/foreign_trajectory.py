@@ -1,6 +1,6 @@
 """Trajectories that another instrument measured: tables of any usual kind, TUM, EuRoC, motion capture, and messages of ROS.
 
-A format is recognised by its whole header, and `--columns` that names the header's columns overrules it. Nothing need be there but times
+A format is detected by its whole header, and `--columns` that names the header's columns overrules it. Nothing need be there but times
 and positions. What is not measured is NaN; uncertainties that nobody states are not known, which
 `Trajectory.absent` says, and no zero.
 """
@@ -240,7 +240,7 @@ def _trajectory(
     poses[codes != Status.OK] = np.nan
     empty = np.full(n, "", dtype=np.object_)
     cause = np.where(codes == Status.OK, empty, common(n, message("cause.not_in_file")))
-    covers = "as the file says" if not absent else f"not stated for the {' and the '.join(absent)}"
+    covers = message(f"covers.not_{'both' if len(absent) > 1 else absent[0]}" if absent else "covers.file_")
     nothing = np.full(n, np.nan)
     return Trajectory(
         time_s, poses, nothing, np.zeros(n, dtype=np.int64), codes, cause, empty, nothing.copy(), random, systematic, covers, absent=absent
@@ -331,7 +331,7 @@ def _of_marked(path: Path, marked: Marked, stated: Stated) -> Trajectory:
     if len(absent) == 2:
         random = body.covariance
     found = _trajectory(marked.time_s, body.poses[:, :3], body.poses[:, 3:], random, systematic, ())
-    return _checked(path, replace(found, covers="how the markers scatter about a rigid body"), list(marked.lines), list(body.notes))
+    return _checked(path, replace(found, covers=message("covers.markers")), list(marked.lines), list(body.notes))
 
 
 def _marked(given: ForeignTable) -> Marked:

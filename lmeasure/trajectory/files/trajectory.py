@@ -1,5 +1,6 @@
 """The trajectory: poses over time with their status and uncertainty."""
 
+import json
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -27,12 +28,13 @@ from lmeasure.core import (
 from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS
 from lmeasure.sensors import Taken, worst
-from lmeasure.text import Message, from_file, in_english
+from lmeasure.text import Lines, Message, of_file
 from lmeasure.trajectory.time.stamps import stamps_of
 
 if TYPE_CHECKING:
     import xarray as xr
 from lmeasure.core import DataFrame, Shown, framed
+from lmeasure.text import message
 
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
 COLUMNS_OF_OURS = (
@@ -92,7 +94,7 @@ class Trajectory(Shown):
 
     def about(self) -> dict[str, str]:
         """Samples, worst angle, uncertainty and what it covers."""
-        summary = self.told()
+        summary = self.overview()
         return {
             "samples": f"{summary.samples}, " + ", ".join(f"{count} {word}" for word, count in summary.statuses.most_common()),
             "worst pressure angle": f"{summary.worst_angle:.1f} deg",
@@ -128,7 +130,7 @@ class Trajectory(Shown):
             "residual_mm": self.residual_mm,
             "iterations": self.iterations,
             "status": words(self.status),
-            "cause": in_english(self.cause),
+            "cause": self.cause,
             "cable": self.cable,
             "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
         }
@@ -145,9 +147,9 @@ class Trajectory(Shown):
 
     def summary(self) -> str:
         """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
-        return self.told().text()
+        return self.overview().text()
 
-    def told(self) -> "Summary":
+    def overview(self) -> "Summary":
         """What is to be said of it."""
         summary = Summary()
         summary.add(self)
@@ -174,8 +176,8 @@ class Summary:
         self.statuses.update({WORDS[code]: int(n) for code, n in zip(codes, times, strict=True)})
         if not self.first_bad and (piece.status != Status.OK).any():
             i = int(np.argmax(piece.status != Status.OK))
-            cable = f", cable {piece.cable[i]}" if piece.cable[i] else ""
-            self.first_bad = f"sample {self.samples + i} at {piece.time_s[i]:.6g} s{cable}: {piece.cause[i]}"
+            code, cable = f"trajectory_line.at{'_cable' if piece.cable[i] else ''}", str(piece.cable[i])
+            self.first_bad = message(code, i=self.samples + i, time=float(piece.time_s[i]), cable=cable, cause=piece.cause[i])
         self.samples += len(piece.time_s)
         # fmax passes over what is not measured
         self.worst_angle = float(np.fmax.reduce(piece.worst_pressure_angle_deg, initial=self.worst_angle))
@@ -199,27 +201,24 @@ class Summary:
 
     def text(self) -> str:
         """The lines."""
-        lines = [f"{self.samples} samples: " + ", ".join(f"{n} {name}" for name, n in self.statuses.most_common())]
+        statuses = tuple(message(f"trajectory_line.status.{name}", n=n) for name, n in self.statuses.most_common())
+        lines: list[str] = [message("trajectory_line.samples", samples=self.samples, statuses=statuses)]
         if self.first_bad:
-            lines.append(f"first that is not ok: {self.first_bad}")
+            lines.append(message("trajectory_line.first", what=self.first_bad))
         if self.statuses["ok"]:
-            rotation = f"{np.degrees(self.u_rotation):.5f} deg" if self.u_rotation else "orientation not measured"
-            lines.append(
-                f"worst pressure angle {self.worst_angle:.1f} deg; largest standard uncertainty {self.u_position:.4f} mm, {rotation}"
-            )
-        lines.append(f"uncertainties: {self.covers}")
-        usual = [f"{t.text} ({t.usual}) {t.mm:.2g}" for t in self.taken_as_exact if not t.stated]
+            degrees = float(np.degrees(self.u_rotation))
+            rotation = message("trajectory_line.rotation", deg=degrees) if degrees else message("trajectory.orientation_not_measured")
+            lines.append(message("trajectory.worst_pressure_angle_deg", angle=self.worst_angle, u=self.u_position, rotation=rotation))
+        lines.append(message("trajectory.uncertainties", covers=self.covers))
+        usual = [message("trajectory_line.usual", what=t.what, size=t.size, mm=t.mm) for t in self.taken_as_exact if not t.stated]
         if usual:
-            lines.append(f"taken as exact, not stated; usual sizes would add up to, in mm: {', '.join(usual)}")
+            lines.append(message("trajectory.taken_exact_not_stated", what=tuple(usual)))
         notes = [*self.notes, *(t.said for t in self.taken_as_exact if t.stated)]
-        lines += [f"note: {note}" for note in notes]
+        lines += [message("line.note", text=note) for note in notes]
         if self.apart_s is not None:
             least, largest = (1e3 * interval for interval in self.apart_s)
-            lines.append(
-                f"note: time stamps jitter, {least:.3g} to {largest:.3g} ms apart, where the motion is even: poses are those of "
-                "the samples, whenever taken; `motion` and `certify` judge when that was"
-            )
-        return "\n".join(lines)
+            lines.append(message("line.note", text=message("trajectory_line.jitter", least=least, largest=largest)))
+        return Lines(lines)
 
 
 def read_own(path: Path) -> Trajectory:
@@ -232,18 +231,19 @@ def read_own(path: Path) -> Trajectory:
     _refuse(path, POSITION_COLUMNS, poses[:, :3], np.abs(poses[:, :3]) > MAX_LENGTH_MM, f"is beyond {MAX_LENGTH_MM:g} mm")
     for columns, values in ((UNCERTAINTY_COLUMNS, u), (SYSTEMATIC_COLUMNS, common)):
         _refuse(path, columns, values, values < 0.0, "is no standard uncertainty")
+    known = json.loads(table.kept("messages") or "[]")
     return Trajectory(
         table.numbers("time_s"),
         poses,
         table.numbers("residual_mm", gaps=True),
         table.numbers("iterations").astype(np.int64),
         table.choices("status", WORDS),
-        from_file(table.labels("cause")),
+        of_file(table.labels("cause"), known),
         table.labels("cable"),
         table.numbers("worst_pressure_angle_deg", gaps=True),
         diagonal(np.maximum(u**2 - common**2, 0.0)),
         diagonal(common**2),
-        "as the file says",
+        message("covers.file_"),
         chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
     )
 

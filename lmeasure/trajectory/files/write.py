@@ -1,5 +1,6 @@
 """Files of a trajectory: tables, poses alone, messages of ROS 2."""
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 
 from lmeasure.core import FileFormatError
 from lmeasure.io import files
+from lmeasure.text import table
 from lmeasure.trajectory.files.ros import mcap_writer
 from lmeasure.trajectory.files.trajectory import Trajectory
 
@@ -33,8 +35,14 @@ def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Ite
         return
     if Path(path).suffix.lower() not in {".csv", ".parquet"}:
         raise FileFormatError(f"{path}: the name must end in .parquet, .csv, .tum or .mcap")
-    with files.table_writer(path, {"uncertainty_covers": covers}) as write:
-        yield lambda piece: write(piece.columns(angles))
+    causes: set[str] = set()
+    with files.table_writer(path, lambda: {"uncertainty_covers": covers, "messages": json.dumps(table([covers, *causes]))}) as write:
+
+        def write_rows(piece: Trajectory) -> None:
+            causes.update(piece.cause.tolist())
+            write(piece.columns(angles))
+
+        yield write_rows
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, angles: str | None = None) -> None:

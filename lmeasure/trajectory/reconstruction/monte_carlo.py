@@ -9,6 +9,7 @@ from lmeasure.core import FloatArray, TrajectoryError, se3
 from lmeasure.kernels import BY_RADIUS, BY_SCALE, CABLE, KIND, WIDTH, changes_from_counts
 from lmeasure.rig import kernel_values, with_kernel_values
 from lmeasure.sensors import Lengths
+from lmeasure.text import message
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.budget import Budget
@@ -91,7 +92,10 @@ def by_monte_carlo(
     unknown = np.isnan(trajectory.random)
     random[unknown] = systematic[unknown] = np.nan
     return replace(
-        trajectory, random=random, systematic=systematic, covers=f"{trajectory.covers}, by Monte Carlo of {trials} trials (JCGM 101)"
+        trajectory,
+        random=random,
+        systematic=systematic,
+        covers=message("trajectory.monte_carlo_trials_jcgm", sources=trajectory.covers, trials=trials),
     )
 
 

@@ -307,7 +307,7 @@ def _redundancy_note(model: RunModel) -> Message:
 
 def covered(covers: str, evidence: Evidence) -> str:
     """Return what the standard uncertainties include, in words, with what does not close."""
-    return f"{covers}; and what does not close in the counts" if evidence.closure_mm.any() else covers
+    return message("trajectory.does_not_close_counts", sources=covers) if evidence.closure_mm.any() else covers
 
 
 def covariances(

@@ -18,7 +18,7 @@ CLOCKS = 1e-3  # difference of rate beyond which two clocks are not meant to be 
 OVER_S = 0.04  # over which a speed is taken
 MOVING = 0.05  # of a pass's largest cable speed
 LAG_S = 0.25  # difference of the instants at which two passes begin or end to move
-VARYING = 0.5  # standard deviation of the speed over its mean from which its profile can be recognised
+VARYING = 0.5  # standard deviation of the speed over its mean from which its profile can be detected
 BLOCKS = 16  # of stamps, whose means scatter by what is not common to all
 ALIKE = 0.3  # correlation of two speed profiles: of one motion seen by different cables it is mostly above 0.5 (simulated)
 

@@ -61,11 +61,11 @@ from lmeasure.sensors import (
     width_of,
     zero_at,
 )
+from lmeasure.text import message
 from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
 from lmeasure.trajectory.uncertainty.sources import (
     ANYWHERE,
     NEAR_RAD,
-    PHASE,
     UNKNOWN_MM,
     ZERO,
     OriginEstimate,
@@ -294,26 +294,32 @@ class Budget:
         solved, dimensions = self.by_parameter.solved, self.by_parameter.dimensions
         self._passage = np.array([c.passage for c in observed], dtype=np.int64)
         self._clocks, self._repeatability_mm = model.clocks, model.repeatability_mm if rig.passes > 1 else 0.0
-        late = tuple(f"clock of pass {p}" for p, clock in enumerate(model.clocks, 1) for _ in range(clock.variables))
-        places = tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
+        late = tuple(message("source.clock", number=p) for p, clock in enumerate(model.clocks, 1) for _ in range(clock.variables))
+        places = (
+            tuple(message("source.place", number=p) for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
+        )
         physical = (PHYSICAL,) * (0 if model.correction is None else model.correction.sources)
         self.unsolved = Unsolved(rig, stated(rig, None, () if calibration is None else calibration.names, OTHERS))
         self._played_mm = np.abs(every_part(rig, rig.cable).values[:, PLAY]) * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
         self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
-        of_drums = self.unsolved.sources + self.unsolved.play_sources + ("play of drums",) * int(np.count_nonzero(self._played_mm))
+        of_drums = self.unsolved.sources + self.unsolved.play_sources + (message("source.play"),) * int(np.count_nonzero(self._played_mm))
         self._exact = Exact(model, self._begun)
         self._phase = zero_phase(rig)
         parameters = (BY_CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
         moved = (
-            Source(parameters, (DIMENSIONS,) * bool(dimensions), lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel)),
-            Source(("start pose",) * self._start_lengths.shape[1], ("the start pose",), lambda _: self._start_lengths),
+            Source(
+                parameters,
+                (message("source.dimensions"),) * bool(dimensions),
+                lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel),
+            ),
+            Source(("start pose",) * self._start_lengths.shape[1], (message("covers.of.start"),), lambda _: self._start_lengths),
         )
         start_columns = unknown_start(rig, self.absolute) if model.begun is not None else Source((), (), lambda _: np.empty((0, 0)))
         by_length = (
             self._phase,
             start_columns,
-            Source((*late, *places), ("the passes",), self._pass_lengths),
-            Source(physical, (PHYSICAL,), self._physical_lengths),
+            Source((*late, *places), (message("covers.of.passes"),), self._pass_lengths),
+            Source(physical, (message("source.effects"),), self._physical_lengths),
             Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
             own_lengths(rig, calibration),
             unknown_zeros(rig, calibration),
@@ -341,7 +347,7 @@ class Budget:
         def lengths(at: Situation) -> FloatArray:
             return np.asarray(((at.time_s > after_s) & (at.time_s <= until_s))[:, None, None] * own)
 
-        source = Source((RESTORED,), ("restored origins",), lengths)
+        source = Source((RESTORED,), (message("covers.of.restored"),), lengths)
         return self._changed(
             origins=(*self.origins, source),
             every=(*self.every, source),
@@ -598,8 +604,8 @@ def twists_of_six(cables: FloatArray, poses: FloatArray) -> FloatArray:
 
 def _covers(calibrated: bool, more: list[str]) -> str:
     """What the standard uncertainties hold, in words."""
-    if not calibrated and set(more) <= {f"the {PHASE}"}:
-        return f"the counts' resolution{''.join(f' and {text}' for text in more)} only: the rig links no calibration"
-    parts = ["counts of half a unit", *more, *(["the linked calibration"] if calibrated else [])]
-    covered = f"{', '.join(parts[:-1])} and {parts[-1]}"
-    return covered if calibrated else f"{covered}: the rig links no calibration"
+    if not calibrated and set(more) <= {str(message("covers.of.phase"))}:
+        return message("covers.resolution_phase" if more else "covers.resolution")
+    parts = [message("covers.of.half_unit"), *more, *([message("covers.of.calibration")] if calibrated else [])]
+    covered = message("covers.list", parts=tuple(parts[:-1]), last=parts[-1])
+    return covered if calibrated else message("trajectory.rig_links_no_calibration", sources=covered)

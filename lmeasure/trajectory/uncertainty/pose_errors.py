@@ -7,14 +7,22 @@ import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, se3, symmetric_root
 from lmeasure.recording import Run
-from lmeasure.text import Message, message, recognised
+from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.runs import covariances
 from lmeasure.trajectory.time.passes import Alignment
-from lmeasure.trajectory.uncertainty.budget import ORIGINS, RESTORED
+from lmeasure.trajectory.uncertainty.budget import BY_CALIBRATION, DIMENSIONS, ORIGINS, PHYSICAL, RESTORED
 from lmeasure.trajectory.uncertainty.sources import PHASE
 
+SOURCES = {
+    PHASE: "phase",
+    CLOSURE: "closure",
+    BY_CALIBRATION: "calibration",
+    DIMENSIONS: "dimensions",
+    PHYSICAL: "effects",
+    "start pose": "start",
+}
 OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)
 """Sources that err anew in every run."""
 
@@ -131,8 +139,13 @@ class ErrorsOfRun:
             uniform=found.uniform,
             counted=tuple(s in OF_COUNTERS for s in found.sources),
         )
-        sources = message("source.counts"), *(recognised(s) or s for s in dict.fromkeys(found.sources))
+        sources = message("source.counts"), *(_of_source(name) for name in dict.fromkeys(found.sources))
         return errors, message("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
+
+
+def _of_source(name: str) -> str:
+    """Return what a source of errors is called."""
+    return message(f"source.{SOURCES[name]}") if name in SOURCES else name
 
 
 class ErrorsOfFile:

@@ -26,6 +26,7 @@ from lmeasure.core import BoolArray, FloatArray, IntArray, TrajectoryError, se3
 from lmeasure.kernels import TURN_COUNTS, span_lengths, span_rows_of
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import ARM_MM, phase_columns
+from lmeasure.text import message
 
 PHASE = "zero phase"
 ZERO = "zero"
@@ -98,7 +99,7 @@ def zero_phase(rig: Rig) -> Source:
     or came from lengths (`[start] lengths_mm`): nothing takes it out.
     """
     shifts = phase_columns(rig, rig.observed)
-    return Source((PHASE,) * shifts.shape[1], (f"the {PHASE}",), lambda _: shifts, uniform=True)
+    return Source((PHASE,) * shifts.shape[1], (message("covers.of.phase"),), lambda _: shifts, uniform=True)
 
 
 def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
@@ -108,14 +109,14 @@ def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
     of = rig.zeroings(rig.observed)
     relative = np.unique(of[~absolute])
     columns = np.where((of[:, None] == relative) & ~absolute[:, None], np.array(u)[:, None], 0.0)
-    return Source(("unknown start",) * len(relative), ("an unknown start",) * bool(len(relative)), lambda _: columns)
+    return Source(("unknown start",) * len(relative), (message("covers.of.unknown_start"),) * bool(len(relative)), lambda _: columns)
 
 
 def unknown_zeros(rig: Rig, record: CalibrationRecord | None) -> Source:
     """What an absolute encoder reads too little at every sample, by where its zero is: of the uncertainty that the rig states, or anywhere
     where it states none, but for those that a calibration has solved."""
     columns, names = zero_columns(rig, record)
-    return Source((ZERO,) * len(names), (f"the {ZERO}s of encoders",) * bool(names), lambda _: columns)
+    return Source((ZERO,) * len(names), (message("covers.of.zeros"),) * bool(names), lambda _: columns)
 
 
 def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray, list[str]]:
@@ -199,7 +200,7 @@ def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
             out[:, j, 3 * column : 3 * column + 3] = u[j] * np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
         return out
 
-    return Source((LENGTHS,) * (3 * len(own)), (LENGTHS,) * bool(len(own)), lengths)
+    return Source((LENGTHS,) * (3 * len(own)), (message("covers.of.lengths"),) * bool(len(own)), lengths)
 
 
 def drawn(sources: tuple[Source, ...], generator: np.random.Generator) -> FloatArray:

@@ -54,17 +54,17 @@ function draw() {
   for (const name of ['x', 'y', 'z']) id(`at-${name}`).textContent = `${number(data[name][i], 3)} ± ${number(data[`u_${name}`][i], 4)}`;
   for (const name of ['u95', 'angle']) id(`at-${name}`).textContent = number(data[name][i], digits[name]);
   id('cursor').value = 1000 * (at - whole[0]) / (whole[1] - whole[0] || 1);
-  id('cursor-told').textContent = `${number(data.time_s[i], 3)} ${place.dataset.s}`; id('near-told').textContent = `${own((span[1] - span[0]).toPrecision(3))} ${place.dataset.s}`;
+  id('cursor-reported').textContent = `${number(data.time_s[i], 3)} ${place.dataset.s}`; id('near-reported').textContent = `${own((span[1] - span[0]).toPrecision(3))} ${place.dataset.s}`;
   place.dataset.at = data.time_s[i]; plots.forEach(paint);
 }
 
 async function look() {
   const mine = ++asked, query = `begin=${span[0]}&end=${span[1]}`;
   const answer = await fetch(`${root}/along/${place.dataset.path.split('/').map(encodeURIComponent).join('/')}?${query}`);
-  const told = await answer.json();
+  const reported = await answer.json();
   if (mine !== asked) return;
-  if (told.error) { id('cursor-told').textContent = told.error; return; }
-  if (told.time_s) data = told;
+  if (reported.error) { id('cursor-reported').textContent = reported.error; return; }
+  if (reported.time_s) data = reported;
   id('export').href = `${root}/export/${place.dataset.path}?${query}`; place.dataset.shown = query; draw();
 }
 

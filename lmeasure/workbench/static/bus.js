@@ -1,4 +1,4 @@
-// What comes over a bus: who speaks, what moves, a recording, a capture; and the simulated cell that is told what to do.
+// What comes over a bus: who speaks, what moves, a recording, a capture; and the simulated cell that is reported what to do.
 import {number, numbers, own} from './number.js';
 import {root} from './root.js';
 const at = (id) => document.getElementById(id);
@@ -31,24 +31,24 @@ if (cell) {
     else if (button.dataset.do) type(button.dataset.do);
   });
   const name = (button) => { button.textContent = `${button.dataset.cable}: ${button.classList.contains('out') ? cell.dataset.let : cell.dataset.pull}`; };
-  const show = (told) => {
-    at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at === 'home' ? cell.dataset.home : told.at}: ${numbers(told.pose, 2)}`;
-    rows(at('cell-cables'), told.cables.length, () => { const b = make('button'); b.type = 'button'; return b; })
+  const show = (reported) => {
+    at('cell-at').textContent = `${reported.moves ? cell.dataset.goes : cell.dataset.stands} ${reported.at === 'home' ? cell.dataset.home : reported.at}: ${numbers(reported.pose, 2)}`;
+    rows(at('cell-cables'), reported.cables.length, () => { const b = make('button'); b.type = 'button'; return b; })
       .forEach((b, i) => {
-        b.dataset.cable = told.cables[i];
-        // what was asked just now stands, whatever was told before
-        if (Date.now() - pressed > 1500) b.classList.toggle('out', told.out.includes(told.cables[i]));
+        b.dataset.cable = reported.cables[i];
+        // what was asked just now stands, whatever was reported before
+        if (Date.now() - pressed > 1500) b.classList.toggle('out', reported.out.includes(reported.cables[i]));
         name(b);
       });
-    rows(at('cell-poses'), told.poses.length, () => { const b = make('button'); b.type = 'button'; return b; })
-      .forEach((b, i) => { b.dataset.do = `go ${told.poses[i]}`; b.textContent = `${cell.dataset.go} ${told.poses[i]}`; });
+    rows(at('cell-poses'), reported.poses.length, () => { const b = make('button'); b.type = 'button'; return b; })
+      .forEach((b, i) => { b.dataset.do = `go ${reported.poses[i]}`; b.textContent = `${cell.dataset.go} ${reported.poses[i]}`; });
   };
   (async () => {
     while (true) {
-      const told = await fetch(`${root}/jobs/${cell.dataset.number}/last`).then((a) => (a.ok ? a.json() : null)).catch(() => null);
-      gone(told === null);
-      if (told?.last.cell && !document.hidden) show(told.last.cell);
-      if (told && told.state !== 'running') { cell.remove(); return; }
+      const reported = await fetch(`${root}/jobs/${cell.dataset.number}/last`).then((a) => (a.ok ? a.json() : null)).catch(() => null);
+      gone(reported === null);
+      if (reported?.last.cell && !document.hidden) show(reported.last.cell);
+      if (reported && reported.state !== 'running') { cell.remove(); return; }
       await pause(document.hidden ? 2000 : 400);
     }
   })();
@@ -74,22 +74,22 @@ if (scan) {
     scan.querySelector('.line code').replaceChildren(...parts(job.line));
     running = job.number; at('scan-end').hidden = false;
     while (true) {
-      const told = await fetch(`${root}/jobs/${job.number}/last`).then((a) => a.json());
-      if (told.last.progress) at('scan-doing').textContent = told.last.progress.text;
-      if (told.last.scan) spoken(told.last.scan);
-      if (told.state !== 'running') {
+      const reported = await fetch(`${root}/jobs/${job.number}/last`).then((a) => a.json());
+      if (reported.last.progress) at('scan-doing').textContent = reported.last.progress.text;
+      if (reported.last.scan) spoken(reported.last.scan);
+      if (reported.state !== 'running') {
         running = 0; at('scan-end').hidden = true; at('scan-doing').textContent = '';
-        if (told.result?.error) { at('scan-error').hidden = false; at('scan-error').textContent = told.result.error; }
-        return told.result;
+        if (reported.result?.error) { at('scan-error').hidden = false; at('scan-error').textContent = reported.result.error; }
+        return reported.result;
       }
       await pause(150);
     }
   };
-  const spoken = (told) => {
+  const spoken = (reported) => {
     at('scan-lines').hidden = false;
-    rows(at('scan-lines').tBodies[0], told.lines.length, () => { const r = make('tr'); for (let i = 0; i < 4; i++) r.append(make('td')); r.lastChild.append(make('code')); return r; })
+    rows(at('scan-lines').tBodies[0], reported.lines.length, () => { const r = make('tr'); for (let i = 0; i < 4; i++) r.append(make('td')); r.lastChild.append(make('code')); return r; })
       .forEach((r, i) => {
-        const line = told.lines[i], bytes = line.data ? line.data.split(' ') : [];
+        const line = reported.lines[i], bytes = line.data ? line.data.split(' ') : [];
         [line.name, String(line.frames), number(line.rate_hz, 1)].forEach((text, j) => { r.cells[j].textContent = text; });
         rows(r.cells[3].firstChild, bytes.length, () => make('span')).forEach((s, j) => { s.textContent = `${bytes[j]} `; s.className = line.lit[j] ? 'lit' : ''; });
         r.className = line.lit.some(Boolean) ? 'lit' : '';
@@ -112,7 +112,7 @@ if (scan) {
 }
 
 // ---- a self-test: the line that moves lights up ----
-const told = {
+const reported = {
   asked: (e) => { act = e.act ?? ''; wanted(); },
   typed: () => { act = ''; wanted(); },
   moved: (e) => {
@@ -131,7 +131,7 @@ const told = {
   said: answered,
   capture: capture,
 };
-document.addEventListener('told', (event) => told[event.detail.event]?.(event.detail));
+document.addEventListener('reported', (event) => reported[event.detail.event]?.(event.detail));
 
 // ---- a recording ----
 const ages = [];
@@ -149,7 +149,7 @@ function live(e) {
     rows(lines[3], e.pose.angles.length, () => make('span')).forEach((s, i) => { s.textContent = `${e.pose.angles[i][0]} ${number(e.pose.angles[i][1], 3)}°`; });
   } else {
     const lines = rows(pose, 1, () => make('div'));
-    lines[0].replaceChildren(e.pose.told || '–'); lines[0].className = 'words';
+    lines[0].replaceChildren(e.pose.shown || '–'); lines[0].className = 'words';
   }
   at('pose-u95').textContent = ok && e.pose.u95_mm !== null ? `± ${number(e.pose.u95_mm, 3)} ${mm} (95 %)` : '';
   at('pose-note').textContent = e.pose.text;
@@ -165,7 +165,7 @@ function live(e) {
   if (e.seconds - before[0] >= 1) before = [e.seconds, e.samples, (e.samples - before[1]) / (e.seconds - before[0])];
   at('live-rate').textContent = number(before[2], 0);
   at('live-lost').textContent = e.lost;
-  at('live-faults').textContent = e.faults_told || '0';
+  at('live-faults').textContent = e.faults_shown || '0';
   at('live-disk').textContent = e.disk_free === null ? '–' : number(e.disk_free / 1e9, 1);
   if (e.newest_s !== null && e.newest_s !== newest) {
     // from a frame's own time, by this machine's clock, until it stands in the page: one between two that are shown waits for the later

@@ -5,14 +5,14 @@ let waiting;
 
 async function renew() {
   const answer = await fetch(`${root}/details/preview`, {method: 'POST', body: new URLSearchParams(new FormData(form))});
-  const told = await answer.json();
-  wrong.hidden = !told.complaints.length; wrong.textContent = told.complaints.join('\n');
-  lacking.textContent = lacking.dataset.template.replace('{count}', told.missing.length);
+  const reported = await answer.json();
+  wrong.hidden = !reported.complaints.length; wrong.textContent = reported.complaints.join('\n');
+  lacking.textContent = lacking.dataset.template.replace('{count}', reported.missing.length);
   for (const lamp of form.querySelectorAll('[data-row]')) {
-    const state = told.missing.includes(lamp.dataset.row) ? 'red' : 'green';
+    const state = reported.missing.includes(lamp.dataset.row) ? 'red' : 'green';
     lamp.className = `lamp ${state}`; lamp.setAttribute('aria-label', lamp.dataset[state]);
   }
-  for (const [language, [title, rows]] of Object.entries(told.printed ?? {})) {
+  for (const [language, [title, rows]] of Object.entries(reported.printed ?? {})) {
     document.querySelector(`[data-title=${language}]`).textContent = title;
     document.querySelector(`[data-printed=${language}]`).replaceChildren(...rows.map((cells) => {
       const row = document.createElement('tr');

@@ -6,8 +6,8 @@ const HIT = 12;
 export async function draw(place, form) {
   const answer = await fetch(`${root}/scene?file=${encodeURIComponent(place.dataset.file)}`);
   const rig = await answer.json();
-  const told = document.getElementById('scene-told');
-  if (rig.error) { told.textContent = rig.error; return; }
+  const reported = document.getElementById('scene-reported');
+  if (rig.error) { reported.textContent = rig.error; return; }
   const canvas = place.querySelector('canvas'), pen = canvas.getContext('2d');
   let turn = -0.6, lift = 0.45, held = null, last = null;
   const all = [...rig.points.map((p) => p.position_mm), ...Object.values(rig.tool)];
@@ -42,7 +42,7 @@ export async function draw(place, form) {
     });
   };
   const moved = (i) => {
-    const p = rig.points[i]; told.textContent = `${p.name}: ${numbers(p.position_mm, 1)}\u00a0${document.body.dataset.mm}`;
+    const p = rig.points[i]; reported.textContent = `${p.name}: ${numbers(p.position_mm, 1)}\u00a0${document.body.dataset.mm}`;
     p.position_mm.forEach((v, axis) => {
       const input = form.elements[`observation_point.${i}.position_mm.${axis}`];
       if (input) input.value = String(+(document.getElementById('inches').checked ? v / 25.4 : v).toFixed(6));

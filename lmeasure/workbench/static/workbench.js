@@ -16,11 +16,11 @@ for (const form of document.querySelectorAll('form[data-command]')) {
     const answer = await post(`${root}/line/${form.dataset.command}`, new FormData(form)).catch(() => null);
     gone(answer === null);
     if (answer === null) return;
-    const told = await answer.json();
-    form.querySelector('[data-line]').replaceChildren(...parts(told.line));
+    const reported = await answer.json();
+    form.querySelector('[data-line]').replaceChildren(...parts(reported.line));
     const why = form.querySelector('[data-hindered]'), button = form.querySelector('button.go');
-    button.disabled = why.parentElement.parentElement.querySelector('p.needs:not([data-hindered])') !== null || Boolean(told.hindered);
-    why.hidden = !told.hindered; why.firstElementChild.textContent = told.hindered ?? ''; why.lastElementChild.href = told.mend ? root + told.mend : '#';
+    button.disabled = why.parentElement.parentElement.querySelector('p.needs:not([data-hindered])') !== null || Boolean(reported.hindered);
+    why.hidden = !reported.hindered; why.firstElementChild.textContent = reported.hindered ?? ''; why.lastElementChild.href = reported.mend ? root + reported.mend : '#';
   };
   form.addEventListener('input', () => { clearTimeout(waiting); waiting = setTimeout(renew, 150); });
   renew();
@@ -40,7 +40,7 @@ function follow(number) {
   };
   // what began is at work: no word on compiling, no bar without a measure
   const begun = () => { at('doing').textContent = ''; at('progress').hidden = !at('progress').hasAttribute('value'); };
-  const told = {
+  const reported = {
     live: begun,
     capture: begun,
     progress: (e) => { at('progress').value = e.fraction; at('doing').textContent = e.text; },
@@ -54,7 +54,7 @@ function follow(number) {
   const source = new EventSource(`${root}/jobs/${number}/events`);
   source.onopen = () => { log.replaceChildren(); gone(false); };
   source.onerror = () => gone(true);
-  source.onmessage = (message) => { const event = JSON.parse(message.data); told[event.event]?.(event); document.dispatchEvent(new CustomEvent('told', {detail: event})); };
+  source.onmessage = (message) => { const event = JSON.parse(message.data); reported[event.event]?.(event); document.dispatchEvent(new CustomEvent('reported', {detail: event})); };
   const type = (text) => post(`${root}/jobs/${number}/type`, {line: text}).catch(() => gone(true));
   // a step of a self-test is answered once it is asked, and by a double click once
   const steps = (asked) => { if (job.dataset.command === 'check') for (const b of at('typing').querySelectorAll('[data-type]')) b.disabled = !asked; };
