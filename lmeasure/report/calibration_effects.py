@@ -66,7 +66,7 @@ def dimensions(record: CalibrationRecord, say: Say) -> list[str]:
     if record.taken_as_exact:
         of_place = "position_rms_mm" in record.predicted
         whose = say("calibration.tools_place_run") if of_place else say("calibration.lengths_together_run")
-        usual = ((say.message(str(t["text"])), say.message(str(t["usual"])), number(t["mm"], ".3g")) for t in record.taken_as_exact)
+        usual = ((say.message(t["text"]), say.message(t["usual"]), number(t["mm"], ".3g")) for t in record.taken_as_exact)
         parts += [
             html.heading(say("calibration.taken_exact_not_stated")),
             html.paragraph(say("calibration.rig_does_not_state", whose=whose)),
