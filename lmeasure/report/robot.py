@@ -11,7 +11,7 @@ from lmeasure.core import FloatArray, se3
 from lmeasure.report import html
 from lmeasure.report.text import axes, unit
 from lmeasure.robots import HALF, Identified, PredictionMap
-from lmeasure.text import ENGLISH, Say
+from lmeasure.text import ENGLISH, Say, message, texts
 
 ARROWS = 0.1
 """Of the measured places' extent: length at which the largest error is drawn."""
@@ -223,7 +223,7 @@ def _worth(worth: Sequence[dict[str, Any]], say: Say) -> list[str]:
     number = say.number
     rows = [
         (
-            say.message(w["family"]),
+            say.message(family_name(w["family"])),
             _yes(w["freed"], say),
             w["parameters"],
             number(w["drop"], ".4g"),
@@ -243,6 +243,12 @@ def _worth(worth: Sequence[dict[str, Any]], say: Say) -> list[str]:
         say("robot.worth_freeing"),
     )
     return [html.heading(say("robot.parameters_worth_freeing")), html.table(head, rows)]
+
+
+def family_name(family: str) -> str:
+    """Return the name of a family of parameters, a message where the catalogues have it."""
+    code = f"robot.families.{family}"
+    return message(code) if code in texts("en") else family
 
 
 def _yes(so: bool, say: Say) -> str:

@@ -17,7 +17,7 @@ from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.krl_flow import FIXED, NULL, Motion, fdat_frames
 from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, masked, pieces, wrong
 from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 POSE, AXES, EXTERNAL = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7)), tuple(f"E{i}" for i in range(1, 7))
 FLAGS = "S", "T"
@@ -215,7 +215,7 @@ class _Reader:
         if missing:
             self._leave(k, span[0], message("program.rest", name=name, missing=tuple(missing)))
         elif why := wrong([v for v, _ in found.values()]):
-            self._leave(k, span[0], f"{name}: {why}")
+            self._leave(k, span[0], composed("{name}: {why}", name=name, why=why))
         elif not joints and any(out.values()):
             key = next(key for key in out if out[key])
             self._leave(k, span[0], message("robot_programs.where_robot_workpiece_then_not", name=name, axis=key, value=out[key]))

@@ -29,7 +29,7 @@ from lmeasure.robot_programs.program import (
     wrong,
 )
 from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 _DECLARED = re.compile(
     r"\b((?:LOCAL\s+|TASK\s+)?)(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I
@@ -83,7 +83,7 @@ class _Reader:
             if not used:
                 self._leave(k, point.span[0], message("robot_programs.no_motion_goes_stands", name=name))
             elif point.changed:
-                self._leave(k, point.span[0], f"{name}: {point.changed}")
+                self._leave(k, point.span[0], composed("{name}: {why}", name=name, why=point.changed))
             elif len(used) > 1:
                 self._leave(
                     k,
@@ -229,7 +229,7 @@ class _Reader:
                 if point is not None:
                     point.changed = point.changed or message("program.moved_by", why=why)
             elif operand.startswith("[") and (why := self._displacement()):
-                self._leave(k, start, f"{line}: {why}")
+                self._leave(k, start, composed("{name}: {why}", name=line, why=why))
             elif operand.startswith("["):
                 self._take(k, line, (start, start + len(operand) - 1), frames, (k, start))
             elif point is not None:
@@ -250,13 +250,13 @@ class _Reader:
         if shape == [6, 6]:
             numbers, spans = zip(*lists[0], strict=True)
             if why := wrong(own):
-                self._leave(k, span[0], f"{name}: {why}")
+                self._leave(k, span[0], composed("{name}: {why}", name=name, why=why))
             else:
                 self.targets.append(Target(name, k, place, True, numbers, spans, *frames, moved=moved))
         elif shape != [3, 4, 4, 6]:
             self._leave(k, span[0], message("robot_programs.neither_robtarget_nor_jointtarget", name=name))
         elif why := wrong(own, own[3:7]):
-            self._leave(k, span[0], f"{name}: {why}")
+            self._leave(k, span[0], composed("{name}: {why}", name=name, why=why))
         elif frame := next((f for f in frames if f in self.moving), ""):
             self._leave(k, span[0], message("robot_programs.frame_set_program", name=name, frame=frame, where=self.moving[frame]))
         elif out:

@@ -19,7 +19,7 @@ from lmeasure.core import CONVENTIONS, QUATERNION_COLUMNS, FloatArray, RobotErro
 from lmeasure.io import COLUMN_KINDS, Column
 from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, pose, wrong
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 PLACE = ("x_mm", "y_mm", "z_mm")
 Columns = Mapping[str, Column]
@@ -135,7 +135,7 @@ def _rows(
             why = message("robot_programs.cell_no_number")
         why = why or wrong(values, values[3:] if posed and turn == QUATERNION_COLUMNS else ())
         if why:
-            unread.append(Unread(source.name, line, f"{name}: {why}"))
+            unread.append(Unread(source.name, line, composed("{name}: {why}", name=name, why=why)))
             continue
         base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
         own = tuple(sizes[c] for c in wanted) if mapping else ()

@@ -31,7 +31,7 @@ from lmeasure.robot_programs.program import (
     pose as _placed,
     wrong,
 )
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 _SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
 _ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)
@@ -259,7 +259,7 @@ class _Reader:
         if found is None:
             self._leave(literal.span[0], message("program.not_six", name=name))
         elif why := wrong([v for v, _ in found]):
-            self._leave(literal.span[0], f"{name}: {why}")
+            self._leave(literal.span[0], composed("{name}: {why}", name=name, why=why))
         elif len(used) > 1 and literal.is_pose:
             self._leave(
                 literal.span[0],

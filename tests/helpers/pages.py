@@ -15,6 +15,7 @@ from campaigns import write_campaign
 from lmeasure.accuracy import along, axis, scan_zone, tilts
 from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, Distance, calibrate, compare, read_campaign
 from lmeasure.calibration.validation.compare import Earlier
+from lmeasure.calibration.validation.guard import AgainstNominal
 from lmeasure.certificate import Inputs
 from lmeasure.core import se3
 from lmeasure.io import columns_of
@@ -122,11 +123,11 @@ def _undetermined(out: Path, language: str) -> Path:
 
 
 def _refused(out: Path, language: str) -> Path:
-    why = "the calibrated rig is worse than the nominal one: lengths at 10 poses, each left out in turn, are off by 3.2 mm rms, by the "
+    why = AgainstNominal(3.2, 1.1, 10, 1e-4).refusal()
     found = calibrated()
     against = {"against_nominal": {"rms_mm": 3.2, "nominal_mm": 1.1, "poses": 10, "p_worse": 1e-4}}
     record = found.record.model_copy(update={"validation": found.record.validation | against})
-    refused = replace(found, record=record, refused=f"{why}nominal rig 1.1 mm (p = 0.0001 for no worse)")
+    refused = replace(found, record=record, refused=why)
     write_calibration_page(out / "report.html", refused, None, language)
     return out / "report.html"
 
