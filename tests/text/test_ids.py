@@ -116,3 +116,16 @@ def test_a_label_has_words() -> None:
     labels = {key: text for key, text in texts("en").items() if key.startswith("label.")}
     assert labels
     assert [key for key, text in labels.items() if "_" in text] == []
+
+
+def test_a_call_gives_every_value_that_its_text_names() -> None:
+    known, lacking = own("en"), []
+    for path in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and node.args and getattr(node.func, "id", "") in ("message", "say", "word"):
+                first, given = node.args[0], {keyword.arg for keyword in node.keywords}
+                if isinstance(first, ast.Constant) and first.value in known and None not in given and len(node.args) == 1:
+                    wanted = {name for name, _, _ in fields_of(known[first.value])}
+                    if given and not wanted <= given:
+                        lacking.append(f"{path.name}:{node.lineno}: {first.value}: {sorted(wanted - given)}")
+    assert lacking == []

@@ -206,7 +206,7 @@ def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance, *, programmed
             out.append(message("iso9283.commanded_poses_lie_outside", count=count, all=len(ends), name=drawn.name, limits=tuple(beyond)))
         off = np.linalg.norm(nominal.placed(attained)[:, :3] - ends[:, :3], axis=1)
         if off.max() > 1e-6:
-            out.append(message("iso9283.told_alone_others_follow", name=drawn.name, reported=tuple(drawn.model.commanded), mm=off.max()))
+            out.append(message("iso9283.told_alone_others_follow", name=drawn.name, joints=tuple(drawn.model.commanded), mm=off.max()))
             if programmed:
                 out.append(message("iso9283.told_waypoint_joint_values", name=drawn.name))
     return tuple(out)

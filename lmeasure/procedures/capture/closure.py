@@ -44,7 +44,7 @@ class Return:
         if not self.beyond:
             return [*lines, message("capture.closed_no_more_than", v1=self.allowed.max())]
         for channel in self.lost:
-            lines.append(message("capture.came_back_counts_mm", channel=channel, reported=reported[channel][0], told_=reported[channel][1]))
+            lines.append(message("capture.came_back_counts_mm", channel=channel, counts=reported[channel][0], mm=reported[channel][1]))
         if not self.lost:
             most = np.abs(self.mm).max()
             lines.append(message("capture.not_closed_rounding_alone", v1=tuple(self.beyond), most=most))
