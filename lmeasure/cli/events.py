@@ -20,7 +20,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from lmeasure.cli.text import rendered, word
-from lmeasure.text import of_terminal, texts
+from lmeasure.text import count_of, of_terminal, texts
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Moved, Progress as State, Spoken
@@ -101,7 +101,7 @@ def live(state: "State", pose: "PoseWatch | str") -> None:
         samples=state.samples,
         frames=state.frames,
         faults=dict(state.faults),
-        faults_shown=rendered(", ".join(f"{n} {kind}" for kind, n in sorted(state.faults.items()))).replace("_", " "),
+        faults_shown=", ".join(rendered(count_of(kind, n)) for kind, n in sorted(state.faults.items())).replace("_", " "),
         latency_s=_number(state.latency_s),
         newest_s=_number(state.newest_s),
         lost=state.lost,

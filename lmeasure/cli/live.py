@@ -13,7 +13,7 @@ from rich.text import Text
 
 from lmeasure.acquisition import STALE_S, Progress
 from lmeasure.cli.text import rendered, word
-from lmeasure.text import message
+from lmeasure.text import count_of, message
 
 if TYPE_CHECKING:
     from lmeasure.trajectory import PoseWatch
@@ -52,7 +52,7 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
     for channel, count, speed, mm in zip(progress.channels, progress.counts, progress.rates, progress.speeds_mm_s, strict=True):
         cells = ("-" if value != value else f"{value:+.0f}" for value in (count, speed, mm))
         table.add_row(channel, *cells)
-    faults = ", ".join(f"{n} {kind}" for kind, n in sorted(progress.faults.items())) or message("acquisition.no_faults")
+    faults = ", ".join(rendered(count_of(kind, n)) for kind, n in sorted(progress.faults.items())) or message("acquisition.no_faults")
     where = "pose: -" if stale(progress) else pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
     lines = [Text(rendered(where))] if where else []
     return Group(Text(rendered(head)), table, *lines, Text(rendered(faults), style="red" if progress.faults else "green"))
