@@ -19,6 +19,7 @@ from lmeasure.acquisition.counters.counting import Counting
 from lmeasure.cli import events
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
+from lmeasure.text import message
 from lmeasure.workflows import load, options_of
 
 SCRIPT = """
