@@ -348,6 +348,9 @@ def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
     redundancy, budget, estimate = reconstruction.redundancy, reconstruction.budget, reconstruction.budget.estimate
     assert redundancy is not None
     assert estimate is not None
+    # the covariance of the estimate is that of the variables before it: once it is used, those of the origins are mixed
+    variables = reconstruction.with_estimate(None).redundancy
+    assert variables is not None
     epochs = chosen(epochs)
     m, K = epochs.change_mm.shape[1], len(estimate.covariance)
     known = np.flatnonzero(np.isfinite(estimate.poses[:, 0]))
@@ -365,7 +368,7 @@ def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
         )
         P = np.where(used[:, :, None] & used[:, None, :], P, 0.0)
         score[out], own[out] = np.einsum("nmp,np->nm", P, r), np.einsum("nmm->nm", P)
-        common[out] = P @ redundancy.shared(at, there, used)
+        common[out] = P @ variables.shared(at, there, used)
         score[out] -= common[out, :, : len(estimate.aside)] @ estimate.aside
     # sums over each sample and all behind it
     behind, information, g = (np.cumsum(values[::-1], axis=0)[::-1] for values in (score, own, common))
