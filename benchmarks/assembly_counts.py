@@ -24,8 +24,8 @@ SEED = 20211
 
 def by_degeneration(general: tuple[ComplexArray, ComplexArray], structure: Structure, rng: np.random.Generator) -> int:
     """Assemblies of a platform of the structure that are ends of the paths from those of a general platform."""
-    ends, told = follow_homotopy(general[0], start_systems.random_links(structure, rng), general[1])
-    ends = ends[told == REACHED]
+    ends, reported = follow_homotopy(general[0], start_systems.random_links(structure, rng), general[1])
+    ends = ends[reported == REACHED]
     proper = np.abs((ends[:, :4] ** 2).sum(axis=1)) > 1e-8
     return len(start_systems.distinct(ends[proper]))
 

@@ -21,7 +21,7 @@ from study import Study
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from real_rig import Flaws
-from real_world import Case, Made, Score, make, score, score_of, told
+from real_world import Case, Made, Score, make, reported, score, score_of
 
 from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate
 from lmeasure.calibration.solve import solve
@@ -78,7 +78,7 @@ def study(seed: int, name: str) -> dict[str, object]:
     delivered = score_of(result, made)
     row |= {"delivered": delivered.error_mm, "inside": delivered.inside, "squares": delivered.squares}
     row["plain"] = plainly(made, made.campaign, CalibrationSettings()).error_mm
-    stated = plainly(made, told(made, case), CalibrationSettings(("position", "guide", *case.cure)))
+    stated = plainly(made, reported(made, case), CalibrationSettings(("position", "guide", *case.cure)))
     return row | {"stated": stated.error_mm, "stated_inside": stated.inside}
 
 

@@ -216,9 +216,9 @@ def table(found: list[dict[str, Any]]) -> str:
         error = given.error_mm.astype(float)
         times = error / sound.reindex(given.seed).to_numpy()
         worse = int((error > given.nominal_mm).sum())
-        told = [f"{np.median(times):.2f}", f"{np.max(times):.2f}", f"{np.median(error):.4f}"] if len(given) else ["", "", ""]
+        reported = [f"{np.median(times):.2f}", f"{np.max(times):.2f}", f"{np.median(error):.4f}"] if len(given) else ["", "", ""]
         counts = [str(v) for v in (len(own), int(own.named.sum()), len(given), len(own) - len(given), worse)]
-        lines.append(f"| {slip} | {' | '.join(counts + told)} |")
+        lines.append(f"| {slip} | {' | '.join(counts + reported)} |")
     return "\n".join(lines)
 
 

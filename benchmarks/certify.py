@@ -140,8 +140,8 @@ def print_rows(samples: int, total: int, bare: float, wall: float, verify: float
     print(table)
     if write:
         machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-        told = "Written by `benchmarks/certify.py --write`; see there for what is measured."
-        RESULTS.write_text(f"# Speed of a certificate\n\n{told} Machine: {machine}.\n\n| | |\n|---|---|\n{table}\n", encoding="utf-8")
+        reported = "Written by `benchmarks/certify.py --write`; see there for what is measured."
+        RESULTS.write_text(f"# Speed of a certificate\n\n{reported} Machine: {machine}.\n\n| | |\n|---|---|\n{table}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -79,14 +79,14 @@ def one(seed: int, visits: int, oriented: bool, name: str) -> dict[str, Any]:
     wanted = se3.compose(se3.compose(base, nominal.forward(targets)), np.broadcast_to(tool, (len(targets), 7)))[:, :3]
     mean = rng.normal(0.0, NOISE_MM / math.sqrt(CYCLES), (2, len(targets), 3))
     before, after = (np.linalg.norm(seen(p) + m - wanted, axis=1) for p, m in zip((targets, solved), mean, strict=True))
-    told = predict(found, solved)
-    own = told.covariance - (found.noise.position_mm**2) * found.shape * found.misfit**2
+    reported = predict(found, solved)
+    own = reported.covariance - (found.noise.position_mm**2) * found.shape * found.misfit**2
     spread = own + NOISE_MM**2 / CYCLES * np.eye(3)
     draws = np.einsum("nij,knj->kni", np.linalg.cholesky(spread + 1e-12 * np.eye(3)), rng.normal(size=(400, len(targets), 3)))
     floor = np.linalg.norm(draws, axis=2).mean()
     # where one visit of the means that were measured would lie: of single visits as stated
     single = np.linalg.norm(seen(solved) + rng.normal(0.0, NOISE_MM / math.sqrt(visits), (len(targets), 3)) - wanted, axis=1)
-    counts = int(kept.sum()), int((~kept).sum()), int((single < told.u95_mm).sum())
+    counts = int(kept.sum()), int((~kept).sum()), int((single < reported.u95_mm).sum())
     values = [float(before.mean()), float(after.mean()), float(floor), *counts]
     return {"kind": name, "oriented": oriented, "visits": visits, "values": values}
 

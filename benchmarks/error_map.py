@@ -57,8 +57,8 @@ def by_model(joints: FloatArray, places: FloatArray, train: NDArray[np.int64], t
     """What is left (k,) and its stated radius at poses that the identification has not seen."""
     found = identify_with_choice(shipped("ur5").model, measured(joints[train], places[train]))
     held = held_out(found)
-    told = predict(found if held is None else replace(found, misfit=held.misfit), joints[test])
-    return np.linalg.norm(places[test] - told.pose[:, :3], axis=1), told.u95_mm
+    reported = predict(found if held is None else replace(found, misfit=held.misfit), joints[test])
+    return np.linalg.norm(places[test] - reported.pose[:, :3], axis=1), reported.u95_mm
 
 
 def by_map(poses: FloatArray, errors: FloatArray, train: NDArray[np.int64], test: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:

@@ -170,8 +170,8 @@ def words(found: Any) -> FloatArray:
 
 def named(found: Any) -> set[str]:
     """Numbers of the cables that the summary calls faulty."""
-    told = re.findall(r"channel ch(\d+) (?:stepped|stands|stood|does not)|cable c(\d+) does not", " ".join(map(str, found.notes)))
-    return {one or other for one, other in told} | {
+    reported = re.findall(r"channel ch(\d+) (?:stepped|stands|stood|does not)|cable c(\d+) does not", " ".join(map(str, found.notes)))
+    return {one or other for one, other in reported} | {
         n.removeprefix("c") for names in found.cable[words(found) == "ok"] for n in names.split(", ") if n
     }
 

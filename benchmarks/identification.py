@@ -42,7 +42,7 @@ from lmeasure.robots import (
 from lmeasure.robots.identification.initial_frames import find_frames
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.model_choice import FALSE_ALARM
-from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.observability import determined_parameters
 from lmeasure.robots.identification.plan import chosen
 from lmeasure.robots.identification.problem import Noise, Problem
 from lmeasure.robots.identification.unknowns import Unknowns
@@ -180,9 +180,9 @@ def simulated(robots: int) -> list[str]:
 
             found = identify(nominal, seen(80))
             value = {p.name: p.value for p in true.parameters}
-            told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
+            reported, u = determined_parameters(found.fit), np.sqrt(np.diag(found.fit.covariance))
             for i, (own, got) in enumerate(zip(found.fit.problem.names, found.fit.problem.unknowns.values(found.fit.x), strict=True)):
-                if own in value and told[i]:
+                if own in value and reported[i]:
                     inside.append(abs(got - value[own]) <= 1.96 * u[i])
             later = seen(50)
             predicted = predict(found, later.joints)
@@ -225,14 +225,14 @@ def repeated(robots: int) -> list[str]:
             count: int, times: int, *, true: Any = true, base: Any = base, seats: Any = seats, ends: Any = ends, rng: Any = rng,
             u: Any = (u_mm, u_rad), repeats: Any = repeats, oriented: bool = oriented, stated: bool = stated,
         ) -> Measurements:  # fmt: skip
-            told = rng.uniform(*ends, (count, len(ends[0])))
-            flange = se3.compose(base, true.forward(told + rng.normal(size=told.shape) * repeats))
+            reported = rng.uniform(*ends, (count, len(ends[0])))
+            flange = se3.compose(base, true.forward(reported + rng.normal(size=reported.shape) * repeats))
             # all readings of a target, target by target, stay by stay
             poses = np.repeat(np.stack([se3.compose(flange, seat) for seat in seats], axis=1), times, axis=1).reshape(-1, 7)
             poses = se3.displaced(poses, rng.normal(size=(len(poses), 6)) * np.repeat([u[1], u[0]], 3))
             each = np.repeat(np.arange(len(seats)), times)
             return measured(
-                np.repeat(told, len(each), axis=0),
+                np.repeat(reported, len(each), axis=0),
                 poses[:, :3],
                 poses[:, 3:] if oriented else None,
                 target=[f"T{t + 1}" for t in np.tile(each, count)],

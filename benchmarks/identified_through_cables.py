@@ -35,7 +35,7 @@ from lmeasure.recording import poses_from_rows
 from lmeasure.rig import read_rig
 from lmeasure.robots import Measurements, Settings, any_shipped, checked, frames, identify, predict
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.observability import determined_parameters
 from lmeasure.robots.parallel.bounds import Limits
 from lmeasure.robots.parallel.limits import own_roots
 from lmeasure.robots.parallel.model import Parallel
@@ -143,8 +143,8 @@ def measured_in(cell: Cell, true: Any, joints: FloatArray, stand: FloatArray, rn
 def off_true(found: Any, true: Any, *, every: bool = False) -> list[float]:
     """Return errors of determined parameters, or of all, in parts of their standard uncertainty."""
     value = {p.name: p.value for p in true.parameters if p.unit}  # scales were not drawn
-    told, u, unknowns = determined(found.fit), np.sqrt(np.diag(found.fit.covariance)), found.fit.problem.unknowns
-    values = zip(unknowns.names, unknowns.values(found.fit.x), u, told, strict=True)
+    reported, u, unknowns = determined_parameters(found.fit), np.sqrt(np.diag(found.fit.covariance)), found.fit.problem.unknowns
+    values = zip(unknowns.names, unknowns.values(found.fit.x), u, reported, strict=True)
     return [float(abs(v - value[n]) / s) for n, v, s, t in values if (t or every) and n in value]
 
 

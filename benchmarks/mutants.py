@@ -73,12 +73,12 @@ def run(file: str, chosen: list[Mutant], *, before: str | None = None, keep: Pat
     if tried:
         try_all(tried, tests, keep=keep, tell=tell)
     same = [m for m in survivors if m.key in known]
-    told, dead = len(chosen) - len(same), len(chosen) - len(survivors)
+    reported, dead = len(chosen) - len(same), len(chosen) - len(survivors)
     survivors.sort(key=lambda m: m.start)
     lines = [
         f"## {file}",
         "",
-        f"{dead} of {told} killed ({len(every)} in the file, {len(chosen)} tried, {len(same)} equivalent), by `{' '.join(tests)}`.",
+        f"{dead} of {reported} killed ({len(every)} in the file, {len(chosen)} tried, {len(same)} equivalent), by `{' '.join(tests)}`.",
         "",
         *(
             f"- line {m.line}, `{m.source}`: `{m.change}`: {'equivalent: ' + known[m.key] if m.key in known else 'survives'}"
@@ -91,13 +91,11 @@ def run(file: str, chosen: list[Mutant], *, before: str | None = None, keep: Pat
 def written(sections: dict[str, str]) -> str:
     """The whole report."""
     counts = [tuple(int(word) for word in (line.split()[0], line.split()[2])) for s in sections.values() for line in s.splitlines()[2:3]]
-    dead, told = (sum(c[i] for c in counts) for i in (0, 1))
+    dead, reported = (sum(c[i] for c in counts) for i in (0, 1))
     head = "# Faults in the core, and whether tests see them\n\nMade by `python benchmarks/mutants.py`, which says what a fault is.\n"
     head += "The `strict=True` of a `zip` is left as it is, with the reason in `mutations.py`; older sections still count it.\n"
-    total = (
-        f"\n**{dead} of {told} killed ({100 * dead / max(told, 1):.1f} %), equivalent ones apart.** Tests were written for what survived, "
-    )
-    total += "so that it says nothing of faults that were not tried: [mutants_unseen.md](mutants_unseen.md) does.\n"
+    total = f"\n**{dead} of {reported} killed ({100 * dead / max(reported, 1):.1f} %), equivalent ones apart.** "
+    total += "Tests were written for what survived, so it says nothing of faults that were not tried: [mutants_unseen.md](mutants_unseen.md) does.\n"
     return head + total + "".join("\n" + sections[file] for file in CORE if file in sections)
 
 

@@ -32,15 +32,15 @@ def written(seed: int, every: int, tried: list[tuple[Mutant, bool]]) -> str:
     """The report."""
     known = equivalents()
     same = [m for m, seen in tried if not seen and m.key in known]
-    dead, told = sum(seen for _, seen in tried), len(tried) - len(same)
-    least = scipy.stats.beta.ppf(0.025, dead, told - dead + 1) if dead else 0.0
-    most = scipy.stats.beta.ppf(0.975, dead + 1, told - dead) if dead < told else 1.0
+    dead, reported = sum(seen for _, seen in tried), len(tried) - len(same)
+    least = scipy.stats.beta.ppf(0.025, dead, reported - dead + 1) if dead else 0.0
+    most = scipy.stats.beta.ppf(0.975, dead + 1, reported - dead) if dead < reported else 1.0
     lines = [
         "# What tests see of faults that no test was written for",
         "",
         f"`python benchmarks/mutants_unseen.py --seed {seed}`: {len(tried)} faults drawn from all {every} of the core.",
         "",
-        f"**{dead} of {told} killed ({100 * dead / max(told, 1):.1f} %), {len(same)} equivalent ones apart;** of all faults it is "
+        f"**{dead} of {reported} killed ({100 * dead / max(reported, 1):.1f} %), {len(same)} equivalent ones apart;** of all faults it is "
         f"{100 * least:.1f} to {100 * most:.1f} % (95 %, Clopper and Pearson). "
         f"What is equivalent is told by looking at what survives: with nothing excused it is {dead} of {len(tried)} "
         f"({100 * dead / max(len(tried), 1):.1f} %).",

@@ -50,15 +50,15 @@ class Kind:
     solve: str
     size: float
     unit: str
-    told: bool = True
+    reported: bool = True
 
 
 KINDS = {
     "run-out": Kind(("run_out_mm",), True, "run-out of the drum", "run-out", 0.02, "mm"),
     "eccentricity": Kind(("pulley_eccentricity_mm",), False, "an eccentric pulley", "eccentricity", 0.05, "mm"),
-    "radius": Kind(("pulley_radius_mm",), False, "another pulley radius", "radius", 0.3, "mm", told=False),
-    "offset": Kind(("swivel_offset_mm",), False, "a swivel axis off its groove", "offset", 0.2, "mm", told=False),
-    "tilt": Kind(("swivel_tilt_deg",), False, "", "tilt", 0.3, "deg", told=False),
+    "radius": Kind(("pulley_radius_mm",), False, "another pulley radius", "radius", 0.3, "mm", reported=False),
+    "offset": Kind(("swivel_offset_mm",), False, "a swivel axis off its groove", "offset", 0.2, "mm", reported=False),
+    "tilt": Kind(("swivel_tilt_deg",), False, "", "tilt", 0.3, "deg", reported=False),
     "backlash": Kind(("backlash_counts",), True, "play", "backlash", 2.0, "counts"),
     "diameter of the drum": Kind(("count_length_mm",), True, "a drum of another diameter", "scale", 5e-4, "of it"),
     "pitch": Kind(("groove_pitch_mm",), True, "another groove pitch", "pitch", 0.02, "mm"),
@@ -122,7 +122,7 @@ class Drawn:
         self.share = 1.0 if number % 2 == 0 else float(rng.uniform(0.1, 1.0))
         points = rng.permutation(6)
         count = SEVERAL.get(kind, 1 if kind in KINDS else 0)
-        own = [k for k in KINDS if KINDS[k].told]
+        own = [k for k in KINDS if KINDS[k].reported]
         self.planted = [(kind if kind in KINDS else str(rng.choice(own)), int(p)) for p in points[:count]]
         self.true = self.plain
         for name, point in self.planted:

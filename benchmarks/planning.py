@@ -98,10 +98,10 @@ def measure(campaigns: int) -> list[str]:
                 rows = scattered_poses(count, HALF, 0.3, REGION.centre, rng=rng)
                 drawn.append(campaign_error(true, nominal, rows, u_mm, held_out, rng))
             a, b = outcome(planned), outcome(drawn)
-            told = plan.outlook
+            reported = plan.outlook
             lines.append(
-                f"| {count} | {u_mm:g} | {took:.1f} | {told.rms_mm:.4f} / {told.worst_mm:.4f} | {a.rms:.4f} / {a.worst:.4f} | "
-                f"{a.rms / told.rms_mm:.2f} | {b.rms:.4f} / {b.worst:.4f} | {b.rms / a.rms:.1f} | {b.worst / a.worst:.1f} |"
+                f"| {count} | {u_mm:g} | {took:.1f} | {reported.rms_mm:.4f} / {reported.worst_mm:.4f} | {a.rms:.4f} / {a.worst:.4f} | "
+                f"{a.rms / reported.rms_mm:.2f} | {b.rms:.4f} / {b.worst:.4f} | {b.rms / a.rms:.1f} | {b.worst / a.worst:.1f} |"
             )
             print(lines[-1], flush=True)
     return lines

@@ -65,12 +65,12 @@ def draw(number: int) -> Draw:
     error = np.where(known, se3.displacement(np.where(known, found.poses, HOME), poses), np.nan)
     both = covariances(found, run)
     whole = both.random + both.factors @ np.swapaxes(both.factors, 1, 2)
-    told, budget = reconstruction.budget.estimate, reconstruction.budget
-    if told is None:  # the readings contradict each other from the beginning on, and it says so
+    reported, budget = reconstruction.budget.estimate, reconstruction.budget
+    if reported is None:  # the readings contradict each other from the beginning on, and it says so
         return Draw(number, *[np.nan] * 4)
     # readings are too large by what was taken to be out less what was, and by where within a count each was zeroed, which nobody knows
     out = span_lengths(nominal, reconstruction.model.zero_pose[None])[0] - span_lengths(true, poses[:1])[0]
-    columns = budget.origin_lengths(np.zeros(1))[0, :6] @ told.mix[-len(told.mean) :]
+    columns = budget.origin_lengths(np.zeros(1))[0, :6] @ reported.mix[-len(reported.mean) :]
     off = budget.offsets(np.zeros(1))[0, :6] - out
     return Draw(number, *(_square(e, c) for e, c in (
         (error[0, 3:], whole[0, 3:, 3:]), (error[0, :3], whole[0, :3, :3]), (error[-1, 3:], whole[-1, 3:, 3:]),

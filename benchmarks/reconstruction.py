@@ -235,7 +235,7 @@ def lanes_rate() -> float:
 
 def latency(lines: list[str]) -> None:
     """One sample at a time, as while recording: of six cables, and of twelve channels whose run was learned before."""
-    told = []
+    reported = []
     for name, rig in (("six cables", cell()), ("twelve channels", with_swivels())):
         times, poses = motion(20_000)
         counts = counts_from_poses(rig, poses, START, rig.observed)
@@ -249,12 +249,12 @@ def latency(lines: list[str]) -> None:
             t = time.perf_counter()
             live.update(times[2_000 + i], recorded[2_000 + i])
             taken[i] = time.perf_counter() - t
-        told.append(1e6 * np.percentile(taken, [50, 99, 100]))
-        half, most, worst = told[-1]
+        reported.append(1e6 * np.percentile(taken, [50, 99, 100]))
+        half, most, worst = reported[-1]
         lines.append(
             f"Live, {name}, one sample at a time: median {half:.1f} us, 99 % within {most:.1f} us, the longest of 18,000 {worst:.0f} us."
         )
-    lines += [f"Twelve channels take {told[1][0] / told[0][0]:.1f} times as long as six cables (medians).", ""]
+    lines += [f"Twelve channels take {reported[1][0] / reported[0][0]:.1f} times as long as six cables (medians).", ""]
 
 
 def long_log(lines: list[str], samples: int) -> None:

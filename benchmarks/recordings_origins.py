@@ -397,10 +397,10 @@ def beside_counts() -> list[tuple[str, str]]:
 def events() -> tuple[list[str], int]:
     """Lines of the table of errors and events, and how many inputs are not right."""
     lines, wrong = ["| input | events | text of each |", "|---|---|---|"], 0
-    for name, content, told in error_frames():
+    for name, content, reported in error_frames():
         found, texts = errors_of(name, content)
-        wrong += found != told
-        lines.append(f"| {name} | {'right' if found == told else found} | {'; '.join(texts)} |")
+        wrong += found != reported
+        lines.append(f"| {name} | {'right' if found == reported else found} | {'; '.join(texts)} |")
     for name, said in beside_counts():
         wrong += bool(said)
         lines.append(f"| {name} | {said or 'right'} | |")

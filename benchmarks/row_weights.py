@@ -25,7 +25,7 @@ from study import Study, percent, table, two_sided
 from lmeasure.core import se3
 from lmeasure.robots import Settings, identify, predict
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.observability import determined_parameters
 from lmeasure.robots.robot import shipped
 
 FloatArray = NDArray[np.float64]
@@ -66,7 +66,7 @@ def draw(seed: int, kind: str) -> dict[str, Any]:
     for way, settings, at in (("reference", WAYS["all alike"], sound), *((w, s, seen) for w, s in WAYS.items())):
         found = identify(nominal, measured(joints[:POSES], at), settings)
         names, u = found.fit.problem.unknowns.names, np.sqrt(np.diag(found.fit.covariance))
-        now = zip(names, found.fit.problem.unknowns.values(found.fit.x), u, determined(found.fit), strict=True)
+        now = zip(names, found.fit.problem.unknowns.values(found.fit.x), u, determined_parameters(found.fit), strict=True)
         off = {n: (float((v - value[n]) / s), float(v - value[n])) for n, v, s, t in now if n in value and t}
         predicted = predict(found, joints[POSES:])
         within = np.linalg.norm(predicted.pose[:, :3] - later, axis=1) <= predicted.u95_mm

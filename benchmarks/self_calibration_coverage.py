@@ -108,11 +108,11 @@ def study(seed: int, case: str) -> dict[str, object]:
         turns = np.zeros((60, 3)) if len(free) == 3 else rng.uniform(-0.3, 0.3, (60, 3))
         rows = np.column_stack([rng.uniform(-250, 250, (60, 3)), Rotation.from_rotvec(turns).as_quat()])
     wrong = lengths(model, first.theta, rows) - lengths(model, truth, rows)
-    told = np.arange(own + len(free))
-    h = np.where(told < own, 1e-4, 1e-5)
-    h = np.diag(np.r_[h, np.zeros(len(truth) - len(told))])[: len(told)]
+    reported = np.arange(own + len(free))
+    h = np.where(reported < own, 1e-4, 1e-5)
+    h = np.diag(np.r_[h, np.zeros(len(truth) - len(reported))])[: len(reported)]
     g = np.array([lengths(model, first.theta + d, rows) - lengths(model, first.theta - d, rows) for d in h]).T / (2 * h.max(axis=1))
-    stated = np.sqrt(np.einsum("na,ab,nb->n", g, first.covariance[np.ix_(told, told)], g))
+    stated = np.sqrt(np.einsum("na,ab,nb->n", g, first.covariance[np.ix_(reported, reported)], g))
     out: dict[str, object] = {
         "case": case,
         "seed": seed,
@@ -129,7 +129,7 @@ def study(seed: int, case: str) -> dict[str, object]:
     if silent:
         return out
     C = bound(model, truth, model.covariance(truth))
-    best = np.sqrt(np.einsum("na,ab,nb->n", g, C[np.ix_(told, told)], g))
+    best = np.sqrt(np.einsum("na,ab,nb->n", g, C[np.ix_(reported, reported)], g))
     least, axes = np.linalg.eigh(C[:own, :own] / np.outer(model.parameters.width, model.parameters.width))
     return out | {
         "values_to_bound": float(np.mean(error**2 / np.diag(C)[:own])),

@@ -203,11 +203,11 @@ def study(number: int, name: str) -> Found:
     detectable, separable, missed = judged(at, j, added * at.per_count[j]) if added.any() else (False, False, 0.0)
     found = reconstruct(replace(at.run, passes=(replace(counts, recorded=recorded),)))
     ok = found.status == Status.OK
-    told = {name for cable in found.cable[ok] for name in cable.split(", ") if name}
-    told |= {
+    reported = {name for cable in found.cable[ok] for name in cable.split(", ") if name}
+    reported |= {
         p.name for p in rig.observed for note in found.notes if "went on from another origin" in str(note) and f" {p.name} " in f" {note} "
     }
-    told |= {
+    reported |= {
         p.name
         for p in rig.observed
         for note in found.notes
@@ -215,8 +215,8 @@ def study(number: int, name: str) -> Found:
     }
     last = np.array([is_of(cause, RESTORED_ORIGIN) for cause in found.cause[-50:]])
     return Found(
-        name, number, kind, o.name, abs(size) / least, detectable, separable, bool((~ok).any() or told), told == {o.name},
-        bool(told - {o.name}), bool(last.all()), int(ok.sum()), outside(found, at.poses), missed, len(ok),
+        name, number, kind, o.name, abs(size) / least, detectable, separable, bool((~ok).any() or reported), reported == {o.name},
+        bool(reported - {o.name}), bool(last.all()), int(ok.sum()), outside(found, at.poses), missed, len(ok),
     )  # fmt: skip
 
 

@@ -173,7 +173,7 @@ def draw(seed: int, case: str) -> dict[str, Any]:
     return out
 
 
-def told(found: list[Found], name: str) -> str:
+def reported(found: list[Found], name: str) -> str:
     """Return the share inside, root mean square error and median U95 of a figure."""
     error, u95 = np.array([f[name] for f in found if name in f]).T
     return f"{100.0 * np.mean(np.abs(error) <= u95):.1f} % ({np.sqrt(np.mean(np.square(error))):.2g}; {np.median(u95):.2g})"
@@ -188,8 +188,8 @@ def page(found: list[dict[str, Any]]) -> str:
         if not before:
             continue
         kinds = ", ".join(f"{kind} {times}" for kind, times in Counter(f["kind"] for f in own).items())
-        rows.append([text, "", "before", *(told(before, f) for f in FIGURES)])
-        rows.append(["", kinds, "after", *(told([f["after"] for f in own], f) for f in FIGURES)])
+        rows.append([text, "", "before", *(reported(before, f) for f in FIGURES)])
+        rows.append(["", kinds, "after", *(reported([f["after"] for f in own], f) for f in FIGURES)])
     return "\n".join(
         [
             "# Time stamps that jitter",

@@ -86,8 +86,8 @@ def from_the_general_platform(base: FloatArray, platform: FloatArray, lengths: F
     rows = study_quadric.links((base - at) / size, (platform - of) / size, (lengths / size) ** 2)
     general, forty = start_systems.start_of(start_systems.of_its_own()[-1])
     between = start_systems.random_links(start_systems.of_its_own()[-1], np.random.default_rng(77))
-    forty, told = follow_homotopy(general, between, forty)
-    ends = follow_homotopy(between, rows, forty[told == REACHED])[0]
+    forty, reported = follow_homotopy(general, between, forty)
+    ends = follow_homotopy(between, rows, forty[reported == REACHED])[0]
     proofs = krawczyk.proved(rows, ends)
     poses = study_quadric.poses(proofs.points[proofs.real & krawczyk.apart(proofs)].real)
     poses[:, :3] = poses[:, :3] * size + at - (se3.matrices(poses) @ of if len(poses) else 0.0)
@@ -137,14 +137,14 @@ def at_folds() -> str:
     """How near two assemblies may be: the three columns of 4.5, turned by a small angle either way, with the same lengths."""
     base = np.array([(0, -1, -1.6), (1, 0, -1.6), (0, 1, -1.6), (0, -2.6, 0), (2.6, 0, 0), (0, 2.6, 0)])
     platform = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0)] * 2, dtype=float)
-    told = []
+    reported = []
     for angle in 10.0 ** -np.arange(1.0, 9.0):
         lengths = lengths_at(base, platform, se3.pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, angle])))
         found = straight_links.assemblies(base, platform, lengths)
         turn = np.abs(se3.displacement(found.poses, np.array([0.0, 0, 0, 0, 0, 0, 1])))
         near = (turn.max(axis=1) < 5.0 * angle + 1e-4) if len(found.poses) else np.zeros(0, dtype=bool)
-        told.append(f"| {angle:.0e} | {near.sum()} | {found.certified[near].sum()} | {found.status} |")
-    return "\n".join(["| turn, rad | assemblies there | certified | status |", "|---|---|---|---|", *told])
+        reported.append(f"| {angle:.0e} | {near.sum()} | {found.certified[near].sum()} | {found.status} |")
+    return "\n".join(["| turn, rad | assemblies there | certified | status |", "|---|---|---|---|", *reported])
 
 
 def main() -> None:

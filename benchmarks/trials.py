@@ -86,7 +86,7 @@ def try_all(mutants: list[Mutant], tests: list[str], *, keep: Path | None, tell:
     the tests do not pass without a fault."""
     file, plain = ROOT / "lmeasure" / mutants[0].file, mutants[0].file.startswith("kernels/")
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "told"
+        out = Path(folder) / "reported"
         out.touch()
         known = _kept_of(keep or Path(folder), file, tests, plain)
         child = _forked(lambda: _pytest(tests, plain, plugin=_Trials(file, mutants, known, out)))

@@ -182,11 +182,11 @@ def shaken(hz: float, rate_hz: float, seed: int) -> list[dict[str, object]]:
     }
     measured = trajectory_of(t, posed(place + KNOWN_MM * rng.normal(size=place.shape), np.zeros((len(t), 3))))
     found = motion_of(replace(measured, random=np.tile(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * KNOWN_MM**2, (len(t), 1, 1))))
-    told = {"velocity": (found.velocity, found.u_velocity), "acceleration": (found.acceleration, found.u_acceleration)}
+    reported = {"velocity": (found.velocity, found.u_velocity), "acceleration": (found.acceleration, found.u_acceleration)}
     rows = range(0, len(t), EVERY)
     return [
         {"figure": name, "where": f"{'xyz'[a]} {i}", "reading": "sample", "error": v[i, 3 + a] - true[name][i, a], "u95": 2.0 * u[i, 3 + a]}
-        for name, (v, u) in told.items()
+        for name, (v, u) in reported.items()
         for a in range(3)
         for i in rows
     ]

@@ -130,14 +130,14 @@ def judged(
         took = time.monotonic() - begun
         return f"no answer in {took:.0f} s" if took > PATIENCE_S - 1.0 else f"refused: {type(error).__name__}"
     took, grown, left = time.monotonic() - begun, server.memory() - memory, set(tree(server.project)) ^ set(before)
-    told = [str(status)]
-    told += [f"{took:.0f} s"] if took > 3.0 else []
-    told += [f"{grown / 1024:.1f} GB"] if grown > 700 else []
-    told += [f"{len(left)} left"] if left else []
-    told += ["shows what it should not"] if SECRET in text else []
-    told += ["no security headers"] if "content-security-policy" not in {name.lower() for name in headers} else []
+    reported = [str(status)]
+    reported += [f"{took:.0f} s"] if took > 3.0 else []
+    reported += [f"{grown / 1024:.1f} GB"] if grown > 700 else []
+    reported += [f"{len(left)} left"] if left else []
+    reported += ["shows what it should not"] if SECRET in text else []
+    reported += ["no security headers"] if "content-security-policy" not in {name.lower() for name in headers} else []
     bad = status >= 500 or grown > 700 or took > 10.0 or SECRET in text or (status < 400 and not fine) or (status >= 400 and left)
-    return f"{'' if bad or len(told) > 2 else 'refused: ' if status >= 400 else 'harmless: '}{', '.join(told)}"
+    return f"{'' if bad or len(reported) > 2 else 'refused: ' if status >= 400 else 'harmless: '}{', '.join(reported)}"
 
 
 def multipart(files: list[tuple[str, bytes]], **fields: str) -> tuple[bytes, dict[str, str]]:
@@ -252,10 +252,10 @@ def words_of_browser(server: Server) -> str:
             end = time.monotonic() + 30.0
             while not called.exists() and time.monotonic() < end:
                 time.sleep(0.05)
-            told = called.read_text().strip()
+            reported = called.read_text().strip()
             process.kill()
-        if told.startswith("file://"):
-            return f"refused: a file, mode {'not ' if 'open-' not in told else ''}for its owner alone"
+        if reported.startswith("file://"):
+            return f"refused: a file, mode {'not ' if 'open-' not in reported else ''}for its owner alone"
         return "the token, for every user of the machine"
 
 
@@ -537,12 +537,12 @@ def main() -> None:
                 continue
             server.begin()
             try:
-                told = attempt(server)
+                reported = attempt(server)
             except Exception as error:
-                told = f"{type(error).__name__}: {error}"[:100]
-            rows.setdefault((kind, what), ["", ""])[column] = told.replace("|", "/")
-            print(f"{kind:8} {what[:60]:60} {told}", flush=True)
-            if any(word in told for word in ("no answer", "GB", "end in", "Error")):
+                reported = f"{type(error).__name__}: {error}"[:100]
+            rows.setdefault((kind, what), ["", ""])[column] = reported.replace("|", "/")
+            print(f"{kind:8} {what[:60]:60} {reported}", flush=True)
+            if any(word in reported for word in ("no answer", "GB", "end in", "Error")):
                 server.end()  # which may hang, or be full
         server.end()
     rows = {key: rows.get(key, ["", ""]) for key in tried}

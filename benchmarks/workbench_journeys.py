@@ -32,7 +32,7 @@ def main() -> None:
     begin = last = time.monotonic()
     number = 0
 
-    def told(what: str, page: Page) -> None:
+    def reported(what: str, page: Page) -> None:
         nonlocal last, number
         number += 1
         now = time.monotonic()
@@ -47,9 +47,9 @@ def main() -> None:
         with served(project) as address, opened(address, Path(scratch) / "profile") as page:
             begin = last = time.monotonic()
             if asked.who == "mechanic":
-                mechanic(page, told, Job(poses=asked.poses))
+                mechanic(page, reported, Job(poses=asked.poses))
             else:
-                engineer(page, told, project)
+                engineer(page, reported, project)
 
 
 if __name__ == "__main__":

@@ -113,10 +113,13 @@ def main() -> None:
     parser.add_argument("--kept", type=Path, help="a .csv that the table is written to while it grows")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        told = measure(Path(name), asked.minutes, asked.rate, asked.kept)
-    rows, last = told["rows"], told["last"]
-    print(f"{told['samples']} samples in {told['seconds']:.0f} s ({told['samples'] / told['seconds']:.0f}/s of {asked.rate:g} asked)")
-    print(f"frames lost {last['lost']}, samples with an empty cell {told['gaps']}, faults {last['faults'] or 'none'}")
+        reported = measure(Path(name), asked.minutes, asked.rate, asked.kept)
+    rows, last = reported["rows"], reported["last"]
+    print(
+        f"{reported['samples']} samples in {reported['seconds']:.0f} s "
+        f"({reported['samples'] / reported['seconds']:.0f}/s of {asked.rate:g} asked)"
+    )
+    print(f"frames lost {last['lost']}, samples with an empty cell {reported['gaps']}, faults {last['faults'] or 'none'}")
     print(f"frame to screen: median {np.nanmedian(rows[:, 1]):.0f} ms, largest median {np.nanmax(rows[:, 1]):.0f} ms")
     half = rows[len(rows) // 2 :]
     for j, what in enumerate(("server", "recorder", "browser", "scripts of the page"), 2):

@@ -69,7 +69,7 @@ def first_page(page: Page, base: str, times: int) -> list[float]:
     return out
 
 
-def told(name: str, values: list[float]) -> None:
+def reported(name: str, values: list[float]) -> None:
     """One line of figures."""
     ordered = sorted(values)
     most = ordered[int(0.95 * (len(ordered) - 1))]
@@ -90,10 +90,10 @@ def main() -> None:
             print(f"server: {1e3 * (time.perf_counter() - begin):.0f} ms until it tells its address")
             with opened(address, Path(scratch) / "profile") as page:
                 base = entered(page)
-                told("first page", first_page(page, base, times))
+                reported("first page", first_page(page, base, times))
                 page.go(f"{base}/rig?file=rig.toml")
                 page.wait("document.getElementById('scene-zone').textContent.includes('m³')")
-                told("dragged point to figures", [float(v) for v in page.evaluate(DRAG.replace("TIMES", str(times)))])
+                reported("dragged point to figures", [float(v) for v in page.evaluate(DRAG.replace("TIMES", str(times)))])
 
 
 if __name__ == "__main__":

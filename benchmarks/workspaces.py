@@ -50,7 +50,7 @@ CASES = (
 )
 
 
-class Told(NamedTuple):
+class Reported(NamedTuple):
     """A robot of fewer freedoms, the grid (least, most, step) of what it is told, their unit, and which of them by brute force it can
     take: `workspaces_told`."""
 
@@ -60,9 +60,9 @@ class Told(NamedTuple):
     can: Callable[[dict[str, Any], FloatArray], BoolArray]
 
 
-TOLD = (
-    Told("crank-platform", ((-8, 8, 1), (-8, 8, 1), (180, 206, 2)), "deg deg mm", workspaces_told.crank_platform),
-    Told("seven-link", ((30, 200, 0.5),), "mm", workspaces_told.seven_link),
+REPORTED = (
+    Reported("crank-platform", ((-8, 8, 1), (-8, 8, 1), (180, 206, 2)), "deg deg mm", workspaces_told.crank_platform),
+    Reported("seven-link", ((30, 200, 0.5),), "mm", workspaces_told.seven_link),
 )
 MOST_TOLD = 5000
 """Random values of what these are told: each is looked for by itself."""
@@ -261,21 +261,21 @@ def beside(case: Case, poses: int) -> tuple[int, int, float, float, float, float
     )
 
 
-def taken(robot: str, told: FloatArray) -> BoolArray:
+def taken(robot: str, reported: FloatArray) -> BoolArray:
     """(N,) whether by the program it can take told (N, k): turns about x and y [deg] and z, or x [mm], as from home."""
     file = any_shipped(robot)
     assert isinstance(file, ParallelFile)
-    model, delta = file.model, np.zeros((len(told), 6))
-    if told.shape[1] == 3:
-        delta[:, :2] = np.radians(told[:, :2])
-    asked = se3.displaced(np.tile(model.home, (len(told), 1)), delta)
-    asked[:, 2 if told.shape[1] == 3 else 0] = told[:, -1]
+    model, delta = file.model, np.zeros((len(reported), 6))
+    if reported.shape[1] == 3:
+        delta[:, :2] = np.radians(reported[:, :2])
+    asked = se3.displaced(np.tile(model.home, (len(reported), 1)), delta)
+    asked[:, 2 if reported.shape[1] == 3 else 0] = reported[:, -1]
     poses = model.nearest(asked)
     lost = np.isnan(poses[:, :1])
     return checked(model, file.limits, np.where(lost, model.home, poses)).all & ~lost[:, 0]
 
 
-def beside_told(case: Told, poses: int) -> tuple[int, int, float, float, float, float]:
+def beside_told(case: Reported, poses: int) -> tuple[int, int, float, float, float, float]:
     """As `beside`, sizes in the units of what is told."""
     data, axes = read(case.robot), tuple(np.arange(a, b + 0.5 * step, step) for a, b, step in case.axes)
     scale = np.array([np.radians(1.0)] * 2 + [1.0]) if len(axes) == 3 else np.ones(1)
@@ -316,10 +316,10 @@ def main() -> None:
         head,
     ]
     lines.append("|---" * 8 + "|")
-    for told in TOLD:
-        nodes, other, volume, error, random, u = beside_told(told, asked.poses)
+    for reported in REPORTED:
+        nodes, other, volume, error, random, u = beside_told(reported, asked.poses)
         sizes = " | ".join(f"{v:.2f}" for v in (volume, error, random, u))
-        lines.append(f"| {told.robot} | {told.unit} | {nodes} | {other} | {sizes} |")
+        lines.append(f"| {reported.robot} | {reported.unit} | {nodes} | {other} | {sizes} |")
         print(lines[-1], flush=True)
         bad |= other > 0 or abs(volume - random) > error + 3.0 * u
     run = f"`python benchmarks/workspaces.py --poses {asked.poses} --write`, seed {SEED}."

@@ -19,10 +19,10 @@ HALVINGS = 45
 FINE_MM = 0.1
 
 
-def crank_platform(data: dict[str, Any], told: FloatArray) -> BoolArray:
+def crank_platform(data: dict[str, Any], reported: FloatArray) -> BoolArray:
     """(N,) whether it can take told (N, 3): the rotation vector's x and y [rad] of its normal from the vertical, and its height [mm]."""
-    out = np.zeros(len(told), np.bool_)
-    for i, one in enumerate(told):
+    out = np.zeros(len(reported), np.bool_)
+    for i, one in enumerate(reported):
         pose = _closed(data, _tilted(one[0], one[1]), float(one[2]))
         out[i] = pose is not None and _cranks_can(data, *pose)
     return out
@@ -106,11 +106,11 @@ def _cranks_can(data: dict[str, Any], turn: FloatArray, place: FloatArray) -> bo
     return bool(values[-1] > data.get("limits", {}).get("singular", 1e-3) * values[0])
 
 
-def seven_link(data: dict[str, Any], told: FloatArray) -> BoolArray:
+def seven_link(data: dict[str, Any], reported: FloatArray) -> BoolArray:
     """(N,) whether it can take told (N, 1): x [mm], along its way from home."""
-    x, along = _way(data, float(told.min()), float(told.max()))
+    x, along = _way(data, float(reported.min()), float(reported.max()))
     driver = next(leg for leg in data["leg"] if leg["type"] == "way")
-    gone = np.interp(told[:, 0], x, along, left=np.nan, right=np.nan)
+    gone = np.interp(reported[:, 0], x, along, left=np.nan, right=np.nan)
     return np.asarray((gone >= driver["min_mm"]) & (gone <= driver["max_mm"]))
 
 

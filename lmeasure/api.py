@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 File = Path | str
 Steps = Callable[[int, int], None]
-"""Is told how much is done of how much; CancelledError raised from it ends the work."""
+"""Called with (done, total); CancelledError raised from it ends the work."""
 Span = tuple[float, float, float] | FloatArray
 """Nodes along an axis [mm]: start, stop and step, both ends included, or an array of them."""
 Given = TypeVar("Given")
@@ -560,10 +560,10 @@ def evaluate(
     from lmeasure.trajectory import Stated, read_trajectory
 
     chosen = _with("evaluate", settings or certification_CertificationSettings(), options)
-    told = _read(program, read_program)
-    poses = _read(trajectory, lambda path: read_trajectory(path, Stated(angles=chosen.angles, likely=told.angles)))
+    reported = _read(program, read_program)
+    poses = _read(trajectory, lambda path: read_trajectory(path, Stated(angles=chosen.angles, likely=reported.angles)))
     counted = None if run is None else _run(run, rig)
-    return certification_evaluate(poses, told, covariances, run=counted, settings=chosen, progress=progress)
+    return certification_evaluate(poses, reported, covariances, run=counted, settings=chosen, progress=progress)
 
 
 def certify(

@@ -270,7 +270,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     start = np.clip(search.current(), search.low, search.high)
     done = 0
 
-    def told(_: FloatArray, convergence: float) -> None:
+    def determined(_: FloatArray, convergence: float) -> None:
         nonlocal done
         done += 1
         if progress:
@@ -296,7 +296,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
                 polish=False,
                 tol=1e-4,
                 rng=random,
-                callback=told,
+                callback=determined,
             )
         )
         done = (number + 1) * generations

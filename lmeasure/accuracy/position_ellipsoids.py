@@ -1,11 +1,11 @@
-"""How a place of the cell is told: the ellipsoid of the position, and the cable that tells it worst."""
+"""How a place of the cell is determined: the ellipsoid of the position, and the cable that tells it worst."""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure.accuracy.readings import Readings, told
+from lmeasure.accuracy.readings import Readings, determined
 from lmeasure.accuracy.zone import make_plan
 from lmeasure.core import FloatArray, IntArray, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, WIDTH, counts_from_changes, length_gradients, span_lengths, span_rows_of
@@ -37,7 +37,7 @@ def ellipsoids(rig: Rig, calibration: CalibrationRecord | None, places: FloatArr
 
 
 def _of_channels(readings: Readings, poses: FloatArray) -> Ellipsoids:
-    found = told(readings, poses)
+    found = determined(readings, poses)
     covariance, weakest, angle = np.full((len(poses), 3, 3), np.nan), np.zeros(len(poses), dtype=np.int64), np.full(len(poses), 90.0)
     covariance[found.known] = found.covariance[:, 3:, 3:]
     cables = found.speed[:, : readings.cables]

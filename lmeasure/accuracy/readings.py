@@ -1,6 +1,7 @@
 """What readings of every kind, drums with cables, swivels and inclinations, tell of a pose in a cell, and what faults of theirs would show.
 
-With A the readings' rows at a pose, and V the covariance of what single readings cannot be told from, counts, where within a count each
+With A the readings' rows at a pose, and V the covariance of what single readings cannot be distinguished from, counts, where within a
+count each
 counter was zeroed and where each encoder has its zero, the pose is that of
 
     G = (A^T V^-1 A)^-1 A^T V^-1,    of covariance (A^T V^-1 A)^-1 + (G L)(G L)^T,
@@ -88,8 +89,9 @@ class Readings:
 
 
 @dataclass(frozen=True)
-class Told:
-    """Of n poses: lengths (n, cables) [mm], NaN where a cable cannot run; runs, known (n,) whether all do, and the pose is told. Of the k
+class Determined:
+    """Of n poses: lengths (n, cables) [mm], NaN where a cable cannot run; runs, known (n,) whether all do, and the pose is determined. Of
+    the k
     known ones: rows A (k, M, 6), G (k, 6, M), covariance (k, 6, 6) of (rotation [rad]; tool origin [mm]), L (k, M, r), norm2 (k,) squared
     Frobenius norm of the pseudo-inverse of the rows, moments divided by the platform's size and angles taken as lengths where they are
     seen, and speed (k, M) of each channel's point, at least 1 where it is seen best, under the twist that its reading alone makes by least
@@ -130,7 +132,7 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
     )
 
 
-def told(readings: Readings, poses: FloatArray) -> Told:
+def determined(readings: Readings, poses: FloatArray) -> Determined:
     """What the readings tell at poses (n, 7)."""
     rows, m, poses = readings.rows, len(readings.rows), np.ascontiguousarray(poses)
     values = span_lengths(rows, poses)
@@ -172,10 +174,10 @@ def told(readings: Readings, poses: FloatArray) -> Told:
     looks = looks[known]
     speed = np.linalg.norm(np.where(looks[:, :, None], moves + np.cross(turns, arms), turns), axis=2)
     speed *= np.where(looks, seen[known], 1.0)
-    return Told(values[:, : readings.cables], runs, known, A, G, covariance, L, (1.0 / eigenvalues[good]).sum(axis=1), speed)
+    return Determined(values[:, : readings.cables], runs, known, A, G, covariance, L, (1.0 / eigenvalues[good]).sum(axis=1), speed)
 
 
-def faults_at(readings: Readings, found: Told) -> tuple[Faults, FloatArray]:
+def faults_at(readings: Readings, found: Determined) -> tuple[Faults, FloatArray]:
     """What faults the readings would show at the k known poses of what they tell, and the effect (k, M) on the tool's place [mm] of one
     that is just not found."""
     m = len(readings.rows)
@@ -213,7 +215,7 @@ def _at(positions: FloatArray, turn: FloatArray) -> FloatArray:
 def _worse(
     out: FloatArray, flags: IntArray, readings: Readings, poses: FloatArray, *, points: FloatArray, pairs: IntArray, bodies: FloatArray
 ) -> None:
-    found = told(readings, poses)
+    found = determined(readings, poses)
     flags |= np.where(found.known, 0, np.where(found.runs, SINGULAR_PLACE, CANNOT_RUN))
     figures = np.repeat(np.array(WORST_START)[:, None], len(poses), axis=1)
     figures[[SPEED2, NORM2, U95_POSITION, U95_ROTATION, U95_ATTACHMENT]] = np.inf
@@ -249,13 +251,14 @@ def _of_point(covariance: FloatArray, arms: FloatArray) -> FloatArray:
 
 def worst_faults(readings: Readings, positions: FloatArray, quaternions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n, M) each, the worst of all (k, 4) orientations at (n, 3) positions: smallest fault of each channel that is found [mm, rad],
-    smallest that is told apart from one of any other, and the effect on the tool's place [mm] of one that is just not found; infinite where
-    a channel is not controlled or the pose is not told."""
+    smallest that is distinguished from one of any other, and the effect on the tool's place [mm] of one that is just not found; infinite
+    where
+    a channel is not controlled or the pose is not determined."""
     out = np.zeros((3, len(positions), len(readings.rows)))
     for begin in range(0, len(positions), CHUNK):
         part = slice(begin, begin + CHUNK)
         for turn in quaternions:
-            found = told(readings, _at(positions[part], turn))
+            found = determined(readings, _at(positions[part], turn))
             faults, effect = faults_at(readings, found)
             here = np.full((3, len(found.known), len(readings.rows)), np.inf)
             here[:, found.known] = faults.smallest, faults.apart, effect

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.accuracy.bodies import Body, body_rows
 from lmeasure.accuracy.faults import with_faults
 from lmeasure.accuracy.limits import Limits, broken_limits
-from lmeasure.accuracy.readings import readings_of, told
+from lmeasure.accuracy.readings import determined, readings_of
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
 from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, covariance_root
@@ -418,7 +418,7 @@ def taken_as_exact(
     if not (len(poses) and np.isfinite(begun).all()):
         return ()
     if rig.sensors:
-        found = told(readings_of(rig, calibration, start, np.zeros(len(rows))), poses)
+        found = determined(readings_of(rig, calibration, start, np.zeros(len(rows))), poses)
         poses, well, twists = poses[found.known], 1.0 / found.norm2, found.G[:, :, : len(rows)]
     else:
         weights = np.sqrt(1.0 / length_variance(rig))

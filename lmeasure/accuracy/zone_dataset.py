@@ -1,4 +1,4 @@
-"""A scanned zone as a dataset over x, y, z: limits applied, told to a person, written and read."""
+"""A scanned zone as a dataset over x, y, z: limits applied, printed for the reader, written and read."""
 
 import json
 import math
@@ -31,7 +31,7 @@ ABOUT = {
     "clearance_mm": ("least distance between cables, and from cable to body", "mm"),
     "assembly": ("sign of the determinant, 0 where it changes", "1"),
     "least_fault": ("smallest fault of a channel that one sample shows (0.1 %, power 80 %), worst over the orientations", "channel_unit"),
-    "least_fault_apart": ("smallest that is told apart from one of any other channel, worst over the orientations", "channel_unit"),
+    "least_fault_apart": ("smallest that is distinguished from one of any other channel, worst over the orientations", "channel_unit"),
     "fault_effect_mm": ("what a fault that is just not found does to the tool's place, worst over the orientations", "mm"),
     "flags": ("cable cannot run 1, singular 2", "1"),
 }

@@ -64,8 +64,8 @@ class Recording:
             message("acquisition.samples_from_frames_over", samples=self.samples, frames=self.frames, seconds=self.seconds, faults=faults)
         ]
         if self.missing:
-            told = tuple(message("acquisition.channel_in", channel=channel, n=n) for channel, n in self.missing.items())
-            lines.append(message("acquisition.counts_missing_samples", told=told, samples=self.samples, advice=self._advice))
+            reported = tuple(message("acquisition.channel_in", channel=channel, n=n) for channel, n in self.missing.items())
+            lines.append(message("acquisition.counts_missing_samples", reported=reported, samples=self.samples, advice=self._advice))
         lines += self.notes
         if self.closure:
             differ = ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items())

@@ -103,7 +103,7 @@ class StructureError(LMeasureError, ValueError):
 
 
 class CertificationError(LMeasureError, ValueError):
-    """A program and a trajectory from which a characteristic cannot be told."""
+    """A program and a trajectory from which a characteristic cannot be determined."""
 
 
 class OtherTrajectoryError(CertificationError):

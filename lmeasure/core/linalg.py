@@ -19,7 +19,7 @@ def symmetric_root(covariance: FloatArray) -> FloatArray:
     """(..., k, k) symmetric square roots of covariances (..., k, k); NaN (what is not measured) counts as zero.
 
     What is rounded off an eigenvalue of zero would be 1e-8 of the largest in its root, and another number on each processor. How many are
-    zero is told in units of each component's own width, for millimetres say nothing of radians; rank is the same in all units.
+    zero is given in units of each component's own width, for millimetres say nothing of radians; rank is the same in all units.
     """
     covariance = np.nan_to_num(covariance)
     width = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
@@ -36,7 +36,8 @@ def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
     """(p, r) F with F F^T the covariance (p, p), of the columns of the symmetric root; width (p,): a standard uncertainty of each
     parameter, 0 where it is exact.
 
-    Parameters are millimetres and radians, known well and badly: what is nothing can only be told in units of their own widths. One that
+    Parameters are millimetres and radians, known well and badly: what is nothing can only be determined in units of their own widths. One
+    that
     several cables share stands in the covariance several times, and once in F, where what is exact has no column.
     """
     unit = np.where(width > 0.0, width, 1.0)

@@ -27,7 +27,7 @@ class Status(IntEnum):
     OTHER_ASSEMBLY = 6
     """The lengths fit two assemblies."""
     INCONSISTENT = 7
-    """Redundant channels contradict each other, and which is wrong cannot be told."""
+    """Redundant channels contradict each other, and which is wrong cannot be determined."""
     ORIGIN_LOST = 8
     """A counter went on after a discontinuity that nothing has bridged."""
 

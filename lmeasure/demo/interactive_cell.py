@@ -111,7 +111,7 @@ class PlayedCell:
         return [] if self._poses is None else list(self._poses.names)
 
     def stands_at(self) -> list[float]:
-        """Where the robot stands or goes, as it is told: x, y, z [mm] and the angles of the rig's convention."""
+        """Where the robot stands or goes, as commanded: x, y, z [mm] and the angles of the rig's convention."""
         turn = angles_from_rotation(self.rig.angles, se3.rotation(self._here[None]))[0]
         return [round(float(v), 6) + 0.0 for v in (*self._here[:3], *turn)]
 

@@ -124,8 +124,8 @@ def close_loop(
     write_correction(out / "corrected", corrected, listing, inputs=inputs, language=language)
 
     report = step(AGAIN)
-    told = read_commands(out / "corrected" / "commands.csv")
-    later = robot.perform(told, told[-1].poses[-1], retest.rate_hz, rng, since_s=warm_s + float(done.time_s[-1]))
+    reported = read_commands(out / "corrected" / "commands.csv")
+    later = robot.perform(reported, reported[-1].poses[-1], retest.rate_hz, rng, since_s=warm_s + float(done.time_s[-1]))
     program = timed(retest.plan.program, later, retest.settle_s)
     write_program(out / "again" / "program.toml", program)
     write_run(out / "again" / "run", cell.record(later, rng, report))

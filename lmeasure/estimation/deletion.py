@@ -107,8 +107,8 @@ class Remainder:
     def falls(self, columns: FloatArray) -> FloatArray:
         """(c,) by how much chi-squared would fall with each of columns (e, c) alone, 0 where nothing tells of it."""
         stiffness, pull = np.einsum("ec,ec->c", columns, self._P @ columns), columns.T @ self._seen
-        told = stiffness > 1e-9 * float(np.trace(self._P))
-        return np.asarray(np.where(told, pull**2 / np.where(told, stiffness, 1.0), 0.0))
+        determined = stiffness > 1e-9 * float(np.trace(self._P))
+        return np.asarray(np.where(determined, pull**2 / np.where(determined, stiffness, 1.0), 0.0))
 
 
 class Deletion(Remainder):
@@ -145,10 +145,10 @@ class Deletion(Remainder):
         nuisance = self._fit.problem.nuisance
         if not columns.shape[1]:
             return None
-        told = _told(columns.T @ self._P @ columns, columns.T @ self._alone @ columns, 0 if nuisance is None else nuisance.size)
-        if told is None:
+        determined = _told(columns.T @ self._P @ columns, columns.T @ self._alone @ columns, 0 if nuisance is None else nuisance.size)
+        if determined is None:
             return None
-        values, vectors = told
+        values, vectors = determined
         shift = vectors.T @ (columns.T @ self._seen) / values
         return Shift(float(np.sum(shift**2 / (1.0 / values - extra))), len(shift))
 
@@ -159,10 +159,10 @@ class Deletion(Remainder):
         for group in np.unique(groups):
             rows = np.flatnonzero(groups == group)
             lost = 0 if nuisance is None else nuisance.size * len(np.unique(nuisance.of[rows]))
-            told = _told(self._P[np.ix_(rows, rows)], self._alone[np.ix_(rows, rows)], lost)
-            if told is None:
+            determined = _told(self._P[np.ix_(rows, rows)], self._alone[np.ix_(rows, rows)], lost)
+            if determined is None:
                 continue
-            values, vectors = told
+            values, vectors = determined
             out.append((rows, vectors.T @ self._seen[rows] / values + vectors.T @ self._astray[rows]))
         return out
 

@@ -38,13 +38,13 @@ def fit(problem: Problem, start: FloatArray, prior: bool, near: bool) -> Fit:
             part = Eliminated(problem, theta, V, most)
             if not everywhere and number >= UNDECIDED:
                 most = min(most, int(part.known.sum()))
-            told, away = part.told(r), part.Vt @ z
+            determined, away = part.determined(r), part.Vt @ z
             if everywhere:
-                dz = -part.Vt.T @ ((part.s * told + away) / (1.0 + part.s**2))
+                dz = -part.Vt.T @ ((part.s * determined + away) / (1.0 + part.s**2))
                 converged = float(np.linalg.norm(dz)) < FINE
             else:
-                dz = -part.Vt.T @ np.where(part.known, told / np.where(part.known, part.s, 1.0), away)
-                converged = max(float(np.linalg.norm(told[part.known])), float(np.linalg.norm(away[~part.known]))) < FINE
+                dz = -part.Vt.T @ np.where(part.known, determined / np.where(part.known, part.s, 1.0), away)
+                converged = max(float(np.linalg.norm(determined[part.known])), float(np.linalg.norm(away[~part.known]))) < FINE
             dp, fraction = part.follow_up(r, dz), min(1.0, 2.0 / max(float(np.linalg.norm(dz)), 1e-300))
             now = part.merit(r, z, everywhere)
             for _ in range(12):
@@ -81,8 +81,8 @@ def linear_objective(problem: Problem) -> float:
         return float(r @ np.linalg.solve(V + along @ along.T, r))
     part = Eliminated(problem, theta, problem.covariance(theta), problem.own)
     r = problem.residuals(theta)
-    told = part.told(r)
-    return float(np.sum((part.W @ r) ** 2) - np.sum(told**2 * part.s**2 / (1.0 + part.s**2)))
+    determined = part.determined(r)
+    return float(np.sum((part.W @ r) ** 2) - np.sum(determined**2 * part.s**2 / (1.0 + part.s**2)))
 
 
 class Eliminated:
@@ -99,7 +99,7 @@ class Eliminated:
         self.s = np.r_[s, np.zeros(own - len(s))]
         self.known = (self.s > 1.0) & (np.arange(own) < most)
 
-    def told(self, r: FloatArray) -> FloatArray:
+    def determined(self, r: FloatArray) -> FloatArray:
         """(p,) components of the residuals along the directions of the parameters, 0 where there is no equation."""
         out = np.zeros(len(self.s))
         count = min(len(self.s), self.U.shape[1])
@@ -135,7 +135,7 @@ def _eliminate(nuisance: Nuisance, P: FloatArray) -> tuple[FloatArray, FloatArra
         left, back, rank = _apart(P[rows[:, :, None], own[:, None, :]])
         inverse[own[:, :, None], rows[:, None, :]] = back
         loose += blocks[rank < d].tolist()
-        # a block that is not told wholly ends the estimation: its part need not be the largest
+        # a block that is not wholly determined ends the estimation: its part need not be the largest
         many = max(rows.shape[1] - d, 0)
         N[rows[:, :, None], used + np.arange(len(blocks) * many).reshape(len(blocks), 1, many)] = left[:, :, rows.shape[1] - many :]
         used += len(blocks) * many
@@ -157,14 +157,14 @@ def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
     # columns of one size, so that rank is a matter of geometry and not of units
     size = np.maximum(np.linalg.norm(P, axis=1), 1e-300)
     U, s, Vt = np.linalg.svd(P / size[:, None, :], full_matrices=True)
-    told = s > RANK * s.max(axis=1, initial=0.0, keepdims=True)
+    determined = s > RANK * s.max(axis=1, initial=0.0, keepdims=True)
     count = s.shape[1]
     back = (
         np.swapaxes(Vt[:, :count], 1, 2)
-        * np.where(told, 1.0 / np.where(told, s, 1.0), 0.0)[:, None, :]
+        * np.where(determined, 1.0 / np.where(determined, s, 1.0), 0.0)[:, None, :]
         @ np.swapaxes(U[:, :, :count], 1, 2)
     )
-    return U, back / size[:, :, None], told.sum(axis=1)
+    return U, back / size[:, :, None], determined.sum(axis=1)
 
 
 def _described(problem: Problem, theta: FloatArray, V: FloatArray, prior: bool, part: Eliminated, converged: bool, framed: bool) -> Fit:

@@ -133,7 +133,7 @@ class Candidates(Protocol):
         """(c, d) candidates."""
 
     @property
-    def told(self) -> FloatArray:
+    def determined(self) -> FloatArray:
         """(c, m, q) their `blocks`, worked out once."""
 
     def blocks(self, points: FloatArray) -> FloatArray:
@@ -152,18 +152,18 @@ class Candidates(Protocol):
 
 @dataclass(frozen=True)
 class Numbered:
-    """Candidates told apart by their numbers alone; told (c, m, q)."""
+    """Candidates distinguished by their numbers alone; determined (c, m, q)."""
 
-    told: FloatArray
+    determined: FloatArray
 
     @property
     def pool(self) -> FloatArray:
         """(c, 1) their numbers."""
-        return np.arange(len(self.told), dtype=np.float64)[:, None]
+        return np.arange(len(self.determined), dtype=np.float64)[:, None]
 
     def blocks(self, points: FloatArray) -> FloatArray:
         """(n, m, q) of numbers (n, 1)."""
-        return self.told[points[:, 0].astype(np.int64)]
+        return self.determined[points[:, 0].astype(np.int64)]
 
     def apart(self, tried: FloatArray, points: FloatArray) -> BoolArray:
         """(n,) True for numbers not among points."""
@@ -204,7 +204,7 @@ class Design(Generic[C]):
 
 def empty(candidates: C, before: FloatArray) -> Design[C]:
     """A design without points."""
-    return Design(candidates, before, candidates.pool[:0], candidates.told[:0])
+    return Design(candidates, before, candidates.pool[:0], candidates.determined[:0])
 
 
 def grown(design: Design[C], count: int, criterion: Criterion | None, rng: np.random.Generator) -> Design[C]:
@@ -214,10 +214,10 @@ def grown(design: Design[C], count: int, criterion: Criterion | None, rng: np.ra
         free = space.apart(space.pool, design.points)
         if not free.any():
             break
-        best = rng.choice(np.flatnonzero(free)) if criterion is None else criterion.best(design.information, space.told, free)[0]
+        best = rng.choice(np.flatnonzero(free)) if criterion is None else criterion.best(design.information, space.determined, free)[0]
         i = slice(int(best), int(best) + 1)
         design = replace(
-            design, points=np.concatenate([design.points, space.pool[i]]), blocks=np.concatenate([design.blocks, space.told[i]])
+            design, points=np.concatenate([design.points, space.pool[i]]), blocks=np.concatenate([design.blocks, space.determined[i]])
         )
     return design
 
@@ -236,15 +236,15 @@ def improved(design: Design[C], criterion: Criterion, rng: np.random.Generator) 
 def _swept(design: Design[C], criterion: Criterion, near: bool) -> Design[C]:
     """Each point in turn against the pool, or against what lies beside it."""
     space, value = design.candidates, criterion.value(design.information)
-    around = _around(design) if near else [(space.pool, space.told)] * len(design.points)
-    for k, (tried, told) in enumerate(around):
+    around = _around(design) if near else [(space.pool, space.determined)] * len(design.points)
+    for k, (tried, determined) in enumerate(around):
         free = space.apart(tried, np.delete(design.points, k, axis=0))
         if not free.any():
             continue
-        i, now = criterion.best(design.without(k), told, free)
+        i, now = criterion.best(design.without(k), determined, free)
         if criterion.better(now, value):
             points, own = design.points.copy(), design.blocks.copy()
-            points[k], own[k] = tried[i], told[i]
+            points[k], own[k] = tried[i], determined[i]
             design = replace(design, points=points, blocks=own)
             value = criterion.value(design.information)
     return design
@@ -254,8 +254,8 @@ def _around(design: Design[C]) -> list[tuple[FloatArray, FloatArray]]:
     """What lies beside each point (n, d), with its blocks (n, m, q)."""
     space = design.candidates
     beside = space.beside(design.points)
-    told = space.blocks(np.concatenate(beside))
-    return list(zip(beside, np.split(told, np.cumsum([len(b) for b in beside[:-1]])), strict=True))
+    determined = space.blocks(np.concatenate(beside))
+    return list(zip(beside, np.split(determined, np.cumsum([len(b) for b in beside[:-1]])), strict=True))
 
 
 def _hung(design: Design[C], criterion: Criterion, near: bool, rng: np.random.Generator) -> Design[C]:

@@ -68,7 +68,7 @@ class Explanation:
 
     @property
     def key(self) -> Key:
-        """What it is told from others by."""
+        """What it differs from others by."""
         return self.name, self.label
 
 

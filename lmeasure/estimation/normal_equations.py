@@ -37,13 +37,14 @@ class Blockwise(Protocol[L]):
 
 @dataclass(frozen=True)
 class Optimum(Generic[L]):
-    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, told: how many of the parameters they determine, those
+    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, determined: how many of the parameters they
+    determine, those
     that they and the priors do together in parts, chi2 of them, how many, whether it settled, and what is predicted there."""
 
     theta: FloatArray
     covariance: FloatArray
     information: FloatArray
-    told: float
+    determined: float
     chi2: float
     equations: int
     converged: bool
@@ -82,8 +83,8 @@ def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Op
             if damping > 1e8:
                 break
     root = width[:, None] * scipy.linalg.solve_triangular(triangle[:-1, :-1], np.eye(len(theta)))
-    told = len(theta) - float(((root / width[:, None]) ** 2).sum())
-    return Optimum(theta, root @ root.T, jacobian.T @ jacobian, told, float(residuals @ residuals), len(residuals), converged, at)
+    determined = len(theta) - float(((root / width[:, None]) ** 2).sum())
+    return Optimum(theta, root @ root.T, jacobian.T @ jacobian, determined, float(residuals @ residuals), len(residuals), converged, at)
 
 
 def _triangle(jacobian: FloatArray, residuals: FloatArray, off: FloatArray) -> FloatArray:

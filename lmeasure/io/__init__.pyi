@@ -19,7 +19,7 @@ from .models import (
     complaints as complaints,
     gathered as gathered,
     refuse as refuse,
-    told as told,
+    reported as reported,
     whole as whole,
 )
 from .safe_open import (

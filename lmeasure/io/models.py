@@ -55,7 +55,7 @@ _OWN_WORDS = frozenset(("schema_", "from_point", "to_point", "from_pose", "to_po
 _NAMED_BY = ("name", "channel", "point", "pose", "characteristic", "from")
 """Keys by which a person knows one of several tables."""
 MOST = 20
-"""Complaints about one file that are told."""
+"""Complaints about one file that are reported."""
 
 
 class Strict(BaseModel):
@@ -106,14 +106,15 @@ def checked(
     also: Callable[[Mapping[str, Any]], Iterable[tuple[Keys, str]]] = lambda data: (),
 ) -> Model:
     """The model of a file's content. The error has a line for everything that is wrong: source (the file) and, where data is what
-    `io.files.read_toml` gave, its line there; table, key, what the value must be and what it is. also: what can be told of data that the
+    `io.files.read_toml` gave, its line there; table, key, what the value must be and what it is. also: what can be determined of data
+    that the
     model
     does not take, for what its own validators of the whole look at only when every part is right."""
     try:
         return model.model_validate(data, by_alias=True, by_name=False)
     except ValidationError as found:
         every = (*complaints(found, data, model), *also(data))
-        raise told(source, data, _of_another_kind(every, data) or every, error) from None
+        raise reported(source, data, _of_another_kind(every, data) or every, error) from None
 
 
 def _of_another_kind(found: Iterable[tuple[Keys, str]], data: Mapping[str, Any]) -> list[tuple[Keys, str]]:
@@ -122,7 +123,7 @@ def _of_another_kind(found: Iterable[tuple[Keys, str]], data: Mapping[str, Any])
     return [one for one in found if one[0] == ("schema",)] if isinstance(stated, str) and stated.startswith("lmeasure.") else []
 
 
-def told(
+def reported(
     source: str, data: Any, found: Iterable[tuple[Keys, str]], error: Callable[[str], LMeasureError] = FileFormatError
 ) -> LMeasureError:
     """The error of complaints (keys that lead there, what is wrong), in the order of the file's lines."""

@@ -24,7 +24,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _Fault = tuple[int, str, str]
 """Row from 0, column, what is wrong there."""
 ENOUGH = 1000
-"""Faults of a kind in a column that are looked for: far more than are told."""
+"""Faults of a kind in a column that are looked for: far more than are reported."""
 
 
 def _parsed(name: str, column: pa.ChunkedArray) -> tuple[pa.ChunkedArray, list[_Fault]]:
@@ -112,7 +112,7 @@ class Table:
             raise gathered(str(self.path), lines)
 
     def _read(self, name: str, gaps: bool) -> tuple[FloatArray, list[_Fault]]:
-        """(n,) values, and what is wrong with cells, of each kind not many more than are told."""
+        """(n,) values, and what is wrong with cells, of each kind not many more than are reported."""
         column = self._column(name)
         faults: list[_Fault] = []
         try:

@@ -144,7 +144,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Told:
+class Reported:
     """Figures (n, q) of n cycles, how far the splines that they are read from may be off (n, q), and by each law that the errors may have
     what the figures of a likely motion are without errors (n, q) and with them (trials, n, q).
     unresolved: as between (n, q), where the samples do not resolve the motion."""
@@ -232,7 +232,7 @@ class Motion:
         poses = self.frame.of(self.trajectory.poses[part])
         return Stretch(np.arange(part.start, part.stop), self.trajectory.time_s[part], poses, places)
 
-    def read(self, cycles: Sequence[Stretch], reading: Reading) -> Told:
+    def read(self, cycles: Sequence[Stretch], reading: Reading) -> Reported:
         """What a reading tells of cycles."""
         values, halves, quarters, found = [], [], [], []
         # of each place by each law, at all cycles
@@ -253,7 +253,7 @@ class Motion:
         # where leaving out samples once more changes a figure by hardly more, they do not resolve it, and all of the change may be left
         unresolved = by_half * np.clip(nearer / np.maximum(1.0 - nearer, 1e-9), 1.0 / WITHOUT_HALF, 1.0)
         by_law = tuple(self._drawn(cycles, found, of_places, reading) for of_places in zip(*laws, strict=True))
-        return Told(np.array(values), by_half / WITHOUT_HALF, by_law, unresolved)
+        return Reported(np.array(values), by_half / WITHOUT_HALF, by_law, unresolved)
 
     def _drawn(
         self, cycles: Sequence[Stretch], found: Sequence[tuple[Finer, IntArray]], laws: Sequence[PoseErrors], reading: Reading

@@ -1,4 +1,4 @@
-"""A finite counter: its wraps undone, and what cannot be a motion told apart."""
+"""A finite counter: its wraps undone, and and what cannot be a motion is detected."""
 
 import math
 

@@ -123,13 +123,13 @@ def follow_homotopy(start: ComplexArray, aim: ComplexArray, points: ComplexArray
     (n, 8) ends of length one, and (n,) whether each was REACHED or LOST: a path whose end is singular or at infinity.
     """
     n = points.shape[0]
-    ends, told = points.copy(), np.zeros(n, np.int64)
+    ends, determined = points.copy(), np.zeros(n, np.int64)
     way = aim - start
     J, at = np.zeros((8, 8), np.complex128), np.zeros((6, 7), np.complex128)
     x, y, z, k, ahead = np.zeros((5, 8), np.complex128)
     for path in range(n):
         x[:] = points[path]
-        t, step, told[path] = 0.0, FIRST_STEP, LOST
+        t, step, determined[path] = 0.0, FIRST_STEP, LOST
         for _ in range(MOST_STEPS):
             x /= size(x)
             step = min(step, 1.0 - t)
@@ -177,7 +177,7 @@ def follow_homotopy(start: ComplexArray, aim: ComplexArray, points: ComplexArray
                 x[:] = y
                 t += step
                 if t >= 1.0:
-                    told[path] = REACHED
+                    determined[path] = REACHED
                     break
                 step *= min(3.0, max(0.5, 0.9 * (WANTED / (first + 1e-30)) ** 0.2))
             else:
@@ -185,4 +185,4 @@ def follow_homotopy(start: ComplexArray, aim: ComplexArray, points: ComplexArray
                 if step < LEAST_STEP:
                     break
         ends[path] = x / size(x)
-    return ends, told
+    return ends, determined

@@ -9,7 +9,7 @@ Whether a pose is singular is a matter of geometry. So it is judged by rows of a
 is seen, whatever the readings weigh: readings that are hardly known make a pose uncertain, not singular.
 
 Where just as many channels count as components are free, two poses of the same readings meet at a singular one, as with six cables
-(`screw.resume`): what cannot be told from it is refused, and from there on everything until more channels count.
+(`screw.resume`): what cannot be distinguished from it is refused, and from there on everything until more channels count.
 """
 
 import math
@@ -42,7 +42,7 @@ from lmeasure.kernels.vector import Vec3, add, cross, norm, orientation, rotate,
 
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
 FALLING_MM = 1e-4  # from which on steps tell how they go on falling
-LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
+LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be determined from the other
 NEAR_SPEED = 1.0 / math.cos(NEAR_SINGULAR)
 TURNS_ALONE = 1e-7  # force of a channel, over its moment, below which it is rounding
 HARDLY_KNOWN = 1e-14  # pivot of the weighted normal equations down to which rounding leaves them sound
@@ -256,7 +256,7 @@ def fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
 
 @kernel
 def _lost(cables: FloatArray, pose: FloatArray, weights: FloatArray, free: IntArray, size: float, targets: FloatArray) -> bool:
-    """Whether channels that count move a point without end, were all known alike: then no assembly can be told from the other."""
+    """Whether channels that count move a point without end, were all known alike: then no assembly can be determined from the other."""
     units, G, r = np.empty(len(weights)), np.empty((6, len(weights))), np.empty(len(weights))
     alike(cables, pose, weights, size, units)
     return not length_twists(cables, pose, units, free, size, targets, G, r) or fastest(cables, pose, G) > LOST_SPEED

@@ -322,7 +322,7 @@ def resume_screw(
 
     Two assemblies meet at a singular pose. There the same lengths have two poses, and the start's sign of the determinant fits the
     wrong one once the motion went through. So a sample that lengths uncertain by u (6,) [mm] cannot tell from a singular pose is
-    SINGULAR, and from it, or from a sample whose next ones could lie beyond, everything is OTHER_ASSEMBLY: it cannot be told which.
+    SINGULAR, and from it, or from a sample whose next ones could lie beyond, everything is OTHER_ASSEMBLY: it cannot be determined which.
 
     Returns poses (n, 7), residuals (n,) [mm], iterations (n,), status (n,), worst pressure angles (n,) [rad]. What is not OK is NaN.
     """

@@ -93,9 +93,9 @@ def _solve(N: FloatArray) -> None:
 
 
 @inline
-def _norm(B: FloatArray, N: FloatArray, size: float, told: bool) -> None:
+def _norm(B: FloatArray, N: FloatArray, size: float, determined: bool) -> None:
     """Squared Frobenius norm of the pseudo-inverse, moments divided by size: the trace of the inverse of the normal equations. It tells
-    whether that is sound, and where it is told it is a figure of the place."""
+    whether that is sound, and where it is determined it is a figure of the place."""
     for lane in range(LANES):
         a, c = at(N, _A, lane), at(N, _C, lane)
         A = (a, at(N, _A + 3, lane))
@@ -104,7 +104,7 @@ def _norm(B: FloatArray, N: FloatArray, size: float, told: bool) -> None:
         x, y, z = (k0[0], k1[0], k2[0]), (k0[1], k1[1], k2[1]), (k0[2], k1[2], k2[2])
         moves = c[0] + c[1] + c[2] + dot(x, _times(A, x)) + dot(y, _times(A, y)) + dot(z, _times(A, z))
         norm2 = (a[0] + a[1] + a[2]) * (size * size) + moves
-        if told:
+        if determined:
             most(B, WORST + NORM2, lane, norm2)
         # rounding alone makes it negative, and a NaN would be taken for less than nothing
         least(B, SOUND, lane, 1.0 / math.sqrt(norm2) if norm2 > 0.0 else 0.0)

@@ -1,4 +1,4 @@
-"""Rigs whose links depend on each other at every pose, told from coordinates: architecturally singular ones.
+"""Rigs whose links depend on each other at every pose, determined from coordinates: architecturally singular ones.
 
 A structure does not tell them; the places of its points do. Whether the links depend is seen at poses taken at random: dimensions at which
 they hold a body anywhere hold it at almost all poses. The names are of the known kinds: all points of a body on one line, four links

@@ -56,7 +56,7 @@ class Chain:
         """(n,) of boxes (n, 6, 2) of lengths [mm], in the order of the links, and the tetrahedra up to the last: STANDS, UNKNOWN or
         FALLS."""
         links = {link: boxes[:, self.found.order[i]] for i, link in enumerate(self.found.structure.links)}
-        told = np.full(len(boxes), STANDS)
+        determined = np.full(len(boxes), STANDS)
         placed: dict[Point, FloatArray] = {}
         known: dict[frozenset[Point], FloatArray] = {frozenset({("P", p), ("B", b)}): box for (p, b), box in links.items()}
 
@@ -70,15 +70,15 @@ class Chain:
             for step, (side, i, corners) in enumerate(self.found.structure.placements or ()):
                 apex = (side, i)
                 five = self._five(apex, corners, distance)
-                told = np.minimum(told, _standing(five, distance(apex, corners[2])))
-                if step == last or not (told == STANDS).any():
+                determined = np.minimum(determined, _standing(five, distance(apex, corners[2])))
+                if step == last or not (determined == STANDS).any():
                     break
                 placed[apex] = self._apex(apex, corners, five, distance, placed, self.sides[step])
                 a = corners[0]
                 for other in self._place:
                     if other[0] != side and frozenset({apex, other}) not in known:
                         known[frozenset({apex, other})] = self._to(placed[apex], self._place[a], distance(apex, a), self._place[other])
-        return np.asarray(told)
+        return np.asarray(determined)
 
     def _five(self, apex: Point, corners: tuple[Point, ...], distance: Callable[[Point, Point], FloatArray]) -> FloatArray:
         x, y, q = corners
@@ -148,7 +148,7 @@ def _foot(d: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
 
 def _standing(five: FloatArray, pq: FloatArray) -> IntArray:
     """(n,) whether tetrahedra with edges five (n, 5, 2) (`flat.EDGES`) and pq (n, 2) stand, all of a box."""
-    told = np.full(len(five), STANDS)
+    determined = np.full(len(five), STANDS)
     for side, way in ((1.0, 1.0), (-1.0, -1.0)):  # near flat values from above, far ones from below
         square, rates, whole = enclosed(five, side)
         ends = five.copy()
@@ -160,8 +160,8 @@ def _standing(five: FloatArray, pq: FloatArray) -> IntArray:
         whole_edge = iv.root(square)
         never = whole_edge[:, 0] > pq[:, 1] if way > 0.0 else pq[:, 0] > whole_edge[:, 1]
         never |= np.isnan(square).any(axis=1) & np.isfinite(five).all(axis=(1, 2)) & ~_faces(five)
-        told = np.minimum(told, np.where(sure, STANDS, np.where(never, FALLS, UNKNOWN)))
-    return told
+        determined = np.minimum(determined, np.where(sure, STANDS, np.where(never, FALLS, UNKNOWN)))
+    return determined
 
 
 def _faces(five: FloatArray) -> BoolArray:
@@ -184,10 +184,10 @@ def proved(judge: Judge, box: FloatArray, most: int = BOXES) -> bool:
         used += len(boxes)
         if used > most:
             return False
-        told = judge(boxes)
-        if (told == FALLS).any():
+        determined = judge(boxes)
+        if (determined == FALLS).any():
             return False
-        boxes = halved(boxes[told == UNKNOWN])
+        boxes = halved(boxes[determined == UNKNOWN])
     return True
 
 

@@ -111,7 +111,7 @@ def led(
     if (bounds.values(pose) >= margin).all():
         return pose
     aim = margin if aim is None else aim
-    # a body that is not turned has no rim that would matter: its places are told apart by the size of the rig
+    # a body that is not turned has no rim that would matter: its places are distinguished by the size of the rig
     rim = rim_mm(bounds.body) if turns else max(rim_mm(bounds.body), 0.1 * rim_mm(bounds.base))
     unit = np.diag(np.repeat([1.0 / rim, 1.0], 3))[:, 0 if turns else 3 :]
     now = np.zeros(unit.shape[1]) if start is None else (se3.displacement(start, pose) * np.repeat([rim, 1.0], 3))[0 if turns else 3 :]

@@ -1,6 +1,6 @@
 """Limits of lengths within which the assembly of one pose is never singular, for links of any structure, proved around that pose.
 
-Where no tetrahedra lead to a pose, what is singular is not told by edges. With the pose for the origin, its Study coordinates are
+Where no tetrahedra lead to a pose, what is singular is not determined by edges. With the pose for the origin, its Study coordinates are
 x = (1, e; g), y = (e; g) is small, and each link is a quadric J_k y + y Q_k y = d_k (1 + e.e), d_k the change of its squared length; the
 seventh is Study's. In u = J y, the changes to first order,
 

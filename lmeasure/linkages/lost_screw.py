@@ -51,11 +51,11 @@ class Split:
         self._free = free
         J = rows[:, free] * self._scale
         U, s, V = np.linalg.svd(J / u[:, None])
-        told = min(len(rows), len(free) - 1)
+        determined = min(len(rows), len(free) - 1)
         self.lost = self._screw(V[-1], place, float(np.linalg.norm(J @ V[-1])))
         self.twist = self._twist(V[-1])
         """(6,) the screw as a twist (rotation; origin) that moves the body by 1 mm, a turn counted at its rim."""
-        self._inverse = (V[:told].T / s[:told]) @ (U[:, :told].T / u)
+        self._inverse = (V[:determined].T / s[:determined]) @ (U[:, :determined].T / u)
         self._u = u
 
     def _twist(self, x: FloatArray) -> FloatArray:

@@ -141,8 +141,8 @@ def neighbourhood(base: FloatArray, body: FloatArray, pose: FloatArray, size_mm:
     if steep <= FLAT * scale * size:
         values, vectors = np.linalg.eigh(H)
         # rounding of a determinant that does not change at all is no curvature
-        told = scale * size**2 > FLAT * rim_mm(body) ** 3
-        return Neighbourhood(gradients(base, body, pose), vectors.T * unit @ to_base.T, values / scale if told else np.zeros(6), size)
+        determined = scale * size**2 > FLAT * rim_mm(body) ** 3
+        return Neighbourhood(gradients(base, body, pose), vectors.T * unit @ to_base.T, values / scale if determined else np.zeros(6), size)
     tangent = np.linalg.svd(K[None])[2][1:]
     values, vectors = np.linalg.eigh(-(tangent @ H @ tangent.T) / steep)
     return Neighbourhood(gradients(base, body, pose), (vectors.T @ tangent) * unit @ to_base.T, values, size)

@@ -78,8 +78,8 @@ def grown(structure: Structure, rng: np.random.Generator) -> tuple[ComplexArray,
     while quiet < QUIET:
         ends, way = found, [links, random_links(structure, rng), random_links(structure, rng), links]
         for start, aim in pairwise(way):
-            ends, told = follow_homotopy(start, aim, ends)
-            ends = ends[told == REACHED]
+            ends, determined = follow_homotopy(start, aim, ends)
+            ends = ends[determined == REACHED]
         more = distinct(np.concatenate([found, ends]))
         quiet = 0 if len(more) > len(found) else quiet + 1
         found = more
@@ -106,11 +106,11 @@ def not_linear(structure: Structure, links: ComplexArray, points: ComplexArray, 
     way[k, 6] = TRACE_STEP * _complex(rng, 1)[0]
     values = []
     for t in (-1.0, 0.0, 1.0):
-        ended, told = follow_homotopy(links, links + t * way, points)
+        ended, determined = follow_homotopy(links, links + t * way, points)
         x = krawczyk.proved(links + t * way, ended).points
         p = study_quadric.product(x[:, 4:], x[:, :4] * [1.0, -1.0, -1.0, -1.0])[:, 1:] / (x[:, :4] ** 2).sum(axis=1)[:, None]
         y = p + study_quadric.turns(x) @ links[k, 3:6]
-        values.append(np.where(told == REACHED, y @ form, np.nan))
+        values.append(np.where(determined == REACHED, y @ form, np.nan))
     return np.asarray(values[0] - 2.0 * values[1] + values[2])
 
 

@@ -56,10 +56,10 @@ def assemblies(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> A
     real, count, rest = sure, 0, points
     for attempt in range(TRIES if expected else 0):
         more = _near(found, rows, a, b, lengths, attempt)
-        told = krawczyk.proved(rows, np.concatenate([points, more]), exact)
-        new = krawczyk.apart(told)
-        points, sure, real = told.points[new], told.certain[new], told.real[new]
-        count, rest = len(points), told.points
+        determined = krawczyk.proved(rows, np.concatenate([points, more]), exact)
+        new = krawczyk.apart(determined)
+        points, sure, real = determined.points[new], determined.certain[new], determined.real[new]
+        count, rest = len(points), determined.points
         if attempt == 0 and count < expected:
             expected = min(expected, _of_these_points(found, a, b) or expected)
         if count >= expected:
@@ -96,14 +96,14 @@ def _followed(found: Incidence, rows: ComplexArray, a: FloatArray, b: FloatArray
         mine = rows[list(incidence(b, a).order)][:, [3, 4, 5, 0, 1, 2, 6]]
     if attempt:
         between = start_systems.random_links(own, np.random.default_rng(attempt))
-        points, told = follow_homotopy(links, between, points)
-        links, points = between, points[told == REACHED]
-    ends, told = follow_homotopy(links, mine, points)
-    return ends if own == found.structure else study_quadric.inverse(ends), told == REACHED
+        points, determined = follow_homotopy(links, between, points)
+        links, points = between, points[determined == REACHED]
+    ends, determined = follow_homotopy(links, mine, points)
+    return ends if own == found.structure else study_quadric.inverse(ends), determined == REACHED
 
 
 def _of_these_points(found: Incidence, a: FloatArray, b: FloatArray) -> int:
-    """How many complex assemblies links between these points have when their lengths are not special; 0 where that cannot be told.
+    """How many complex assemblies links between these points have when their lengths are not special; 0 where that cannot be determined.
 
     Of complex lengths drawn twice. Each path must end either at an assembly or, without doubt, where there is none.
     """

@@ -2,7 +2,7 @@
 
 A class L(n, m) and its degrees, `L-321-222`, platform first, say how many links meet in each point of the platform and of the base. They do
 not yet say which: a class holds several incidence graphs, and each is a structure of its own, written `L-321-222:abc-ab-c`, the base points
-of each platform point by letters. Platform and base told apart there are 60, of which 59 can determine a pose (Arzumanyan's number).
+of each platform point by letters. Platform and base distinguished there are 60, of which 59 can determine a pose (Arzumanyan's number).
 """
 
 import re
@@ -172,7 +172,7 @@ def _orders(ends: Sequence[int]) -> Iterator[dict[int, int]]:
 
 @cache
 def structures() -> tuple[Structure, ...]:
-    """All 60, platform and base told apart, degenerate ones included, by class and notation."""
+    """All 60, platform and base distinguished, degenerate ones included, by class and notation."""
     found = {structure_of(links) for platform in DEGREES for base in DEGREES for links in _incidences(platform, base)}
     rank = {degrees: i for i, degrees in enumerate(DEGREES)}
     return tuple(sorted(found, key=lambda s: (*(rank[d] for d in s.degrees), s.notation)))

@@ -123,7 +123,7 @@ def read_counts(path: Path, *, torn: bool = False) -> Counts:
 
 
 def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | None = None) -> Iterator[Counts]:
-    """`read_counts`, one piece after the other, for files that need not fit into memory; progress is told (done, of) in percent."""
+    """`read_counts`, one piece after the other, for files that need not fit into memory; progress is called with (done, of) in percent."""
     before: tuple[int, float] | None = None
     for table, part in files.read_table_in_pieces(path):
         counts = _counts(table)

@@ -355,7 +355,7 @@ class Program(Shown, Strict):
         )
 
     def about(self) -> dict[str, str]:
-        """Name, and what is told of it."""
+        """Name, and what is reported of it."""
         parts = {"poses": self.pose, "paths": self.path, "distances": self.distance, "posings": self.posing, "tolerances": self.tolerance}
         return ({} if self.name is None else {"name": self.name}) | {name: str(len(part)) for name, part in parts.items() if part}
 

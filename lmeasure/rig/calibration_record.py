@@ -1,4 +1,4 @@
-"""The calibration record: what was found, how well, what could not be told, and from which files."""
+"""The calibration record: what was found, how well, what could not be determined, and from which files."""
 
 import json
 import math
@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator, model_validator
 
 from lmeasure.core import DataFrame, FloatArray, Shown, framed
-from lmeasure.io import complaints, files, told
+from lmeasure.io import complaints, files, reported
 from lmeasure.text import Message, restored, table
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -310,7 +310,7 @@ def read_calibration_record(path: Path) -> CalibrationRecord:
     except ValidationError as error:
         # what is no JSON has no keys to name
         data = None if error.errors()[0]["type"] == "json_invalid" else json.loads(raw)
-        raise told(str(path), data, complaints(error, data, CalibrationRecord)) from None
+        raise reported(str(path), data, complaints(error, data, CalibrationRecord)) from None
 
 
 def _with_messages(record: CalibrationRecord) -> CalibrationRecord:

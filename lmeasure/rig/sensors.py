@@ -73,12 +73,12 @@ class Swivel(AngleSensor):
             yield "point", f"{self.point!r} is no observation_point ({', '.join(points)})"
             return
         leaving = [c for c in rig.cable if c.from_point == self.point]
-        told = ", ".join(c.name for c in leaving) or "there is none"
+        determined = ", ".join(c.name for c in leaving) or "there is none"
         if self.cable is not None and self.cable not in [c.name for c in leaving]:
-            yield "cable", f"{self.cable!r} is no cable from {self.point} ({told})"
+            yield "cable", f"{self.cable!r} is no cable from {self.point} ({determined})"
         several = max(Counter(c.passage for c in leaving).values(), default=0) > 1
         if not leaving or (self.cable is None and several):
-            yield "", f"say by cable which of the cables from {self.point} turns {self.channel} ({told})"
+            yield "", f"say by cable which of the cables from {self.point} turns {self.channel} ({determined})"
 
     def names(self, channel: SensorChannel) -> list[str]:
         """Return the calibration record's names of the kernels' parameters: those of its point, its cable's end, and the zero."""

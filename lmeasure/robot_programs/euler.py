@@ -19,7 +19,7 @@ def of_angles(convention: str) -> tuple[Callable[[Sequence[float]], FloatArray],
         first = angles_from_rotation(convention, se3.rotation(row))
         # Tait-Bryan: the middle angle mirrored, the outer ones half a turn further
         both = [near_turns(a, old[3:6]) for a in (first, np.array([first[0] + 180.0, 180.0 - first[1], first[2] + 180.0]))]
-        # near the singular orientation only the sum of the outer angles is told: the old first one is kept
+        # near the singular orientation only the sum of the outer angles is determined: the old first one is kept
         best = min(both, key=lambda a: float(np.abs(a - np.asarray(old[3:6])).max()))
         return np.concatenate([row[:3], best])
 

@@ -108,7 +108,7 @@ def _set_at(frame: str, set_here: Mapping[str, int]) -> int:
 
 
 def _target(k: int, source: Source, name: str, span: Span, current: dict[str, set[str]]) -> list[Target] | str:
-    """The position between braces, twice where it is told by joint values and as a pose, or why it is none."""
+    """The position between braces, twice where it is given by joint values and as a pose, or why it is none."""
     text = source.text
     start = text.find("GP1", *span)
     other = re.compile(r"GP[2-9]").search(text, *span)
@@ -150,11 +150,11 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
     flags = {} if config is None else {"flip": int(config[1] == "F"), "up": int(config[2] != "D"), "front": int(config[3] == "T")}
     flags |= {} if config is None else {f"turn{i}": int(config[3 + i]) for i in (1, 2, 3)}
     values, spans = zip(*(fields[key] for key in wanted), strict=True)
-    told = Target(name, k, source.line(span[0]), joints, values, spans, frames.get("UF", ""), frames.get("UT", ""), flags)
+    reported = Target(name, k, source.line(span[0]), joints, values, spans, frames.get("UF", ""), frames.get("UT", ""), flags)
     if not both:
-        return [told]
+        return [reported]
     axes, places = zip(*(fields[key] for key in AXES), strict=True)
-    return [replace(told, near=axes, taught=True), replace(told, joints=True, values=axes, spans=places, flags={})]
+    return [replace(reported, near=axes, taught=True), replace(reported, joints=True, values=axes, spans=places, flags={})]
 
 
 def _sections(text: str) -> tuple[Span, Span]:

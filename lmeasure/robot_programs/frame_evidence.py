@@ -143,8 +143,8 @@ def _compared(pair: Pair, listing: Listing, dialect: Dialect, robot: RobotModel)
     poses, twists, _ = robot.derivatives(pair.joints[None], of=np.empty(0, dtype=np.int64))
     if not np.isfinite(poses).all():
         return None
-    told = se3.compose(listing.frames[target.base], dialect.pose(target.values))
-    by_pose = se3.compose(told, se3.inverse(listing.frames[target.tool]))
+    reported = se3.compose(listing.frames[target.base], dialect.pose(target.values))
+    by_pose = se3.compose(reported, se3.inverse(listing.frames[target.tool]))
     half, units = 0.5 * pair.digit, np.where(robot.sliding, 1.0, dialect.joint_size)
     shifts = twists[0, :, 3:] + np.cross(twists[0, :, :3], poses[0, :3])
     rounding_mm = half * float(units @ np.linalg.norm(shifts, axis=1))

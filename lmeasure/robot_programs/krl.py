@@ -31,7 +31,7 @@ _pose, _numbers = of_angles("kuka-abc")
 
 
 def read(sources: Sequence[Source]) -> Listing:
-    """The targets of a program's files together: points of a .dat are told in the frames that the .src moves to them with."""
+    """The targets of a program's files together: points of a .dat are given in the frames that the .src moves to them with."""
     return _Reader(sources).listing()
 
 
@@ -44,7 +44,7 @@ class _Reader:
         self.fdat: dict[tuple[str, str], tuple[str, str]] = {}
         self.frames: dict[str, FloatArray] = {NULL: np.array(IDENTITY)}
         self.moving: dict[str, str] = {}
-        self.told: dict[str, list[tuple[int, int, FloatArray | None]]] = {}
+        self.reported: dict[str, list[tuple[int, int, FloatArray | None]]] = {}
         self.elsewhere, self.without = False, set[int]()
         self.targets: list[Target] = []
         self.unread: list[Unread] = []
@@ -83,16 +83,16 @@ class _Reader:
             elif kind == "FDAT":
                 self.fdat[self.modules[k], name.upper()] = fdat_frames(text[slice(*span)])
             elif kind == "FRAME":
-                self.told.setdefault(name.upper(), []).append((k, span[0], self._frame_of(k, span)))
+                self.reported.setdefault(name.upper(), []).append((k, span[0], self._frame_of(k, span)))
             else:
                 self.points.add(Point(name.upper(), k, kind, span, self._region(k, m[1])))
         for m in _DATA.finditer(text):
             name, span = f"{m[1].upper()}[{int(m[2])}]", (m.end(), closing(text, m.end(), "{}"))
-            self.told.setdefault(name, []).append((k, m.start(), self._frame_of(k, span)))
+            self.reported.setdefault(name, []).append((k, m.start(), self._frame_of(k, span)))
 
     def _stated(self) -> None:
         """Frames that the program has one value for."""
-        for name, every in self.told.items():
+        for name, every in self.reported.items():
             k, place, first = every[0]
             if first is not None and all(f is not None and np.allclose(f, first, atol=1e-12) for _, _, f in every):
                 self.frames[name] = first
@@ -120,7 +120,7 @@ class _Reader:
                 self.fdat.pop((self.modules[k], name), None)
 
     def _passed(self, k: int, call: str, place: int, given: str) -> None:
-        """Points that a subroutine is given: where it moves to them is not told."""
+        """Points that a subroutine is given: where it moves to them is not determined."""
         for word in re.findall(r"\w+", given):
             point = self.points.at(word, k, place)
             if point is not None:

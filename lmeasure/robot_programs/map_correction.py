@@ -1,6 +1,7 @@
 """A program corrected by a map of measured errors: for who has no model of the robot, where the map tells something and nowhere else.
 
-A robot that is told a pose p goes to p with the error e(p); it is told p* with p* + e(p*) = p, found by going on from p. Errors change so
+A robot that is commanded to a pose p goes to p with the error e(p); it is commanded to p* with p* + e(p*) = p, found by going on from p.
+Errors change so
 little over their own size that each step leaves a thousandth of the one before.
 """
 
@@ -19,7 +20,8 @@ SAME_MM, SAME_RAD = 0.01, 1e-4
 
 
 def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limits: Limits, tool: FloatArray | None = None) -> Corrected:
-    """Targets in the order in which first motions to them stand. tool (7,): where the measured target sat on the flange; a target told with
+    """Targets in the order in which first motions to them stand. tool (7,): where the measured target sat on the flange; a target given
+    with
     another is left, and with None every tool is taken for that one."""
     outcomes: dict[int, Outcome] = {}
     values: dict[int, list[float]] = {}
@@ -39,8 +41,8 @@ def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limi
         place = wanted[:3]
         new = list(target.values)
         if not why:
-            told = se3.compose(se3.inverse(listing.frames[target.base]), found.flange)
-            new = values[i] = [float(v) for v in dialect.numbers(told, target.values)]
+            reported = se3.compose(se3.inverse(listing.frames[target.base]), found.flange)
+            new = values[i] = [float(v) for v in dialect.numbers(reported, target.values)]
         at = _known(errors, found.flange)[None]
         outcomes[i] = Outcome(target, file, found, tuple(new), why, float(errors.u95_mm(at)[0]) + found.left_mm, float(errors.u_mm(at)[0]))
     return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
@@ -66,28 +68,28 @@ def _known(errors: ErrorMap, pose: FloatArray) -> FloatArray:
 def _corrected(wanted: FloatArray, errors: ErrorMap, limits: Limits) -> Correction:
     nothing = np.zeros(0)
     was = errors.errors(_known(errors, wanted)[None])[0]
-    told, step = wanted, np.inf
+    reported, step = wanted, np.inf
     for _ in range(STEPS):
-        # displacements act from the left: what is told is what is wanted less the error that it will have
-        after = se3.displaced(wanted, -errors.errors(_known(errors, told)[None])[0])
-        step, told = float(np.abs(se3.displacement(after, told)).max()), after
+        # displacements act from the left: the command is the wanted pose minus the error that it will have
+        after = se3.displaced(wanted, -errors.errors(_known(errors, reported)[None])[0])
+        step, reported = float(np.abs(se3.displacement(after, reported)).max()), after
         if step < SETTLED:
             break
-    refused = errors.outside(_known(errors, wanted)) or errors.outside(_known(errors, told))
+    refused = errors.outside(_known(errors, wanted)) or errors.outside(_known(errors, reported))
     if not refused and step >= SETTLED:
         refused = message("robot_programs.errors_change_too_much")
-    change, clipped = se3.displacement(told, wanted), False
+    change, clipped = se3.displacement(reported, wanted), False
     if not refused and (why := too_large(change, limits)):
         if limits.clip:
             size = np.array([np.linalg.norm(change[3:]), np.linalg.norm(change[:3])])
             change = change * float((np.array([limits.most_mm, limits.most_rad]) / np.maximum(size, 1e-300)).min())
-            told, clipped = se3.displaced(wanted, change), True
+            reported, clipped = se3.displaced(wanted, change), True
         else:
             refused = why
     if refused:
-        told, change = wanted, np.zeros(6)
-    left = se3.displacement(se3.displaced(told, errors.errors(_known(errors, told)[None])[0]), wanted)
+        reported, change = wanted, np.zeros(6)
+    left = se3.displacement(se3.displaced(reported, errors.errors(_known(errors, reported)[None])[0]), wanted)
     size_mm, size_rad, was_mm, left_mm, left_rad = (
         float(np.linalg.norm(part)) for part in (change[3:], change[:3], was[3:], left[3:], left[:3])
     )
-    return Correction(nothing, nothing, wanted, told, size_mm, size_rad, was_mm, left_mm, left_rad, clipped, refused)
+    return Correction(nothing, nothing, wanted, reported, size_mm, size_rad, was_mm, left_mm, left_rad, clipped, refused)

@@ -58,9 +58,9 @@ class Unread:
 @dataclass(frozen=True)
 class Target:
     """A position of a program. values: its numbers as written, in the dialect's units, spans their places in the source; joints: whether
-    they are joint values; base, tool: names of the frames that it is told in, of `Listing.frames`; flags: of its configuration, by name;
+    they are joint values; base, tool: names of the frames that it is given in, of `Listing.frames`; flags: of its configuration, by name;
     moved: source and place of the first motion to it, which need not stand where the target does; near: joint values in the dialect's units
-    that the program states beside a pose, the way to which is the nearest to them; loose: the controller may be told to pass over the
+    that the program states beside a pose, the way to which is the nearest to them; loose: the controller may be commanded to pass over the
     flags, so that a way is known where the target before says none but theirs; taught: `near` are the joint values
     of the pose itself; label: what the program calls the point, where that is not its name; sizes: of the
     dialect's units in those that the numbers are written in, where these are others."""

@@ -37,7 +37,7 @@ class Points:
         self._all: dict[str, list[Point]] = {}
 
     def add(self, point: Point) -> None:
-        """Two of one name that are known in the same region cannot be told apart: both become no constants."""
+        """Two of one name that are known in the same region cannot be distinguished: both become no constants."""
         same = self._all.setdefault(point.name.upper(), [])
         for other in same:
             if other.region == point.region:

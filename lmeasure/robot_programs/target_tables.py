@@ -2,7 +2,7 @@
 
 Plain: `x_mm, y_mm, z_mm` with the columns of a convention of angles or a quaternion, or `joint_1_deg` ...; `name`, or `target`, where it
 has one.
-RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are told in `base` with
+RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are given in `base` with
 `tool`, which columns of these names may say.
 """
 
@@ -139,17 +139,17 @@ def _rows(
             continue
         base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
         own = tuple(sizes[c] for c in wanted) if mapping else ()
-        told = Target(name, k, line, not posed, values, spans, base, tool, moved=(k, start), sizes=own)
+        reported = Target(name, k, line, not posed, values, spans, base, tool, moved=(k, start), sizes=own)
         axes = [c for c in header if posed and _JOINT.fullmatch(c)]
         beside = tuple(row[c] for c in axes)
         words = [text[slice(*s)] if separator == "," else text[slice(*s)].replace(",", ".") for s in beside]
         if beside and all(re.fullmatch(NUMBER, word) for word in words):
-            # told by joint values too: both are corrected
+            # given by joint values too: both are corrected
             joints, own = tuple(sizes[c] * float(w) for c, w in zip(axes, words, strict=True)), tuple(sizes[c] for c in axes)
-            by_joints = replace(told, joints=True, values=joints, spans=beside, sizes=own if mapping else ())
-            targets += [replace(told, near=joints, taught=True), by_joints]
+            by_joints = replace(reported, joints=True, values=joints, spans=beside, sizes=own if mapping else ())
+            targets += [replace(reported, near=joints, taught=True), by_joints]
         else:
-            targets.append(told)
+            targets.append(reported)
 
 
 def _of_quaternion(values: Sequence[float]) -> FloatArray:

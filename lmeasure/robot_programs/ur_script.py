@@ -157,7 +157,7 @@ class _Reader:
         return events
 
     def _passed(self, function: str, place: int, given: Span) -> None:
-        """Names that a function is given: where it moves to them is not told."""
+        """Names that a function is given: where it moves to them is not determined."""
         for name in re.findall(r"\w+", self.text[slice(*given)]):
             if name in self.named:
                 self.named[name].changed = message(

@@ -89,12 +89,12 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     stated = ("position" not in seen.absent, "rotation" not in seen.absent and seen.oriented)
     rows = replace(rows, covariance=seen.covariances, stated=stated)
     # stated of whole poses, and more than nothing: then that is what they scatter by, and the robot's poses are given ones
-    told = bool(all(stated) and (np.einsum("nii->ni", rows.covariance) > 0.0).all())
-    found = identify(model, rows, Settings(seed=seed, own_noise=not told))
+    determined = bool(all(stated) and (np.einsum("nii->ni", rows.covariance) > 0.0).all())
+    found = identify(model, rows, Settings(seed=seed, own_noise=not determined))
     _check_one(found)
     if not of_robot.covariances.any():
         return found
-    return identify(model, _with_robot(rows, of_robot, found), Settings(seed=seed, own_noise=not told))
+    return identify(model, _with_robot(rows, of_robot, found), Settings(seed=seed, own_noise=not determined))
 
 
 def _check_one(found: Identified[GivenPoses]) -> None:

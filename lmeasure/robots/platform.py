@@ -71,7 +71,7 @@ class Platform:
 
     @property
     def reach_mm(self) -> float:
-        """Not bounded: lengths that no pose has are told by `forward`."""
+        """Not bounded: lengths that no pose has are determined by `forward`."""
         return float("inf")
 
     def moved(self, change: FloatArray) -> Self:

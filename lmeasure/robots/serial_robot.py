@@ -1,4 +1,4 @@
-"""A serial arm with what its joints do besides turning as they are told: scale, harmonics, compliance under a payload, play.
+"""A serial arm with what its joints do besides turning as they are commanded: scale, harmonics, compliance under a payload, play.
 
 Each joint's effective value is q + sum of terms: scale_error q, sin1 sin q + cos1 cos q + sin2 sin 2q + cos2 cos 2q (an encoder off
 its axis errs once per turn, an oval one twice), compliance times the torque of the stated payload about the joint, and half the play on

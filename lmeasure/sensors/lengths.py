@@ -500,6 +500,6 @@ class LengthResiduals:
             warm = np.where(np.isfinite(warm), warm, start.temperature_c)
             modelled = modelled + effects.excess(self._rows, start, poses, lengths.counts, temperature_c=warm)
         out = modelled - lengths.change_mm
-        told = np.isnan(self._begun[0]) & np.isfinite(out).any(axis=0)
-        self._begun[0, told] = np.nanmean(out[:, told], axis=0)
+        determined = np.isnan(self._begun[0]) & np.isfinite(out).any(axis=0)
+        self._begun[0, determined] = np.nanmean(out[:, determined], axis=0)
         return np.asarray(self._begun - out)

@@ -29,7 +29,7 @@ from lmeasure.text import Message, message
 
 EXPANSION_PER_K = 11.5e-6  # of steel
 WARMER_K = 5.0
-ALIKE_K = 0.5  # temperatures that are not told apart
+ALIKE_K = 0.5  # temperatures that are not distinguished
 BAND = 2.5  # recorded counts
 TEMPERATURE = message("exact.temperature")
 CALIBRATION, RIG, CAMPAIGN = "calibration", "rig", "campaign"

@@ -130,5 +130,5 @@ def _listed(structure: Structure) -> dict[str, Any]:
 
 
 def all_structures() -> list[dict[str, Any]]:
-    """Every structure, platform and base told apart, as `lmeasure structure --list` writes it."""
+    """Every structure, platform and base distinguished, as `lmeasure structure --list` writes it."""
     return [_listed(s) | {"degenerate_reason": s.degenerate, "koliskor": s.koliskor} for s in structures()]

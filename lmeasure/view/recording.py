@@ -15,7 +15,7 @@ from lmeasure.view.viewer import check_recording
 Colour = tuple[int, int, int]
 
 LAST_TIME_S = 9e9  # rerun counts nanoseconds in 64 bits
-# Okabe and Ito: told apart by colour-blind readers too
+# Okabe and Ito: distinguished by colour-blind readers too
 CABLE_COLOURS: tuple[Colour, ...] = (
     (230, 159, 0),
     (86, 180, 233),

@@ -183,14 +183,14 @@ def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
     nodes = np.stack(np.meshgrid(*(zone[axis].to_numpy() for axis in "xyz"), indexing="ij"), axis=-1)
     limit = float(zone.attrs["limit_deg"])
     known = np.isfinite(angle)
-    shade, middle, top, told = angle, limit, 90.0, "teal is small, yellow the limit, red 90 deg"
+    shade, middle, top, reported = angle, limit, 90.0, "teal is small, yellow the limit, red 90 deg"
     if "u95_position_mm" in zone:
         u95 = zone["u95_position_mm"].transpose("x", "y", "z").to_numpy().astype(np.float64)
         ends = np.log10(np.percentile(u95[np.isfinite(u95) & (u95 > 0.0)], (0, 50, 95))) if np.isfinite(u95).any() else np.zeros(3)
         # logarithms, from the least on: few places would else take all the colours
         shade = np.log10(np.where(np.isfinite(u95) & (u95 > 0.0), u95, 10.0 ** ends[2])) - ends[0]
         middle, top = ends[1] - ends[0], max(ends[2] - ends[0], 1e-9)
-        told = "colours are the 95 % radius: " + ", ".join(
+        reported = "colours are the 95 % radius: " + ", ".join(
             f"{colour} {10.0**end:.3g} mm" for colour, end in zip(("teal", "yellow", "red"), ends, strict=True)
         )
     for name, mask, radius in (("inside", inside & known, THICK), ("outside", ~inside & known, THIN)):
@@ -204,6 +204,6 @@ def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
         rec.log("/world/zone/surface", skin, static=True)
     drawn = int((inside & known).sum())
     return [
-        f"zone: {drawn} of {angle.size} nodes inside a worst pressure angle of {limit:g} deg; {told}",
+        f"zone: {drawn} of {angle.size} nodes inside a worst pressure angle of {limit:g} deg; {reported}",
         *([f"zone: {int((~known).sum())} nodes have no angle and are not drawn"] if not known.all() else []),
     ]

@@ -84,7 +84,7 @@ def write_recording(
     netCDF. LMeasureError when the file cannot be written.
     """
     lines = list(notes)
-    told = False
+    reported = False
     with _recording_of(rig, path) as rec:
         if nominal is not None:
             log_rig(rec, nominal, "/world/nominal", GREY, labelled=False)
@@ -96,8 +96,8 @@ def write_recording(
             if run is not None:
                 residuals = length_residuals(align(run).run, trajectory.poses)
                 _residual_series(rec, rig).add(trajectory.time_s, residuals)
-                told = _tells(residuals)
-                lines += [] if told else [NOTHING_LEFT]
+                reported = _tells(residuals)
+                lines += [] if reported else [NOTHING_LEFT]
         if truth is not None:
             if trajectory is None and run is not None:
                 lines += log_truth(rec, rig, run, truth)
@@ -112,7 +112,7 @@ def write_recording(
         passes = 0 if run is None else len(run.passes)
         moved = trajectory is not None
         seen = {"record": record is not None, "zone": zone is not None, "errors": bool(errors)}
-        blueprint = _blueprint(rig, passes, trajectory=moved, residuals=told, **seen)
+        blueprint = _blueprint(rig, passes, trajectory=moved, residuals=reported, **seen)
         rec.send_blueprint(blueprint, make_active=True, make_default=True)
 
 
@@ -126,23 +126,23 @@ def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
     rig = head.rig
     with _recording_of(rig, path) as rec:
         motion, residuals = TrajectoryLog(rec, rig), LengthResiduals(rig, head.start, head.temperature_c)
-        of_cables, of_channels, told = _residual_series(rec, rig), None, False
+        of_cables, of_channels, reported = _residual_series(rec, rig), None, False
 
         def add(counts: Counts, lengths: Lengths, trajectory: Trajectory) -> None:
-            nonlocal of_channels, told
+            nonlocal of_channels, reported
             if of_channels is None:
                 of_channels = _counts_series(rec, counts, 1)
             of_channels.add(counts.time_s, counts.recorded, counts.first)
             motion.add(trajectory)
             left = residuals.of(lengths, trajectory.poses)
-            told = told or _tells(left)
+            reported = reported or _tells(left)
             of_cables.add(trajectory.time_s, left, counts.first)
             # what waits to be written is memory too
             rec.flush()
 
         yield add
-        _log_notes(rec, rig, [*motion.end(), *([] if told else [NOTHING_LEFT])])
-        rec.send_blueprint(_blueprint(rig, 1, trajectory=True, residuals=told), make_active=True, make_default=True)
+        _log_notes(rec, rig, [*motion.end(), *([] if reported else [NOTHING_LEFT])])
+        rec.send_blueprint(_blueprint(rig, 1, trajectory=True, residuals=reported), make_active=True, make_default=True)
 
 
 @contextmanager

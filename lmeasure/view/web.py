@@ -90,7 +90,7 @@ def serving(recording: Path, port: int = 0) -> Iterator[ThreadingHTTPServer]:
 
 
 def serve(recording: Path, port: int, say: Callable[[str], None]) -> None:
-    """Serve until the person at the keyboard ends it; say is told where."""
+    """Serve until the person at the keyboard ends it; say gets the address."""
     # whoever stops this process stops rerun too; a shell without job control has what it runs beside itself ignore Ctrl-C
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)

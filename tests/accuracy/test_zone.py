@@ -185,10 +185,10 @@ def test_a_place_alone_has_no_step_unless_it_is_told() -> None:
     zone = scan_zone(cell(), None, x=axis(0, 0, 1), y=axis(0, 50, 50), z=axis(0, 0, 1), rotations=tilts(0, 1))
     assert list(zone.attrs["node_spacing_mm"]) == [0.0, 50.0, 0.0]
     assert zone.attrs["limit_deg"] == 60.0
-    told = scan_zone(
+    determined = scan_zone(
         cell(), None, x=axis(0, 0, 1), y=axis(0, 50, 50), z=axis(0, 0, 1), rotations=tilts(0, 1), spacing_mm=(10.0, 20.0, 30.0)
     )
-    assert list(told.attrs["node_spacing_mm"]) == [10.0, 50.0, 30.0]
+    assert list(determined.attrs["node_spacing_mm"]) == [10.0, 50.0, 30.0]
 
 
 def test_the_assembly_is_the_sign_of_the_rows() -> None:

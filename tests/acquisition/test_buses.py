@@ -214,8 +214,8 @@ def test_two_groups_do_not_hear_each_other_and_a_garbled_datagram_costs_nothing(
                 assert frames is not None
                 ids += frames.identifier.tolist()
         assert found == [[0x100 * (j + 1) + i for i in range(20)] for j in range(2)]
-        told = [sum(int(n.text.split()[0]) for n in s.notices() if n.kind == "unread") for s in sources]
-        assert told == [20, 0]
+        reported = [sum(int(n.text.split()[0]) for n in s.notices() if n.kind == "unread") for s in sources]
+        assert reported == [20, 0]
         assert [s.bus for s in sources if isinstance(s, BusSource)] == opened  # none was opened again
     finally:
         stranger.close()

@@ -127,7 +127,7 @@ def test_a_rig_that_is_wired_right_passes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("faults", "told"),
+    ("faults", "reported"),
     [
         (
             {"turns": False, "wiring": [0, 4, 2, 3, 1, 5]},
@@ -144,10 +144,10 @@ def test_a_rig_that_is_wired_right_passes() -> None:
         ({"turns": False, "trembling": 3}, ["channel ch4: moves by 10 counts at rest"]),
     ],
 )
-def test_each_wrong_wiring_is_told(faults: dict[str, Any], told: list[str]) -> None:
+def test_each_wrong_wiring_is_told(faults: dict[str, Any], reported: list[str]) -> None:
     lines = run(**faults).all_faults
-    assert len(lines) == len(told)
-    for line, start in zip(lines, told, strict=True):
+    assert len(lines) == len(reported)
+    for line, start in zip(lines, reported, strict=True):
         assert line.startswith(start)
 
 
@@ -251,12 +251,13 @@ def test_a_check_whose_rig_finds_no_room_keeps_what_it_showed(tmp_path: Path, mo
     monkeypatch.setattr(files, "rewrite_toml", full)
     monkeypatch.setattr("lmeasure.acquisition.self_test", lambda *_, **__: found)
     settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
-    told = check_workflow.run(settings, ask=lambda step: "")
+    reported = check_workflow.run(settings, ask=lambda step: "")
     assert (
-        told.failure == f"{tmp_path / 'wired.toml'}: cannot be written: No space left on device; make room there, or write to another disk"
+        reported.failure
+        == f"{tmp_path / 'wired.toml'}: cannot be written: No space left on device; make room there, or write to another disk"
     )
-    assert told.made is found
-    assert "drum of B1: count_sign 1 -> -1" in told.summary
+    assert reported.made is found
+    assert "drum of B1: count_sign 1 -> -1" in reported.summary
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
@@ -271,7 +272,7 @@ def with_encoders(**swivel: Any) -> Rig:
 
 
 @pytest.mark.parametrize(
-    ("faults", "told", "corrected_to"),
+    ("faults", "reported", "corrected_to"),
     [
         ({}, [], []),
         (
@@ -296,7 +297,7 @@ def with_encoders(**swivel: Any) -> Rig:
         ),
     ],
 )
-def test_encoders_are_turned_and_told(faults: dict[str, Any], told: list[str], corrected_to: list[str]) -> None:
+def test_encoders_are_turned_and_told(faults: dict[str, Any], reported: list[str], corrected_to: list[str]) -> None:
     """Codes that stand next to their end, and pulleys that turn a little while their cables are pulled."""
     rig = with_encoders(**{key: faults[key] for key in ("count_sign",) if key in faults})
     bench = Bench(rig, **faults)
@@ -305,12 +306,12 @@ def test_encoders_are_turned_and_told(faults: dict[str, Any], told: list[str], c
         result = bench.check()
     finally:
         bench.close()
-    assert len(result.all_faults) == len(told), result.all_faults
-    for line, start in zip(result.all_faults, told, strict=True):
+    assert len(result.all_faults) == len(reported), result.all_faults
+    for line, start in zip(result.all_faults, reported, strict=True):
         assert line.startswith(start)
     said = corrected(rig.to_dict(), result)[1]
     assert all(any(line.startswith(start) for line in said) for start in corrected_to)
-    if not told:
+    if not reported:
         assert [e.moved for e in result.encoders] == ["sw1", "sw2", "level"]
         assert any("deg: sw1 -49.5  sw2 +0.0  level +0.0" in line for line in bench.shown)
         assert [e.turned_deg for e in result.encoders] == pytest.approx([49.5, 49.5, 5.5], abs=0.01)
@@ -350,8 +351,8 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
     write_rig(tmp_path / "rig.toml", RIG)
     monkeypatch.setattr("lmeasure.acquisition.self_test", lambda *_, **__: Check(200.0, {}, tuple(seen), ()))
     settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
-    told = check_workflow.run(settings, ask=lambda step: "").summary
-    assert told == (
+    reported = check_workflow.run(settings, ask=lambda step: "").summary
+    assert reported == (
         "drum of B6: count_sign 1 -> -1",
         "channels stay as they are: not every cable moved one of its own; check again, then --write",
         f"written: {tmp_path / 'wired.toml'}, to be checked again",
@@ -360,9 +361,9 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
     assert [c.channel for c in wired.cable] == [c.channel for c in RIG.cable]
     assert [p.drum.count_sign for p in wired.observation_point] == [1, 1, 1, 1, 1, -1]
     seen[5] = CableCheck("c6", "ch6", "ch6", 1)
-    told = check_workflow.run(settings.model_copy(update={"force": True}), ask=lambda step: "").summary
-    assert told[0].startswith("channels stay as they are")
-    assert told[1].endswith("to be checked again")  # "with nothing to correct" is of a rig that is right
+    reported = check_workflow.run(settings.model_copy(update={"force": True}), ask=lambda step: "").summary
+    assert reported[0].startswith("channels stay as they are")
+    assert reported[1].endswith("to be checked again")  # "with nothing to correct" is of a rig that is right
 
 
 def test_who_else_is_on_the_bus_is_named() -> None:
@@ -378,7 +379,7 @@ def test_who_else_is_on_the_bus_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("batches", "told"),
+    ("batches", "reported"),
     [
         ([(-1, 40)], "40 error frames and none that can be read: another bit rate than the 500000 bit/s of the rig, or a line without"),
         ([], "no frame at all: nothing is connected or switched on, or another bit rate"),
@@ -391,8 +392,8 @@ def test_who_else_is_on_the_bus_is_named() -> None:
         ([(0x181, 9), (0x300, 9)], "the counters' frames come, but no SYNC 080h: nobody sends it, or sync_id of the rig is another"),
     ],
 )
-def test_why_no_count_comes(batches: list[tuple[int, int]], told: str) -> None:
-    assert watched(*batches).silence(500_000).startswith(told)
+def test_why_no_count_comes(batches: list[tuple[int, int]], reported: str) -> None:
+    assert watched(*batches).silence(500_000).startswith(reported)
 
 
 def test_error_frames_alone_are_named_over_a_real_bus() -> None:

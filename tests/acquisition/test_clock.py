@@ -46,7 +46,7 @@ def imported(folder: Path, stamps: FloatArray, rest: list[str], of: Rig) -> Impo
     return import_logs([log], of, None)
 
 
-def told(result: Imported) -> dict[str, int]:
+def reported(result: Imported) -> dict[str, int]:
     """Faults by kind, but for what gaps may hide."""
     return {kind: n for kind, n in result.logs[0].events.tally.items() if kind != "gap_step"}
 
@@ -91,7 +91,7 @@ def test_time_goes_on(tmp_path: Path, name: str, timing: str) -> None:
     np.testing.assert_allclose(counts.of("ch1"), 10.0 * np.arange(N), rtol=0, atol=1e-2)
     # by their own timers, the others are read behind the first channel, and not before its first sample
     assert int(np.isnan(counts.recorded).sum()) == (0 if timing == "sync" else 5)
-    assert {k: n for k, n in told(result).items() if k != "gap"} == {kind: 1}
+    assert {k: n for k, n in reported(result).items() if k != "gap"} == {kind: 1}
 
 
 @pytest.mark.parametrize("timing", ["sync", "free"])
@@ -106,7 +106,7 @@ def test_blocks_that_a_logger_exchanged_are_put_back(tmp_path: Path, timing: str
     np.testing.assert_allclose(counts.time_s, PERIOD_S * np.arange(N), rtol=0, atol=2e-6)
     late = 0.0 if timing == "sync" else 4.0
     np.testing.assert_allclose(counts.of("ch5")[1:], 50.0 * np.arange(1, N) - late, rtol=0, atol=0.1)
-    assert told(result)["reordered"] == 1
+    assert reported(result)["reordered"] == 1
 
 
 @pytest.mark.parametrize("timing", ["sync", "free"])
@@ -118,7 +118,7 @@ def test_late_stamps_are_no_wraps(tmp_path: Path, timing: str, late_s: float) ->
     held = (stamps >= BEGIN_S + 1.0) & (stamps < free)
     stamps[held] = free + 1e-6 * np.arange(held.sum())
     result = imported(tmp_path, np.maximum.accumulate(stamps), rest, rig(timing, 16))
-    assert not {"lost_wrap", "jump", "time", "stamp", "pause"} & set(told(result))
+    assert not {"lost_wrap", "jump", "time", "stamp", "pause"} & set(reported(result))
     if timing == "sync":
         np.testing.assert_array_equal(result.run.passes[0].recorded, np.multiply.outer(np.arange(N), STEPS))
 
@@ -132,7 +132,7 @@ def test_a_silent_channel_of_sixteen_bits_goes_on_where_the_others_prove_it(tmp_
     there = np.isfinite(counts)
     assert 145 <= (~there).sum() <= 155
     np.testing.assert_array_equal(counts[there], 30.0 * np.arange(N)[there])
-    assert set(told(result)) == {"gap"}
+    assert set(reported(result)) == {"gap"}
 
 
 def test_a_pause_in_which_counters_may_have_wrapped_is_said(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_a_pause_in_which_counters_may_have_wrapped_is_said(tmp_path: Path) -> N
     stamps, rest = lines("sync", 16)
     kept = (stamps < BEGIN_S + 0.5) | (stamps > BEGIN_S + 2.495)
     result = imported(tmp_path, stamps[kept], [r for r, k in zip(rest, kept, strict=True) if k], rig("sync", 16))
-    assert told(result) == {"pause": 1, "lost_wrap": 6}
+    assert reported(result) == {"pause": 1, "lost_wrap": 6}
     texts = {e.kind: e.text for e in result.logs[0].events.kept}
     assert texts["pause"] == "no SYNC for 2.01 s"
     assert texts["lost_wrap"].endswith("units are possible: its range is 65536")
@@ -148,7 +148,7 @@ def test_a_pause_in_which_counters_may_have_wrapped_is_said(tmp_path: Path) -> N
     # at rest nothing can have happened
     still = [r if r == "080#" else f"{r[:4]}0000" for r in rest]
     result = imported(tmp_path, stamps[kept], [r for r, k in zip(still, kept, strict=True) if k], rig("sync", 16))
-    assert told(result) == {"pause": 1}
+    assert reported(result) == {"pause": 1}
 
 
 @pytest.mark.parametrize("byte", [False, True])
@@ -161,7 +161,7 @@ def test_every_nth_sync_is_no_gap(tmp_path: Path, every: tuple[int, ...], byte: 
     np.testing.assert_allclose(counts.time_s, PERIOD_S * answered, rtol=0, atol=2e-6)
     np.testing.assert_array_equal(counts.recorded, np.multiply.outer(answered, STEPS))
     slow = sum(n > 1 for n in every)
-    assert told(result) == ({"unanswered": slow} if slow else {})
+    assert reported(result) == ({"unanswered": slow} if slow else {})
     said = {n: f"answers every {n}{ {2: 'nd', 3: 'rd'}.get(n, 'th') } SYNC" for n in every if n > 1}
     assert {e.text for e in result.logs[0].events.kept} == set(said.values())
 
@@ -178,7 +178,7 @@ def test_gaps_of_channels_that_answer_every_fifth_sync(tmp_path: Path) -> None:
     expected = np.multiply.outer(np.arange(0.0, N, 5.0), STEPS)
     expected[20, 1] = np.nan
     np.testing.assert_array_equal(result.run.passes[0].recorded, expected)
-    assert told(result) == {"unanswered": 6, "gap": 1, "reordered": 1}
+    assert reported(result) == {"unanswered": 6, "gap": 1, "reordered": 1}
 
 
 @pytest.mark.parametrize(("every", "byte"), [(1, True), (5, False), (5, True), (1, False)])
@@ -211,13 +211,13 @@ def test_the_cases_that_were_reported() -> None:
     late = CASES / "sixteen-bits-one-late-stamp"
     result = import_logs([late / "late.log"], read_rig(late / "rig.toml"), None)
     np.testing.assert_array_equal(result.run.passes[0].of("ch1"), 10.0 * np.arange(40))
-    assert told(result) == {}
+    assert reported(result) == {}
     wraps = CASES / "free-clock-wraps"
     result = import_logs([wraps / "gvret.csv"], read_rig(wraps / "rig.toml"), None)
     counts = result.run.passes[0]
     np.testing.assert_allclose(counts.time_s, 0.01 * np.arange(400), rtol=0, atol=1e-6)
     np.testing.assert_array_equal(counts.of("ch1"), 10.0 * np.arange(400))
-    assert told(result) == {"clock_wrap": 1, "gap": 5}
+    assert reported(result) == {"clock_wrap": 1, "gap": 5}
     scan = scan_log(CASES / "scan-sync-with-counter" / "sync.log")
     table = scan.table()
     assert table[2:4] == ['timing = "sync"', "sync_id = 0x80"]

@@ -212,9 +212,9 @@ def test_error_remote_short_and_foreign_frames_carry_no_count() -> None:
 def test_a_wider_counter_shows_by_its_carries() -> None:
     payloads = [int(v).to_bytes(4, "little") for v in range(65000, 66200, 100)]
     frames = frames_from_messages(can.Message(arbitration_id=0x181, is_extended_id=False, data=p) for p in payloads)
-    for told, fields in (((1,), (field(0, 16, signed=False),)), ((0,), (field(0, 32),))):
+    for reported, fields in (((1,), (field(0, 16, signed=False),)), ((0,), (field(0, 32),))):
         for f in (frames, frames.take(slice(None, None, -1))):
-            assert tuple(len(rows) for rows in decode(f, fields).wider) == told
+            assert tuple(len(rows) for rows in decode(f, fields).wider) == reported
 
 
 @pytest.mark.parametrize(

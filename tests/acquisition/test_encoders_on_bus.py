@@ -73,8 +73,8 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
     assert all(silent in cables.split(", ") for cables in found.cable[SILENT])
     # a feed that was held up moves a tool as none can be moved, so that what errs is judged at the instants at which the counts were made
     even = replace(run, passes=(replace(run.passes[0], time_s=np.arange(len(counts)) / RATE_HZ, u_time_s=None),))
-    told = reconstruct(even)
-    assert set(told.cable[SILENT]) == {silent}, "\n".join(map(str, told.notes))
+    reported = reconstruct(even)
+    assert set(reported.cable[SILENT]) == {silent}, "\n".join(map(str, reported.notes))
     truth = np.loadtxt(TRUTH / "truth.csv", delimiter=",", skiprows=1)[::5, 1:]
     assert np.abs(displacement(found.poses, truth)[:, 3:]).max() < 0.05
     # the log that was recorded, imported as if it came from elsewhere

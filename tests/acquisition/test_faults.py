@@ -53,8 +53,8 @@ def test_dropped_frames_leave_empty_cells(tmp_path: Path) -> None:
     assert f"counts are missing: {line} of {N} samples; look at the encoder, its plug and its cable" in recording.summary().splitlines()
     np.testing.assert_allclose([float(t) for t in events["time_s"]], run.passes[0].time_s[[int(s) for s in events["sample"]]], atol=2e-6)
     rows = list(zip(events["kind"], events["sample"], events["channel"], events["outcome"], strict=True))
-    told = {(int(s), c) for kind, s, c, outcome in rows if kind == "gap" and outcome == "marked"}
-    assert told == {(int(s), f"ch{c}") for s, c in zip(lost, channels, strict=True)}
+    reported = {(int(s), c) for kind, s, c, outcome in rows if kind == "gap" and outcome == "marked"}
+    assert reported == {(int(s), f"ch{c}") for s, c in zip(lost, channels, strict=True)}
 
 
 def test_duplicated_frames_are_used_once(tmp_path: Path) -> None:

@@ -122,8 +122,8 @@ def test_a_sync_that_comes_too_early_with_frames_before_it_is_one() -> None:
 def test_the_start_input_is_remembered_and_read_where_it_stands() -> None:
     """From one batch to the next; a frame that ends before its byte says nothing."""
     rig = rig_from_dict(RIG.to_dict() | {"can": RIG.can_table.model_dump() | {"start_input": {"id": 0x300, "byte_offset": 1, "bit": 2}}})
-    told = [can.Message(timestamp=0.0, arbitration_id=0x300, is_extended_id=False, data=data) for data in ([0, 4], [0])]
-    high, short = (frames_from_messages([message], "kernel") for message in told)
+    reported = [can.Message(timestamp=0.0, arbitration_id=0x300, is_extended_id=False, data=data) for data in ([0, 4], [0])]
+    high, short = (frames_from_messages([message], "kernel") for message in reported)
     parts = [FRAMES.take(slice(at(a), at(b))) for a, b in ((0, 3), (3, 5), (5, 8), (8, N))]
     got = counts_from_frames(rig, [parts[0], high, parts[1], join([short, parts[2]]), parts[3]], FIELDS)
     np.testing.assert_array_equal(got.counts.sync, np.arange(N) >= 3)

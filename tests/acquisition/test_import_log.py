@@ -165,20 +165,20 @@ def test_a_cut_log_says_that_it_ended_early(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("later_s", "told"),
+    ("later_s", "reported"),
     [
         (3600.0, "nothing came for 3599.94 s behind 1700000000.059000 s: if these are two recordings, cut the log there"),
         (-0.02, "its clock goes back by 0.0197999 s behind 1700000000.059000 s: if these are two recordings"),
         (4.9, ""),
     ],
 )
-def test_two_recordings_in_one_log_are_told(tmp_path: Path, later_s: float, told: str) -> None:
+def test_two_recordings_in_one_log_are_told(tmp_path: Path, later_s: float, reported: str) -> None:
     first, then = counter_log(60, 3), counter_log(60, 3)
     for m in then:
         m.timestamp += later_s if later_s > 0.0 else 0.04
     lines = import_logs([write(tmp_path / "two.log", first + then)], six_cables(), START_POSE).summary().splitlines()
-    assert [line for line in lines if "two recordings" in line] == [line for line in lines if told and f"two.log: {told}" in line]
-    assert any("two recordings" in line for line in lines) == bool(told)
+    assert [line for line in lines if "two recordings" in line] == [line for line in lines if reported and f"two.log: {reported}" in line]
+    assert any("two recordings" in line for line in lines) == bool(reported)
 
 
 def test_a_log_of_the_library_that_is_cut_says_where(tmp_path: Path) -> None:

@@ -36,9 +36,9 @@ def test_a_boot_up_ends_the_origin_wherever_the_count_goes_on(tmp_path: Path) ->
     want = np.arange(40)[:, None] * np.array([10.0, -14, 30, -28, 50, -42])
     want[20:, 2] = np.nan
     np.testing.assert_array_equal(got, want)
-    told = dict(zip(events.text("kind"), zip(events.text("sample"), events.numbers("time_s"), strict=True), strict=True))
+    reported = dict(zip(events.text("kind"), zip(events.text("sample"), events.numbers("time_s"), strict=True), strict=True))
     time_s = read_run(tmp_path / "run").passes[0].time_s
-    assert told["heartbeat"] == told["reset"] == ("24", time_s[24])
+    assert reported["heartbeat"] == reported["reset"] == ("24", time_s[24])
 
 
 def test_values_that_mean_not_available_are_no_counts(tmp_path: Path) -> None:
@@ -73,11 +73,11 @@ def test_random_reboots_leave_no_count_wrong_by_more_than_the_stated_step() -> N
     assert wrong == 0, "\n".join(lines)
 
 
-@pytest.mark.parametrize(("name", "content", "told"), inputs.error_frames(), ids=[name for name, _, _ in inputs.error_frames()])
+@pytest.mark.parametrize(("name", "content", "reported"), inputs.error_frames(), ids=[name for name, _, _ in inputs.error_frames()])
 def test_states_of_controllers_are_told_apart_in_every_dialect(
-    name: str, content: str | bytes | list[can.Message], told: list[Any]
+    name: str, content: str | bytes | list[can.Message], reported: list[Any]
 ) -> None:
-    assert inputs.errors_of(name, content)[0] == told
+    assert inputs.errors_of(name, content)[0] == reported
 
 
 def test_a_restart_is_recorded_live_as_it_is_imported(tmp_path: Path) -> None:

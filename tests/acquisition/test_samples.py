@@ -300,8 +300,8 @@ def test_the_start_input_of_free_running_encoders_goes_by_time() -> None:
     table = RIG.can_table.model_dump() | {"start_input": {"id": 0x300}, "timing": "free"}
     rig = rig_from_dict(RIG.to_dict() | {"can": table})
     changes = [(0.0202, 1), (0.0602, 0), (0.0802, 1)]
-    told = frames_from_messages([can.Message(timestamp=t, arbitration_id=0x300, is_extended_id=False, data=[s]) for t, s in changes])
-    mixed = join([FRAMES, told])
+    reported = frames_from_messages([can.Message(timestamp=t, arbitration_id=0x300, is_extended_id=False, data=[s]) for t, s in changes])
+    mixed = join([FRAMES, reported])
     mixed = mixed.take(np.argsort(mixed.time_s, kind="stable"))
     for batches in ([mixed], [mixed.take(slice(a, a + 50)) for a in range(0, len(mixed), 50)]):
         counts = counts_from_frames(rig, batches, counter_fields(rig)).counts

@@ -129,7 +129,7 @@ def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["--position-mm", "0", "0", "0"], "how the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"),
         (["--quaternion-xyzw", "0", "0", "0", "1"], "where the tool was is missing: give --position-mm too"),
@@ -138,12 +138,12 @@ def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(
     ],
 )
 def test_half_a_start_pose_is_asked_for_by_name(
-    words: list[str], told: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str], reported: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_rig(tmp_path / "rig.toml", placed())
     code = command(monkeypatch, str(log), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "run"), *words)
     assert code == 2
-    assert told in " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert reported in " ".join(capsys.readouterr().err.replace("│", " ").split())
     assert not (tmp_path / "run").exists()
 
 

@@ -92,8 +92,8 @@ def test_a_replayed_log_that_breaks_off_says_so(recorded: Path, tmp_path: Path) 
     recording = record_session(recorded / "rig.toml", f"replay:{log}", tmp_path / "run", paced=False)
     assert recording.faults["unread"] == 1
     events = files.read_table(tmp_path / "run" / "pass1.events.csv")
-    told = events.text("text")[events.text("kind").index("unread")]
-    assert told.startswith("ended early: the last line has no end and was not read")
+    reported = events.text("text")[events.text("kind").index("unread")]
+    assert reported.startswith("ended early: the last line has no end and was not read")
 
 
 def test_a_replay_in_its_own_time_is_the_same_recording(recorded: Path, tmp_path: Path) -> None:
@@ -196,11 +196,11 @@ def test_asked_to_end_it_ends_between_two_batches(number: signal.Signals, record
         while process.poll() is None and not (counts.exists() and counts.read_bytes().count(b"\n") > 100):
             time.sleep(0.02)
         process.send_signal(number)
-        told, _ = process.communicate(timeout=60)
+        reported, _ = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 0
-    assert "no faults" in told
+    assert "no faults" in reported
     entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
     assert entry["ended"] == "complete"
     # every frame of the log is counted in the table

@@ -325,11 +325,11 @@ def test_an_import_says_what_it_did_not_read(tmp_path: Path) -> None:
     words = ["import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--start", "0,0,0,0,0,0,1", "--json"]
     done = CliRunner().invoke(app, [str(word) for word in words])
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
+    reported = json.loads(done.stdout)
     note = f"1 of {len(lines)} lines could not be read (1 unknown); the first is line 101: 'something else' (not as candump writes it)"
-    assert (told["figures"]["unread"], told["figures"]["lines"]) == (1, len(lines))
-    assert any(note in warning for warning in told["warnings"])
-    assert any(note in line for line in told["summary"])
+    assert (reported["figures"]["unread"], reported["figures"]["lines"]) == (1, len(lines))
+    assert any(note in warning for warning in reported["warnings"])
+    assert any(note in line for line in reported["summary"])
     entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
     assert (entry["ended"], entry["faults"]["unread"], entry["read"]["unread"]) == ("complete", 1, 1)
     assert entry["read"]["first_unread"] in entry["why"]

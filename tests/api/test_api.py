@@ -65,7 +65,7 @@ def test_what_is_no_option_or_no_such_object_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("poses", "told"),
+    ("poses", "reported"),
     [
         (np.zeros((2, 6)), r"poses of shape \(2, 6\): wanted are rows \(n, 7\) of x, y, z \[mm\], qx, qy, qz, qw"),
         (np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), r"poses of shape \(7,\): wanted are rows \(n, 7\)"),
@@ -73,8 +73,8 @@ def test_what_is_no_option_or_no_such_object_is_named() -> None:
         (np.array([[0.0, 0, 0, 0, 0, 0, 1], [0.0, 0, 0, 0.6, 0, 0, 0.9]]), "pose 2: its quaternion is not of length 1 but 1.08"),
     ],
 )
-def test_lengths_of_what_are_no_poses_are_not_told(poses: Any, told: str) -> None:
-    with pytest.raises(LMeasureError, match=told):
+def test_lengths_of_what_are_no_poses_are_not_told(poses: Any, reported: str) -> None:
+    with pytest.raises(LMeasureError, match=reported):
         lm.span_lengths(lm.read_rig(CELL / "rig.toml"), poses)
 
 

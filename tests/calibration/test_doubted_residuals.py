@@ -59,12 +59,12 @@ def test_what_is_doubted_is_the_likeliest_error_of_lengths(chance: float, doubte
     model = found.problem
     assert isinstance(model, Model)
     assert scipy.stats.chi2.sf(found.chi2, found.freedom) == pytest.approx(chance, rel=0.15)
-    told = explain_misfit(model, found, [])
-    assert told.findings == []
-    assert not told.estimated
-    assert told.fit is found
-    np.testing.assert_allclose(told.u_length_mm, likeliest(found) if doubted else 0.0, atol=1e-4)
-    assert (told.u_length_mm > 0.0).all() == doubted
+    determined = explain_misfit(model, found, [])
+    assert determined.findings == []
+    assert not determined.estimated
+    assert determined.fit is found
+    np.testing.assert_allclose(determined.u_length_mm, likeliest(found) if doubted else 0.0, atol=1e-4)
+    assert (determined.u_length_mm > 0.0).all() == doubted
 
 
 @pytest.mark.parametrize("times", [1.6, 3.0])
@@ -74,13 +74,13 @@ def test_what_nothing_explains_is_carried_into_lengths_by_the_likeliest_size(tim
     found = fitted(times)
     model = found.problem
     assert isinstance(model, Model)
-    told = explain_misfit(model, found, ["ch1"])
+    determined = explain_misfit(model, found, ["ch1"])
     excess = found.chi2 / found.freedom
-    assert told.fit.excess == pytest.approx(excess)
-    np.testing.assert_allclose(told.fit.covariance, found.covariance * excess)
-    assert told.estimated
-    np.testing.assert_allclose(told.u_length_mm, likeliest(found), atol=1e-4)
-    (finding,) = told.findings
+    assert determined.fit.excess == pytest.approx(excess)
+    np.testing.assert_allclose(determined.fit.covariance, found.covariance * excess)
+    assert determined.estimated
+    np.testing.assert_allclose(determined.u_length_mm, likeliest(found), atol=1e-4)
+    (finding,) = determined.findings
     assert finding.code == "misfit"
     assert "what is named above (ch1)" in str(finding.text)
 
@@ -92,15 +92,15 @@ def test_a_noise_somewhat_larger_than_stated_is_an_estimated_one() -> None:
     found = fitted(times, poses=60)
     model = found.problem
     assert isinstance(model, Model)
-    told = explain_misfit(model, found, ["ch1"])
-    assert 1.3 < told.fit.excess < 1.4
-    assert told.estimated
+    determined = explain_misfit(model, found, ["ch1"])
+    assert 1.3 < determined.fit.excess < 1.4
+    assert determined.estimated
     sound = fitted(1.0)
     assert isinstance(sound.problem, Model)
-    told = misfit._covered(State(sound.problem, sound), [], 0.01)
-    assert not told.estimated
-    assert told.fit is sound
-    np.testing.assert_array_equal(told.u_length_mm, 0.0)
+    determined = misfit._covered(State(sound.problem, sound), [], 0.01)
+    assert not determined.estimated
+    assert determined.fit is sound
+    np.testing.assert_array_equal(determined.u_length_mm, 0.0)
 
 
 def test_lengths_that_err_by_metres_are_carried_by_their_residuals() -> None:
@@ -109,10 +109,10 @@ def test_lengths_that_err_by_metres_are_carried_by_their_residuals() -> None:
     model = found.problem
     assert isinstance(model, Model)
     far = replace(found, residuals=1e7 * found.residuals, V=1e14 * found.V)
-    told = explain_misfit(model, far, ["ch1"])
+    determined = explain_misfit(model, far, ["ch1"])
     rms, excess = np.sqrt(np.mean(far.residuals**2)), far.chi2 / far.freedom
     assert excess > 5.0
-    np.testing.assert_allclose(told.u_length_mm, rms * np.sqrt(1.0 - 1.0 / excess), rtol=1e-9)
+    np.testing.assert_allclose(determined.u_length_mm, rms * np.sqrt(1.0 - 1.0 / excess), rtol=1e-9)
 
 
 @pytest.mark.parametrize(("chance", "blamed"), [(0.01, []), (1e-9, ["ch1"])])
@@ -123,9 +123,9 @@ def test_encoders_have_no_lengths_that_err(chance: float, blamed: list[str]) -> 
     found = fit(model, model.start)
     louder = np.sqrt(scipy.stats.chi2.isf(chance, found.freedom) / found.chi2)
     loud = replace(found, residuals=louder * found.residuals, chi2=louder**2 * found.chi2)
-    told = explain_misfit(model, loud, blamed)
-    assert (told.u_length_mm[:6] > 0.0).all()
-    np.testing.assert_array_equal(told.u_length_mm[6:], 0.0)
+    determined = explain_misfit(model, loud, blamed)
+    assert (determined.u_length_mm[:6] > 0.0).all()
+    np.testing.assert_array_equal(determined.u_length_mm[6:], 0.0)
     # a lasting error that explains nearly as well as another
     doubted = misfit._covered(State(model, found, doubt=0.02), [], 0.01)
     np.testing.assert_array_equal(doubted.u_length_mm, np.repeat([0.02, 0.0], 6))
@@ -177,11 +177,11 @@ def test_twelve_degrees_of_freedom_tell_how_uncertain_poses_are(left: int, telli
     """Exact poses then err by less than a count, whose rounding hides more; with fewer an assumed size stays."""
     found = silent(6, left, 0.0)
     assert isinstance(found.problem, Model)
-    told = explain_misfit(found.problem, found, [])
-    (finding,) = told.findings
+    determined = explain_misfit(found.problem, found, [])
+    (finding,) = determined.findings
     assert ("the residuals agree with" if telling else "the residuals are too few to tell: 0.1 mm") in str(finding.text)
     assert finding.value is not None
-    np.testing.assert_allclose(told.model.noise.u_position_mm, finding.value)
+    np.testing.assert_allclose(determined.model.noise.u_position_mm, finding.value)
     assert (1e-4 < finding.value < 0.012) if telling else finding.value == 0.1
 
 
@@ -189,22 +189,22 @@ def test_poses_that_do_not_say_are_as_uncertain_as_their_residuals() -> None:
     """Not what was assumed in place of a statement beside it."""
     found = silent(20, 96, 0.12)
     assert isinstance(found.problem, Model)
-    told = explain_misfit(found.problem, found, [])
-    assert told.estimated
-    (finding,) = told.findings
+    determined = explain_misfit(found.problem, found, [])
+    assert determined.estimated
+    (finding,) = determined.findings
     assert finding.value == pytest.approx(0.12, rel=0.25)
-    assert told.model.noise.u_position_mm == pytest.approx(finding.value)
-    assert told.fit.chi2 / told.fit.freedom == pytest.approx(1.0, abs=0.3)
+    assert determined.model.noise.u_position_mm == pytest.approx(finding.value)
+    assert determined.fit.chi2 / determined.fit.freedom == pytest.approx(1.0, abs=0.3)
 
 
 def test_what_is_assumed_stays_beside_what_explains_residuals() -> None:
     """Of poses that do not say how uncertain they are and residuals too few to tell."""
     found = silent(6, 11, 3.0)
     assert isinstance(found.problem, Model)
-    told = explain_misfit(found.problem, found, [])
-    assert [w.code for w in told.findings][-1] == "misfit"
-    assert told.model is not found.problem
-    assert (told.model.noise.u_position_mm >= 0.1).all()
+    determined = explain_misfit(found.problem, found, [])
+    assert [w.code for w in determined.findings][-1] == "misfit"
+    assert determined.model is not found.problem
+    assert (determined.model.noise.u_position_mm >= 0.1).all()
 
 
 @pytest.mark.parametrize(
@@ -266,9 +266,9 @@ def test_channels_that_err_are_said_by_their_kind() -> None:
         )
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(misfit, "_rms", lambda _: 0.5)
-            told = misfit._told(state, SimpleNamespace(sizes={}, fit=found))  # type: ignore[arg-type]
-        assert [f.channel for f in told] == [None, cables[1].channel]
-        assert f"errors of the {words} explain them best" in str(told[0].text)
-        assert str(told[0].text).endswith(f"(ask for it: --solve ...,{group})")
-        assert told[0].value == 0.5
-        assert f"lengths of channel {cables[1].channel} that err by 0.2 mm on their own" in str(told[1].text)
+            determined = misfit._told(state, SimpleNamespace(sizes={}, fit=found))  # type: ignore[arg-type]
+        assert [f.channel for f in determined] == [None, cables[1].channel]
+        assert f"errors of the {words} explain them best" in str(determined[0].text)
+        assert str(determined[0].text).endswith(f"(ask for it: --solve ...,{group})")
+        assert determined[0].value == 0.5
+        assert f"lengths of channel {cables[1].channel} that err by 0.2 mm on their own" in str(determined[1].text)

@@ -84,17 +84,17 @@ def test_one_length_gives_the_scale_that_counts_do_not() -> None:
     known = float(np.linalg.norm(rows[3, :3] - rows[7, :3]))
     names = campaign.poses.names
     solve = ("position", "guide", "scale")
-    blind, told = (
+    blind, determined = (
         calibrate(campaign, CalibrationSettings(self_calibration=True, solve=solve, distances=given))
         for given in ((), (Distance(names[3], names[7], known, 0.02),))
     )
-    way = np.linalg.norm(told.campaign.poses.rows[3, :3] - told.campaign.poses.rows[7, :3])
+    way = np.linalg.norm(determined.campaign.poses.rows[3, :3] - determined.campaign.poses.rows[7, :3])
     assert abs(way - known) < 0.05
     # the other lengths follow, and are known better than before
-    away = [np.linalg.norm(p[1:, :3] - p[0, :3], axis=1) for p in (blind.campaign.poses.rows, told.campaign.poses.rows, rows)]
+    away = [np.linalg.norm(p[1:, :3] - p[0, :3], axis=1) for p in (blind.campaign.poses.rows, determined.campaign.poses.rows, rows)]
     off = [found - away[2] for found in away[:2]]
     assert np.sqrt(np.mean(off[1] ** 2)) < 0.3 * max(0.3, np.sqrt(np.mean(off[0] ** 2)))
-    u = [{p.name: p.u for p in f.record.parameters}["B1.scale"] for f in (blind, told)]
+    u = [{p.name: p.u for p in f.record.parameters}["B1.scale"] for f in (blind, determined)]
     assert u[1] < u[0]
 
 

@@ -20,8 +20,8 @@ def test_held_out_poses_are_told_with_their_uncertainty() -> None:
     squares = []
     for seed in range(12):
         drawn = draw(seed, points=2, poses=24, u_position_mm=0.05)
-        told = calibrate(drawn.campaign, CalibrationSettings(hold_out=("5", "9", "14", "20"))).record.validation["held_out"]
-        squares += [(p["error_mm"] / p["u_mm"]) ** 2 for p in told["poses"]]
+        determined = calibrate(drawn.campaign, CalibrationSettings(hold_out=("5", "9", "14", "20"))).record.validation["held_out"]
+        squares += [(p["error_mm"] / p["u_mm"]) ** 2 for p in determined["poses"]]
     assert len(squares) == 12 * 4 * 2
     # 96 of them, poses shared by two channels: standard deviation of the mean about 0.18
     assert np.mean(squares) == pytest.approx(1.0, abs=0.5)

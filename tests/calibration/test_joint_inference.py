@@ -124,7 +124,7 @@ def test_a_pose_left_out_is_judged_as_by_a_fit_without_it(given: dict[str, Any],
     fitted with the calibrated rig, its errors and their uncertainties are those that deletion predicts."""
     drawn = draw(6, **given)
     model, found = solved(drawn)
-    deletion, told = Deletion(found), dict(deletion_residuals(model, found))
+    deletion, determined = Deletion(found), dict(deletion_residuals(model, found))
     left = 6 - model.pose_unknowns
     for pose in poses:
         judged = deletion.shift(shifted_lengths(model, np.array([pose])))
@@ -139,7 +139,7 @@ def test_a_pose_left_out_is_judged_as_by_a_fit_without_it(given: dict[str, Any],
             drawn.campaign, CalibrationSettings(hold_out=(name,), self_calibration=drawn.campaign.poses.oriented)
         ).record.validation
         errors = np.array([[p["error_mm"], p["u_mm"]] for p in kept["held_out"]["poses"]])
-        assert np.sqrt(np.sum(errors[:, 0] ** 2) / left) == pytest.approx(told[name], rel=0.02)
+        assert np.sqrt(np.sum(errors[:, 0] ** 2) / left) == pytest.approx(determined[name], rel=0.02)
         rows = model.pose_index == pose
         values, vectors = np.linalg.eigh(deletion._P[np.ix_(rows, rows)])
         u = np.sqrt(np.diag((vectors[:, -left:] / values[-left:]) @ vectors[:, -left:].T))

@@ -178,8 +178,8 @@ def test_calibrated_values_err_as_stated_where_counters_stand_anywhere_within_th
         nearer += square <= chi2.ppf(0.5, len(d)) / chi2.ppf(0.95, len(d))
         sure = model_of(zeroed_exactly(drawn.campaign))
         gain = fit(sure, truth)
-        told = gain.directions[gain.known] @ (gain.gain @ r / model.parameters.width) * gain.s[gain.known]
-        other += float(told @ told)
+        determined = gain.directions[gain.known] @ (gain.gain @ r / model.parameters.width) * gain.s[gain.known]
+        other += float(determined @ determined)
     assert 0.01 < chi2.sf(squares, freedom) < 0.99
     assert inside >= 0.87 * trials
     # nor is the region too large: the half of all that is nearest lies where it should

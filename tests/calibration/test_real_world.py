@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import real_rig
 from real_rig import Flaws
-from real_world import Case, Made, make, score, score_of, told
+from real_world import Case, Made, make, reported, score, score_of
 from typer.testing import CliRunner
 
 from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate
@@ -72,7 +72,7 @@ def test_what_can_be_stated_costs_no_more_than_stating_it(case: Case, says: str,
         told_size = re.search(rf"([0-9.e-]+) {unit}", found[0].text.split("in error by")[1])
         assert told_size is not None
         assert float(told_size[1]) == pytest.approx(size, rel=0.4)
-    stated = calibrate(told(made, case), CalibrationSettings(("position", "guide", *case.cure)))
+    stated = calibrate(reported(made, case), CalibrationSettings(("position", "guide", *case.cure)))
     assert score_of(result, made).error_mm < 1.5 * score_of(stated, made).error_mm
 
 

@@ -123,5 +123,5 @@ def test_a_bend_of_three_standard_uncertainties_is_told(seed: int, bent: bool) -
     drawn = draw(1_000_000 + seed, poses=6 + seed % 5)
     bend = regions(fitted(drawn)[1], 0).bend
     assert (2.5, 3.0)[bent] < bend < (3.0, 3.5)[bent]
-    told = [w for w in calibrate(drawn.campaign).record.warnings if w.code == "nonlinear"]
-    assert [w.value for w in told] == [pytest.approx(bend, rel=0.05)][:bent]
+    determined = [w for w in calibrate(drawn.campaign).record.warnings if w.code == "nonlinear"]
+    assert [w.value for w in determined] == [pytest.approx(bend, rel=0.05)][:bent]

@@ -126,12 +126,12 @@ def test_what_is_solved_is_not_counted_again() -> None:
 def test_corrected_dimensions_are_those_that_solving_would_give() -> None:
     true, rng = drawn(3, ("count length",))
     campaign = campaign_of(true, ("count length",), rng, poses=24)
-    told, solved = calibrate(campaign), calibrate(campaign, CalibrationSettings(solve=("position", "guide", "scale"), prior=True))
-    for d in told.record.dimensions:
+    determined, solved = calibrate(campaign), calibrate(campaign, CalibrationSettings(solve=("position", "guide", "scale"), prior=True))
+    for d in determined.record.dimensions:
         scale = next(p for p in solved.record.parameters if p.name == d.name.replace("count_length_mm", "scale"))
         assert d.value / real_rig.COUNT_MM == pytest.approx(1.0 / scale.value, abs=0.2 * scale.u)
         assert d.u / real_rig.COUNT_MM == pytest.approx(scale.u, rel=0.05)
-    rms = [np.sqrt(np.mean([r.mm**2 for r in c.record.residuals])) for c in (told, solved)]
+    rms = [np.sqrt(np.mean([r.mm**2 for r in c.record.residuals])) for c in (determined, solved)]
     assert rms[0] == pytest.approx(rms[1], rel=0.02)
 
 

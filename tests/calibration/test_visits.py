@@ -74,8 +74,8 @@ def test_holding_a_pose_out_holds_all_its_visits_out(tmp_path: Path) -> None:
     whole = calibrate(read_campaign(folder)).record
     record = calibrate(read_campaign(folder), CalibrationSettings(hold_out=("5",))).record
     assert whole.equations - record.equations == 2 * 6
-    told = [p["pose"] for p in record.validation["held_out"]["poses"]]
-    assert told == ["5"] * 6 + ["5 (visit 2)"] * 6
+    determined = [p["pose"] for p in record.validation["held_out"]["poses"]]
+    assert determined == ["5"] * 6 + ["5 (visit 2)"] * 6
 
 
 def test_leaving_a_pose_out_leaves_out_its_visits() -> None:

@@ -90,11 +90,11 @@ def test_the_truth_of_the_independent_simulator_is_told_as_well_as_stated(tmp_pa
     true = with_values(campaign.rig, values)
     rng = np.random.default_rng(3)
     rows = np.column_stack([rng.uniform(-300, 300, (150, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (150, 3))).as_quat()])
-    told, right = (span_lengths(rig, rows, rig.observed) for rig in (found.rig, true))
-    off = (told - right)[:, :6]
+    determined, right = (span_lengths(rig, rows, rig.observed) for rig in (found.rig, true))
+    off = (determined - right)[:, :6]
     u = [e["rms_mm"] for e in found.record.predicted["lengths"]]
     assert (np.sqrt(np.mean((off - off.mean(axis=0)) ** 2, axis=0)) < 2.5 * np.array(u)).all()
-    assert np.abs(np.degrees(told - right)[:, 6:]).max() < 0.02
+    assert np.abs(np.degrees(determined - right)[:, 6:]).max() < 0.02
     assert found.record.equations == 6 * (n - 1) + 6 * n
 
 
@@ -203,7 +203,7 @@ def test_a_plan_reckons_with_encoders() -> None:
     _, rows = campaign_of(rig, 8)
     instrument = Instrument(rig, rig.observed, ("position", "guide"), sigma, visit=np.zeros(6))
     blocks = instrument.blocks(rows[1:], instrument.zero(rows[0]))
-    told = parameter_information(np.einsum("nmp,nmq->pq", blocks, blocks), len(instrument.unknowns.names))
+    determined = parameter_information(np.einsum("nmp,nmq->pq", blocks, blocks), len(instrument.unknowns.names))
     reference = Poses(tuple(map(str, range(8))), rows, np.full(8, 0.05), np.full(8, 2e-4))
     nothing = np.zeros((8, len(rig.observed)))
     campaign = instrument.predicted(Campaign(rig, reference, rig.observed, nothing, np.zeros(len(rig.observed), np.int64)))
@@ -211,17 +211,17 @@ def test_a_plan_reckons_with_encoders() -> None:
     model = Model(campaign, instrument.unknowns)
     J = model.jacobian(model.start) * instrument.unknowns.width
     right = J.T @ np.linalg.solve(model.measurement_covariance(model.start), J)
-    np.testing.assert_allclose(told, right, rtol=1e-5, atol=1e-6 * told.max())
+    np.testing.assert_allclose(determined, right, rtol=1e-5, atol=1e-6 * determined.max())
 
 
 def test_six_cables_and_six_encoders_calibrate_themselves() -> None:
     """Nothing is known of the poses but about where they are; distances between them are told as well as stated."""
     campaign, rows = campaign_of(swivelled(2), 20, 4, u_mm=2.0)
     found = calibrate(campaign, CalibrationSettings(self_calibration=True))
-    told = found.campaign.poses
-    assert told.covariance is not None
-    way, right = (p[1:, :3] - p[:1, :3] for p in (told.rows, rows))
+    determined = found.campaign.poses
+    assert determined.covariance is not None
+    way, right = (p[1:, :3] - p[:1, :3] for p in (determined.rows, rows))
     off = np.linalg.norm(way, axis=1) - np.linalg.norm(right, axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.1
-    assert np.abs(off).max() < 5.0 * told.u_position_mm.max()
+    assert np.abs(off).max() < 5.0 * determined.u_position_mm.max()
     assert found.record.rank == found.record.unknowns - 6

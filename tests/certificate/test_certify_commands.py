@@ -60,7 +60,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "told"),
+    ("options", "code", "reported"),
     [
         (("--language", "de"), 2, "not one of en, ru"),
         (("--rule", "strict"), 2, "'strict' is not one of simple, guarded"),
@@ -83,15 +83,15 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
         (("--run", "none"), 1, "none"),
     ],
 )
-def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, options: tuple[str, ...], code: int, told: str) -> None:
+def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, options: tuple[str, ...], code: int, reported: str) -> None:
     got, text = run("certify", campaign / "trajectory.parquet", "--program", campaign / "program.toml", "--out", tmp_path / "c", *options)
     assert got == code, text
-    assert told in " ".join(text.replace("│", " ").split())
+    assert reported in " ".join(text.replace("│", " ").split())
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("tolerances", "told"),
+    ("tolerances", "reported"),
     [
         ('[[tolerance]]\ncharacteristic = "AP_q"\nupper = 1.0\n', "tolerance of AP_q: no characteristic is held against it"),
         ('[[tolerance]]\ncharacteristic = "AP_p"\npath = "line"\nupper = 1.0\n', "tolerance of AP_p at line: no characteristic"),
@@ -101,12 +101,12 @@ def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, opt
         ),
     ],
 )
-def test_a_tolerance_that_decides_nothing_is_refused(campaign: Path, tmp_path: Path, tolerances: str, told: str) -> None:
+def test_a_tolerance_that_decides_nothing_is_refused(campaign: Path, tmp_path: Path, tolerances: str, reported: str) -> None:
     program = tmp_path / "program.toml"
     program.write_text((campaign / "program.toml").read_text() + tolerances)
     code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--out", tmp_path / "c")
     assert code == 1
-    assert told in text
+    assert reported in text
     assert not (tmp_path / "c").exists()
 
 
@@ -188,7 +188,7 @@ def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, mo
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "reported"),
     [
         (("--quaternion", "0,0,0,2"), "quaternion 0, 0, 0, 2: is not of length 1"),
         (("--quaternion", "0,0,nan,1"), "is not of length 1"),
@@ -202,10 +202,10 @@ def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, mo
         (("--tests", "drift", "--drift-hours", "1e9"), "too long: 100 h at most"),
     ],
 )
-def test_a_program_that_cannot_be_is_one_line(options: tuple[str, ...], told: str, tmp_path: Path) -> None:
+def test_a_program_that_cannot_be_is_one_line(options: tuple[str, ...], reported: str, tmp_path: Path) -> None:
     code, text = run("program", "--x", "0:100", "--y", "0:100", "--z", "0:100", "--out", tmp_path / "p", *options)
     assert code == 1
-    assert told in text
+    assert reported in text
     assert not (tmp_path / "p").exists()
 
 

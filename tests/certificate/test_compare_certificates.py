@@ -91,9 +91,9 @@ def test_the_u95_of_a_figures_difference_holds_what_it_says() -> None:
             found = pair(both[0], both[1])
             assert found.shared == shared
             inside[shared] += [not c.beyond for c in found.changes[:3]]
-    for shared, told in inside.items():
+    for shared, reported in inside.items():
         # the coverage factor of the two is 2
-        assert abs(np.mean(told) - 0.9545) < 4 * np.sqrt(0.95 * 0.05 / len(told)), shared
+        assert abs(np.mean(reported) - 0.9545) < 4 * np.sqrt(0.95 * 0.05 / len(reported)), shared
 
 
 def test_a_moved_pose_is_named_and_the_others_are_not() -> None:

@@ -50,10 +50,10 @@ def test_it_keeps_to_the_schema_and_to_every_digit(details: dict[str, Any]) -> N
     units = tree.xpath("//dcc:result//si:unit/text()", namespaces=NAMES)
     assert units == ["\\milli\\metre", "\\milli\\metre\\second\\tothe{-1}"]
     assert tree.xpath("//dcc:uniqueIdentifier/text()", namespaces=NAMES) == ["LM-1"]
-    told = " ".join(tree.xpath("//dcc:content/text()", namespaces=NAMES))
-    assert "not capable" in told
-    assert "\\u{B} \\u{D800}" in told
-    assert ("no accreditation is stated" in told) == (not details)
+    reported = " ".join(tree.xpath("//dcc:content/text()", namespaces=NAMES))
+    assert "not capable" in reported
+    assert "\\u{B} \\u{D800}" in reported
+    assert ("no accreditation is stated" in reported) == (not details)
 
 
 def test_it_says_no_more_than_is_known() -> None:
@@ -84,8 +84,8 @@ def test_conformity_is_there_with_its_limits_and_rule(value: float, verdict: str
     }  # fmt: skip
     tree = etree.fromstring(dcc_xml(content, XSD))
     assert tree.xpath("//dcc:conformity/text()", namespaces=NAMES) == [status]
-    (told,) = tree.xpath("//dcc:metaData/dcc:declaration/dcc:content/text()", namespaces=NAMES)
-    assert told == "at most 0.5 mm; guarded acceptance (JCGM 106)"
+    (reported,) = tree.xpath("//dcc:metaData/dcc:declaration/dcc:content/text()", namespaces=NAMES)
+    assert reported == "at most 0.5 mm; guarded acceptance (JCGM 106)"
 
 
 def test_what_does_not_keep_to_the_schema_is_one_line(tmp_path: Path) -> None:

@@ -115,7 +115,7 @@ def test_a_certificate_states_its_method(copy: Path) -> None:
 def test_codes_of_findings_say_what_the_texts_say(copy: Path) -> None:
     findings = content_of(copy)["findings"]
     assert {f["text"] for f in findings} >= set(content_of(copy)["notes"])
-    for forged, told in (
+    for forged, reported in (
         ("all is well", "findings are not texts with their codes"),
         ([{"code": "zone.angle"}], "findings are not texts with their codes"),
         ([f | {"code": "none"} for f in findings], "findings is ["),
@@ -125,7 +125,7 @@ def test_codes_of_findings_say_what_the_texts_say(copy: Path) -> None:
         resealed(copy, {"findings": forged})
         found = looked_at(copy)
         assert found.exit_code == 1
-        assert any(told in d.text for d in found.differences), found.differences
+        assert any(reported in d.text for d in found.differences), found.differences
 
 
 def test_texts_are_compared_where_bytes_are_others(copy: Path) -> None:
@@ -242,9 +242,9 @@ def test_pipes_are_never_opened(copy: Path, tmp_path: Path) -> None:
         os.mkfifo(pipe)
     targets = [tmp_path / name for name in ("certificate.json", MANIFEST, "signature.json", "pipe.zip", "c.zip")]
     done = subprocess.run([sys.executable, "-c", ASK, *map(str, targets)], capture_output=True, text=True, timeout=100, check=True)
-    told = done.stdout.split("asked: ")[1:]
-    assert len(told) == len(targets)
-    for target, text in zip(targets, told, strict=True):
+    reported = done.stdout.split("asked: ")[1:]
+    assert len(reported) == len(targets)
+    for target, text in zip(targets, reported, strict=True):
         assert text.startswith(str(target))
         assert "is no regular file" in text
         assert text.endswith("exit code 1\n")

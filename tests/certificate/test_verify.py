@@ -43,9 +43,9 @@ PAGE = "page.txt"
 
 def test_a_library_whose_metadata_was_removed_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lmeasure.certificate.versions.LIBRARIES", ("numpy", "not-installed-anywhere"))
-    told = environment()
-    assert told["numpy"] != "unknown"
-    assert told["not-installed-anywhere"] == "unknown"
+    reported = environment()
+    assert reported["numpy"] != "unknown"
+    assert reported["not-installed-anywhere"] == "unknown"
 
 
 def print_page(content: dict[str, Any], measured: Measured) -> bytes:

@@ -53,9 +53,9 @@ def test_figures_of_commands_are_numbers_that_say_their_unit(
         monkeypatch.setattr("sys.argv", ["lmeasure", *map(str, words), "--json"])
         with pytest.raises(SystemExit) as end:
             main()
-        told = json.loads(capsys.readouterr().out)
-        assert (end.value.code, told["error"]) == (0, None), told
-        assert isinstance(told["figures"][name], int | float), words
-        assert all(isinstance(value, int | float | None) and not isinstance(value, bool) for value in told["figures"].values())
+        reported = json.loads(capsys.readouterr().out)
+        assert (end.value.code, reported["error"]) == (0, None), reported
+        assert isinstance(reported["figures"][name], int | float), words
+        assert all(isinstance(value, int | float | None) and not isinstance(value, bool) for value in reported["figures"].values())
         if words[0] == "reconstruct":
-            assert told["figures"]["samples"] == 2000
+            assert reported["figures"]["samples"] == 2000

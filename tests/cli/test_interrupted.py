@@ -55,8 +55,8 @@ def interrupted(folder: Path, *words: str) -> tuple[int, list[str]]:
         assert process.stderr is not None
         for line in process.stderr:
             if line.startswith("{"):
-                told: dict[str, Any] = json.loads(line)
-                if told["event"] == "progress" and not said:
+                reported: dict[str, Any] = json.loads(line)
+                if reported["event"] == "progress" and not said:
                     process.send_signal(signal.SIGINT)
             else:
                 said.append(line.rstrip("\n"))
@@ -137,8 +137,8 @@ def test_ctrl_c_before_anything_is_loaded() -> None:
 
 
 def test_ctrl_c_that_a_library_swallowed_ends_the_work_where_it_next_tells_how_far_it_is() -> None:
-    told: list[str] = []
-    progress = heeded(lambda fraction, text: told.append(text))
+    reported: list[str] = []
+    progress = heeded(lambda fraction, text: reported.append(text))
     with noted():
         progress(0.1, "before")
         with contextlib.suppress(KeyboardInterrupt):
@@ -147,4 +147,4 @@ def test_ctrl_c_that_a_library_swallowed_ends_the_work_where_it_next_tells_how_f
             progress(0.2, "after")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     progress(0.3, "the next command")
-    assert told == ["before", "the next command"]
+    assert reported == ["before", "the next command"]

@@ -41,26 +41,28 @@ def test_every_command_can_answer_in_json() -> None:
 
 
 def test_a_result_in_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    code, told, said_besides = called(["structure", TRUTH / "cell-run" / "rig.toml", "--json"], monkeypatch, capsys)
-    assert (code, list(told), said_besides) == (0, KEYS, "")
-    assert told["schema"] == "lmeasure.result/1"
-    assert told["command"] == "structure"
-    assert told["error"] is None
-    assert told["made"]["class"] == told["summary"][0].split()[0].rstrip(":,") or told["made"]["class"] in told["summary"][0]
+    code, reported, said_besides = called(["structure", TRUTH / "cell-run" / "rig.toml", "--json"], monkeypatch, capsys)
+    assert (code, list(reported), said_besides) == (0, KEYS, "")
+    assert reported["schema"] == "lmeasure.result/1"
+    assert reported["command"] == "structure"
+    assert reported["error"] is None
+    assert (
+        reported["made"]["class"] == reported["summary"][0].split()[0].rstrip(":,") or reported["made"]["class"] in reported["summary"][0]
+    )
     # what a file holds already is named, not said again
     words = ["structure", TRUTH / "cell-run" / "rig.toml", "--out", tmp_path / "s.json", "--json"]
-    code, told, _ = called(words, monkeypatch, capsys)
-    assert (code, told["files"], told["made"]) == (0, [str(tmp_path / "s.json")], None)
+    code, reported, _ = called(words, monkeypatch, capsys)
+    assert (code, reported["files"], reported["made"]) == (0, [str(tmp_path / "s.json")], None)
 
 
 def test_what_must_be_known_of_a_trajectory_is_a_list_in_json(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["reconstruct", TRUTH / "cell-run", "--out", tmp_path / "t.parquet", "--json"]
-    code, told, _ = called(words, monkeypatch, capsys)
-    assert (code, list(told)) == (0, KEYS)
-    assert told["notes"]
-    assert all(list(note) == ["code", "text"] and f"note: {note['text']}" in told["summary"] for note in told["notes"])
+    code, reported, _ = called(words, monkeypatch, capsys)
+    assert (code, list(reported)) == (0, KEYS)
+    assert reported["notes"]
+    assert all(list(note) == ["code", "text"] and f"note: {note['text']}" in reported["summary"] for note in reported["notes"])
 
 
 def test_who_shows_a_result_has_its_lines_in_the_readers_language_beside(tmp_path: Path) -> None:
@@ -88,17 +90,17 @@ def test_an_error_in_json(
     words: list[str], code: int, command_name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    got, told, err = called([*words], monkeypatch, capsys)
-    assert (got, told["exit_code"], told["command"], told["error"]) == (code, code, command_name, text)
-    assert list(told) == KEYS
+    got, reported, err = called([*words], monkeypatch, capsys)
+    assert (got, reported["exit_code"], reported["command"], reported["error"]) == (code, code, command_name, text)
+    assert list(reported) == KEYS
     assert text in err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_no_number_and_a_failure_in_json() -> None:
     made = machine.of_result("zone", Result(None, ("a", ""), {"volume": float("nan")}, failure="too few", files=(Path("z.nc"),)))
-    told = json.loads(machine.written(made))
-    assert (told["exit_code"], told["error"], told["figures"], told["summary"], told["files"]) == (
+    reported = json.loads(machine.written(made))
+    assert (reported["exit_code"], reported["error"], reported["figures"], reported["summary"], reported["files"]) == (
         1,
         "too few",
         {"volume": None},
@@ -159,10 +161,10 @@ def test_compiling_is_told_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, 
             compilation.start("inner")
             compilation.end("inner")
             compilation.end("outer")
-        told = capsys.readouterr().err
+        reported = capsys.readouterr().err
         assert compilation.names == ["inner", "outer"]
-        assert ("compiling the numerical kernels" in told) == terminal
-        assert bool(re.search(r"compiled 2 kernels in \d+ s, kept for later: inner, outer", told)) == terminal
+        assert ("compiling the numerical kernels" in reported) == terminal
+        assert bool(re.search(r"compiled 2 kernels in \d+ s, kept for later: inner, outer", reported)) == terminal
 
 
 def completed(line: str) -> set[str]:
@@ -205,9 +207,9 @@ def test_help_and_errors_in_russian() -> None:
         return subprocess.run([sys.executable, "-m", "lmeasure", *words], capture_output=True, encoding="utf-8", env=environment)
 
     assert "Собрать и откалибровать установку:" in run("--help").stdout
-    told = run("zone", "--help").stdout
-    assert "Пределы:" in told
-    assert "[обязательно]" in told
+    reported = run("zone", "--help").stdout
+    assert "Пределы:" in reported
+    assert "[обязательно]" in reported
     wrong = run("calibrat")
     assert wrong.returncode == 2
     assert "Ошибка: Нет команды «calibrat»" in wrong.stderr

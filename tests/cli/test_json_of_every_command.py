@@ -145,20 +145,20 @@ def answer_apart(words: list[object], desk: Path) -> tuple[int, dict[str, Any]]:
 def held(line: str, desk: Path, answer: Callable[[list[object]], tuple[int, dict[str, Any]]]) -> dict[str, Any]:
     """What a command says, held to what is promised of every answer; its terminal is Russian, and nobody sits at it."""
     before = set(desk.rglob("*"))
-    code, told = answer([*line.split(), "--json"])
-    assert (list(told), told["command"], told["exit_code"]) == (KEYS, line.split()[0], code)
-    unnamed = [name for name in told["figures"] if not UNIT.search(name) and name not in COUNTED and name not in RATIOS]
+    code, reported = answer([*line.split(), "--json"])
+    assert (list(reported), reported["command"], reported["exit_code"]) == (KEYS, line.split()[0], code)
+    unnamed = [name for name in reported["figures"] if not UNIT.search(name) and name not in COUNTED and name not in RATIOS]
     assert unnamed == []
-    assert all(value is None or np.isfinite(value) for value in told["figures"].values())
+    assert all(value is None or np.isfinite(value) for value in reported["figures"].values())
     # a ledger of what is being written stays beside it
     made = {str(p.relative_to(desk)) for p in desk.rglob("*") if p.is_file() and p not in before and not p.name.startswith(".")}
-    if told["command"] == "demo":  # it names what to look at
-        assert all((desk / name).exists() for name in told["files"])
+    if reported["command"] == "demo":  # it names what to look at
+        assert all((desk / name).exists() for name in reported["files"])
     else:
-        assert made == {str(Path(name)) for name in told["files"]}
-    if told["command"] != "certify":
-        assert not re.search("[а-я]", json.dumps(told, ensure_ascii=False))
-    return told
+        assert made == {str(Path(name)) for name in reported["files"]}
+    if reported["command"] != "certify":
+        assert not re.search("[а-я]", json.dumps(reported, ensure_ascii=False))
+    return reported
 
 
 @pytest.mark.parametrize("line", QUICK)
@@ -167,9 +167,9 @@ def test_what_a_command_answers(line: str, desk: Path, monkeypatch: pytest.Monke
     monkeypatch.setenv("LANG", "ru_RU.UTF-8")
     with Path(os.devnull).open() as nobody:
         monkeypatch.setattr("sys.stdin", nobody)
-        told = held(line, desk, lambda words: called(words, monkeypatch, capsys)[:2])
+        reported = held(line, desk, lambda words: called(words, monkeypatch, capsys)[:2])
     # nobody goes to the poses of the capture
-    assert (told["exit_code"], told["error"] is None) == ((1, False) if told["command"] == "capture" else (0, True))
+    assert (reported["exit_code"], reported["error"] is None) == ((1, False) if reported["command"] == "capture" else (0, True))
 
 
 @pytest.mark.slow
@@ -194,7 +194,7 @@ def test_a_wrong_call_of_a_command_is_a_document_too(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LANG", "ru_RU.UTF-8")
-    code, told, _ = called([command, "--no-such-option", "--json"], monkeypatch, capsys)
-    assert (list(told), code, told["command"], told["exit_code"]) == (KEYS, 2, command, 2)
-    assert told["error"].startswith("No such option: --no-such-option")
+    code, reported, _ = called([command, "--no-such-option", "--json"], monkeypatch, capsys)
+    assert (list(reported), code, reported["command"], reported["exit_code"]) == (KEYS, 2, command, 2)
+    assert reported["error"].startswith("No such option: --no-such-option")
     assert list(tmp_path.iterdir()) == []

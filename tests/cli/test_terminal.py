@@ -133,11 +133,11 @@ def bench(tmp_path: Path) -> Iterator[tuple[Person, list[str]]]:
     (tmp_path / "elsewhere").mkdir()
     write_rig(tmp_path / "elsewhere" / "rig.toml", rig_from_dict(exchanged(rig, 0, 1)))
     bus = {"channel": f"239.74.{random.randrange(1, 255)}.{random.randrange(1, 255)}", "port": random.randrange(20000, 60000)}
-    told = ["--bus", f"udp_multicast:{bus['channel']}", "--bus-option", f"port={bus['port']}"]
+    reported = ["--bus", f"udp_multicast:{bus['channel']}", "--bus-option", f"port={bus['port']}"]
     with cell(
         tmp_path, tmp_path / "elsewhere" / "rig.toml", Path("planned.csv"), {"interface": "udp_multicast", "hop_limit": 0, **bus}
     ) as one:
-        yield one, told
+        yield one, reported
 
 
 def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench: tuple[Person, list[str]]) -> None:

@@ -143,7 +143,7 @@ def test_a_wrong_file_is_named_in_a_line(line: str, desk: Path) -> None:
         error = done.exception
         assert isinstance(error, LMeasureError | SystemExit), (words, repr(error))
         assert done.exit_code in (1, 2), words
-        told = error.lines if isinstance(error, LMeasureError) else done.output.splitlines()
-        assert any(name in text for text in told), (words, told)
-        assert not any("Traceback" in text or "Error(" in text or "\n" in text for text in told), (words, told)
+        reported = error.lines if isinstance(error, LMeasureError) else done.output.splitlines()
+        assert any(name in text for text in reported), (words, reported)
+        assert not any("Traceback" in text or "Error(" in text or "\n" in text for text in reported), (words, reported)
         assert {p.relative_to(desk) for p in desk.rglob("*")} == there, words

@@ -92,9 +92,9 @@ def test_what_a_straight_line_misses_is_told(part: float) -> None:
     at_s = time_s[:-1] + part
     values, missed = read(time_s, 50.0 * np.cos(time_s), at_s, smooth=0.0)
     error = np.abs(values - 50.0 * np.cos(at_s))
-    told = missed > 0.0
-    assert told.sum() > 5
-    assert np.sqrt(np.mean(error[told] ** 2)) == pytest.approx(np.sqrt(np.mean(missed[told] ** 2)), rel=0.5)
+    determined = missed > 0.0
+    assert determined.sum() > 5
+    assert np.sqrt(np.mean(error[determined] ** 2)) == pytest.approx(np.sqrt(np.mean(missed[determined] ** 2)), rel=0.5)
 
 
 def test_instants_on_samples_outside_and_in_holes() -> None:

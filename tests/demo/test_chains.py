@@ -38,7 +38,7 @@ class Ran:
     out: Path
     table: list[dict[str, str]]
     printed: str
-    told: str
+    reported: str
 
     def line(self, what: str) -> tuple[float, str]:
         """(error, what is stated) of the table's line that begins so."""
@@ -90,7 +90,7 @@ def test_demo_leaves_the_folders_of_every_stage(ran: Ran) -> None:
 
 
 def test_demo_tells_its_stages_and_where_to_look(ran: Ran) -> None:
-    places = [ran.told.index(stage) for stage in STAGES]
+    places = [ran.reported.index(stage) for stage in STAGES]
     assert places == sorted(places)
     for line in ran.table:
         assert line["what"] in ran.printed

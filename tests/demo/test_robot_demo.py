@@ -31,13 +31,13 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def told() -> list[str]:
+def reported() -> list[str]:
     return []
 
 
 @pytest.fixture(scope="module")
-def done(out: Path, told: list[str]) -> RobotDemo:
-    return robot_demo(out, lambda stage, done, of: told.append(stage), seed=1, tests=SHORT, settings=CertificationSettings(trials=500))
+def done(out: Path, reported: list[str]) -> RobotDemo:
+    return robot_demo(out, lambda stage, done, of: reported.append(stage), seed=1, tests=SHORT, settings=CertificationSettings(trials=500))
 
 
 def test_characteristics_lie_within_their_uncertainty_of_the_truth(done: RobotDemo) -> None:
@@ -61,8 +61,8 @@ def test_one_of_each_name_is_shown(done: RobotDemo) -> None:
     assert next(h.where for h in shown if h.name == "AT_p") == "line"
 
 
-def test_every_stage_leaves_its_files(done: RobotDemo, out: Path, told: list[str]) -> None:
-    assert tuple(dict.fromkeys(told)) == ROBOT_STAGES
+def test_every_stage_leaves_its_files(done: RobotDemo, out: Path, reported: list[str]) -> None:
+    assert tuple(dict.fromkeys(reported)) == ROBOT_STAGES
     for path in done.look:
         assert path.exists(), path
     program = read_program(out / "program.toml")
@@ -136,13 +136,13 @@ def test_it_may_be_certified_without_being_corrected(tmp_path: Path) -> None:
     """A comparison that an earlier demo left is of another certificate, and goes."""
     mark(tmp_path, ())
     (tmp_path / "comparison.html").write_text("of another")
-    told: list[str] = []
+    reported: list[str] = []
     few = replace(SHORT, tests=("pose",), cycles={"pose": 2})
     done = robot_demo(
-        tmp_path, lambda stage, done, of: told.append(stage), tests=few, settings=CertificationSettings(trials=100), correct=False
+        tmp_path, lambda stage, done, of: reported.append(stage), tests=few, settings=CertificationSettings(trials=100), correct=False
     )
     assert done.loop is None
-    assert tuple(dict.fromkeys(told)) == tuple(stage for stage in ROBOT_STAGES if stage not in LOOP_STAGES)
+    assert tuple(dict.fromkeys(reported)) == tuple(stage for stage in ROBOT_STAGES if stage not in LOOP_STAGES)
     assert all(path.exists() for path in done.look)
     assert (tmp_path / "certificate" / "certificate.json").exists()
     assert {"comparison.html", "again", "identified", "corrected"}.isdisjoint(path.name for path in tmp_path.iterdir())

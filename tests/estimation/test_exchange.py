@@ -74,11 +74,14 @@ def test_readings_of_a_parabola_are_chosen_as_by_trying_all(kind: str) -> None:
     """Nothing of cables: 4 of 11 places at which to read, each once; the order is that of what each brings."""
     x = np.linspace(-1.0, 1.0, 11)
     parabola = Line(Readings(x, np.zeros(11), u=0.1), degree=2)
-    told = blocks((parabola.jacobian(parabola.start) * parabola.parameters.width)[:, None, :], np.array([0.1**2]))
+    determined = blocks((parabola.jacobian(parabola.start) * parabola.parameters.width)[:, None, :], np.array([0.1**2]))
     criterion = Criterion(kind, np.vander(np.linspace(-1.0, 1.0, 50), 3, increasing=True) * parabola.parameters.width)
     rng = np.random.default_rng(1)
-    design = improved(grown(empty(Numbered(told), np.eye(3)), 4, None, rng), criterion, rng)
-    every = {c: criterion.value(np.eye(3) + sum((told[i].T @ told[i] for i in c), np.zeros((3, 3)))) for c in combinations(range(11), 4)}
+    design = improved(grown(empty(Numbered(determined), np.eye(3)), 4, None, rng), criterion, rng)
+    every = {
+        c: criterion.value(np.eye(3) + sum((determined[i].T @ determined[i] for i in c), np.zeros((3, 3))))
+        for c in combinations(range(11), 4)
+    }
     assert len(set(design.points[:, 0])) == 4
     assert criterion.value(design.information) == pytest.approx(min(every.values()), rel=1e-9, abs=1e-9)
     steps = ordered(design, criterion)
@@ -91,9 +94,9 @@ def test_readings_of_a_parabola_are_chosen_as_by_trying_all(kind: str) -> None:
 
 
 def test_no_more_is_chosen_than_there_is() -> None:
-    told = np.random.default_rng(2).normal(size=(3, 1, 2))
+    determined = np.random.default_rng(2).normal(size=(3, 1, 2))
     criterion = Criterion("I", np.eye(2))
-    design = grown(empty(Numbered(told), np.eye(2)), 5, criterion, np.random.default_rng(0))
+    design = grown(empty(Numbered(determined), np.eye(2)), 5, criterion, np.random.default_rng(0))
     assert sorted(design.points[:, 0]) == [0.0, 1.0, 2.0]
 
 
@@ -122,7 +125,7 @@ class OnALine:
         return np.array([-1.0, -0.7, -0.3, 0.2, 0.6, 1.0])[:, None]
 
     @property
-    def told(self) -> FloatArray:
+    def determined(self) -> FloatArray:
         return self.blocks(self.pool)
 
     def blocks(self, points: FloatArray) -> FloatArray:
@@ -204,11 +207,11 @@ def test_worth_an_exchange_is_what_makes_the_criterion_less() -> None:
 
 
 def test_numbered_candidates_are_what_their_numbers_say() -> None:
-    told = np.random.default_rng(2).normal(size=(3, 1, 2))
-    design = grown(empty(Numbered(told), np.eye(2)), 2, None, np.random.default_rng(1))
-    np.testing.assert_array_equal(Numbered(told[::-1]).blocks(design.points), told[2 - design.points[:, 0].astype(int)])
-    assert [len(beside) for beside in Numbered(told).beside(design.points)] == [0, 0]
-    np.testing.assert_array_equal(design.blocks, told[design.points[:, 0].astype(int)])
+    determined = np.random.default_rng(2).normal(size=(3, 1, 2))
+    design = grown(empty(Numbered(determined), np.eye(2)), 2, None, np.random.default_rng(1))
+    np.testing.assert_array_equal(Numbered(determined[::-1]).blocks(design.points), determined[2 - design.points[:, 0].astype(int)])
+    assert [len(beside) for beside in Numbered(determined).beside(design.points)] == [0, 0]
+    np.testing.assert_array_equal(design.blocks, determined[design.points[:, 0].astype(int)])
 
 
 def test_what_data_tell_less_of_than_the_prior_keeps_its_width() -> None:

@@ -58,8 +58,8 @@ def test_directions_of_the_frame_are_the_last(blind: bool) -> None:
     assert (np.diff(found.s) <= 0.0).all()
     assert (found.motions, len(found.silent)) == (3, 2 * blind)
     moved = gauge.motions(found.theta)[: problem.own] / problem.parameters.width[:, None]
-    told = found.directions[: problem.own - 3]
-    np.testing.assert_allclose(told @ np.linalg.qr(moved)[0], 0.0, atol=1e-6)
+    determined = found.directions[: problem.own - 3]
+    np.testing.assert_allclose(determined @ np.linalg.qr(moved)[0], 0.0, atol=1e-6)
     np.testing.assert_allclose(found.directions @ found.directions.T, np.eye(problem.own), atol=1e-9)
 
 

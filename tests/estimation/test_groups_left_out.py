@@ -14,12 +14,12 @@ def test_squares_of_groups_are_those_of_fits_without_each() -> None:
     V, y = root @ np.swapaxes(root, 1, 2), rng.normal(size=(n, 3)) * 3.0
     weight = np.array([1.0, 0.5, 0.0, 1.0, 0.2, 1.0])
     W = weight[:, None, None] * np.linalg.inv(V)
-    told, pull = np.einsum("nji,njk,nkl->nil", J, W, J), np.einsum("nji,njk,nk->ni", J, W, y)
-    C = np.linalg.inv(told.sum(axis=0))
+    determined, pull = np.einsum("nji,njk,nkl->nil", J, W, J), np.einsum("nji,njk,nk->ni", J, W, y)
+    C = np.linalg.inv(determined.sum(axis=0))
     found = deletion_squares(y - J @ (C @ pull.sum(axis=0)), V, J @ C @ np.swapaxes(J, 1, 2), weight)
     for i in range(n):
         others = np.arange(n) != i
-        without = np.linalg.inv(told[others].sum(axis=0))
+        without = np.linalg.inv(determined[others].sum(axis=0))
         error = y[i] - J[i] @ without @ pull[others].sum(axis=0)
         assert found[i] == pytest.approx(error @ np.linalg.solve(V[i] + J[i] @ without @ J[i].T, error), rel=1e-9)
 

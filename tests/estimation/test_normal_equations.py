@@ -57,7 +57,7 @@ def test_the_optimum_is_that_of_all_residuals_and_priors(width: tuple[float, flo
     np.testing.assert_allclose((found.theta - exact.x) / u, 0.0, atol=1e-3)
     np.testing.assert_allclose(found.covariance / np.outer(u, u), covariance / np.outer(u, u), atol=1e-3)
     np.testing.assert_allclose(found.information, J.T @ J, rtol=1e-3)
-    assert found.told == pytest.approx(float(np.trace(J.T @ J @ covariance)), rel=1e-3)
+    assert found.determined == pytest.approx(float(np.trace(J.T @ J @ covariance)), rel=1e-3)
     assert found.chi2 == pytest.approx(float(np.sum(problem.both(exact.x)[:20] ** 2)), rel=1e-6)
     # what is predicted there
     np.testing.assert_allclose(found.at[0], found.theta, rtol=1e-12)
@@ -117,13 +117,13 @@ def test_it_tries_where_levenbergs_rule_says(width: tuple[float, float], start: 
     tried: list[FloatArray] = []
 
     @dataclass(frozen=True)
-    class Told(Decay):
+    class Determined(Decay):
         def linearised(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             tried.append(theta)
             return super().linearised(theta)
 
     problem = decay(width, sign)
-    optimum(Told(problem.x, problem.y, problem.width, sign=sign), np.array(start))
+    optimum(Determined(problem.x, problem.y, problem.width, sign=sign), np.array(start))
     expected = levenberg(problem, np.array(start))
     assert len(tried) == len(expected)
     np.testing.assert_allclose(tried, expected, rtol=1e-5, atol=1e-7)

@@ -195,20 +195,20 @@ def test_beyond_chance_is_what_happens_less_than_once_in_a_thousand() -> None:
     assert found.freedom == 38
     odds = {0.0012: False, 0.0008: True}
     assert {p: improbable(replace(found, chi2=float(scipy.stats.chi2.isf(p, 38)))) for p in odds} == odds
-    for left, told in ((1, True), (0, False)):
+    for left, determined in ((1, True), (0, False)):
         one = replace(found, lost=38.0 - left, chi2=30.0)
         assert one.freedom == left
-        assert improbable(one) == told
+        assert improbable(one) == determined
 
 
 def test_what_gains_nothing_has_no_size() -> None:
     """Two errors of one size: of the first so little is there that the other, however large, does not make up for it. At its own likeliest
     size the two together are less likely than without."""
-    for square, told in ((44.7, False), (60.0, True)):
+    for square, determined in ((44.7, False), (60.0, True)):
         F = np.diag([1e8, 1.0])
         judge = Evidence(np.array([0.0, np.sqrt(square), 0.0]), np.eye(3)[:, 2:], np.eye(3))
         size, gain = judge.best(Explanation("both", np.vstack([F, np.zeros((1, 2))])))
-        assert (size > 0.0, gain > 0.0) == (told, told)
+        assert (size > 0.0, gain > 0.0) == (determined, determined)
 
 
 def test_a_value_is_looked_for_in_its_prior_width() -> None:
@@ -222,7 +222,7 @@ def test_a_value_is_looked_for_in_its_prior_width() -> None:
 def test_sizes_at_the_ends_are_no_result() -> None:
     """A millionth and a thousand: nothing beyond is told; well inside they are."""
     r, J, noise = np.random.default_rng(5).normal(size=40), np.ones((40, 1)), Explanation("all", np.eye(40))
-    for scale, told in (
+    for scale, determined in (
         (1e-7, False),
         (0.7e-6, False),
         (1.4e-6, True),
@@ -234,8 +234,8 @@ def test_sizes_at_the_ends_are_no_result() -> None:
     ):
         scale /= float(np.std(r, ddof=1))
         size, gain = Evidence(scale * r, J, (1e-3 * scale) ** 2 * np.eye(40)).best(noise)
-        assert (gain > 0.0) == told
-        assert size == pytest.approx(scale * float(np.std(r, ddof=1)) if told else 0.0, rel=1e-3)
+        assert (gain > 0.0) == determined
+        assert size == pytest.approx(scale * float(np.std(r, ddof=1)) if determined else 0.0, rel=1e-3)
 
 
 def test_the_last_size_is_the_best_beside_the_others() -> None:

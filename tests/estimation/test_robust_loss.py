@@ -131,7 +131,7 @@ def test_the_worth_of_weighted_blocks(size: float) -> None:
         z = scipy.stats.norm.isf(np.maximum(scipy.stats.chi2.sf(d**2, freedom), 1e-300) / 2.0)
         return np.asarray((1.0 - np.minimum(z / 4.685, 1.0) ** 2) ** 2)
 
-    w, told, n = weight(d), 7.0, float(freedom.sum())
+    w, determined, n = weight(d), 7.0, float(freedom.sum())
     change = (weight(d + 1e-6) - weight(d - 1e-6)) / 2e-6
     # per component, of which each block has its freedom
     slope = np.repeat(w + d * change / freedom, freedom)
@@ -139,6 +139,6 @@ def test_the_worth_of_weighted_blocks(size: float) -> None:
     noise = float(np.sum(w * d**2)) / float(np.sum(w * freedom * [scatter(int(m)) for m in freedom]))
     assert (noise < 1.0) == (size < 1.0)
     b = float(np.sum(w**2 * d**2)) / n / min(noise, 1.0)
-    few = 1.0 + told / n * float(slope.var()) / a**2
-    assert trust(d**2, freedom, w, told) == pytest.approx(1.0 / (b / a**2 * few**2 * mean), rel=1e-6)
+    few = 1.0 + determined / n * float(slope.var()) / a**2
+    assert trust(d**2, freedom, w, determined) == pytest.approx(1.0 / (b / a**2 * few**2 * mean), rel=1e-6)
     np.testing.assert_allclose(biweights(np.array([0.0, 2.3425, 4.685, 50.0])), [1.0, 0.5625, 0.0, 0.0], atol=1e-15)

@@ -25,5 +25,5 @@ def faults(page: Page) -> list[tuple[str, Any]]:
     if not page.evaluate("typeof axe === 'object'"):
         page.evaluate(_axe() + "; 1")
     asked = "axe.run(document, {iframes: false, resultTypes: ['violations']}).then((found) => JSON.stringify(found.violations))"
-    told = json.loads(page.evaluate(asked))
-    return [(v["id"], [node["html"][:120] for node in v["nodes"]][:5]) for v in told if v["impact"] in GRAVE]
+    reported = json.loads(page.evaluate(asked))
+    return [(v["id"], [node["html"][:120] for node in v["nodes"]][:5]) for v in reported if v["impact"] in GRAVE]

@@ -136,9 +136,9 @@ class Page:
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Answer of one protocol command."""
-        told = self._told(method, **parameters)
-        assert "error" not in told, told
-        return dict(told["result"])
+        reported = self._told(method, **parameters)
+        assert "error" not in reported, reported
+        return dict(reported["result"])
 
     def _told(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Answer or error of one protocol command; events that come before it are heard."""
@@ -151,35 +151,35 @@ class Page:
             self._hear(message)
 
     def _hear(self, message: dict[str, Any]) -> None:
-        method, told = message.get("method"), message.get("params", {})
+        method, reported = message.get("method"), message.get("params", {})
         if method == "Runtime.exceptionThrown":
-            self.errors.append(str(told["exceptionDetails"].get("exception", told["exceptionDetails"])))
-        elif method == "Runtime.consoleAPICalled" and told["type"] in {"error", "assert"}:
-            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in told["args"]))
+            self.errors.append(str(reported["exceptionDetails"].get("exception", reported["exceptionDetails"])))
+        elif method == "Runtime.consoleAPICalled" and reported["type"] in {"error", "assert"}:
+            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in reported["args"]))
         elif method == "Network.requestWillBeSent":
-            self.requests.append(told["request"]["url"])
-        elif method == "Page.frameNavigated" and "parentId" not in told["frame"]:
-            self._arrived.append(told["frame"]["loaderId"])
-        elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
-            self.errors.append(told["entry"]["text"])
+            self.requests.append(reported["request"]["url"])
+        elif method == "Page.frameNavigated" and "parentId" not in reported["frame"]:
+            self._arrived.append(reported["frame"]["loaderId"])
+        elif method == "Log.entryAdded" and reported["entry"]["level"] == "error":
+            self.errors.append(reported["entry"]["text"])
 
     def evaluate(self, script: str) -> Any:
         """Value of a script in the page; one that is just leaving is asked again once the next is there."""
         end = time.monotonic() + PATIENCE_S
-        while "error" in (told := self._told("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)):
-            assert any(text in str(told) for text in LEAVING), told
-            assert time.monotonic() < end, told
+        while "error" in (reported := self._told("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)):
+            assert any(text in str(reported) for text in LEAVING), reported
+            assert time.monotonic() < end, reported
             time.sleep(0.05)
-        assert "exceptionDetails" not in told["result"], told
-        return told["result"]["result"].get("value")
+        assert "exceptionDetails" not in reported["result"], reported
+        return reported["result"]["result"].get("value")
 
     def wait(self, script: str, seconds: float = PATIENCE_S) -> None:
         """Until the script is true, in whatever page is there by then; AssertionError when it never is. What it asks for may not be there
         yet: a script that fails is not true."""
         end = time.monotonic() + seconds
         asked = f"(() => {{ try {{ return {{is: !!({script})}} }} catch (error) {{ return {{is: false, error: String(error)}} }} }})()"
-        while not (told := self.evaluate(asked))["is"]:
-            assert time.monotonic() < end, f"never true: {script}; {told.get('error', '')} {self.errors}"
+        while not (reported := self.evaluate(asked))["is"]:
+            assert time.monotonic() < end, f"never true: {script}; {reported.get('error', '')} {self.errors}"
             time.sleep(0.05)
 
     def click(self, selector: str, across: float = 0.5, down: float = 0.5) -> None:
@@ -199,10 +199,10 @@ class Page:
     def go(self, page: Path | str) -> None:
         """Open a page in place of this one."""
         address = page.resolve().as_uri() if isinstance(page, Path) else page
-        told = self.call("Page.navigate", url=address)
+        reported = self.call("Page.navigate", url=address)
         # a place within the page that is there already has no loader; an address that is saved, not shown, has an error
-        if "loaderId" in told and "errorText" not in told:
-            self._arrival(lambda: told["loaderId"] in self._arrived)
+        if "loaderId" in reported and "errorText" not in reported:
+            self._arrival(lambda: reported["loaderId"] in self._arrived)
         self.wait("document.readyState === 'complete'")
 
     def again(self) -> None:
@@ -257,8 +257,8 @@ def _started(profile: Path) -> tuple["subprocess.Popen[bytes]", str]:
     assert program, "the tests of pages need Chromium (Debian: apt-get install chromium)"
     words = [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    told, end = profile / "DevToolsActivePort", time.monotonic() + 60.0
-    while not told.exists() or len(lines := told.read_text().split()) < 2:
+    reported, end = profile / "DevToolsActivePort", time.monotonic() + 60.0
+    while not reported.exists() or len(lines := reported.read_text().split()) < 2:
         assert process.poll() is None, "Chromium ended at once"
         assert time.monotonic() < end, "Chromium does not begin"
         time.sleep(0.02)

@@ -57,6 +57,6 @@ def begin(page: Page, command: str, **values: str) -> int:
 def ended(page: Page, state: str = "done") -> int:
     """Wait until the job of the page has ended, in that state; its number."""
     page.wait(ENDED, seconds=400.0)
-    told = page.evaluate("[document.getElementById('job').dataset.state, document.querySelector('main').innerText]")
-    assert told[0] == state, told[1]
+    reported = page.evaluate("[document.getElementById('job').dataset.state, document.querySelector('main').innerText]")
+    assert reported[0] == state, reported[1]
     return int(page.evaluate("document.getElementById('job').dataset.number"))

@@ -12,7 +12,7 @@ from browser import LOOK, Page
 from clicks import ENDED, HERE, fill
 
 READY = "document.readyState === 'complete' && !!document.body"
-Told = Callable[[str, Page], None]
+Reported = Callable[[str, Page], None]
 """Told after each step what was done, on the page that shows it."""
 
 
@@ -44,8 +44,8 @@ def done(page: Page) -> None:
     """Load the page of a job anew while it works, and wait until it has ended well."""
     page.again()
     page.wait(f"{ENDED} && {READY}", seconds=1200.0)  # kernels may have to be compiled
-    state, told = page.evaluate("[document.getElementById('job').dataset.state, document.querySelector('main').innerText]")
-    assert state == "done", told
+    state, reported = page.evaluate("[document.getElementById('job').dataset.state, document.querySelector('main').innerText]")
+    assert state == "done", reported
 
 
 def onward(page: Page, part: str) -> None:
@@ -145,16 +145,16 @@ QUICK = Job(template="three-drums", drums=3, poses=4, dwell_s="0.3", exchange="c
 GRID = dict.fromkeys("xyz", "-200:200:100")
 
 
-def plugged(page: Page, told: Told, job: Job) -> None:
+def plugged(page: Page, reported: Reported, job: Job) -> None:
     """A cell is played whose plugs are exchanged; who speaks is seen, the plugs are found, mended by one click, and checked."""
     to(page, "/check")
     begun(page, "play", exchange=job.exchange)
     page.wait(f"document.querySelectorAll('#cell-cables button').length === {job.drums}")
     page.again()
-    told("a cell is played", page)
+    reported("a cell is played", page)
     to(page, "/check")
     who_speaks(page, job.drums)
-    told("who speaks", page)
+    reported("who speaks", page)
     if not job.turns:
         tap(page, "form[data-command=check] details summary", "document.querySelector('form[data-command=check] details').open")
         tap(page, "form[data-command=check] [name=turns]", "!document.querySelector('form[data-command=check] [name=turns]').checked")
@@ -163,28 +163,28 @@ def plugged(page: Page, told: Told, job: Job) -> None:
     assert first == "failed", page.evaluate("document.querySelector('main').innerText")
     red = page.evaluate("[...document.querySelectorAll('.cables .red')].map(row => row.cells[0].textContent)")
     assert red == [channel.replace("ch", "c") for channel in job.exchange.split(",")]
-    told("plugs are found exchanged", page)
+    reported("plugs are found exchanged", page)
     onward(page, "rig=rig-checked.toml")
     begun(page, "check", write="")
     assert self_test(page, reload_at=3) == "done", page.evaluate("document.querySelector('main').innerText")
     assert page.evaluate("document.querySelectorAll('.cables .red').length") == 0
-    told("the mended rig is checked", page)
+    reported("the mended rig is checked", page)
 
 
-def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
+def mechanic(page: Page, reported: Reported, job: Job = Job()) -> None:
     """From an empty folder to a calibrated rig in its zone, with its points placed anew: dimensions put in, drums worked out, poses
     planned, a cell played whose plugs are exchanged, found and mended, poses captured."""
     tap(page, "a.button[href$='/rig']", f"{HERE} === '/rig'")
     begun(page, "init", template=job.template)
     done(page)
-    told("a rig is begun", page)
+    reported("a rig is begun", page)
     onward(page, "/rig")
     fill(page, "#rig-form", **{"observation_point.0.position_mm.2": "2025"})
     page.again()
     page.wait("document.getElementById('observation_point.0.position_mm.2').value === '2025'")
     page.wait("document.getElementById('scene-zone').textContent.includes('m³')", seconds=300.0)  # kernels may have to be compiled
     tap(page, "#rig-form button.go", "location.search.includes('saved')")
-    told("its dimensions", page)
+    reported("its dimensions", page)
     if job.calipers:
         tap(page, "nav.inside a[href$='/rig?file=drums.toml']", "location.search === '?file=drums.toml'")
         fill(page, "#rig-form", **{"drum.0.centre_distance_mm": "181.5"})
@@ -193,38 +193,38 @@ def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
         tap(page, "#rig-form button.go", "location.search.includes('saved')")
         begun(page, "drum")
         done(page)
-        told("its drums", page)
+        reported("its drums", page)
     to(page, "/calibrate")
     begun(page, "plan-poses", poses=str(job.poses), box="-200:200,-200:200,-200:200")
     done(page)
-    told("poses are planned", page)
-    plugged(page, told, job)
+    reported("poses are planned", page)
+    plugged(page, reported, job)
     onward(page, "/calibrate")
     known = {"u_position_mm": "0.02", "u_rotation_deg": "0.003", "u_repeatability_mm": "0", "dwell_s": job.dwell_s}
     begun(page, "capture", rig="rig-checked.toml", **known)
     captured(page, reload_at=2)
-    told("poses are captured", page)
+    reported("poses are captured", page)
     onward(page, "/calibrate")
     begun(page, "calibrate")
     done(page)
-    told("calibrated", page)
+    reported("calibrated", page)
     if not job.zone:
         return
     onward(page, "/run/zone")
     begun(page, "zone", **GRID)
     done(page)
-    told("its zone", page)
+    reported("its zone", page)
     to(page, "/zone")
     begun(page, "place", rig="calibration/rig/rig.toml", generations="5")
     done(page)
-    told("its points placed anew", page)
+    reported("its points placed anew", page)
     onward(page, "/run/zone")
     begun(page, "zone", **GRID)
     done(page)
-    told("the zone of the placed rig", page)
+    reported("the zone of the placed rig", page)
 
 
-def engineer(page: Page, told: Told, project: Path) -> Path:
+def engineer(page: Page, reported: Reported, project: Path) -> Path:
     """From an empty folder to a signed certificate of a simulated robot, verified; the zip of the certificate that was dropped."""
     import shutil
 
@@ -232,27 +232,27 @@ def engineer(page: Page, told: Told, project: Path) -> Path:
 
     tap(page, ".tour button.go", f"{HERE}.startsWith('/jobs/')")
     done(page)
-    told("a cell, its robot and its campaign are simulated", page)
+    reported("a cell, its robot and its campaign are simulated", page)
     to(page, "/calibrate")
     begun(page, "calibrate", folder="cell/campaign", out="calibrated")
     done(page)
-    told("calibrated", page)
+    reported("calibrated", page)
     onward(page, "/run/zone")
     begun(page, "zone")
     done(page)
-    told("its zone", page)
+    reported("its zone", page)
     onward(page, "/run/program")
     begun(page, "program", tests="pose,path")
     done(page)
-    told("a test program", page)
+    reported("a test program", page)
     to(page, "/runs")
     begun(page, "reconstruct", run="cell/run", out="trajectory.parquet")
     done(page)
-    told("the trajectory", page)
+    reported("the trajectory", page)
     onward(page, "/run/report")
     begun(page, "report")
     done(page)
-    told("its page", page)
+    reported("its page", page)
     to(page, "/robot")
     begun(page, "key", out="lab.key")
     done(page)
@@ -267,15 +267,15 @@ def engineer(page: Page, told: Told, project: Path) -> Path:
         program="cell/program.toml",
     )
     done(page)
-    told("a certificate, signed", page)
+    reported("a certificate, signed", page)
     onward(page, "/run/verify")
     begun(page, "verify")
     done(page)
-    told("verified", page)
+    reported("verified", page)
     packed = Path(shutil.make_archive(str(project.parent / "mine"), "zip", project / "certificates" / "first"))
     to(page, "/robot")
     choose(page, "#packed", packed)
     tap(page, "form[action$='/verify'] button.go", f"{HERE}.startsWith('/jobs/')")
     done(page)
-    told("verified as a zip that was dropped", page)
+    reported("verified as a zip that was dropped", page)
     return packed

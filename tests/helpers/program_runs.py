@@ -74,7 +74,7 @@ def run(routines: dict[str, list[Line]], name: str, state: Any, rng: np.random.G
     return True
 
 
-def told(frames: dict[str, str], state: dict[str, str]) -> None:
+def reported(frames: dict[str, str], state: dict[str, str]) -> None:
     state.update(frames)
 
 
@@ -172,10 +172,10 @@ def krl(sources: dict[str, str], frames: dict[str, np.ndarray]) -> Met:
             elif sets or by:
                 which = (sets or by)[1].upper()
                 value = frame(sets[2], name, at + sets.start(2)) if sets else numbered_frame(which, by[2])
-                lines.append(Line("", do=partial(told, {which: value})))
+                lines.append(Line("", do=partial(reported, {which: value})))
             elif act:
                 base, tool = fdat[act[1].upper()]
-                lines.append(Line("", do=partial(told, {"BASE": base, "TOOL": tool})))
+                lines.append(Line("", do=partial(reported, {"BASE": base, "TOOL": tool})))
             elif word == "SPLINE":
                 spline = [line]
             elif word == "ENDSPLINE":

@@ -155,8 +155,8 @@ def square_of(record: CalibrationRecord, error: FloatArray) -> float:
     """The square of an error (p,) in units of the record's covariance, which knows nothing of motions of the whole."""
     width = np.array([p.prior_u for p in record.parameters])
     values, vectors = np.linalg.eigh(record.covariance_matrix() / np.outer(width, width))
-    told = len(error) - sum(d["point"] == "frame" for d in record.spectrum)
-    return float(np.sum((vectors[:, -told:].T @ (error / width)) ** 2 / values[-told:]))
+    reported = len(error) - sum(d["point"] == "frame" for d in record.spectrum)
+    return float(np.sum((vectors[:, -reported:].T @ (error / width)) ** 2 / values[-reported:]))
 
 
 def at_truth(drawn: Drawn) -> Campaign:

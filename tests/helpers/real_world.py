@@ -78,7 +78,7 @@ def make(case: Case, seed: int, samples: int = 200, cables: int = 6) -> Made:
     return Made(campaign, truth, way, recorded)
 
 
-def told(made: Made, case: Case) -> Campaign:
+def reported(made: Made, case: Case) -> Campaign:
     """The campaign with the true uncertainties of its poses stated."""
     n = len(made.campaign.poses)
     poses = replace(made.campaign.poses, u_position_mm=np.full(n, case.u_mm), u_rotation_rad=np.full(n, case.u_rad), absent=())

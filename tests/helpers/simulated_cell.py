@@ -110,8 +110,8 @@ def cell(folder: Path, rig_file: Path, planned: Path, bus: dict[str, Any]) -> It
 class Person:
     """Does in the cell what commands ask in English."""
 
-    def __init__(self, cell: IO[str], told: IO[str]) -> None:
-        self._cell, self._told, self._asked = cell, told, 0
+    def __init__(self, cell: IO[str], reported: IO[str]) -> None:
+        self._cell, self._told, self._asked = cell, reported, 0
 
     def do(self, text: str) -> None:
         """What a step of `lmeasure check` asks, or a line of `lmeasure capture` that names a pose."""

@@ -78,9 +78,9 @@ def test_the_command_prints_a_line_for_each(tmp_path: Path, capsys: pytest.Captu
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 1
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) > 1
-    assert all(line.startswith(f"lmeasure: {path}:") for line in told)
+    reported = capsys.readouterr().err.splitlines()
+    assert len(reported) > 1
+    assert all(line.startswith(f"lmeasure: {path}:") for line in reported)
     assert not (tmp_path / "out.nc").exists()
 
 
@@ -106,10 +106,10 @@ def test_of_very_many_complaints_the_first_are_told(tmp_path: Path) -> None:
     path.write_text("".join(f"[[part]]\nsize = '{i}'\n" for i in range(70)))
     with pytest.raises(FileFormatError) as caught:
         checked(files.read_toml(path), Whole, str(path))
-    told = lines_of(caught.value, path)
-    assert told[:2] == [":2: [part 1].size: must be a number, is '0'", ":4: [part 2].size: must be a number, is '1'"]
-    assert len(told) == MOST + 1
-    assert told[-1] == f": and {70 - MOST} more"
+    reported = lines_of(caught.value, path)
+    assert reported[:2] == [":2: [part 1].size: must be a number, is '0'", ":4: [part 2].size: must be a number, is '1'"]
+    assert len(reported) == MOST + 1
+    assert reported[-1] == f": and {70 - MOST} more"
 
 
 LAYOUT = '''# a comment with = and [brackets]

@@ -48,8 +48,8 @@ def attain_at(
     return attained(trajectory_of(time_s, position), program, CertificationSettings(**chosen), sound(time_s), rig_angles=None)
 
 
-@pytest.mark.parametrize(("near", "told"), [(14.5, False), (15.0, False), (15.5, True), (21.0, True)])
-def test_a_robot_that_misses_poses_is_not_taken_to_miss_by_more_than_a_twentieth_of_its_program(near: float, told: bool) -> None:
+@pytest.mark.parametrize(("near", "reported"), [(14.5, False), (15.0, False), (15.5, True), (21.0, True)])
+def test_a_robot_that_misses_poses_is_not_taken_to_miss_by_more_than_a_twentieth_of_its_program(near: float, reported: bool) -> None:
     """Of poses within three times that of each other nobody can tell at which one it is, whatever the size of its misses and wherever in
     the cell the program is."""
     away = (1000.0, 0.0, -400.0)
@@ -57,30 +57,30 @@ def test_a_robot_that_misses_poses_is_not_taken_to_miss_by_more_than_a_twentieth
     off = {"A": (3.0 - near, 1.0, 0.0)} | MISSED
     commanded = {name: tuple(np.add(at, away).tolist()) for name, at in ideal.items()}
     places = {name: tuple(np.add(commanded[name], by).tolist()) for name, by in off.items()}
-    if not told:
+    if not reported:
         assert set(attain_at(places, commanded).poses) == set("ABCD")
         return
     with pytest.raises(CertificationError, match=r"pose A, cycle 1: at 0.745 s the tool is .* mm from A and 3.162 mm from near A"):
         attain_at(places, commanded)
 
 
-@pytest.mark.parametrize(("at", "told"), [(149.0, False), (151.0, True)])
-def test_a_robot_is_at_another_pose_where_that_is_three_times_as_near(at: float, told: bool) -> None:
+@pytest.mark.parametrize(("at", "reported"), [(149.0, False), (151.0, True)])
+def test_a_robot_is_at_another_pose_where_that_is_three_times_as_near(at: float, reported: bool) -> None:
     """Also one that comes to all others without any miss."""
     commanded = {"A": (0.0, 0.0, 0.0), "B": (200.0, 0.0, 0.0)}
     places = {"A": (at, 0.0, 0.0), "B": (200.0, 0.0, 0.0)}
-    if not told:
+    if not reported:
         assert set(attain_at(places, commanded).poses) == set("AB")
         return
     with pytest.raises(CertificationError, match=r"pose A, cycle 1: at .* s the tool is 151 mm from A and 49 mm from B: "):
         attain_at(places, commanded)
 
 
-@pytest.mark.parametrize(("apart", "told"), [(0.59, False), (0.61, True)])
-def test_a_pose_is_told_from_another_one_where_they_are_apart_by_three_times_what_rest_allows(apart: float, told: bool) -> None:
+@pytest.mark.parametrize(("apart", "reported"), [(0.59, False), (0.61, True)])
+def test_a_pose_is_told_from_another_one_where_they_are_apart_by_three_times_what_rest_allows(apart: float, reported: bool) -> None:
     commanded = {"A": (0.0, 0.0, 0.0), "B": (apart, 0.0, 0.0), "C": (300.0, 0.0, 0.0)}
     places = {"A": commanded["B"], "C": commanded["C"]}
-    if not told:
+    if not reported:
         assert set(attain_at(places, commanded, still_mm=0.2).poses) == set("AC")
         return
     with pytest.raises(CertificationError, match="pose A, cycle 1"):
@@ -127,13 +127,13 @@ def test_errors_of_times_are_those_where_a_window_begins_and_where_its_last_tent
     assert places_in(trajectory, ((0.2, 0.59), (1.0, 1.02), (1.5, 1.5)), "A").tolist() == [20, 56, 100, 102, 150, 150]
 
 
-@pytest.mark.parametrize(("saddle", "told"), [(22.4, False), (22.9, True)])
-def test_a_robot_is_beside_its_poses_where_a_frame_explains_two_thirds_of_how_far_it_is_from_all(saddle: float, told: bool) -> None:
+@pytest.mark.parametrize(("saddle", "reported"), [(22.4, False), (22.9, True)])
+def test_a_robot_is_beside_its_poses_where_a_frame_explains_two_thirds_of_how_far_it_is_from_all(saddle: float, reported: bool) -> None:
     """A square 90 mm aside, so that half of its corners are 10 mm from the next, and bent like a saddle, which no frame makes good: a
     third of the root of (10^2 + 90^2) / 2 + s^2 is s for s = 22.6 mm."""
     commanded = {"A": (0.0, 0.0, 0.0), "B": (100.0, 0.0, 0.0), "C": (100.0, 100.0, 0.0), "D": (0.0, 100.0, 0.0)}
     places = {name: (x + 90.0, y, saddle if name in "AC" else -saddle) for name, (x, y, _) in commanded.items()}
-    if not told:
+    if not reported:
         assert set(attain_at(places, commanded).poses) == set("ABCD")
         return
     with pytest.raises(CertificationError, match=r"pose A, cycle 1: .* mm from B: it stands so far from all poses"):

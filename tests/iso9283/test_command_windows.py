@@ -147,9 +147,9 @@ def test_a_log_of_loads_that_cannot_be_is_refused(loaded: tuple[Path, Program, T
         "row 131: ": [*windows[:-1], (windows[-1][0], 1e6)],
         "before what comes before it has ended": [(a - 5.0, b - 5.0) for a, b in windows],
     }
-    for told, times in wrong.items():
+    for reported, times in wrong.items():
         write_times(tmp_path / "loads.csv", times)
-        with pytest.raises(CertificationError, match=told):
+        with pytest.raises(CertificationError, match=reported):
             windows_from_rests(program, folder / "commands.csv", trajectory, loaded=tmp_path / "loads.csv")
 
 

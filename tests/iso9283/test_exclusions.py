@@ -59,13 +59,13 @@ def test_the_zone_ends_beyond_its_largest_angle() -> None:
     assert asked(held("pose", "B", 80.0), held("path", "C", math.nan), limit_angle_deg=None) == Exclusions({}, ())
 
 
-@pytest.mark.parametrize(("u_mm", "told"), [(0.0999 / ISOTROPIC_95, None), (0.1001 / ISOTROPIC_95, "0.1001")])
+@pytest.mark.parametrize(("u_mm", "reported"), [(0.0999 / ISOTROPIC_95, None), (0.1001 / ISOTROPIC_95, "0.1001")])
 @pytest.mark.parametrize("first", [True, False])
-def test_the_zone_ends_beyond_its_largest_radius_by_any_law(u_mm: float, told: str | None, first: bool) -> None:
+def test_the_zone_ends_beyond_its_largest_radius_by_any_law(u_mm: float, reported: str | None, first: bool) -> None:
     few, many = (lambda _: of(0.001)), (lambda _: of(u_mm))
     tests = held("pose", "A", by=(of(0.0),)), held("pose", "B"), held("pose", "C", 70.0, by=(of(0.0),))
     found = asked(*tests, laws=(many, few) if first else (few, many), limit_u95_mm=0.1)
-    radius = {} if told is None else {"A": f"U95 of a position {told} mm; the zone ends at 0.1 mm"}
+    radius = {} if reported is None else {"A": f"U95 of a position {reported} mm; the zone ends at 0.1 mm"}
     # one that is outside already keeps its reason
     assert {s.name: str(why) for s, why in found.reasons.items()} == radius | {
         "C": "worst pressure angle 70.0 deg; the zone ends at 60 deg"

@@ -38,8 +38,8 @@ def test_a_line_with_known_deviations() -> None:
     assert found["FV", None] == pytest.approx(0.0, abs=1e-8)
 
 
-@pytest.mark.parametrize(("lost_mm", "told"), [(0.0, False), (4.0, False), (12.0, False), (40.0, True)])
-def test_a_part_of_the_way_without_samples_is_told(lost_mm: float, *, told: bool) -> None:
+@pytest.mark.parametrize(("lost_mm", "reported"), [(0.0, False), (4.0, False), (12.0, False), (40.0, True)])
+def test_a_part_of_the_way_without_samples_is_told(lost_mm: float, *, reported: bool) -> None:
     # planes stand 5 mm apart, samples 0.5 mm; in the second cycle samples are missing from 200 mm on
     way = np.arange(-5.0, 505.0, 0.5)
     ideal = way[:, None] * np.array([0.6, 0.8, 0.0])
@@ -48,7 +48,7 @@ def test_a_part_of_the_way_without_samples_is_told(lost_mm: float, *, told: bool
     seen = (second < 0) | (way[second] <= 200.0) | (way[second] >= 200.0 + lost_mm)
     kept = trajectory_of(trajectory.time_s[seen], trajectory.poses[seen, :3])
     path = evaluate(kept, program_of(LINE, windows), EXACT, settings=CertificationSettings(trials=10)).paths[0]
-    if told:
+    if reported:
         assert path.unseen == "cycle 2: there are no samples from 2.86 to 3.02 s, on 40 mm of the way"
     else:
         assert path.unseen is None

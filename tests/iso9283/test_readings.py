@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.formulas import path, time
-from lmeasure.iso9283.motion_readings import Finer, Motion, Reading, Stretch, Told
+from lmeasure.iso9283.motion_readings import Finer, Motion, Reading, Reported, Stretch
 from lmeasure.trajectory import Frame, PoseErrors, Trajectory, phases, roundings
 from lmeasure.trajectory.time.stamps import sound
 
@@ -74,9 +74,9 @@ def test_between_samples_lies_the_spline_and_halving_tells_how_far_it_is_off() -
     finer = stretch.finer(10.0)
     assert finer.pieces == 16
     off = np.abs(finer.read(way(t)) - way(finer.time_s))
-    told = np.abs(finer.read(way(t), 2) - finer.read(way(t))) / 7.0
+    reported = np.abs(finer.read(way(t), 2) - finer.read(way(t))) / 7.0
     inner = slice(20 * finer.pieces, -20 * finer.pieces)
-    assert off[inner].max() < told[inner].max() < 30.0 * off[inner].max()
+    assert off[inner].max() < reported[inner].max() < 30.0 * off[inner].max()
     # straight lines are off by 200 times as much
     assert np.abs(np.interp(finer.time_s, t, way(t)) - way(finer.time_s))[inner].max() > 100.0 * off[inner].max()
     # no step of a fast motion is longer than a quarter of the limit
@@ -100,11 +100,11 @@ def test_u95_holds_what_a_spline_is_off() -> None:
     def at(time_s: FloatArray, vectors: FloatArray) -> FloatArray:
         return np.asarray(time.stabilisation_time(time_s, np.abs(vectors[..., 0]), 0.05)[..., None])
 
-    told = motion.read([motion.stretch(0.0, 1.0, "window", begins=False)], Reading(at, lambda v: np.abs(v[..., 0]), 0.05, np.ones(1)))
+    reported = motion.read([motion.stretch(0.0, 1.0, "window", begins=False)], Reading(at, lambda v: np.abs(v[..., 0]), 0.05, np.ones(1)))
     fine = np.arange(0.0, 1.0, 1e-5)
     away = np.abs(np.exp(-fine / 0.15) * np.cos(2 * np.pi * 31.25 * fine + 0.4))
-    off = abs(float(told.values[0, 0]) - float(time.stabilisation_time(fine, away, 0.05)))
-    assert 0.0 < off < told.u95(0, np.mean) < 100.0 * off + 1e-3
+    off = abs(float(reported.values[0, 0]) - float(time.stabilisation_time(fine, away, 0.05)))
+    assert 0.0 < off < reported.u95(0, np.mean) < 100.0 * off + 1e-3
 
 
 def test_errors_are_read_as_the_whole_spline_reads_them() -> None:
@@ -139,38 +139,38 @@ def test_a_way_back_within_a_limit_errs_by_the_error_over_the_slope(shared: floa
         return path.stabilisation_length(vectors[..., 0], np.abs(vectors[..., 1]), 0.5)[..., None]
 
     stretch = Stretch(np.arange(len(t)), t, trajectory.poses, (np.array([0]),))
-    told = motion.read([stretch], Reading(back, lambda v: np.abs(v[..., 1]), 0.5, np.array([100.0]), origin=np.zeros(3)))
-    assert told.values[0, 0] == pytest.approx(15.0 * np.log(4.0), abs=1e-3)
+    reported = motion.read([stretch], Reading(back, lambda v: np.abs(v[..., 1]), 0.5, np.array([100.0]), origin=np.zeros(3)))
+    assert reported.values[0, 0] == pytest.approx(15.0 * np.log(4.0), abs=1e-3)
     # the crossing lies between two samples, each rounded by itself, uniformly: half to all of the variance
     least, most = np.sqrt(0.5) * 1.645 * 0.003, 1.96 * 0.003
     per_mm = 15.0 / 0.5
-    assert 0.9 * per_mm * np.hypot(least, 1.96 * shared) < told.u95(0, np.mean) < 1.1 * per_mm * np.hypot(most, 1.96 * shared)
+    assert 0.9 * per_mm * np.hypot(least, 1.96 * shared) < reported.u95(0, np.mean) < 1.1 * per_mm * np.hypot(most, 1.96 * shared)
 
 
 def test_whether_a_robot_leaves_the_band_again_is_told_as_well_as_it_is_known() -> None:
     """Of three cycles the largest excursion is 0.104 mm, the band 0.1 mm, an excursion known to 0.005 mm: OV may as well be zero."""
     rng = np.random.default_rng(7)
     base = np.array([[0.05], [0.104], [0.06]])
-    told = Told(base, np.zeros((3, 1)), ((base, base + 0.005 * rng.normal(size=(4000, 3, 1))),))
+    reported = Reported(base, np.zeros((3, 1)), ((base, base + 0.005 * rng.normal(size=(4000, 3, 1))),))
 
     def largest(excursions: FloatArray, axis: int = -1) -> FloatArray:
         return time.overshoot(excursions, 0.1, axis)
 
-    assert largest(told.values[:, 0]) == 0.104
-    assert told.u95(0, largest, above=0.1) >= 0.1
+    assert largest(reported.values[:, 0]) == 0.104
+    assert reported.u95(0, largest, above=0.1) >= 0.1
     # nor when an entry that is missed now and then makes every cycle uncertain, and the two others do not leave the band
     grazed = np.where(rng.random((4000, 3, 1)) < 0.3, 0.0499, base)
-    missed = Told(base, np.zeros((3, 1)), ((base, grazed + 0.0001 * rng.normal(size=(4000, 3, 1))),))
+    missed = Reported(base, np.zeros((3, 1)), ((base, grazed + 0.0001 * rng.normal(size=(4000, 3, 1))),))
     assert missed.u95(0, largest, above=0.1) >= 0.1
     # far from the band it is known like any distance
-    far = Told(base + 0.1, np.zeros((3, 1)), ((base + 0.1, base + 0.1 + 0.005 * rng.normal(size=(4000, 3, 1))),))
+    far = Reported(base + 0.1, np.zeros((3, 1)), ((base + 0.1, base + 0.1 + 0.005 * rng.normal(size=(4000, 3, 1))),))
     assert far.u95(0, largest) == pytest.approx(1.96 * 0.005, rel=0.1)
 
 
 def test_cycles_add_their_errors_and_what_splines_are_off() -> None:
     rng = np.random.default_rng(6)
     base, errors = np.array([[1.0], [1.0], [1.0]]), 0.1 * rng.normal(size=(20_000, 3, 1))
-    alone = Told(base, np.zeros((3, 1)), ((base, base + errors),))
+    alone = Reported(base, np.zeros((3, 1)), ((base, base + errors),))
     assert alone.u95(0, np.mean) == pytest.approx(1.96 * 0.1 / np.sqrt(3.0), rel=0.03)
-    both = Told(base, np.full((3, 1), 0.3), ((base, base + errors), (base, base + 2.0 * errors)))
+    both = Reported(base, np.full((3, 1), 0.3), ((base, base + errors), (base, base + 2.0 * errors)))
     assert both.u95(0, np.mean) == pytest.approx(np.hypot(1.96 * 0.2 / np.sqrt(3.0), 0.3), rel=0.03)

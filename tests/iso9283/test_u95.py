@@ -171,12 +171,12 @@ def test_an_angle_is_told_as_well_as_it_is_measured() -> None:
     program = {"schema": "lmeasure.program/1", "angles": "fanuc-wpr", "pose": [
         {"name": "P1", "position_mm": (0, 0, 0), "quaternion_xyzw": UNIT, "windows_s": windows, "approaches": ["x", "y"] * 10}
     ]}  # fmt: skip
-    told = []
+    reported = []
     for others in (1e-4, 1e-5):
         law = np.diag([others**2, others**2, 1e-10, 0.0, 0.0, 0.0])
         found = by_name(evaluate(trajectory_of(time_s, position, turns), Program.model_validate(program), StatedErrors(law)))
-        told.append([found[name, "P1"].u95 for name in ("AP_c", "RP_c", "vAP_c")])
-    assert told[0] == pytest.approx(told[1], rel=0.02)
+        reported.append([found[name, "P1"].u95 for name in ("AP_c", "RP_c", "vAP_c")])
+    assert reported[0] == pytest.approx(reported[1], rel=0.02)
 
 
 @pytest.mark.parametrize("scatter", [0.05, 0.3, 1.0])
@@ -313,11 +313,13 @@ def test_a_group_that_was_attained_the_same_every_time_stays_so() -> None:
 
 def test_what_is_done_is_told_in_order_until_it_is_all() -> None:
     trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
     model = Program.model_validate(program)
-    evaluate(trajectory, model, StatedErrors(some_law(1)), settings=CertificationSettings(trials=300), progress=lambda *at: told.append(at))
-    assert told == sorted(told)
-    assert told[-1][0] == told[-1][1]
+    evaluate(
+        trajectory, model, StatedErrors(some_law(1)), settings=CertificationSettings(trials=300), progress=lambda *at: reported.append(at)
+    )
+    assert reported == sorted(reported)
+    assert reported[-1][0] == reported[-1][1]
 
 
 @pytest.mark.parametrize(("absent", "without"), [(("position", "rotation"), {"mm", "deg"}), (("rotation",), {"deg"}), ((), set[str]())])
@@ -389,11 +391,11 @@ def test_errors_are_those_about_what_is_likely_and_standard_uncertainties_those_
 
 def test_many_poses_are_drawn_in_pieces_of_which_each_counts() -> None:
     """A hundred thousand at once; of standard uncertainties the first five hundred draws."""
-    n, told = 1200, []
+    n, reported = 1200, []
     part = Row(np.zeros(n), PoseErrors.of(along_x(n, 3.0), along_x(n, 0.2)))
     figures = [lambda s: s[AT].mean(axis=-1), lambda s: s[AT][..., 0]]
-    mean, single = propagate({AT: part}, figures, trials=630, seed=5, progress=lambda *at: told.append(at))
-    assert told == [*((83 * k, 630) for k in range(1, 8)), (630, 630)]
+    mean, single = propagate({AT: part}, figures, trials=630, seed=5, progress=lambda *at: reported.append(at))
+    assert reported == [*((83 * k, 630) for k in range(1, 8)), (630, 630)]
     assert [mean.u_random, mean.u_systematic] == pytest.approx([3.0 / np.sqrt(n), 0.2], rel=0.12)
     assert [single.u_random, single.u_systematic] == pytest.approx([3.0, 0.2], rel=0.12)
     assert mean.u95 == pytest.approx(1.96 * np.hypot(0.2, 3.0 / np.sqrt(n)), rel=0.12)

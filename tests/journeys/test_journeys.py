@@ -84,7 +84,7 @@ def test_a_mechanic_from_nothing_to_a_calibrated_rig_in_its_zone(
     box = "--box=-200:200,-200:200,-200:200"
     said(monkeypatch, capsys, "plan-poses", rig, "--poses", 20 if whole else 9, box, "--further", 0, "--out", "planned.csv")
     bus = {"channel": f"239.74.{random.randrange(1, 255)}.{random.randrange(1, 255)}", "port": random.randrange(20000, 60000)}
-    told = "--bus", f"udp_multicast:{bus['channel']}", "--bus-option", f"port={bus['port']}", "--bus-option", "hop_limit=0"
+    reported = "--bus", f"udp_multicast:{bus['channel']}", "--bus-option", f"port={bus['port']}", "--bus-option", "hop_limit=0"
     nominal = read_rig(rig)
     true = built_like(nominal)
     true = wired_wrongly(true) if whole else true
@@ -94,12 +94,12 @@ def test_a_mechanic_from_nothing_to_a_calibrated_rig_in_its_zone(
         tmp_path, tmp_path / "elsewhere" / "rig.toml", Path("planned.csv"), {"interface": "udp_multicast", "hop_limit": 0, **bus}
     ) as person:
         if whole:
-            faults = walked(capsys, person, "check", "--rig", rig, *told, "--write", "cell/wired.toml", code=1)
+            faults = walked(capsys, person, "check", "--rig", rig, *reported, "--write", "cell/wired.toml", code=1)
             assert sum(line.startswith("fault: ") for line in faults) == 3, "\n".join(faults)
             rig = Path("cell/wired.toml")
-            assert walked(capsys, person, "check", "--rig", rig, *told, "--no-turns")[-1].endswith("at most 0 counts")
+            assert walked(capsys, person, "check", "--rig", rig, *reported, "--no-turns")[-1].endswith("at most 0 counts")
         given = "--by", "rest", "--dwell-s", 0.2, "--settle-s", 0.1, "--u-position-mm", 0, "--u-rotation-deg", 0
-        lines = walked(capsys, person, "capture", rig, "--poses", "planned.csv", *told, "--out", "campaign", *given)
+        lines = walked(capsys, person, "capture", rig, "--poses", "planned.csv", *reported, "--out", "campaign", *given)
     assert any("closed: no more than 1.2 counts" in line for line in lines), "\n".join(lines)
     assert lines[-1] == "next: lmeasure calibrate campaign --out calibrated"
     said(monkeypatch, capsys, "calibrate", "campaign", "--out", "calibrated")

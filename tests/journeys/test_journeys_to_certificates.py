@@ -50,8 +50,8 @@ def accuracy(folder: Path) -> np.ndarray:
     """(n, 2) AP_p of every pose and its U95, as the certificate states them."""
     import json
 
-    told = json.loads((folder / "certificate.json").read_text(encoding="utf-8"))["characteristics"]
-    return np.array([[c["value"], c["u95"]] for c in told if c["name"] == "AP_p"])
+    reported = json.loads((folder / "certificate.json").read_text(encoding="utf-8"))["characteristics"]
+    return np.array([[c["value"], c["u95"]] for c in reported if c["name"] == "AP_p"])
 
 
 @pytest.mark.parametrize(("dialect", "asked"), [("log", QUICK), pytest.param("asc", WHOLE, marks=pytest.mark.slow)])
@@ -67,8 +67,8 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     # what a person does with the guess
     rig = Path("cell/rig.toml")
     rig.write_text(rig.read_text(encoding="utf-8") + guess[guess.index("\n[can]") :], encoding="utf-8")
-    told = said(monkeypatch, capsys, "import", log, "--rig", rig, "--out", "run", "--start", "0,0,0,0,-90,90")
-    assert "no faults" in told
+    reported = said(monkeypatch, capsys, "import", log, "--rig", rig, "--out", "run", "--start", "0,0,0,0,-90,90")
+    assert "no faults" in reported
     said(monkeypatch, capsys, "reconstruct", "run", "--out", "trajectory.parquet")
     said(monkeypatch, capsys, "report", "run", "--out", "page")
     assert (tmp_path / "page" / "trajectory.html").stat().st_size > 10_000
@@ -92,8 +92,8 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     said(monkeypatch, capsys, "simulate", "lab/scenario.toml", "--out", "tried")
     said(monkeypatch, capsys, "calibrate", "tried/calibration", "--out", "calibrated")
     grid = ("--x=-200:200:100", "--y=-200:200:100", "--z=-200:200:100") if asked == QUICK else ()
-    told = said(monkeypatch, capsys, "zone", "calibrated/rig.toml", *grid, "--out", "zone.nc", "--report", "zone")
-    assert "nodes are in the zone" in told
+    reported = said(monkeypatch, capsys, "zone", "calibrated/rig.toml", *grid, "--out", "zone.nc", "--report", "zone")
+    assert "nodes are in the zone" in reported
     assert {p.name for p in Path("zone").iterdir()} >= {"zone.html", "zone.pdf"}
     said(monkeypatch, capsys, "program", "--zone", "zone.nc", *asked, "--out", "tests")
     driven(read_rig(Path("lab/rig.toml")), Path("tests/commands.csv"), Path("drive.log"))
@@ -103,8 +103,10 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     said(monkeypatch, capsys, "key", "--out", "laboratory.pem")
     words = "certify", "trajectory.parquet", "--run", "run", "--program", "tests/program.toml", "--key", "laboratory.pem", "--zip"
     for language in ("en", "ru"):
-        told = said(monkeypatch, capsys, *words, *(("--trials", 400) if asked == QUICK else ()), "--language", language, "--out", language)
-        assert f"lmeasure verify {language}" in told
+        reported = said(
+            monkeypatch, capsys, *words, *(("--trials", 400) if asked == QUICK else ()), "--language", language, "--out", language
+        )
+        assert f"lmeasure verify {language}" in reported
     found = accuracy(Path("en"))
     # the largest cube of the whole zone goes beyond the reference poses, where the instrument is worse and says so
     assert np.all(np.abs(found[:, 0] - 0.3) < 2.0 * found[:, 1])
@@ -120,13 +122,13 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
         shutil.copy(name, elsewhere / name)
     monkeypatch.chdir(elsewhere)
     for what in ("copy", "en.zip"):
-        told = said(monkeypatch, capsys, "verify", what, "--public-key", "laboratory.pem.pub")
-        assert "the key asked for" in told
-        assert "every byte as sealed" in told
+        reported = said(monkeypatch, capsys, "verify", what, "--public-key", "laboratory.pem.pub")
+        assert "the key asked for" in reported
+        assert "every byte as sealed" in reported
     counts = Path("copy/inputs/run/pass1.csv")
     changed = bytearray(counts.read_bytes())
     changed[-3] ^= 1  # a digit of the last count
     counts.write_bytes(changed)
-    told = said(monkeypatch, capsys, "verify", "copy", "--public-key", "laboratory.pem.pub", code=1)
-    assert "inputs/run/pass1.csv" in told
-    assert "every byte as sealed" not in told
+    reported = said(monkeypatch, capsys, "verify", "copy", "--public-key", "laboratory.pem.pub", code=1)
+    assert "inputs/run/pass1.csv" in reported
+    assert "every byte as sealed" not in reported

@@ -14,25 +14,25 @@ fcntl = pytest.importorskip("fcntl")
 
 
 def test_one_that_waits_to_be_alone_comes_before_later_ones(tmp_path: Path) -> None:
-    told: list[str] = []
+    reported: list[str] = []
     leave, first_is_in = threading.Event(), threading.Event()
 
     def first() -> None:
         with alone_or_beside(tmp_path, alone=False):
             first_is_in.set()
             leave.wait(30.0)
-            told.append("first out")
+            reported.append("first out")
 
     def other(name: str, alone: bool) -> None:
         with alone_or_beside(tmp_path, alone):
-            told.append(f"{name} in")
-        told.append(f"{name} out")
+            reported.append(f"{name} in")
+        reported.append(f"{name} out")
 
     threads = [threading.Thread(target=first), threading.Thread(target=other, args=("alone", True))]
     threads[0].start()
     assert first_is_in.wait(30.0)
     with alone_or_beside(tmp_path, alone=False):
-        told.append("beside")  # two that need not be alone
+        reported.append("beside")  # two that need not be alone
     threads[1].start()
     while not _held(tmp_path / "gate.lock"):
         time.sleep(0.001)
@@ -41,7 +41,7 @@ def test_one_that_waits_to_be_alone_comes_before_later_ones(tmp_path: Path) -> N
     leave.set()
     for thread in threads:
         thread.join(30.0)
-    assert told.index("beside") < told.index("first out") < told.index("alone in") < told.index("later in")
+    assert reported.index("beside") < reported.index("first out") < reported.index("alone in") < reported.index("later in")
 
 
 def test_what_a_live_test_starts_goes_before_others_and_later_tests_do_not(tmp_path: Path) -> None:

@@ -135,12 +135,12 @@ def test_curvature_that_may_be_rounding_is_none() -> None:
         return float(np.abs(singularity.second_rates(base, body, pose) * np.outer(unit, unit)).max()) * size**2
 
     size = 1.7 * rim
-    for part, told in ((0.75, False), (1.35, True)):
+    for part, determined in ((0.75, False), (1.35, True)):
         base, body, pose = mechanism(8, pairs_on_a_line=3)
         base[5] += part * 1e-6 * rim**3 / curved(1.0) * np.array([0.3, -0.5, 0.8])
         found = singularity.neighbourhood(base, body, pose, size)
         assert found.twists.shape == (6, 6)
-        assert found.bend.any() == told
+        assert found.bend.any() == determined
         assert found.bend.shape == (6,)
 
 
@@ -216,14 +216,14 @@ def test_a_lost_shift_is_counted_in_millimetres() -> None:
             assert abs(d.rate) == pytest.approx(1.0 / lengths[d.link], rel=1e-9)
 
 
-@pytest.mark.parametrize(("off", "told"), [(0.9e-9, True), (1.1e-9, False)])
-def test_a_twist_is_lost_below_a_thousand_millionth_of_the_rows(off: float, told: bool) -> None:
+@pytest.mark.parametrize(("off", "determined"), [(0.9e-9, True), (1.1e-9, False)])
+def test_a_twist_is_lost_below_a_thousand_millionth_of_the_rows(off: float, determined: bool) -> None:
     """However large the rig is, and only where there is one twist alone."""
 
     def values(shift: float, pairs: int) -> FloatArray:
         return np.asarray(np.linalg.svd(singularity.link_rows(*mechanism(3, pairs_on_a_line=pairs, shift=shift))[0], compute_uv=False))
 
-    for pairs, at, drives in ((1, 5, told), (2, 4, not told)):
+    for pairs, at, drives in ((1, 5, determined), (2, 4, not determined)):
         part = values(1e-3, pairs)
         base, body, pose = mechanism(3, pairs_on_a_line=pairs, shift=1e-3 * off * part[0] / part[at])
         if pairs == 2:

@@ -255,9 +255,9 @@ def test_limits_that_no_edge_can_make_safe_are_named() -> None:
     wide, half = OWN | {"pq": (0.1, 9.0)}, (FAR - NEAR) / 2.0
     assert flat_tetrahedra.adjusted([SIX], wide, ["pq"], half - 1e-3)["pq"] == pytest.approx(((NEAR + FAR) / 2.0,) * 2, abs=1.1e-3)
     for adjustable, margin in ((["pq"], half + 1e-3), (["xy", "other"], 0.0)):
-        with pytest.raises(StructureError, match="tetrahedron xy, px, py, qx, qy, pq: may be flat") as told:
+        with pytest.raises(StructureError, match="tetrahedron xy, px, py, qx, qy, pq: may be flat") as determined:
             flat_tetrahedra.adjusted([SIX], wide, adjustable, margin)
-        assert str(told.value).endswith(f"whatever {', '.join(adjustable)} are")
+        assert str(determined.value).endswith(f"whatever {', '.join(adjustable)} are")
     # two that share an edge: what is safe for both, and none where that is nothing
     other = flat_tetrahedra.Tetrahedron("a", "px", "py", "qx", "qy", "pq")
     both = OWN | {"a": (6.0, 6.0)}
@@ -291,9 +291,9 @@ def test_intervals_hold_what_their_operations_give(seed: int) -> None:
         np.testing.assert_array_equal(of_two(a[:, None], b[:, None]), of_two(a, b)[:, None])
     for of_one in (intervals.square, intervals.root):
         np.testing.assert_array_equal(of_one(positive[:, None]), of_one(positive)[:, None])
-    told = intervals.sign(a)
-    assert (np.sign(x)[told != 0] == told[told != 0]).all()
-    assert set(np.unique(told)) <= {-1.0, 0.0, 1.0}
+    determined = intervals.sign(a)
+    assert (np.sign(x)[determined != 0] == determined[determined != 0]).all()
+    assert set(np.unique(determined)) <= {-1.0, 0.0, 1.0}
 
 
 def test_thesis_4_2_what_is_printed_can_hardly_be_assembled() -> None:

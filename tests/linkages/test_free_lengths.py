@@ -43,16 +43,16 @@ def test_what_tetrahedra_prove_holds_for_draws(structure: Structure) -> None:
     sides = (1.0 if k % 2 == 0 else -1.0, 1.0 if k // 2 % 2 == 0 else -1.0)
     judge = chain.Chain(incidence(base, platform), base, platform, sides).judge
     rng = np.random.default_rng(0)
-    told = []
+    determined = []
     for wide in (1e-4, 0.003, 0.3):
         box = np.stack([lengths * (1.0 - wide), lengths * (1.0 + wide)], axis=-1)
-        told.append(chain.proved(judge, box, 300))
+        determined.append(chain.proved(judge, box, 300))
         draws = lengths * (1.0 + wide * np.vstack([SIGNS, rng.uniform(-1.0, 1.0, (500, 6))]))
-        if told[-1]:
+        if determined[-1]:
             assert (tetrahedra.heights(base, platform, draws)[:, k] > 0.0).all()
             assert tetrahedra.closed_form(base, platform, draws)[1][:, k].all()
-    assert told[0]
-    assert not told[-1]
+    assert determined[0]
+    assert not determined[-1]
 
 
 @pytest.mark.parametrize("structure", [s for s in structures() if s.degenerate is None][::4], ids=lambda s: s.notation)

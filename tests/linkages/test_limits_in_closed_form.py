@@ -564,11 +564,11 @@ def test_neighbours_that_are_led_far_apart_are_told(monkeypatch: pytest.MonkeyPa
     """Fifty times as far as the command goes between them, and a command that stands counts as a thousandth of its longest step."""
     free = limits(lambda p: 1.0 + 0.0 * p[..., 0])
     command = path((0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (20.2, 0.0, 0.0), (20.2, 0.0, 0.0), (40.2, 0.0, 0.0))
-    for k, off, told in ((2, 9.7, False), (2, 9.9, True), (3, 0.98, False), (3, 1.02, True), (3, 0.0, False)):
+    for k, off, determined in ((2, 9.7, False), (2, 9.9, True), (3, 0.98, False), (3, 1.02, True), (3, 0.0, False)):
         led_to = command.copy()
         led_to[k:, 0] += off  # the way to sample k + 1 is as much longer
         monkeypatch.setattr(detours, "_halved", lambda *asked, to=led_to: [(float(i), p) for i, p in enumerate(to)])
-        if told:
+        if determined:
             with pytest.raises(StructureError, match=rf"between samples {k} and {k + 1} the limits lead to different sides"):
                 detour(free, command)
         else:
@@ -609,8 +609,10 @@ def test_the_nearest_pose_is_found_where_a_limit_is_known_to_its_thirteenth_digi
     np.testing.assert_allclose(led(limits(rough), HERE)[:3], [60.0, 80.0, 0.0], atol=1e-5)
 
 
-@pytest.mark.parametrize(("missed", "told"), [(0.9e-7, False), (1.2e-7, True)])
-def test_between_two_poses_a_limit_may_be_missed_by_a_ten_millionth(monkeypatch: pytest.MonkeyPatch, missed: float, told: bool) -> None:
+@pytest.mark.parametrize(("missed", "determined"), [(0.9e-7, False), (1.2e-7, True)])
+def test_between_two_poses_a_limit_may_be_missed_by_a_ten_millionth(
+    monkeypatch: pytest.MonkeyPatch, missed: float, determined: bool
+) -> None:
     """Else the poses are put inside by half as much again as is missing, three times at most."""
     across_it, aims = path((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)), []
 
@@ -620,7 +622,7 @@ def test_between_two_poses_a_limit_may_be_missed_by_a_ten_millionth(monkeypatch:
 
     monkeypatch.setattr(detours, "_halved", halved)
     bounds = limits(lambda p: np.abs(p[..., 0]) - missed)
-    if not told:
+    if not determined:
         np.testing.assert_array_equal(detour(bounds, across_it).poses, across_it)
         return
     with pytest.raises(StructureError, match="between samples 1 and 2 a limit cannot be kept"):

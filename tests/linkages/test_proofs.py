@@ -125,8 +125,8 @@ def test_two_assemblies_are_different_where_their_boxes_tell(off: float, new: bo
     radius = np.array([0.1, 0.5, 0.2])
     limit = 2.0 * (0.1 * (3.0 + 0.2) + 0.2 * (1.0 + 0.1))
     points[2, 4] = 1j * off * limit
-    told = Proved(points, radius, np.array([True, False, True]), np.zeros(3, bool))
-    assert certified.apart(told).tolist() == [True, False, new]
+    determined = Proved(points, radius, np.array([True, False, True]), np.zeros(3, bool))
+    assert certified.apart(determined).tolist() == [True, False, new]
     # of points without a box a rounding is left
     points[2, 4] = off * 5e-15
     assert certified.apart(Proved(points, np.zeros(3), np.array([True, False, True]), np.zeros(3, bool))).tolist() == [True, False, new]

@@ -35,12 +35,12 @@ def test_loops_go_on_until_eight_have_brought_nothing(monkeypatch: pytest.Monkey
 
     def follow(start: ComplexArray, aim: ComplexArray, ends: ComplexArray) -> tuple[ComplexArray, IntArray]:
         calls.append(len(ends))
-        told = np.full(len(ends), REACHED)
+        determined = np.full(len(ends), REACHED)
         if len(calls) == 2:
-            told[:] = REACHED + 1
+            determined[:] = REACHED + 1
         if len(calls) == 12:
-            return np.concatenate([ends, other[None]]), np.append(told, REACHED)
-        return ends, told
+            return np.concatenate([ends, other[None]]), np.append(determined, REACHED)
+        return ends, determined
 
     monkeypatch.setattr(start_systems, "follow_homotopy", follow)
     structure = named("L-222-222")
@@ -206,7 +206,7 @@ def test_how_many_assemblies_points_have_is_told_where_no_path_is_in_doubt(monke
     base, platform, _ = rig(named("L-222-3111:ab-ac-ad"), 3)
     drawn: list[ComplexArray] = []
 
-    def told(*draws: list[tuple[float, bool]]) -> int:
+    def determined(*draws: list[tuple[float, bool]]) -> int:
         left = list(draws)
 
         def ended(found: object, rows: ComplexArray, *points: object) -> tuple[ComplexArray, BoolArray]:
@@ -221,12 +221,12 @@ def test_how_many_assemblies_points_have_is_told_where_no_path_is_in_doubt(monke
         return straight_links._of_these_points(incidence(base, platform), base, platform)
 
     sound = [(0.1, True), (1.2e-6, True), (0.9e-9, False)]
-    assert told(sound, sound) == 2
+    assert determined(sound, sound) == 2
     assert not np.allclose(drawn[0], drawn[1])
     np.testing.assert_array_equal(drawn[0][:, :6], drawn[1][:, :6])
-    assert told(sound, sound[:1]) == 0
+    assert determined(sound, sound[:1]) == 0
     for doubt in ((0.9e-6, True), (1.2e-9, False)):
-        assert told([*sound, doubt], [*sound, doubt]) == 0
+        assert determined([*sound, doubt], [*sound, doubt]) == 0
 
 
 @pytest.mark.parametrize(

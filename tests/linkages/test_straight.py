@@ -121,8 +121,8 @@ def test_start_systems_by_monodromy_again(name: str) -> None:
     residuals = np.einsum("ni,kij,nj->nk", points, study_quadric.quadrics(links), points)
     assert np.abs(residuals).max() < 1e-10
     general, forty = start_systems.start_of(SOLVABLE[-1])
-    ends, told = follow_homotopy(general, links, forty)
-    proper = ends[(told == REACHED) & (np.abs((ends[:, :4] ** 2).sum(axis=1)) > 1e-8)]
+    ends, determined = follow_homotopy(general, links, forty)
+    proper = ends[(determined == REACHED) & (np.abs((ends[:, :4] ** 2).sum(axis=1)) > 1e-8)]
     assert len(start_systems.distinct(np.concatenate([start_systems.unit(points), proper]))) == len(points)
 
 
@@ -221,8 +221,8 @@ def test_what_double_precision_leaves_open_is_proved_in_whole_numbers(name: str)
     with_digits, without = (krawczyk.proved(rows, known, whole) for whole in (exact, None))
     assert with_digits.certain.all()
     assert without.certain.sum() < len(known) or found.complex_found > len(known)
-    for told in (with_digits, without):
-        assert not told.points[told.real].imag.any()
+    for determined in (with_digits, without):
+        assert not determined.points[determined.real].imag.any()
     assert with_digits.real.any()
 
 
@@ -264,7 +264,7 @@ def test_boxes_hold_the_assemblies_that_fifty_digits_find() -> None:
 
     mp.mp.dps = 50
     base, platform, lengths = DIETMAIER
-    told = krawczyk.proved(
+    determined = krawczyk.proved(
         study_quadric.links(base, platform, lengths**2),
         study_quadric.points(straight_links.assemblies(*DIETMAIER).poses[:4]).astype(np.complex128),
     )
@@ -273,7 +273,7 @@ def test_boxes_hold_the_assemblies_that_fifty_digits_find() -> None:
         (a, b, c, d), (e, f, g, h) = p, q
         return [a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g, a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e]
 
-    for x, radius in zip(told.points.real, told.radius, strict=True):
+    for x, radius in zip(determined.points.real, determined.radius, strict=True):
         held = int(np.abs(x).argmax())
 
         def equations(*free: mp.mpf, held: int = held) -> list[mp.mpf]:

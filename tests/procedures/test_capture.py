@@ -49,9 +49,9 @@ def test_each_reading_says_what_it_was_worth(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.show(going(POSES, 0.25))
     assert bench.heard("2 of at least 6 poses: too few yet")
-    told = [float(line.split("lengths ")[1].split()[0]) for line in bench.said if line.startswith("  U95 by now")]
-    assert len(told) == 3
-    assert told == sorted(told, reverse=True)
+    reported = [float(line.split("lengths ")[1].split()[0]) for line in bench.said if line.startswith("  U95 by now")]
+    assert len(reported) == 3
+    assert reported == sorted(reported, reverse=True)
 
 
 def test_the_mean_of_a_dwell_is_that_of_its_counts_and_as_uncertain_as_they_make_it(tmp_path: Path) -> None:
@@ -137,9 +137,9 @@ def test_a_channel_that_lost_its_origin_is_not_called_silent(tmp_path: Path) -> 
     lost.recorded[:, 1] = np.nan
     bench.events = [Event(0, 1.0, RIG.channels[1], "reset", "from 900 to 0")]
     bench.show(lost)
-    told = f"{RIG.channels[1]}: where it counts from is lost; end here, what comes needs a folder of its own"
-    assert bench.said[-1] == f"not read: {told}"
-    assert (state_of(bench.session)["state"], state_of(bench.session)["doubted"]) == ("lost", told)
+    reported = f"{RIG.channels[1]}: where it counts from is lost; end here, what comes needs a folder of its own"
+    assert bench.said[-1] == f"not read: {reported}"
+    assert (state_of(bench.session)["state"], state_of(bench.session)["doubted"]) == ("lost", reported)
     assert bench.session.line().startswith(f"pose 3  no origin: {RIG.channels[1]}")
     bench.events = []
     fresh = Bench(tmp_path / "other")
@@ -261,24 +261,24 @@ def test_a_dwell_of_which_most_was_not_seen_is_no_reading(tmp_path: Path) -> Non
     assert bench.read == ["1", "2", "3"]
 
 
-@pytest.mark.parametrize("told", ["leap", "event"])
-def test_a_channel_that_leaps_is_believed_again_where_it_was_read(told: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("reported", ["leap", "event"])
+def test_a_channel_that_leaps_is_believed_again_where_it_was_read(reported: str, tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.show(going(POSES[:3], 0.25))
     bench.show(going(POSES[[2, 3]], 0.0))
     here = bench.at(3)
-    if told == "leap":
+    if reported == "leap":
         here.recorded[10:, 0] += 500.0
     else:
         bench.events = [Event(3, 0.1, "ch1", "jump", "many units")]
     bench.show(here)
     assert bench.read == list("123")
     assert bench.heard(
-        "channel ch1 leapt by +500 counts" if told == "leap" else "channel ch1 went faster than its drum can turn (many units)"
+        "channel ch1 leapt by +500 counts" if reported == "leap" else "channel ch1 went faster than its drum can turn (many units)"
     )
-    lost = np.array([500.0, 0.0]) if told == "leap" else np.zeros(2)
+    lost = np.array([500.0, 0.0]) if reported == "leap" else np.zeros(2)
     bench.show(bench.at(1, off=lost))
-    if told == "leap":
+    if reported == "leap":
         # two channels: half of them agree with a pose, which is not enough to know it
         assert bench.said[-1].endswith("this is none of them")
         bench.session.command("trust")
@@ -338,7 +338,7 @@ def test_how_well_poses_are_known_is_written_beside_what_they_are(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("way", "lost", "told"),
+    ("way", "lost", "reported"),
     [
         ([0, 1, 2, 0], 0, ""),
         ([0, 1, 2, 0], 40, "cal: ch2 did not come back to the counts of the first pose"),
@@ -346,7 +346,7 @@ def test_how_well_poses_are_known_is_written_beside_what_they_are(tmp_path: Path
     ],
 )
 def test_the_command_ends_with_1_where_poses_or_counts_are_missing(
-    way: list[int], lost: int, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    way: list[int], lost: int, reported: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """From a log that is played to it; what was read is there in any case."""
     write_inputs(tmp_path, nominal_of(RIG), POSES[:3])
@@ -364,7 +364,7 @@ def test_the_command_ends_with_1_where_poses_or_counts_are_missing(
     with pytest.raises(SystemExit) as end:
         main()
     out, err = capsys.readouterr()
-    assert end.value.code == (1 if told else 0), out
-    assert [line for line in err.splitlines() if line.startswith("lmeasure: ")] == ([f"lmeasure: {told}"] if told else [])
+    assert end.value.code == (1 if reported else 0), out
+    assert [line for line in err.splitlines() if line.startswith("lmeasure: ")] == ([f"lmeasure: {reported}"] if reported else [])
     assert f"{len(set(way))} of 3 poses read, {len(way)} readings: cal" in out
     assert len(dict.fromkeys(read_table(tmp_path / "cal" / "counts.csv").text("pose"))) == len(set(way))

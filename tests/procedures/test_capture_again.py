@@ -51,7 +51,7 @@ def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("off", "u_repeatability_mm", "lost", "told"),
+    ("off", "u_repeatability_mm", "lost", "reported"),
     [
         ((0.0, 0.0), 0.0, (), "closed: no more than 1.2 counts"),
         ((2.0, 0.0), 0.0, (), "not closed by rounding alone (ch1), but within 0.024 mm"),
@@ -60,7 +60,7 @@ def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> Non
     ],
 )
 def test_the_return_is_judged(
-    off: tuple[float, float], u_repeatability_mm: float, lost: tuple[str, ...], told: str, tmp_path: Path
+    off: tuple[float, float], u_repeatability_mm: float, lost: tuple[str, ...], reported: str, tmp_path: Path
 ) -> None:
     more: dict[str, Any] = {"u_repeatability_mm": np.full(8, u_repeatability_mm)} if u_repeatability_mm else {}
     bench = Bench(tmp_path, **more)
@@ -69,7 +69,7 @@ def test_the_return_is_judged(
     bench.show(joined([going(POSES[[2, 0]], 0.0), bench.at(0, 0.4, off=np.array(off))]))
     assert bench.session.closure is not None
     assert bench.session.closure.lost == lost
-    assert bench.heard(told)
+    assert bench.heard(reported)
 
 
 def test_a_folder_of_something_else_and_another_rig_are_refused(tmp_path: Path) -> None:

@@ -69,13 +69,13 @@ def test_a_sound_instrument_passes_and_a_point_that_moved_is_named(tmp_path: Pat
     worn = true_rig().to_dict()
     worn["observation_point"][2]["position_mm"][0] += 0.2
     options = ["--rig", str(tmp_path / "calibrated" / "rig.toml"), "--repeatability-mm", "0.01", "--trend", str(tmp_path / "checks.csv")]
-    told = []
+    reported = []
     for name, true in (("monday", true_rig()), ("tuesday", rig_from_dict(worn))):
         run = recorded(tmp_path, name, counted(true))
         checked = CliRunner().invoke(app, ["check-instrument", run, *options, "--out", str(tmp_path / f"{name}-check")])
         assert checked.exit_code == 0, checked.output
-        told.append(json.loads((tmp_path / f"{name}-check" / "check.json").read_text(encoding="utf-8")))
-    sound, moved = told
+        reported.append(json.loads((tmp_path / f"{name}-check" / "check.json").read_text(encoding="utf-8")))
+    sound, moved = reported
     assert sound["verdict"] == "passed"
     assert not sound["moved"]
     assert moved["verdict"] == "calibrate again"

@@ -83,10 +83,10 @@ def test_summary_and_page_say_it(tmp_path: Path) -> None:
     rig, record = calibrated()
     write_rig(tmp_path / "run" / "rig.toml", rig)
     write_calibration_record(tmp_path / "run" / "calibration.json", record)
-    told = CliRunner().invoke(app, ["reconstruct", str(tmp_path / "run"), "--out", str(tmp_path / "t.parquet")])
-    assert told.exit_code == 0, told.output
-    assert "run-out of the drum of ch3 (0.0" in " ".join(told.output.split())
-    assert "--solve run-out:B3" in " ".join(told.output.split())
+    reported = CliRunner().invoke(app, ["reconstruct", str(tmp_path / "run"), "--out", str(tmp_path / "t.parquet")])
+    assert reported.exit_code == 0, reported.output
+    assert "run-out of the drum of ch3 (0.0" in " ".join(reported.output.split())
+    assert "--solve run-out:B3" in " ".join(reported.output.split())
     drawn = CliRunner().invoke(app, ["report", str(tmp_path / "run"), "--out", str(tmp_path / "page"), "--language", "ru"])
     assert drawn.exit_code == 0, drawn.output
     assert "биение барабана, ch3 (0,0" in (tmp_path / "page" / "trajectory.html").read_text(encoding="utf-8")

@@ -72,11 +72,11 @@ def test_pieces_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         pq.write_table(pa.table({"time_s": time_s, "a": np.arange(9.0), "b": 2.0 * np.arange(9.0)}), path)
 
     written(times)
-    told: list[tuple[int, int]] = []
-    parts = list(read_counts_in_pieces(path, lambda *done: told.append(done)))
+    reported: list[tuple[int, int]] = []
+    parts = list(read_counts_in_pieces(path, lambda *done: reported.append(done)))
     np.testing.assert_array_equal(np.vstack([p.recorded for p in parts]), read_counts(path).recorded)
     assert [p.first for p in parts] == [0, 3, 6]
-    assert told == [(33, 100), (67, 100), (100, 100)]
+    assert reported == [(33, 100), (67, 100), (100, 100)]
     written(np.where(np.arange(9) >= 6, times - 1.0, times))
     with pytest.raises(FileFormatError, match=r"sample 6: time_s = 2\.0 does not follow 2\.5"):
         list(read_counts_in_pieces(path))

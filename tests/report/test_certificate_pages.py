@@ -175,8 +175,8 @@ def test_page_opens_without_an_error_and_runs_nobody_elses_script(english: tuple
 
 
 def test_every_page_states_what_may_run_in_it() -> None:
-    told = html.page("t", ["<script>a < b</script>", '<p><script type="x">c\n</script></p>'])
-    policy = re.search('Content-Security-Policy" content="([^"]*)"', told)
+    reported = html.page("t", ["<script>a < b</script>", '<p><script type="x">c\n</script></p>'])
+    policy = re.search('Content-Security-Policy" content="([^"]*)"', reported)
     assert policy is not None
     parts = dict(part.strip().split(" ", 1) for part in policy[1].split(";"))
     expected = {base64.b64encode(hashlib.sha256(code).digest()).decode() for code in (b"a < b", b"c\n")}
@@ -252,8 +252,8 @@ def test_russian_numbers_have_a_comma(russian: tuple[Path, dict[str, Any]]) -> N
     )
     assert limits[0] == "-0,5 … 0,5"
     assert "93,1" in limits[1]
-    told = [*say.uncertainty(content), *say.notes(content), *(cell for row in say.commanded(content) for cell in row)]
-    assert [t for t in told if re.search(r"\d\.\d", t)] == []
+    reported = [*say.uncertainty(content), *say.notes(content), *(cell for row in say.commanded(content) for cell in row)]
+    assert [t for t in reported if re.search(r"\d\.\d", t)] == []
     assert 'separators":",\u00a0' in (folder / "report.html").read_text(encoding="utf-8").replace("\\u00a0", "\u00a0")
 
 
@@ -271,10 +271,10 @@ def test_accreditation_is_the_users_word_only(campaign: Path, tmp_path: Path) ->
 
 def test_texts_of_the_computation_are_translated_with_what_is_in_them(russian: tuple[Path, dict[str, Any]]) -> None:
     content = russian[1]
-    told = [*content["notes"], content["uncertainty_covers"], *(c["note"] for c in content["characteristics"] if c.get("note"))]
-    assert told
+    reported = [*content["notes"], content["uncertainty_covers"], *(c["note"] for c in content["characteristics"] if c.get("note"))]
+    assert reported
     codes = {entry["text"]: entry["code"] for entry in content["findings"]}
-    for text in told:
+    for text in reported:
         assert text in codes
         assert say.phrase(content, text) != text or codes[text] == "verdict.of_vector"
     # a folder from before codes, and what nobody knows
@@ -321,8 +321,8 @@ def test_figures_of_two_poses_are_not_called_a_pose(english: tuple[Path, dict[st
     ]
     places = [place for _, place, _ in say.results(english[1] | {"characteristics": figures})]
     assert places == ["distance P2-P4", "move P2-P4", "pose P2-P4"]
-    told = say.notes(english[1] | {"language": "ru", "characteristics": [figures[2] | {"note": "limit band 0.05 mm"}]})
-    assert "t_min, перемещение P2-P4: граничная полоса 0,05 мм" in told
+    reported = say.notes(english[1] | {"language": "ru", "characteristics": [figures[2] | {"note": "limit band 0.05 mm"}]})
+    assert "t_min, перемещение P2-P4: граничная полоса 0,05 мм" in reported
 
 
 def test_each_path_has_a_colour_and_can_be_looked_at_alone(english: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:

@@ -20,14 +20,14 @@ from lmeasure.trajectory.motion.vibration import vibration
 
 def test_the_verdict_of_a_component_alone_stands_beside_that_of_its_vector() -> None:
     figure: dict[str, Any] = {"name": "AP_x", "pose": "P1", "value": 0.01, "u95": 0.02, "unit": "mm", "capable": True}
-    told = {
+    reported = {
         ("en", True, False): "capable; alone not",
         ("en", False, True): "not capable; alone capable",
         ("en", True, True): "capable",
         ("ru", True, False): "пригодно; сама по себе нет",
         ("ru", False, False): "непригодно",
     }
-    for (language, of_vector, alone), text in told.items():
+    for (language, of_vector, alone), text in reported.items():
         assert say.verdict(language, figure | {"capable": of_vector, "capable_alone": alone}) == text
     # certificates sealed before do not say it
     assert say.verdict("en", figure) == "capable"
@@ -72,14 +72,14 @@ def test_values_end_where_their_uncertainty_does() -> None:
 
 
 def test_limits_and_probabilities_of_conformity() -> None:
-    def told(lower: float | None, upper: float | None, probability: float) -> list[str]:
+    def reported(lower: float | None, upper: float | None, probability: float) -> list[str]:
         stated = {"lower": lower, "upper": upper, "rule": "simple", "verdict": "conforms", "probability": probability}
         return [cell.replace("\u00a0", " ") for cell in say.tolerance("en", stated, name_rule=False)]
 
-    assert told(None, 0.8, 0.9731) == ["≤ 0.8", "conforms (97.3 %)"]
+    assert reported(None, 0.8, 0.9731) == ["≤ 0.8", "conforms (97.3 %)"]
     # nothing is certain
-    assert told(0.2, None, 0.99999) == ["≥ 0.2", "conforms (> 99.9 %)"]
-    assert told(-0.2, 0.2, 1e-9) == ["-0.2 … 0.2", "conforms (< 0.1 %)"]
+    assert reported(0.2, None, 0.99999) == ["≥ 0.2", "conforms (> 99.9 %)"]
+    assert reported(-0.2, 0.2, 1e-9) == ["-0.2 … 0.2", "conforms (< 0.1 %)"]
 
 
 def test_a_scatter_too_small_for_paper_is_enlarged_and_said_to_be() -> None:
@@ -126,7 +126,7 @@ def test_the_ellipse_holds_what_it_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ('schema = "lmeasure.report/2"', "schema"),
         ('schema = "lmeasure.report/1"\nlab = "x"', "unknown key 'lab'"),
@@ -141,12 +141,12 @@ def test_the_ellipse_holds_what_it_says() -> None:
         ('schema = "lmeasure.report/1"\nlaboratory = "x"', "must be a table"),
     ],
 )
-def test_details_that_cannot_be_meant(tmp_path: Path, text: str, told: str) -> None:
+def test_details_that_cannot_be_meant(tmp_path: Path, text: str, reported: str) -> None:
     path = tmp_path / "details.toml"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=r"details\.toml") as caught:
         read_details(path)
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
 
 
 def test_nothing_hidden_stays_hidden() -> None:

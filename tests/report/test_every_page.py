@@ -31,25 +31,25 @@ def test_nothing_runs_over_collides_or_asks_for_anything(
     """In a fresh window of each width, as a person opens it, at another zoom, in a window made narrow, and on paper."""
     page = PAGES[kind](tmp_path, language)
     pictures = Path(os.environ["LMEASURE_PICTURES"]) if "LMEASURE_PICTURES" in os.environ else None
-    told, errors, requests = [], [], []
+    reported, errors, requests = [], [], []
     for width, zoom in sizes:
         with opened(page, size=(width, zoom)) as shown:
             shown.wait(DRAWN)
             shown.evaluate(TWO_FRAMES)
-            told += [f"{width} at {zoom}: {text}" for text in shown.evaluate(LOOK)]
+            reported += [f"{width} at {zoom}: {text}" for text in shown.evaluate(LOOK)]
             if pictures and zoom == 1.0:
                 (pictures / f"{kind}-{language}-{width}.png").write_bytes(base64.b64decode(shown.shoot()))
             if width == 2560:
                 # what was drawn wide has to find its room again when the window is made narrow
                 shown.resize(390)
-                told += [f"made narrow: {text}" for text in shown.evaluate(LOOK)]
+                reported += [f"made narrow: {text}" for text in shown.evaluate(LOOK)]
                 shown.resize(2560)
-                told += [f"on paper: {text}" for text in beyond(shown.printed(), pictures and pictures / f"{kind}-{language}-paper")]
+                reported += [f"on paper: {text}" for text in beyond(shown.printed(), pictures and pictures / f"{kind}-{language}-paper")]
                 shown.evaluate(TWO_FRAMES)
-                told += [f"after printing: {text}" for text in shown.evaluate(LOOK)]
+                reported += [f"after printing: {text}" for text in shown.evaluate(LOOK)]
             errors += shown.errors
             requests += shown.requests
-    assert told == [], "\n".join(told)
+    assert reported == [], "\n".join(reported)
     assert errors == []
     assert [url[:80] for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
     for name in PDFS:
@@ -111,13 +111,13 @@ def test_the_check_sees_what_it_is_for(tmp_path: Path) -> None:
     )
     with opened(page) as shown:
         shown.resize(1400)
-        told = " ".join(shown.evaluate(LOOK))
-    assert "the page is 30" in told
-    assert "'two' and 'one' collide" in told
-    assert "'beyond' is clipped" in told
-    assert "'wide' runs over" in told
-    assert "'1 mm' of 'as much as 0.1 mm, --many-mm' is in two lines" in told
-    assert "'--many-mm' of 'as much as 0.1 mm, --many-mm' is in two lines" in told
+        reported = " ".join(shown.evaluate(LOOK))
+    assert "the page is 30" in reported
+    assert "'two' and 'one' collide" in reported
+    assert "'beyond' is clipped" in reported
+    assert "'wide' runs over" in reported
+    assert "'1 mm' of 'as much as 0.1 mm, --many-mm' is in two lines" in reported
+    assert "'--many-mm' of 'as much as 0.1 mm, --many-mm' is in two lines" in reported
     assert any(url.startswith("http://127.0.0.1") for url in shown.requests)
 
 
@@ -125,7 +125,7 @@ def test_the_check_of_sheets_sees_what_it_is_for(tmp_path: Path) -> None:
     typst = pytest.importorskip("typst")
     lines = "#set page(width: 100pt, height: 100pt)\n#place(dx: 0pt)[one]\n#place(dx: 6pt)[two]\n#place(dx: 80pt, dy: 30pt)[beyond it]"
     (tmp_path / "bad.pdf").write_bytes(typst.compile(lines.encode()))
-    told = " ".join(faults_of(tmp_path / "bad.pdf"))
-    assert "collide" in told
-    assert "lies beyond it" in told
-    assert "sheet 1 is not numbered" in told
+    reported = " ".join(faults_of(tmp_path / "bad.pdf"))
+    assert "collide" in reported
+    assert "lies beyond it" in reported
+    assert "sheet 1 is not numbered" in reported

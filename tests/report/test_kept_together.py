@@ -50,8 +50,8 @@ def test_a_page_says_the_same_as_without() -> None:
 
 def test_sheets_are_set_from_texts_that_are_kept_together() -> None:
     svg = "<svg>0.1 mm</svg>"
-    told = html.on_paper({"a": ["within 0.1 mm", 3, None, svg], "b": (("U", "95"), True)})
-    assert told == {"a": ["within 0.1\u00a0mm", 3, None, svg], "b": [["U", "95"], True]}
+    reported = html.on_paper({"a": ["within 0.1 mm", 3, None, svg], "b": (("U", "95"), True)})
+    assert reported == {"a": ["within 0.1\u00a0mm", 3, None, svg], "b": [["U", "95"], True]}
 
 
 @pytest.mark.parametrize(

@@ -106,8 +106,8 @@ def test_the_instrument_is_described() -> None:
         "worst_pressure_angle_deg": 20.512345,
         "calibration": {"reference_poses": 19, "equations": 114, "unknowns": 30, "residual_rms_mm": 0.0207},
     }  # fmt: skip
-    told = say.instrument(certificate([], measured_with=measured))
-    assert told == [
+    reported = say.instrument(certificate([], measured_with=measured))
+    assert reported == [
         "6 cables from 6 observation points",
         "encoders of 6000 counts per turn of the drum, 0.012 mm of cable per count",
         "calibrated with 19 reference poses, residuals 0.021 mm rms",

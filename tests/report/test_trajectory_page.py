@@ -48,14 +48,14 @@ def lost(trajectory: Trajectory, first: int, last: int, status: Status, cause: C
 
 def test_what_is_said_of_a_circle() -> None:
     found = along(lost(circle(2001), 500, 549, Status.GAP, "channel ch2 has no count", "c2"))
-    told = dict(trajectory_summary(found, "en"))
-    assert told["Duration"] == "10 s"
-    assert told["Samples"] == "2001, 200 per second"
-    assert told["With a pose"] == "1951 (97.5 %)"
+    reported = dict(trajectory_summary(found, "en"))
+    assert reported["Duration"] == "10 s"
+    assert reported["Samples"] == "2001, 200 per second"
+    assert reported["With a pose"] == "1951 (97.5 %)"
     # three equal axes of 10 um: the sphere that holds 95 % has a radius of 2.7955 of them
-    assert float(told["Largest U95 of the position (radius)"].split()[0]) == pytest.approx(27.955, abs=0.01)
-    assert float(told["Largest speed"].split()[0]) == pytest.approx(2 * np.pi * 10, rel=1e-3)
-    assert float(told["Length of the path"].split()[0]) == pytest.approx(200 * np.pi, rel=5e-3)
+    assert float(reported["Largest U95 of the position (radius)"].split()[0]) == pytest.approx(27.955, abs=0.01)
+    assert float(reported["Largest speed"].split()[0]) == pytest.approx(2 * np.pi * 10, rel=1e-3)
+    assert float(reported["Length of the path"].split()[0]) == pytest.approx(200 * np.pi, rel=5e-3)
     assert np.nanmax(np.abs(found.rotation_deg - np.column_stack([np.zeros((2001, 2)), np.linspace(0, 90, 2001)]))) < 1e-6
     russian = dict(trajectory_summary(found, "ru"))
     # between numbers whose decimal mark is a comma stands something else

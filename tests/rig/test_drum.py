@@ -185,8 +185,8 @@ def test_the_command(tmp_path: Path) -> None:
 
 
 def test_drums_that_are_alike_are_told_in_one_line() -> None:
-    told = drum_summary([measurement(), measurement(point="B2", centre_distance_mm=160.0), measurement(point="B3")])
-    assert [line.partition(" tangent")[0] for line in told] == ["B1, B3:", "B2:"]
+    determined = drum_summary([measurement(), measurement(point="B2", centre_distance_mm=160.0), measurement(point="B3")])
+    assert [line.partition(" tangent")[0] for line in determined] == ["B1, B3:", "B2:"]
 
 
 COMMENTED = """# my rig

@@ -70,8 +70,8 @@ def test_what_krl_moves_to() -> None:
     ):
         assert any(part in line for line in said), (part, said)
     assert len(said) == 6
-    told = listing.stated({"BASE_DATA[7]": np.array([1.0, 0, 0, 0, 0, 0, 1])})
-    assert "LIN of line 30" in [t.name for t in told.targets]
+    reported = listing.stated({"BASE_DATA[7]": np.array([1.0, 0, 0, 0, 0, 0, 1])})
+    assert "LIN of line 30" in [t.name for t in reported.targets]
 
 
 def test_what_rapid_moves_to() -> None:

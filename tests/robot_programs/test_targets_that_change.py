@@ -73,8 +73,8 @@ def test_what_a_krl_program_changes_or_tells_in_several_frames_is_left() -> None
     data = "DEFDAT MAIN\n" + "".join(f"DECL E6POS {n}={{X 1,Y 2,Z {i},A 0,B 0,C 0}}\n" for i, n in enumerate(KRL_NAMES)) + "ENDDAT\n"
     frames = {f"{kind}_DATA[{i}]": np.array([i, 0.0, 0, 0, 0, 0, 1]) for kind in ("BASE", "TOOL") for i in (1, 2, 3)}
     listing = listed("krl", (("main.src", KRL_CHANGED), ("main.dat", data)))[1].stated(frames)
-    told = {t.name: t.base for t in listing.targets}
-    assert told == {name: f"BASE_DATA[{i}]" for name, i in {"PLAIN": 1, "SPLINED": 1, "INSIDE": 2, "CALLED": 1, "AFTER": 3}.items()}
+    reported = {t.name: t.base for t in listing.targets}
+    assert reported == {name: f"BASE_DATA[{i}]" for name, i in {"PLAIN": 1, "SPLINED": 1, "INSIDE": 2, "CALLED": 1, "AFTER": 3}.items()}
     said = [str(u) for u in listing.unread]
     for part in (
         "CHANGED: is changed by the program in main.src:7",

@@ -110,8 +110,8 @@ def test_there_and_back_only_targets_change(name: str) -> None:
     again = dialect.read([replace(s, text=t) for s, t in zip(listing.sources, texts, strict=True)]).stated(
         {n: f for n, f in listing.frames.items() if n not in listing.assumed}
     )
-    told = [(t.name, t.line, t.joints, t.base, t.tool, t.flags) for t in listing.targets]
-    assert [(t.name, t.line, t.joints, t.base, t.tool, t.flags) for t in again.targets] == told
+    reported = [(t.name, t.line, t.joints, t.base, t.tool, t.flags) for t in listing.targets]
+    assert [(t.name, t.line, t.joints, t.base, t.tool, t.flags) for t in again.targets] == reported
     assert [str(u) for u in again.unread] == [str(u) for u in listing.unread]
     for i, target in enumerate(again.targets):
         if target.joints:

@@ -67,9 +67,9 @@ def test_seven_axes_by_command(tmp_path: Path) -> None:
     said = ran("identify", "--robot", "generic7", "--measurements", tmp_path / "m.csv", "--out", tmp_path / "id", "--free", "links",
                "--predict", tmp_path / "asked.csv")  # fmt: skip
     assert "30 rows; errors" in said
-    told = read_table(tmp_path / "id" / "predictions.csv")
-    off = np.linalg.norm(told.matrix(["x_mm", "y_mm", "z_mm"]) - places(true, asked, 0.02, 1)[:, :3], axis=1)
-    assert np.mean(off <= told.numbers("u95_mm")) >= 0.85
+    determined = read_table(tmp_path / "id" / "predictions.csv")
+    off = np.linalg.norm(determined.matrix(["x_mm", "y_mm", "z_mm"]) - places(true, asked, 0.02, 1)[:, :3], axis=1)
+    assert np.mean(off <= determined.numbers("u95_mm")) >= 0.85
     assert np.median(off) < 0.2
     # base and target from poses, with the identified robot's flange
     robot = read_identified(tmp_path / "id")
@@ -108,9 +108,9 @@ def test_a_gantry_in_millimetres_from_positions(tmp_path: Path) -> None:
     assert "freed: links, scale" in said
     record = json.loads((tmp_path / "id" / "identified.json").read_text())
     assert record["warnings"] == []
-    told = {p["name"]: p for p in record["parameters"] if p["determined"] and not p["name"].startswith("base")}
-    assert {"x.scale", "y.scale", "z.scale", "x.alpha_deg", "y.theta_deg", "y.alpha_deg"} == set(told)
-    assert all(abs(told[f"{axis}.scale"]["value"] - 1.0002) < 4.0 * told[f"{axis}.scale"]["u"] < 1e-4 for axis in "xyz")
+    determined = {p["name"]: p for p in record["parameters"] if p["determined"] and not p["name"].startswith("base")}
+    assert {"x.scale", "y.scale", "z.scale", "x.alpha_deg", "y.theta_deg", "y.alpha_deg"} == set(determined)
+    assert all(abs(determined[f"{axis}.scale"]["value"] - 1.0002) < 4.0 * determined[f"{axis}.scale"]["u"] < 1e-4 for axis in "xyz")
     # angles between the axes, whatever frames stand for their directions
     axes = []
     for robot in (true, read_identified(tmp_path / "id").found):

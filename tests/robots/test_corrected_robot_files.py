@@ -59,9 +59,9 @@ def test_the_files_of_a_corrected_robot_say_its_poses(nominal: Robot, tmp_path: 
         pose = model.forward(joints[None])[0]
         flange = np.eye(4)
         flange[:3, :3], flange[:3, 3] = se3.matrices(pose), pose[:3]
-        for told in (by_table(tmp_path / "robot.toml", values), by_urdf(tmp_path / "robot.urdf", values, "flange")):
-            np.testing.assert_allclose(told[:3, 3], flange[:3, 3], rtol=0, atol=1e-9)
-            np.testing.assert_allclose(told[:3, :3], flange[:3, :3], rtol=0, atol=1e-11)
+        for determined in (by_table(tmp_path / "robot.toml", values), by_urdf(tmp_path / "robot.urdf", values, "flange")):
+            np.testing.assert_allclose(determined[:3, 3], flange[:3, 3], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(determined[:3, :3], flange[:3, :3], rtol=0, atol=1e-11)
         # and read back by the program itself it is the same motion
         assert (
             np.abs(
@@ -71,6 +71,6 @@ def test_the_files_of_a_corrected_robot_say_its_poses(nominal: Robot, tmp_path: 
         )
         if robot.tool is not None:
             tip = se3.compose(pose, robot.tool_pose)
-            told = by_urdf(tmp_path / "robot.urdf", values, "tool")
-            np.testing.assert_allclose(told[:3, 3], tip[:3], rtol=0, atol=1e-9)
-            np.testing.assert_allclose(told[:3, :3], se3.matrices(tip), rtol=0, atol=1e-11)
+            determined = by_urdf(tmp_path / "robot.urdf", values, "tool")
+            np.testing.assert_allclose(determined[:3, 3], tip[:3], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(determined[:3, :3], se3.matrices(tip), rtol=0, atol=1e-11)

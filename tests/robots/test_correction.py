@@ -248,8 +248,8 @@ def test_the_command(identified: tuple[Path, SerialRobot], tmp_path: Path) -> No
     assert [o for o, n in zip(old, new, strict=True) if o == n] == old[:3] + old[-3:]
     # a controller that reads the new file sends the true robot where the old one was meant to be
     wanted = se3.compose(se3.compose(robot.base, robot.nominal.forward(q)), np.broadcast_to(robot.tool, (len(q), 7)))[:, :3]
-    told = np.array([t["corrected_values"] for t in record["targets"][1:]])
-    pose = se3.pose(told[:, :3], Rotation.from_euler("ZYX", told[:, 3:], degrees=True))
+    determined = np.array([t["corrected_values"] for t in record["targets"][1:]])
+    pose = se3.pose(determined[:, :3], Rotation.from_euler("ZYX", determined[:, 3:], degrees=True))
     of_base, of_tool = (np.broadcast_to([x, 0.0, z, 0.0, 0.0, 0.0, 1.0], pose.shape) for x, z in ((100.0, 0.0), (0.0, -120.0)))
     flange = se3.compose(se3.compose(of_base, pose), of_tool)
     went = np.array([ways(robot.nominal, f, one)[0] for f, one in zip(flange, q, strict=True)])

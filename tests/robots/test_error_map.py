@@ -148,8 +148,8 @@ def test_a_program_is_corrected_where_the_map_reaches(sample: tuple[SerialRobot,
     assert "T20: outside the region where errors were measured" in done.output
     assert "T21: its orientation is" in done.output
     record = json.loads((tmp_path / "out" / "corrections.json").read_text())["targets"]
-    told = np.array([row["corrected_values"] for row in record[:20]])
-    off = se3.displacement(se3.displaced(told, true_errors(robot, told)), targets)
+    determined = np.array([row["corrected_values"] for row in record[:20]])
+    off = se3.displacement(se3.displaced(determined, true_errors(robot, determined)), targets)
     before = np.linalg.norm(true_errors(robot, targets)[:, 3:], axis=1)
     after = np.linalg.norm(off[:, 3:], axis=1)
     assert after.mean() < 0.1 * before.mean()
@@ -200,8 +200,8 @@ def test_what_is_left_of_a_real_robots_errors(method: str) -> None:
         left, radius = np.linalg.norm(errors[120:] - found.errors(poses[120:])[:, 3:], axis=1), found.u95_mm(poses[120:])
         assert found.within >= 0.9
     else:
-        told = predict(identify_with_choice(shipped("ur5").model, measured(joints[:120], (place + errors)[:120])), joints[120:])
-        left, radius = np.linalg.norm((place + errors)[120:] - told.pose[:, :3], axis=1), told.u95_mm
+        determined = predict(identify_with_choice(shipped("ur5").model, measured(joints[:120], (place + errors)[:120])), joints[120:])
+        left, radius = np.linalg.norm((place + errors)[120:] - determined.pose[:, :3], axis=1), determined.u95_mm
     assert np.linalg.norm(errors, axis=1).mean() > 2.0
     assert left.mean() < 0.14
     assert np.mean(left <= radius) >= 0.88

@@ -113,10 +113,10 @@ def test_joint_values_and_pose_of_a_point_become_one_place(dialect: str, tmp_pat
         assert outcome.correction is not None
         joints = np.degrees(outcome.correction.joints)
         assert joints[1] == pytest.approx(q[1] - 0.05, abs=5e-3)  # rounding of the programs
-        told = pose(ROBOT, tuple(joints), tmp_path)
+        determined = pose(ROBOT, tuple(joints), tmp_path)
         size = 1000.0 if dialect == "ur" else 1.0
-        np.testing.assert_allclose(size * np.array(outcome.values[:3]), told[:3, 3], atol=2e-2)
-        assert 0.1 < np.linalg.norm(told[:3, 3] - at[:3, 3]) < 3.0
+        np.testing.assert_allclose(size * np.array(outcome.values[:3]), determined[:3, 3], atol=2e-2)
+        assert 0.1 < np.linalg.norm(determined[:3, 3] - at[:3, 3]) < 3.0
     for outcome, (q, _) in zip([o for o in done.outcomes if o.target.joints], points.values(), strict=dialect != "ur"):
         assert outcome.values == pytest.approx((q[0], q[1] - 0.05, *q[2:]), abs=5e-3)
 
@@ -204,9 +204,9 @@ def test_a_table_in_other_units_is_written_back_in_them(tmp_path: Path) -> None:
     for row, q in zip(rows, POINTS.values(), strict=True):
         joints = np.degrees([float(v) for v in row[7:]])
         assert joints == pytest.approx((q[0], q[1] - 0.05, *q[2:]), abs=2e-5)
-        told = pose(ROBOT, tuple(joints), tmp_path)
-        np.testing.assert_allclose([1e3 * float(v) for v in row[1:4]], told[:3, 3], atol=2e-3)
-        np.testing.assert_allclose(Rotation.from_rotvec([float(v) for v in row[4:7]]).as_matrix(), told[:3, :3], atol=1e-6)
+        determined = pose(ROBOT, tuple(joints), tmp_path)
+        np.testing.assert_allclose([1e3 * float(v) for v in row[1:4]], determined[:3, 3], atol=2e-3)
+        np.testing.assert_allclose(Rotation.from_rotvec([float(v) for v in row[4:7]]).as_matrix(), determined[:3, :3], atol=1e-6)
     for text, said in (
         ("x=Q[m]", "has no such column; it has x, y, z"),
         ("rx=U", "angles with their unit"),

@@ -14,7 +14,7 @@ from lmeasure.robots import Measurements, Robot, Settings, identify, predict, re
 from lmeasure.robots.identification import hold_out, slips
 from lmeasure.robots.identification.initial_frames import find_frames
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined, silent_directions
+from lmeasure.robots.identification.observability import determined_parameters, silent_directions
 from lmeasure.robots.identification.problem import Noise, Problem
 from lmeasure.robots.identification.unknowns import Unknowns
 from lmeasure.robots.robot import shipped
@@ -82,10 +82,10 @@ def test_robots_lie_where_they_are_said_to_lie() -> None:
         true = built(shipped(name), rng)
         found = identify(shipped(name).model, seen(true, 80, rng))
         theta = {p.name: p.value for p in true.parameters}
-        told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
-        assert told.sum() > 10
+        determined, u = determined_parameters(found.fit), np.sqrt(np.diag(found.fit.covariance))
+        assert determined.sum() > 10
         for i, (own, value) in enumerate(zip(found.fit.problem.names, found.fit.problem.unknowns.values(found.fit.x), strict=True)):
-            if own in theta and told[i]:
+            if own in theta and determined[i]:
                 values.append((value - theta[own]) / u[i])
         later = seen(true, 200, rng)
         predicted = predict(found, later.joints)

@@ -85,10 +85,10 @@ def test_rows_are_judged_by_the_general_deletion() -> None:
     general = Deletion(fit(one.fit.problem, one.fit.theta, prior_everywhere=True))
     of = np.nonzero(rows.known)[0]
     for i in range(30):
-        told = general.shift(np.eye(len(of))[:, of == i])
-        assert told is not None
-        assert told.freedom == components[i]
-        assert squares[i] == pytest.approx(told.square, rel=0.02, abs=0.02)
+        determined = general.shift(np.eye(len(of))[:, of == i])
+        assert determined is not None
+        assert determined.freedom == components[i]
+        assert squares[i] == pytest.approx(determined.square, rel=0.02, abs=0.02)
     # by a fit without the row
     for i in (0, 11, 29):
         rest = solved(replace(one.fit.problem, rows=rows.of(np.delete(np.arange(30), i))), one.fit.theta)

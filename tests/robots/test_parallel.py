@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lmeasure.core import RobotError, se3
 from lmeasure.robots import Measurements, ParallelFile, Settings, any_shipped, checked, identify, predict
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.observability import determined_parameters
 from lmeasure.robots.parallel import limits, model
 from lmeasure.robots.parallel.bounds import Limits
 from lmeasure.robots.parallel.limits import own_roots
@@ -204,9 +204,9 @@ def test_a_built_mechanism_is_identified_through_the_same_door(name: str) -> Non
     before = np.linalg.norm(found.nominal_errors_mm(), axis=1).mean()
     assert off.mean() < 0.06 < 2.0 * before
     value = {p.name: p.value for p in true.parameters}
-    told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
+    determined, u = determined_parameters(found.fit), np.sqrt(np.diag(found.fit.covariance))
     names, values = found.fit.problem.names, found.fit.problem.unknowns.values(found.fit.x)
-    z = [(v - value[n]) / s for n, v, s, known in zip(names, values, u, told, strict=True) if known and n in value]
+    z = [(v - value[n]) / s for n, v, s, known in zip(names, values, u, determined, strict=True) if known and n in value]
     assert not z or np.abs(z).max() < 4.5
 
 

@@ -11,7 +11,7 @@ from lmeasure.core import RobotError, se3
 from lmeasure.linkages import assemblies
 from lmeasure.robots import Measurements, PlatformFile, Settings, any_shipped, identify, predict
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined, silent_directions
+from lmeasure.robots.identification.observability import determined_parameters, silent_directions
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.robot import robot_from_dict
 
@@ -89,9 +89,9 @@ def test_a_built_platform_is_identified_through_the_same_door(name: str) -> None
     assert 0.88 < np.mean(off <= predicted.u95_mm) <= 1.0
     assert off.mean() < 0.06
     value = {p.name: p.value for p in true.parameters}
-    told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
+    determined, u = determined_parameters(found.fit), np.sqrt(np.diag(found.fit.covariance))
     names, values = found.fit.problem.names, found.fit.problem.unknowns.values(found.fit.x)
-    z = [(v - value[n]) / s for n, v, s, known in zip(names, values, u, told, strict=True) if known and n in value]
+    z = [(v - value[n]) / s for n, v, s, known in zip(names, values, u, determined, strict=True) if known and n in value]
     assert not z or np.abs(z).max() < 4.5
     texts = " ".join(s.text for s in silent_directions(found.fit))
     assert "the base frame" in texts

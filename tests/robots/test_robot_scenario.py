@@ -35,8 +35,8 @@ def of(robot: dict[str, object], **more: object) -> dict[str, object]:
 def test_a_robot_without_errors_goes_where_it_is_told(model: str, tmp_path: Path) -> None:
     done = simulate_robot(*scenario_from_dict(of({"model": model})), tmp_path).performance
     rests = [int(s.end_s * 100) - 1 for s in done.spans]
-    told = np.array([c.poses[-1] for c in done.commands])
-    assert np.abs(se3.displacement(done.poses[rests], told)).max() < 1e-6
+    determined = np.array([c.poses[-1] for c in done.commands])
+    assert np.abs(se3.displacement(done.poses[rests], determined)).max() < 1e-6
     # servos lag behind on the way
     assert np.abs(se3.displacement(done.poses, done.commanded)).max() > 0.1
 
@@ -150,8 +150,8 @@ def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_c
     # its tool is at the start when it is at home
     assert isinstance(model, Parallel)
     drawn = se3.compose(np.tile(se3.inverse(model.home), (14, 1)), model.forward(np.radians(cranks)))
-    told = np.array([[*p.position_mm, *p.quaternion_xyzw] for p in program.pose])
-    assert np.abs(se3.displacement(told, drawn)).max() < 1e-5
+    determined = np.array([[*p.position_mm, *p.quaternion_xyzw] for p in program.pose])
+    assert np.abs(se3.displacement(determined, drawn)).max() < 1e-5
     run("reconstruct", tmp_path / "run", "--out", tmp_path / "trajectory.parquet")
     asked = ("--run", tmp_path / "run", "--program", folder / "program.toml", "--out", tmp_path / "certificate")
     assert "AP_p" in run("certify", tmp_path / "trajectory.parquet", *asked)

@@ -15,7 +15,7 @@ from lmeasure.estimation import biweights, normal_deviates, scatter, trust
 from lmeasure.robots import Identified, Measurements, Settings, identify, predict
 from lmeasure.robots.identification import hold_out
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined
+from lmeasure.robots.identification.observability import determined_parameters
 from lmeasure.robots.identification.problem import solved, stay_distances
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
@@ -96,9 +96,9 @@ def test_bad_rows_lose_their_weight_and_the_others_keep_what_they_say(
     assert u[0] < 0.7 * u[1]
     assert found.noise.position_mm == pytest.approx(0.05, rel=0.2)
     value = {p.name: p.value for p in true.parameters}
-    told, s = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
+    determined, s = determined_parameters(found.fit), np.sqrt(np.diag(found.fit.covariance))
     names, values = found.fit.problem.unknowns.names, found.fit.problem.unknowns.values(found.fit.x)
-    off = np.array([(v - value[n]) / e for n, v, e, t in zip(names, values, s, told, strict=True) if t and n in value])
+    off = np.array([(v - value[n]) / e for n, v, e, t in zip(names, values, s, determined, strict=True) if t and n in value])
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.5
     assert np.mean(predict(found, found.rows.joints).u95_mm) < 0.5 * np.mean(predict(alike, found.rows.joints).u95_mm)
     # rows held out are judged with weights of their own
@@ -111,12 +111,12 @@ def test_bad_rows_lose_their_weight_and_the_others_keep_what_they_say(
 def test_weights_cost_little_where_nothing_is_wrong() -> None:
     _, rows, _ = places(4, 1.0)
     one, other = (identify(shipped("generic6").model, rows, s) for s in (Settings(), WEIGHED))
-    told = determined(one.fit)
-    ratio = np.sqrt(np.diag(other.fit.covariance) / np.diag(one.fit.covariance))[told]
+    determined = determined_parameters(one.fit)
+    ratio = np.sqrt(np.diag(other.fit.covariance) / np.diag(one.fit.covariance))[determined]
     assert 0.85 < ratio.mean() < 1.15
     assert other.weight.sum() == pytest.approx(55.0, abs=3.0)
     # and rows that only nominal values hold are held as before
-    assert np.sqrt(np.diag(other.fit.covariance))[~told] == pytest.approx(np.sqrt(np.diag(one.fit.covariance))[~told], rel=0.05)
+    assert np.sqrt(np.diag(other.fit.covariance))[~determined] == pytest.approx(np.sqrt(np.diag(one.fit.covariance))[~determined], rel=0.05)
 
 
 def test_too_few_rows_are_refused() -> None:

@@ -51,10 +51,10 @@ def test_ten_readings_say_what_their_means_say(tmp_path: Path, monkeypatch: pyte
         out = tmp_path / name
         arguments = ["--measurements", str(CASE / f"{name}.csv"), "--out", str(out), "--predict", str(CASE / "unseen.csv")]
         assert run(monkeypatch, "identify", "--robot", "ur5", *arguments) == 0
-        told = read_table(out / "predictions.csv")
-        error = np.linalg.norm(told.matrix(["x_mm", "y_mm", "z_mm"]) - truth, axis=1)
+        determined = read_table(out / "predictions.csv")
+        error = np.linalg.norm(determined.matrix(["x_mm", "y_mm", "z_mm"]) - truth, axis=1)
         assert error.mean() == pytest.approx(0.20, abs=0.01)
-        assert 0.90 <= np.mean(error <= told.numbers("u95_mm")) <= 0.98
+        assert 0.90 <= np.mean(error <= determined.numbers("u95_mm")) <= 0.98
         found[name] = json.loads((out / "identified.json").read_text(encoding="utf-8"))
         assert found[name]["freed"] == ["links"]
         assert found[name]["stays"] == 40
@@ -163,10 +163,10 @@ def test_the_unseen_half_of_a_real_workspace_lies_within_u95(cut: str, mean_mm: 
     along = {"y": rows.position[:, 1], "joint_1": -rows.joints[:, 0], "chance": np.random.default_rng(2).random(1000)}[cut]
     half = along < np.median(along)
     found = judged(identify_with_choice(shipped("ur5").model, rows.of(np.flatnonzero(half))))
-    told = predict(found, rows.joints[~half])
-    error = np.linalg.norm(rows.position[~half] - told.pose[:, :3], axis=1)
+    determined = predict(found, rows.joints[~half])
+    error = np.linalg.norm(rows.position[~half] - determined.pose[:, :3], axis=1)
     assert error.mean() < mean_mm
-    assert least <= np.mean(error <= told.u95_mm) <= most
+    assert least <= np.mean(error <= determined.u95_mm) <= most
 
 
 def test_a_robot_of_which_the_model_lacks_nothing_is_not_widened() -> None:
@@ -192,12 +192,12 @@ def test_a_joint_that_never_moved_is_named(tmp_path: Path, monkeypatch: pytest.M
     assert run(monkeypatch, "identify", "--robot", "ur5", *files) == 0
     said = capsys.readouterr().out
     assert "warning joint-unmoved: joint_4 stayed at 28.6479 deg in all measurements" in said
-    told = read_table(out / "predictions.csv")
-    most = f"{told.numbers('u95_mm').max():.3g}"
+    determined = read_table(out / "predictions.csv")
+    most = f"{determined.numbers('u95_mm').max():.3g}"
     assert f"asked.csv: 8 rows move joint_4, which stayed still in all measurements: their U95 is up to {most} mm" in said
     # what `correct` reads states the same, but for the instrument, of which nothing is known here
     joints = np.radians(read_table(tables["asked"]).matrix(NAMES))
-    assert read_identified(out).u95_mm(joints) == pytest.approx(told.numbers("u95_mm"), rel=0.1)
+    assert read_identified(out).u95_mm(joints) == pytest.approx(determined.numbers("u95_mm"), rel=0.1)
 
 
 def test_oriented_readings_of_a_stay_are_averaged() -> None:

@@ -33,8 +33,8 @@ def test_no_node_is_judged_otherwise(case: workspaces.Case) -> None:
     assert 0 < found.sum() < found.size
 
 
-@pytest.mark.parametrize("case", workspaces.TOLD, ids=lambda case: case.robot)
-def test_no_value_that_a_robot_of_fewer_freedoms_is_told_is_judged_otherwise(case: workspaces.Told) -> None:
+@pytest.mark.parametrize("case", workspaces.REPORTED, ids=lambda case: case.robot)
+def test_no_value_that_a_robot_of_fewer_freedoms_is_told_is_judged_otherwise(case: workspaces.Reported) -> None:
     """About home, where some can be taken and some not."""
     axes = [np.arange(a, b + 0.5 * step, (5 if len(case.axes) == 3 else 9) * step) for a, b, step in case.axes]
     if len(axes) == 3:

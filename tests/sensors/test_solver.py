@@ -28,10 +28,10 @@ def error_of(found: FloatArray, truth: FloatArray) -> FloatArray:
 def test_exact_readings_give_the_exact_pose(seed: int) -> None:
     channels, truth = mixed(seed), poses(seed, 5, reach_mm=120.0, turn_rad=0.1)
     found = solve_poses(channels, predictions(channels, truth), HOME)
-    told = found.angle < np.radians(80.0)
-    assert (found.status[told] == Status.OK).all()
-    assert error_of(found.poses[told], truth[told]).max(initial=0.0) < EXACT_MM
-    assert (found.chi2[told] < 1e-9).all()
+    determined = found.angle < np.radians(80.0)
+    assert (found.status[determined] == Status.OK).all()
+    assert error_of(found.poses[determined], truth[determined]).max(initial=0.0) < EXACT_MM
+    assert (found.chi2[determined] < 1e-9).all()
 
 
 def test_it_is_the_least_squares() -> None:
@@ -248,13 +248,13 @@ def plain(*along: float) -> list[Plain]:
 def test_a_motion_that_rows_of_one_size_see_ten_million_times_less_is_not_determined(weak: int, strong: int) -> None:
     """Turns counted at the tool's size; on both sides of the limit. Two rows of one size that differ by p have singular values sqrt(2) and
     p / sqrt(2)."""
-    for part, told in ((1.9e-7, False), (2.1e-7, True)):
+    for part, determined in ((1.9e-7, False), (2.1e-7, True)):
         seen = np.eye(6)
         seen[weak, [weak, strong]] = part, 1.0
         unit = np.repeat([200.0, 1.0], 3)
         found = twists([Plain(row, np.array([0.0, 200.0, 0.0])) for row in seen * unit], HOME[None])[0]
-        assert np.isfinite(found).all() == told
-        if told:
+        assert np.isfinite(found).all() == determined
+        if determined:
             np.testing.assert_allclose(found * unit[:, None], np.linalg.inv(seen), rtol=1e-6, atol=1e-6)
 
 

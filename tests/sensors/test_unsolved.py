@@ -191,7 +191,7 @@ def test_errors_of_rigs_drawn_from_what_is_stated_are_what_is_stated(names: tupl
 
 
 @pytest.mark.parametrize(
-    ("where", "keys", "told"),
+    ("where", "keys", "determined"),
     [
         ("drum", {"u_count_length_mm": 0.01}, "u_count_length_mm: 0.01 is more than half of count_length_mm, 0.012"),
         ("drum", {"u_run_out_mm": -0.1}, "u_run_out_mm: must be at least 0"),
@@ -200,11 +200,11 @@ def test_errors_of_rigs_drawn_from_what_is_stated_are_what_is_stated(names: tupl
         ("rig", {"u_attachment_mm": float("nan")}, "u_attachment_mm: must be"),
     ],
 )
-def test_keys_that_cannot_be(where: str, keys: dict[str, float], told: str) -> None:
+def test_keys_that_cannot_be(where: str, keys: dict[str, float], determined: str) -> None:
     data = nominal(truth(1))
     point = data["observation_point"][0]
     {"drum": point["drum"], "point": point, "rig": data}[where].update(keys)
-    with pytest.raises(RigError, match=told):
+    with pytest.raises(RigError, match=determined):
         rig_from_dict(data)
 
 

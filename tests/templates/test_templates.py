@@ -59,14 +59,14 @@ def test_what_an_error_costs_by_solving_with_a_wrong_file(name: str) -> None:
 
 def test_the_cost_is_the_worst_of_the_box_and_of_all_directions() -> None:
     rig = rig_of(TEMPLATES["six-cables"])
-    told, box = costs(rig), box_poses()
+    reported, box = costs(rig), box_poses()
     errors = position_errors(rig, START, box, ("B2.x_mm", "B2.y_mm", "B2.z_mm"))
     r = np.random.default_rng(1)
     directions = r.normal(size=(4000, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     largest = np.linalg.norm(np.einsum("nij,dj->ndi", errors, directions), axis=2).max()
-    assert largest <= told["B2.position_mm"].mm
-    assert largest == pytest.approx(told["B2.position_mm"].mm, rel=0.01)
+    assert largest <= reported["B2.position_mm"].mm
+    assert largest == pytest.approx(reported["B2.position_mm"].mm, rel=0.01)
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
@@ -173,9 +173,9 @@ def test_questions_are_russian_where_the_terminal_is(tmp_path: Path, monkeypatch
 
 def test_what_is_said_to_come_next_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LANGUAGE", "ru")
-    told = CliRunner().invoke(app, ["init", str(tmp_path / "моя ячейка"), "--template", "three-drums"]).output
-    assert f"{tmp_path / 'моя ячейка' / 'rig.toml'}: три барабана, " in told
-    command = re.search("`lmeasure (.*)`", told)
+    reported = CliRunner().invoke(app, ["init", str(tmp_path / "моя ячейка"), "--template", "three-drums"]).output
+    assert f"{tmp_path / 'моя ячейка' / 'rig.toml'}: три барабана, " in reported
+    command = re.search("`lmeasure (.*)`", reported)
     assert command is not None
     assert CliRunner().invoke(app, shlex.split(command[1])).exit_code == 0
     assert (tmp_path / "моя ячейка" / "measured.toml").is_file()
@@ -200,14 +200,14 @@ def test_from_an_empty_folder_to_a_placed_zone(tmp_path: Path) -> None:
     assert "rank" in done("calibrate", "@tried/calibration", "--out", "@calibrated")
     record = read_calibration_record(tmp_path / "calibrated" / "calibration.json")
     assert not [w.code for w in record.warnings if w.code in ("sign", "swapped", "scale", "edge", "outlier")]
-    told = done("zone", "@calibrated/rig.toml", "--tilt-rad", "0.1", "--out", "@zone.nc")
-    assert "the box is --x" in told
+    reported = done("zone", "@calibrated/rig.toml", "--tilt-rad", "0.1", "--out", "@zone.nc")
+    assert "the box is --x" in reported
     assert int(read_zone(tmp_path / "zone.nc")["in_zone"].sum()) > 0
     # a smaller task than the one that comes along takes a fraction of its time
     text = (tmp_path / "placement.toml").read_text()
     (tmp_path / "placement.toml").write_text(text.replace("tilt_steps = 3", "tilt_steps = 1").replace("nodes = 3", "nodes = 2"))
-    told = done("place", "@calibrated/rig.toml", "--task", "@placement.toml", "--out", "@placed", "--generations", "5")
-    before, after = map(float, re.findall(r"at the task ([\d.]+) -> ([\d.]+) deg", told)[0])
+    reported = done("place", "@calibrated/rig.toml", "--task", "@placement.toml", "--out", "@placed", "--generations", "5")
+    before, after = map(float, re.findall(r"at the task ([\d.]+) -> ([\d.]+) deg", reported)[0])
     assert after < before
 
 

@@ -18,10 +18,10 @@ def test_words_are_made_of_values_at_the_end() -> None:
     assert COVERS.text("ru").startswith("дискретность отсчётов, часы прохода 2, another; кроме калибровки")
 
 
-@pytest.mark.parametrize("told", [ZONE, NESTED, COVERS])
-def test_what_a_certificate_states_of_a_finding_gives_it_again(told: Message) -> None:
-    stated = json.loads(json.dumps(told.stated()))
-    assert from_stated(stated) == told
+@pytest.mark.parametrize("reported", [ZONE, NESTED, COVERS])
+def test_what_a_certificate_states_of_a_finding_gives_it_again(reported: Message) -> None:
+    stated = json.loads(json.dumps(reported.stated()))
+    assert from_stated(stated) == reported
     # neither another text, nor an unknown code, nor a value less, is put into words
     for forged in (stated | {"text": "all is well"}, stated | {"code": "none"}, stated | {"values": {}}, {"text": stated["text"]}):
         assert from_stated(forged) is None

@@ -14,7 +14,7 @@ GLOSSARY = Path(__file__).parents[2] / "docs" / "glossary.md"
 ENDING = "[а-яё]{0,3}"
 
 
-def told() -> Iterator[tuple[str, str, str]]:
+def reported() -> Iterator[tuple[str, str, str]]:
     """Return id, English and Russian of every text."""
     english = texts("en")
     for key, russian in texts("ru").items():
@@ -42,7 +42,7 @@ def test_catalogues_keep_to_the_glossary() -> None:
     table = GLOSSARY.read_text(encoding="utf-8").split("## In Russian")[1]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line.startswith("| ")][1:]
     assert len(rows) > 15
-    every = list(told())
+    every = list(reported())
     for word, russian, never in rows:
         assert any(pattern(russian).search(text) for _, _, text in every), word
         for phrase in filter(None, never.split(", ")):
@@ -62,7 +62,7 @@ def test_no_text_stands_twice_in_a_catalogue(path: Path) -> None:
 def test_a_pose_is_no_position() -> None:
     wrong = [
         (domain, english, russian)
-        for domain, english, russian in told()
+        for domain, english, russian in reported()
         if re.search(r"\bposes?\b", english, re.IGNORECASE)
         and not re.search(r"position|place|platform|where a robot|mount|stood", english, re.IGNORECASE)
         and re.search(r"(?<!пред)положени", russian, re.IGNORECASE)

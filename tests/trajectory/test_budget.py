@@ -202,20 +202,20 @@ def test_a_run_aligned_once_gives_the_same_digits(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    ("column", "value", "told"),
+    ("column", "value", "determined"),
     [
         ("u_x_mm", -1.0, "row 2: u_x_mm = -1 is no standard uncertainty"),
         ("u_systematic_rz_rad", -0.5, "row 2: u_systematic_rz_rad = -0.5 is no standard uncertainty"),
         ("y_mm", 1e300, r"row 2: y_mm = 1e\+300 is beyond 1e\+06 mm"),
     ],
 )
-def test_a_trajectory_with_a_value_that_cannot_be_is_refused(column: str, value: float, told: str, tmp_path: Path) -> None:
+def test_a_trajectory_with_a_value_that_cannot_be_is_refused(column: str, value: float, determined: str, tmp_path: Path) -> None:
     write_trajectory(tmp_path / "t.parquet", reconstruct(record(cell(), *motion(5))))
     table = pa.parquet.read_table(tmp_path / "t.parquet")
     values = table[column].to_numpy().copy()
     values[2] = value
     pa.parquet.write_table(table.set_column(table.column_names.index(column), column, pa.array(values)), tmp_path / "t.parquet")
-    with pytest.raises(FileFormatError, match=told):
+    with pytest.raises(FileFormatError, match=determined):
         read_trajectory(tmp_path / "t.parquet")
 
 

@@ -9,7 +9,9 @@ import lmeasure as lm
 @pytest.mark.parametrize("seed", [1, 2])
 def test_nothing_slips_in_a_sound_run(seed: int) -> None:
     """Six cables and two distances, whose positions the calibration finds as it finds the cables'."""
-    cell = lm.simulate(seed=seed, waypoint=[{"position_mm": [1.0, 0.0, 0.0]}]).run.run.rig.model_dump(by_alias=True, exclude_none=True)
+    drawn = lm.simulate(seed=seed, waypoint=[{"position_mm": [1.0, 0.0, 0.0]}]).run
+    assert drawn is not None
+    cell = drawn.run.rig.model_dump(by_alias=True, exclude_none=True)
     places = {"d1": ("P3", [1200.0, 400.0, -300.0]), "d2": ("P1", [-1400.0, -300.0, 400.0])}
     distances = [
         {"channel": name, "to": to, "position_mm": at, "u_position_mm": 0.5, "count_length_mm": 0.01, "zero_mm": 0.0, "u_zero_mm": 0.5}
@@ -25,6 +27,7 @@ def test_nothing_slips_in_a_sound_run(seed: int) -> None:
         waypoint=[{"position_mm": at, "quaternion_xyzw": q} for at, q in zip(ways, turned, strict=True)],
         reference_poses={"count": 16, "u_position_mm": 0.05, "u_rotation_deg": 0.01},
     )
+    assert simulated.run is not None
     trajectory = lm.reconstruct(simulated, rig=lm.calibrate(simulated))
     assert not trajectory.status.any()
     assert not (trajectory.cable != "").any()

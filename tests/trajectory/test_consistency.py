@@ -70,8 +70,8 @@ class Readings:
     def jointly(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> tuple[float, FloatArray, int]:
         found = self.parities(epochs, poses, used).chi_squared
         freedom = int(used[0].sum()) - len(self.free)
-        told = self.scripted.get(tuple(np.flatnonzero(used[0]).tolist()))
-        return (float(found.sum()), found, freedom) if told is None else (told[0], np.full(len(epochs), told[1]), freedom)
+        determined = self.scripted.get(tuple(np.flatnonzero(used[0]).tolist()))
+        return (float(found.sum()), found, freedom) if determined is None else (determined[0], np.full(len(epochs), determined[1]), freedom)
 
 
 def epochs_of(errors: FloatArray) -> Epochs:
@@ -246,8 +246,8 @@ def scripted(chances: dict[int, float], *, alone: bool = False, rounded: dict[in
         readings.scripted[tuple(k for k in range(3) if k != j)] = (0.0, chi) if alone else (chi, 0.0)
     if rounded is not None:
         order = sorted(rounded, key=lambda j: left[j])
-        told = [left[j] for j in order], [np.log(rounded[j] / 2.0) for j in order]
-        readings.law = lambda q, freedom: np.asarray(chi2.logsf(q, freedom) if freedom == 2 else np.interp(q, *told))
+        determined = [left[j] for j in order], [np.log(rounded[j] / 2.0) for j in order]
+        readings.law = lambda q, freedom: np.asarray(chi2.logsf(q, freedom) if freedom == 2 else np.interp(q, *determined))
     return judged(alarm_at(30.0, channels=3), readings)
 
 
@@ -425,8 +425,8 @@ def lost_origin(by_mm: float, u: Sequence[float] = (U,) * 4, *, settled: bool = 
         epochs.gone_on_mm[201:, 1] = np.nan
     said = message("rig.uncalibrated")
     doubt = Doubt(1, 2.0, np.inf, Status.ORIGIN_LOST, said)
-    told = message("channels.contradict", what=said, begin=1, end=2, said="x")
-    before = Doubts((doubt,), (said, message("passes.not_repeated"), told))
+    determined = message("channels.contradict", what=said, begin=1, end=2, said="x")
+    before = Doubts((doubt,), (said, message("passes.not_repeated"), determined))
     return judged(epochs, Readings(u), before=before), epochs, before
 
 

@@ -85,8 +85,8 @@ def test_jumps_state_the_way_about_them() -> None:
     assert found.cable == 3
 
 
-@pytest.mark.parametrize(("samples", "lost", "told"), [(2, 150, False), (2, 450, True), (5, 330, True)])
-def test_counts_that_are_read_more_often_than_made_hide_no_more_than_they_may(samples: int, lost: int, told: bool) -> None:
+@pytest.mark.parametrize(("samples", "lost", "determined"), [(2, 150, False), (2, 450, True), (5, 330, True)])
+def test_counts_that_are_read_more_often_than_made_hide_no_more_than_they_may(samples: int, lost: int, determined: bool) -> None:
     """Held for two samples, a channel may be late by as much as it goes in them, twice: 3.2 mm where it goes 200 mm/s. By more than in
     eight samples it may not."""
     times, poses = along(CORNERS, 250.0, 250.0, 0.1, 0.5)
@@ -95,7 +95,7 @@ def test_counts_that_are_read_more_often_than_made_hide_no_more_than_they_may(sa
     speed = np.abs(np.gradient(run.passes[0].recorded[:, 2] * COUNT_MM, times))
     i = int(np.flatnonzero(speed > 200.0)[20]) // samples * samples
     held[i:, 2] += lost * np.sign(run.passes[0].recorded[i + 5, 2] - run.passes[0].recorded[i - 5, 2])
-    assert bool(continuity_of(with_recorded(run, held)).breaks) is told
+    assert bool(continuity_of(with_recorded(run, held)).breaks) is determined
 
 
 def test_the_acceleration_is_the_second_largest_over_the_longer_stretch() -> None:
@@ -118,12 +118,12 @@ def test_the_acceleration_is_the_second_largest_over_the_longer_stretch() -> Non
     assert found.least_mm.min() == pytest.approx(0.2 + 2.0 * COUNT_MM + 2.0 * found.acceleration_mm_s2 / 500.0**2, rel=1e-9)
 
 
-@pytest.mark.parametrize(("samples", "told"), [(3, False), (20, True)])
-def test_a_channel_that_holds_its_counts_for_long_does_not_follow(samples: int, told: bool) -> None:
+@pytest.mark.parametrize(("samples", "determined"), [(3, False), (20, True)])
+def test_a_channel_that_holds_its_counts_for_long_does_not_follow(samples: int, determined: bool) -> None:
     run = round_trip(cell())
     held = run.passes[0].recorded.copy()
     held[:, 2] = held[np.arange(len(held)) // samples * samples, 2]
-    assert bool(continuity_of(with_recorded(run, held)).breaks) is told
+    assert bool(continuity_of(with_recorded(run, held)).breaks) is determined
 
 
 @pytest.mark.parametrize("lost", [0, 300])

@@ -198,7 +198,7 @@ def by_definition(time_s: FloatArray, mm: FloatArray) -> tuple[Continuity, set[s
     return Continuity(tuple(lost), tuple(away), standing.found(), surely[0], least, tuple(sorted(clock))), seen
 
 
-def told(one: Break) -> FloatArray:
+def determined(one: Break) -> FloatArray:
     return np.array([one.cable, one.before_s, one.after_s, one.by_mm, one.u_mm, *one.length_mm, *one.speed_mm_s])
 
 
@@ -236,7 +236,7 @@ def is_the_definitions(time_s: FloatArray, mm: FloatArray, told_of: str) -> set[
     expected, seen = by_definition(time_s, mm)
     assert len(found.breaks) == len(expected.breaks), told_of
     for one, other in zip(found.breaks, expected.breaks, strict=True):
-        np.testing.assert_allclose(told(one), told(other), rtol=1e-7, atol=1e-9, err_msg=told_of)
+        np.testing.assert_allclose(determined(one), determined(other), rtol=1e-7, atol=1e-9, err_msg=told_of)
     assert found.away == expected.away, told_of
     assert (found.stood, found.clock_s) == (expected.stood, expected.clock_s), told_of
     assert found.acceleration_mm_s2 == pytest.approx(expected.acceleration_mm_s2, rel=1e-7)
@@ -266,12 +266,12 @@ def test_wherever_a_run_is_cut_the_same_breaks_are_found(seed: int, kind: Callab
     whole = ContinuityFinder(RIG)
     whole.add(lengths(time_s, mm))
     # what is allowed for is by habits, of which each piece is asked at samples of its own
-    expected = [np.delete(told(b), 4) for b in whole.found().breaks]
+    expected = [np.delete(determined(b), 4) for b in whole.found().breaks]
     for cut in range(4, len(time_s), 3 if len(time_s) < 200 else 11):
         finder = ContinuityFinder(RIG)
         for part in (slice(None, cut), slice(cut, None)):
             finder.add(lengths(time_s[part], mm[part]))
-        found = [np.delete(told(b), 4) for b in finder.found().breaks]
+        found = [np.delete(determined(b), 4) for b in finder.found().breaks]
         assert len(found) == len(expected), cut
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-9, err_msg=f"{cut}")

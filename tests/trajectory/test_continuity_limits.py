@@ -69,13 +69,13 @@ def test_four_counts_on_end_are_needed_of_each_channel(gaps: tuple[int, ...], en
     assert np.isfinite(found_in(time_s, mm).least_mm).tolist() == [True, enough, True, True, True, True]
 
 
-@pytest.mark.parametrize(("samples", "told"), [(25, "away"), (26, "breaks")])
-def test_within_a_tenth_of_a_second_a_channel_is_back(samples: int, told: str) -> None:
+@pytest.mark.parametrize(("samples", "determined"), [(25, "away"), (26, "breaks")])
+def test_within_a_tenth_of_a_second_a_channel_is_back(samples: int, determined: str) -> None:
     """From after 0.1 s, for as many samples."""
     time_s, mm = going(50.0)
     mm[25 : 26 + samples, 3] += 4.0
     found = found_in(time_s, mm)
-    if told == "away":
+    if determined == "away":
         ((cable, after, until),) = ((a.cable, a.after_s, a.until_s) for a in found.away)
         assert (cable, after, until) == (3, time_s[24], time_s[26 + samples])
         assert found.breaks == ()
@@ -84,13 +84,13 @@ def test_within_a_tenth_of_a_second_a_channel_is_back(samples: int, told: str) -
         assert [b.before_s for b in found.breaks] == [time_s[24], time_s[25 + samples]]
 
 
-@pytest.mark.parametrize(("samples", "told"), [(6, 1), (11, 2)])
-def test_a_channel_that_runs_off_where_it_stepped_is_told_once(samples: int, told: int) -> None:
+@pytest.mark.parametrize(("samples", "determined"), [(6, 1), (11, 2)])
+def test_a_channel_that_runs_off_where_it_stepped_is_told_once(samples: int, determined: int) -> None:
     """Accelerations are taken over 20 ms either way: one and a half times as far a step is seen as one that runs off, too."""
     time_s, mm = going(50.0, 2000)
     mm[30:, 0] += 4.0
     mm[:, 0] += 100.0 * np.maximum(time_s - time_s[30 + samples], 0.0)
-    assert len(found_in(time_s, mm).breaks) == told
+    assert len(found_in(time_s, mm).breaks) == determined
 
 
 @pytest.mark.parametrize("rows", [None, *range(398, 412)])
@@ -167,12 +167,12 @@ def test_a_jump_may_be_the_first_sample_of_a_piece() -> None:
     assert found.u_mm == pytest.approx(0.2 + 2.0 * 2.0, abs=4.0)
 
 
-@pytest.mark.parametrize(("mm_s", "told"), [(6.6, True), (4.2, False)])
-def test_a_channel_that_runs_off_is_told_where_another_shows_the_tool_on_its_way(mm_s: float, told: bool) -> None:
+@pytest.mark.parametrize(("mm_s", "determined"), [(6.6, True), (4.2, False)])
+def test_a_channel_that_runs_off_is_told_where_another_shows_the_tool_on_its_way(mm_s: float, determined: bool) -> None:
     """From 5 mm/s on."""
     time_s, mm = going(mm_s, 2000)
     mm[:, 5] += 80.0 * np.maximum(time_s - time_s[900], 0.0)
-    assert [b.cable for b in found_in(time_s, mm).breaks] == [5] * told
+    assert [b.cable for b in found_in(time_s, mm).breaks] == [5] * determined
 
 
 @pytest.mark.parametrize("apart", [5, 6])
@@ -192,8 +192,8 @@ def test_a_change_of_speed_is_seen_as_soon_as_a_stretch_lies_behind_it() -> None
     assert (found.before_s, found.after_s) == (time_s[699], time_s[701])
 
 
-@pytest.mark.parametrize(("others", "part", "told"), [(5, 8.2, True), (5, 7.8, False), (3, 6.35, True), (3, 6.05, False)])
-def test_a_channel_changes_its_speed_alone_by_eight_times_what_the_others_do(others: int, part: float, told: bool) -> None:
+@pytest.mark.parametrize(("others", "part", "determined"), [(5, 8.2, True), (5, 7.8, False), (3, 6.35, True), (3, 6.05, False)])
+def test_a_channel_changes_its_speed_alone_by_eight_times_what_the_others_do(others: int, part: float, determined: bool) -> None:
     """In the root mean square of five others, of which all change it or some; counts may bend each by four."""
     time_s, mm = going(50.0, 2000)
     of_counts = 4.0 * COUNT_MM / 0.004
@@ -201,7 +201,7 @@ def test_a_channel_changes_its_speed_alone_by_eight_times_what_the_others_do(oth
     mm[:, 5] += (1200.0 + of_counts) * later
     for j in range(others):
         mm[:, j] += np.sign(SHARE[j]) * (1200.0 / part + of_counts) * later
-    assert [b.cable for b in found_in(time_s, mm).breaks] == [5] * told
+    assert [b.cable for b in found_in(time_s, mm).breaks] == [5] * determined
 
 
 def test_two_channels_that_step_while_nothing_moves_have_not_been_stamped_late() -> None:

@@ -110,11 +110,11 @@ def test_a_step_is_found_where_and_as_large_as_it_is(counts: int, rate_hz: float
         assert (trajectory.status[:i] == Status.OK).all()
         ok = trajectory.status[i:] == Status.OK
         assert not ok.any(), "no rest can prove it"
-        (told,) = (
+        (determined,) = (
             re.match(r"channel .* stepped by about ([-+]\d+) counts \(within (\d+)\) between", n) for n in map(str, trajectory.notes[:1])
         )
-        assert told is not None, trajectory.notes
-        assert abs(int(told[1]) - counts) <= int(told[2]) <= max(25, found.u_mm / COUNT_MM + 1)
+        assert determined is not None, trajectory.notes
+        assert abs(int(determined[1]) - counts) <= int(determined[2]) <= max(25, found.u_mm / COUNT_MM + 1)
 
 
 def test_a_channel_without_counts_hides_no_step_of_another() -> None:

@@ -186,16 +186,16 @@ def test_of_many_notes_the_first_are_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("clock_s", "told"),
+    ("clock_s", "determined"),
     [
         ((4.0, 5.0), "behind 4, 5 s"),
         ((1.0, 2.0, 3.0), "behind 1, 2, 3 s"),
         ((1.0, 2.0, 3.0, 4.0, 5.0), "behind 1, 2, 3 s and at 2 more instants"),
     ],
 )
-def test_steps_of_the_clock_are_said(clock_s: tuple[float, ...], told: str) -> None:
+def test_steps_of_the_clock_are_said(clock_s: tuple[float, ...], determined: str) -> None:
     (said,) = doubts_of(cell(), found(clock_s=clock_s), NO_RESTS).notes
-    assert str(said) == f"all channels step as if the clock had, {told}"
+    assert str(said) == f"all channels step as if the clock had, {determined}"
 
 
 def scaled(scale: float) -> Rig:
@@ -236,8 +236,8 @@ def test_three_steps_of_the_clock_are_told_by_their_times(clock_s: tuple[float, 
 def test_notes_say_the_same_in_russian_by_their_codes_and_by_the_texts_of_earlier_files() -> None:
     away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
     of = found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan), away=away, clock_s=(4.0, 5.0), stood=(Stood(3, 6.0, np.inf),))
-    told = doubts_of(cell(), of, NO_RESTS), doubts_of(cell(), found(at(2, 3.0)), resting((1.0, PLACE), (6.0, PLACE)))
-    notes = [*told[0].notes, *told[1].notes, unseen_steps(cell(), found(least_mm=1.01))]
+    determined = doubts_of(cell(), of, NO_RESTS), doubts_of(cell(), found(at(2, 3.0)), resting((1.0, PLACE), (6.0, PLACE)))
+    notes = [*determined[0].notes, *determined[1].notes, unseen_steps(cell(), found(least_mm=1.01))]
     notes += Recorded(2, early=True, why="no bus", faults={"overflow": 3}).notes()
     codes = {"origin.again", "origin.back", "origin.left", "channel.elsewhere", "channel.stands", "clock.stepped", "steps.seen.slow"}
     assert {n.code for n in notes} > codes

@@ -83,9 +83,9 @@ def test_formats_of_others_give_the_same_poses(kind: str, ours: tuple[Trajectory
     assert read.poses == pytest.approx(found.poses, abs=1e-9)
     assert read.absent == ("position", "rotation")
     assert (read.status == Status.OK).all()
-    told = read_trajectory(path, Stated(u_position_mm=0.02, u_rotation_rad=1e-4))
-    assert told.absent == ()
-    assert told.u[5] == pytest.approx([0.02] * 3 + [1e-4] * 3)
+    determined = read_trajectory(path, Stated(u_position_mm=0.02, u_rotation_rad=1e-4))
+    assert determined.absent == ()
+    assert determined.u[5] == pytest.approx([0.02] * 3 + [1e-4] * 3)
 
 
 def test_our_own_messages_bring_their_covariances(ours: tuple[Trajectory, object], tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_a_table_under_other_names_units_and_marks(ours: tuple[Trajectory, objec
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "told"),
+    ("name", "text", "determined"),
     [
         ("a.tum", "0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0\n", "line 2: is not time x y z qx qy qz qw"),
         ("a.tum", "1 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", "line 2: its time is not after"),
@@ -138,15 +138,15 @@ def test_a_table_under_other_names_units_and_marks(ours: tuple[Trajectory, objec
         ("a.csv", "time_s,x_mm,y_mm,z_mm,qx,qw\n0,1,2,3,0,1\n", "has qx, qw, but no qy, qz: a quaternion is all four"),
     ],
 )
-def test_what_cannot_be_read_is_named(name: str, text: str, told: str, tmp_path: Path) -> None:
+def test_what_cannot_be_read_is_named(name: str, text: str, determined: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(LMeasureError, match=told):
+    with pytest.raises(LMeasureError, match=determined):
         read_trajectory(path)
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "mapping", "told"),
+    ("name", "text", "mapping", "determined"),
     [
         (
             "a.csv",
@@ -165,9 +165,9 @@ def test_what_cannot_be_read_is_named(name: str, text: str, told: str, tmp_path:
         ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3,4\n", "x=X", "is an EuRoC file"),
     ],
 )
-def test_a_mapping_that_says_nothing_of_the_file_is_named(name: str, text: str, mapping: str, told: str, tmp_path: Path) -> None:
+def test_a_mapping_that_says_nothing_of_the_file_is_named(name: str, text: str, mapping: str, determined: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises((FileFormatError, SettingsError), match=told):
+    with pytest.raises((FileFormatError, SettingsError), match=determined):
         read_trajectory(tmp_path / name, Stated(columns_of(mapping)))
 
 
@@ -179,8 +179,12 @@ def test_a_mapping_says_of_messages_their_topic_alone(ours: tuple[Trajectory, ob
 
 
 def test_a_mapping_that_is_none_is_wrong_use() -> None:
-    for mapping, told in (("x", "'x' is not name=column"), ("x=X[furlong]", r"'x=X\[furlong\]' is not"), ("x=X,x=Y", "'x' is given twice")):
-        with pytest.raises(SettingsError, match=told):
+    for mapping, determined in (
+        ("x", "'x' is not name=column"),
+        ("x=X[furlong]", r"'x=X\[furlong\]' is not"),
+        ("x=X,x=Y", "'x' is given twice"),
+    ):
+        with pytest.raises(SettingsError, match=determined):
             columns_of(mapping)
 
 
@@ -207,12 +211,12 @@ def test_certificates_of_other_instruments(ours: tuple[Trajectory, dict[str, obj
     assert (tmp_path / "bare" / "inputs" / "trajectory.csv").read_bytes() == (tmp_path / "seen.csv").read_bytes()
     assert "no verdict" in (tmp_path / "bare" / "report.html").read_text()
     assert run(["verify", str(tmp_path / "bare")]) == 0
-    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, *U[:2], "--dcc", "--out", str(tmp_path / "told")]) == 0
-    told = {c["name"]: c for c in json.loads((tmp_path / "told" / "certificate.json").read_text())["characteristics"]}
-    assert told["AP_p"]["value"] == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), abs=0.02)
-    assert told["AP_p"]["capable"]
-    assert run(["verify", str(tmp_path / "told")]) == 0
-    assert run(["compare", str(tmp_path / "bare"), str(tmp_path / "told")]) == 1
+    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, *U[:2], "--dcc", "--out", str(tmp_path / "determined")]) == 0
+    determined = {c["name"]: c for c in json.loads((tmp_path / "determined" / "certificate.json").read_text())["characteristics"]}
+    assert determined["AP_p"]["value"] == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), abs=0.02)
+    assert determined["AP_p"]["capable"]
+    assert run(["verify", str(tmp_path / "determined")]) == 0
+    assert run(["compare", str(tmp_path / "bare"), str(tmp_path / "determined")]) == 1
 
 
 def test_motion_of_places_alone(tmp_path: Path) -> None:
@@ -252,14 +256,14 @@ def test_a_slip_in_columns_is_no_silence(command: str, said: Said, ours: tuple[T
     write_trajectory(tmp_path / "t.csv", found)
     more = ["--program", tmp_path / "program.toml"] if command == "certify" else []
     out = tmp_path / ("m.csv" if command == "motion" else "out")
-    for name, columns, told in (
+    for name, columns, determined in (
         ("t.csv", "tine=time_s[s]", "t.csv is asked for qw, qx, qy, qz, status, time, x, y, z"),
         ("t.tum", "x=y_mm", "is a TUM file, which says itself what stands where"),
         ("t.csv", "x", "'x' is not name=column[unit]"),
     ):
         code, document = said(command, tmp_path / name, "--columns", columns, "--out", out, *more)
         assert (code, document["exit_code"]) == (2, 2), document
-        assert told in str(document["error"])
+        assert determined in str(document["error"])
         assert not out.exists()
 
 

@@ -73,9 +73,9 @@ def test_from_power_on_live_is_what_the_run_so_far_tells() -> None:
         at_once = reconstruct(first_of(run, n))
         assert (at_once.status == 0).all()
         np.testing.assert_allclose(found[n - 1].pose, at_once.poses[-1], rtol=0, atol=1e-9)
-    told = AnyChannels(prepare(align(run)))
+    determined = AnyChannels(prepare(align(run)))
     counts = run.passes[0]
-    way = [told.step(t, recorded)[1] for t, recorded in zip(counts.time_s, counts.recorded, strict=True)]
+    way = [determined.step(t, recorded)[1] for t, recorded in zip(counts.time_s, counts.recorded, strict=True)]
     np.testing.assert_allclose(np.array(way), at_once.poses, rtol=0, atol=1e-9)
 
 

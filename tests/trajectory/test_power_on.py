@@ -47,16 +47,16 @@ def test_origins_are_found_as_well_as_is_stated() -> None:
     """Pieces in memory give what the stream does, and what the drums had out is what they had."""
     run = read_run(AUTHORITY / "swivel-run")
     reconstruction = prepare(align(run))
-    told, budget = reconstruction.budget.estimate, reconstruction.budget
-    assert told is not None
+    determined, budget = reconstruction.budget.estimate, reconstruction.budget
+    assert determined is not None
     phases = 0.012 * np.array(json.loads((AUTHORITY / "swivel-run" / "truth.json").read_text())["phase_counts"])
     zero = span_lengths(run.rig, truth_of("swivel-run")[:1, 1:])[0] - span_lengths(run.rig, reconstruction.model.zero_pose[None])[0]
     off = budget.offsets(np.zeros(1))[0, :6] - (phases - zero)
-    columns = budget.origin_lengths(np.zeros(1))[0, :6] @ told.mix[-len(told.mean) :]
+    columns = budget.origin_lengths(np.zeros(1))[0, :6] @ determined.mix[-len(determined.mean) :]
     covariance = columns @ columns.T
     assert float(off @ np.linalg.solve(covariance, off)) < 25.0
     assert np.sqrt(np.diag(covariance)).max() < 0.01
-    assert 0.8 < told.chi_squared / told.freedom < 1.2
+    assert 0.8 < determined.chi_squared / determined.freedom < 1.2
 
 
 def test_by_monte_carlo_the_origins_err_as_by_the_linear_law() -> None:
@@ -114,8 +114,8 @@ def test_without_an_absolute_channel_or_with_too_few_it_is_said(tmp_path: Path) 
     assert "its channels are not absolute" in str(done.exception)
     assert not out.exists()
     folder = copied("swivel-three", tmp_path)
-    told = (folder / "run.toml").read_text()
-    (folder / "run.toml").write_text(re.sub(r"\[start\]\n(?:\w.*\n)+", "", told))
+    determined = (folder / "run.toml").read_text()
+    (folder / "run.toml").write_text(re.sub(r"\[start\]\n(?:\w.*\n)+", "", determined))
     done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
     assert done.exit_code == 1
     assert "of its absolute channels 3 can be read at once, with 6 channels in all: 6 absolute ones are needed, or one and 7" in str(

@@ -65,7 +65,7 @@ def test_a_counter_goes_on_though_the_others_lose_the_way(
 
 
 @pytest.mark.parametrize(
-    ("channel", "begin", "size", "stepped", "told"),
+    ("channel", "begin", "size", "stepped", "determined"),
     [
         # off by so much that no pose is found with it before what is known of its new origin is taken off
         ("ch5", 600, 3000, 3100, "went on from another origin behind 1.322 s, by +37.2 mm"),
@@ -74,7 +74,7 @@ def test_a_counter_goes_on_though_the_others_lose_the_way(
     ],
 )
 def test_a_counter_that_slips_and_then_steps_is_restored_only_where_its_origin_is_told(
-    channel: str, begin: int, size: int, stepped: int, told: str
+    channel: str, begin: int, size: int, stepped: int, determined: str
 ) -> None:
     run = read_run(AUTHORITY / "eight-run")
     counts = run.passes[0]
@@ -84,7 +84,7 @@ def test_a_counter_that_slips_and_then_steps_is_restored_only_where_its_origin_i
     found = reconstruct(replace(run, passes=(replace(counts, recorded=recorded),)))
     assert (found.status == Status.OK).all()
     (note,) = (str(note) for note in found.notes if "another origin" in str(note))
-    assert note.startswith(f"cable c{channel[2:]} {told}")
+    assert note.startswith(f"cable c{channel[2:]} {determined}")
     whole = reconstruct(run)
     apart = np.linalg.norm(found.poses[:, :3] - whole.poses[:, :3], axis=1)
     assert (apart / np.linalg.norm(found.u[:, :3], axis=1)).max() < 4.0

@@ -63,10 +63,12 @@ def test_a_cable_that_does_not_follow_is_named_and_left_out() -> None:
     trajectory = reconstruct(with_recorded(run, recorded))
     assert statuses(trajectory.status) == {"ok"}
     assert set(trajectory.cable[60:240]) == {"c4"}
-    told = re.search(r"does not follow the other cables, by up to (\S+) mm \(standard uncertainty (\S+) mm\)", str(trajectory.cause[170]))
-    assert told is not None, trajectory.cause[170]
-    assert abs(abs(float(told[1])) - 400.0 * 0.012) < 4.0 * float(told[2]) + 0.005
-    assert 0.001 < float(told[2]) < 0.1
+    determined = re.search(
+        r"does not follow the other cables, by up to (\S+) mm \(standard uncertainty (\S+) mm\)", str(trajectory.cause[170])
+    )
+    assert determined is not None, trajectory.cause[170]
+    assert abs(abs(float(determined[1])) - 400.0 * 0.012) < 4.0 * float(determined[2]) + 0.005
+    assert 0.001 < float(determined[2]) < 0.1
     assert any("cable c4 does not follow" in note for note in map(str, trajectory.notes))
     assert set(trajectory.cable[:50]) | set(trajectory.cable[260:]) == {""}
     assert position_error(trajectory.poses, motion(N)[1]).max() < 0.02

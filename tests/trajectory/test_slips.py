@@ -158,9 +158,9 @@ def test_a_drum_that_slips_little_by_little_is_left_out_meanwhile_and_goes_on(by
     assert left_out[700 : 700 + samples].sum() >= samples - 1
     assert not left_out[700 + samples + 150 :].any()
     (note,) = (str(note) for note in found.notes if "went on from another origin" in str(note))
-    told = re.search(r"by \+([\d.]+) mm \(standard uncertainty ([\d.e-]+) mm\)", note)
-    assert told is not None
-    assert abs(float(told[1]) - 0.01196 * by) < 4.0 * float(told[2]) + 0.0005 * by
+    determined = re.search(r"by \+([\d.]+) mm \(standard uncertainty ([\d.e-]+) mm\)", note)
+    assert determined is not None
+    assert abs(float(determined[1]) - 0.01196 * by) < 4.0 * float(determined[2]) + 0.0005 * by
 
 
 def test_a_drum_that_slips_to_the_end_is_left_out_from_the_beginning_of_it() -> None:

@@ -139,9 +139,9 @@ def test_counts_alone_are_said_to_be_counts_alone(exact: bool, said: str) -> Non
     for point in data["observation_point"]:
         point["drum"]["zero_exact"] = exact
     assert budget_of(rig_from_dict(data)).covers == f"{said}: the rig links no calibration"
-    told = budget_of(rig_from_dict(data), u_start=(0.3, 0.001)).covers
-    assert told.startswith("counts of half a unit")
-    assert told.endswith("the start pose: the rig links no calibration") == exact
+    determined = budget_of(rig_from_dict(data), u_start=(0.3, 0.001)).covers
+    assert determined.startswith("counts of half a unit")
+    assert determined.endswith("the start pose: the rig links no calibration") == exact
 
 
 def two_passes() -> Rig:
@@ -153,10 +153,10 @@ def two_passes() -> Rig:
 
 def aligned(rig: Rig, *, u_time: bool = False) -> Lengths:
     counts = counts_from_poses(rig, POSES, START, rig.observed)
-    told = Counts(
+    determined = Counts(
         TIMES, rig.channels, counts * [rig.counter(o).count_sign for o in rig.observed], u_time_s=np.full(5, 1e-4) if u_time else None
     )
-    return lengths_from_counts(Run(rig, START, (told,)))
+    return lengths_from_counts(Run(rig, START, (determined,)))
 
 
 def test_the_cables_of_a_pass_are_displaced_together_and_late_together() -> None:
@@ -276,8 +276,8 @@ def test_covariances_in_pieces_are_those_of_the_factors(monkeypatch: pytest.Monk
     rig = rig_from_dict(data)
     budget, found = budget_of(rig, u_start=(0.3, 0.001)), aligned(rig, u_time=timed)
     unused = np.zeros((5, 6), np.bool_)
-    for told in (False, True):
-        if told:
+    for determined in (False, True):
+        if determined:
             own, every = len(budget.origin_names), len(budget.sources)
             mix = np.tril(np.arange(1.0, every**2 + 1.0).reshape(every, every)) / every**2
             budget = budget.with_estimate(OriginEstimate(np.zeros(own), mix, 0.0, 1, POSES, mix @ mix.T, np.zeros(every - own)))

@@ -36,28 +36,28 @@ def test_from_its_first_sample_to_its_last_in_pieces_of_any_size(piece: int) -> 
 
 
 @pytest.mark.parametrize(
-    ("partner_mm", "others_mm", "moving", "told"),
+    ("partner_mm", "others_mm", "moving", "determined"),
     [(50.1, 5.1, 2, True), (49.9, 5.1, 2, False), (50.1, 5.1, 1, False), (50.1, 4.9, 2, False), (-50.1, -5.1, 4, True)],
 )
-def test_its_point_moves_far_and_the_tool_with_it(partner_mm: float, others_mm: float, moving: int, told: bool) -> None:
+def test_its_point_moves_far_and_the_tool_with_it(partner_mm: float, others_mm: float, moving: int, determined: bool) -> None:
     time_s, mm = ways(partner_mm, others_mm, moving)
-    assert bool(stood(time_s, mm)) is told
+    assert bool(stood(time_s, mm)) is determined
 
 
-@pytest.mark.parametrize(("samples", "told"), [(22, True), (20, False)])
-def test_it_stands_for_a_fifth_of_a_second(samples: int, told: bool) -> None:
+@pytest.mark.parametrize(("samples", "determined"), [(22, True), (20, False)])
+def test_it_stands_for_a_fifth_of_a_second(samples: int, determined: bool) -> None:
     """So fast that the point moves far enough in less."""
     time_s, mm = ways(400.0, 60.0)
     mm[FIRST + samples : LAST + 1, 0] += np.arange(1, LAST + 2 - FIRST - samples)
-    assert bool(stood(time_s, mm)) is told
+    assert bool(stood(time_s, mm)) is determined
 
 
-@pytest.mark.parametrize(("samples", "told"), [(21, True), (20, False)])
-def test_a_fifth_of_a_second_from_its_first_sample_to_its_last_is_enough(samples: int, told: bool) -> None:
+@pytest.mark.parametrize(("samples", "determined"), [(21, True), (20, False)])
+def test_a_fifth_of_a_second_from_its_first_sample_to_its_last_is_enough(samples: int, determined: bool) -> None:
     """From 0.2 s to 0.4 s or a sample less."""
     time_s, mm = ways(400.0, 60.0)
     mm[FIRST + samples : LAST + 1, 0] += np.arange(1, LAST + 2 - FIRST - samples)
-    assert bool(stood(time_s[: -FIRST + 20], mm[FIRST - 20 :])) is told
+    assert bool(stood(time_s[: -FIRST + 20], mm[FIRST - 20 :])) is determined
 
 
 @pytest.mark.parametrize("piece", [1, 7, 50, 10**6])
@@ -87,28 +87,28 @@ def test_every_time_it_stands_is_told_and_of_each_channel() -> None:
     assert stood(time_s, mm, 13) == stood(time_s, mm)
 
 
-@pytest.mark.parametrize(("empty", "told"), [(19, True), (21, False)])
-def test_empty_cells_end_it_when_they_last(empty: int, told: bool) -> None:
+@pytest.mark.parametrize(("empty", "determined"), [(19, True), (21, False)])
+def test_empty_cells_end_it_when_they_last(empty: int, determined: bool) -> None:
     """Half-way: neither half alone is long enough for the point to move so far."""
     time_s, mm = ways()
     mm[150 : 150 + empty, 0] = np.nan
-    assert bool(stood(time_s, mm)) is told
+    assert bool(stood(time_s, mm)) is determined
     # a piece in which the channel has nothing at all
     assert stood(time_s, mm, 5) == stood(time_s, mm)
 
 
 @pytest.mark.parametrize(
-    ("partner_mm", "by_mm", "told"), [(44.0, 30.0, False), (-44.0, -30.0, False), (46.0, 30.0, True), (48.0, 3.0, True)]
+    ("partner_mm", "by_mm", "determined"), [(44.0, 30.0, False), (-44.0, -30.0, False), (46.0, 30.0, True), (48.0, 3.0, True)]
 )
-def test_a_partner_that_steps_is_drawn_by_five_millimetres_at_most(partner_mm: float, by_mm: float, told: bool) -> None:
+def test_a_partner_that_steps_is_drawn_by_five_millimetres_at_most(partner_mm: float, by_mm: float, determined: bool) -> None:
     time_s, mm = ways(partner_mm)
     mm[150:, 1] += by_mm
-    assert bool(stood(time_s, mm)) is told
-    assert bool(stood(time_s, mm, 150)) is told
+    assert bool(stood(time_s, mm)) is determined
+    assert bool(stood(time_s, mm, 150)) is determined
 
 
-@pytest.mark.parametrize(("others_mm", "told"), [(8.0, False), (9.0, True)])
-def test_or_by_twice_the_next_largest_way_between_two_samples(others_mm: float, told: bool) -> None:
+@pytest.mark.parametrize(("others_mm", "determined"), [(8.0, False), (9.0, True)])
+def test_or_by_twice_the_next_largest_way_between_two_samples(others_mm: float, determined: bool) -> None:
     """At ten samples a second, the partner going 20 mm from one to the next, of which 16 or 18 are believed."""
     mm = np.outer(np.arange(4), [0.0, 20.0, others_mm, 2.0, -3.0, 1.0])
-    assert bool(stood(np.arange(4) / 10.0, mm)) is told
+    assert bool(stood(np.arange(4) / 10.0, mm)) is determined

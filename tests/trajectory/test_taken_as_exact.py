@@ -112,7 +112,7 @@ def record_of(rig: Rig, temperature_c: float | None) -> CalibrationRecord:
 
 
 @pytest.mark.parametrize(
-    ("of_run", "of_record", "told"),
+    ("of_run", "of_record", "determined"),
     [
         (None, None, "5 K since zeroing"),
         (25.0, None, "5 K since zeroing"),
@@ -121,11 +121,13 @@ def record_of(rig: Rig, temperature_c: float | None) -> CalibrationRecord:
         (20.2, 20.0, None),
     ],
 )
-def test_temperature_that_is_not_stated_or_differs_is_flagged(of_run: float | None, of_record: float | None, told: str | None) -> None:
+def test_temperature_that_is_not_stated_or_differs_is_flagged(
+    of_run: float | None, of_record: float | None, determined: str | None
+) -> None:
     run = plain_run()
     run = replace(run, calibration=record_of(run.rig, of_record), temperature_c=of_run)
     found = taken(run)
-    assert (found["temperature"].usual if told else found.get("temperature")) == told
+    assert (found["temperature"].usual if determined else found.get("temperature")) == determined
     # a rig that says how it grows, in a run that says how warm it was, has it all in its budget
     grown = run.rig.model_copy(update={"frame_expansion_per_k": 1.2e-5})
     assert ("temperature" in taken(replace(run, rig=grown))) == (of_run is None)

@@ -146,9 +146,9 @@ def test_monte_carlo_and_the_linear_law_agree() -> None:
     reconstruction = reconstruction_of(RunModel(rig, START, record_))
     lengths = lengths_from_counts(run)
     linear = reconstruction.trajectory(lengths)
-    told: list[int] = []
-    found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=5, progress=lambda done, of: told.append(of - done))
-    assert told == list(range(2 * TRIALS - 1, -1, -1))
+    determined: list[int] = []
+    found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=5, progress=lambda done, of: determined.append(of - done))
+    assert determined == list(range(2 * TRIALS - 1, -1, -1))
     assert "Monte Carlo" in found.covers
     np.testing.assert_array_equal(found.poses, linear.poses)
     for name in ("random", "systematic"):

@@ -189,10 +189,10 @@ def test_passes_share_a_phase_unless_the_counter_was_zeroed_again() -> None:
     law = budget.of(lengths.time_s, found.poses, counts=lengths.counts, speed_mm_s=nothing)
     assert law.sources == ("zero phase",) * 8
     np.testing.assert_allclose(law.factors[:, :, 0], law.own[:, :, 0] + law.own[:, :, 4], rtol=1e-9, atol=1e-12)
-    told = covariances(found, run)
-    assert told.sources == ("origins of the channels",) * 8
-    np.testing.assert_allclose(found.systematic, told.systematic, rtol=1e-9, atol=1e-15)
-    assert (np.linalg.eigvalsh(law.systematic - told.systematic) > -1e-12).all()
+    determined = covariances(found, run)
+    assert determined.sources == ("origins of the channels",) * 8
+    np.testing.assert_allclose(found.systematic, determined.systematic, rtol=1e-9, atol=1e-15)
+    assert (np.linalg.eigvalsh(law.systematic - determined.systematic) > -1e-12).all()
 
 
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.sampled_from(["B1", "B2"]), st.sampled_from(["P1", "P2"])), min_size=1, max_size=5))

@@ -44,9 +44,9 @@ def verified(asked: TestClient, files: Any) -> dict[str, Any]:
 def test_a_tampered_zip_is_dropped_and_the_file_is_named(tmp_path: Path) -> None:
     with client(tmp_path) as asked:
         changed = verified(asked, {"files": ("mine.zip", packed(SEALED, tampered="inputs/run/pass1.csv"))})
-        told = asked.get("/jobs/1").text
+        reported = asked.get("/jobs/1").text
         assert changed["state"] == "failed"
-        assert "inputs/run/pass1.csv: was changed" in told
+        assert "inputs/run/pass1.csv: was changed" in reported
         files = [("files", (f"given/{p.relative_to(SEALED).as_posix()}", p.read_bytes())) for p in sorted(SEALED.rglob("*")) if p.is_file()]
         # a folder is kept as it was dropped, and verified as another of its own (to the end: test_engineers_journey)
         answer = asked.post("/verify", files=files)
@@ -82,11 +82,11 @@ def test_details_are_typed_previewed_in_both_languages_and_saved(tmp_path: Path)
     typed = {"laboratory.name": "Measuring & Co", "dates.measured_from": "2026-03-30", "dates.measured_to": "2026-03-31"}
     typed |= {"conditions.temperature_c": "21,5", "item.serial": "42"}
     with client(tmp_path) as asked:
-        told = asked.post("/details/preview", data=typed).json()
-        assert "laboratory" not in told["missing"]
-        assert "customer" in told["missing"]
+        reported = asked.post("/details/preview", data=typed).json()
+        assert "laboratory" not in reported["missing"]
+        assert "customer" in reported["missing"]
         for language, serial in (("en", "serial number"), ("ru", "заводской номер")):
-            assert [serial, "42"] in told["printed"][language][1]
+            assert [serial, "42"] in reported["printed"][language][1]
         wrong = typed | {"dates.issued": "2026-01-01", "accreditation.body": "some"}
         assert len(asked.post("/details/preview", data=wrong).json()["complaints"]) >= 2
         assert asked.post("/details", data=wrong | {"_file": "details.toml"}).status_code == 422

@@ -78,9 +78,9 @@ def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> N
             begin(page, "report")
         certified(page, base, trajectory="trajectory.parquet", run="measured", program="measured/program.toml", trials="100")
         shutil.make_archive(str(tmp_path / "mine"), "zip", project / "certificates" / "first")
-        told = dropped(page, base, tmp_path / "mine.zip")
-        assert "done" in told
-        assert "the same to the digit" in told
+        reported = dropped(page, base, tmp_path / "mine.zip")
+        assert "done" in reported
+        assert "the same to the digit" in reported
         assert [error for error in page.errors if "404" not in error] == []
     with client(project) as asked:
         lines = [job["line"] for job in reversed(asked.get("/api/jobs").json()["jobs"])]

@@ -160,12 +160,12 @@ def test_what_is_not_there_or_lacking_is_said_in_the_readers_language(tmp_path: 
     form = {"_form": "1", "rig": "rig.toml", "out": "planned.csv", "poses": "12"}
     with client(tmp_path) as asked:
         asked.headers["Accept-Language"] = language
-        told = asked.post("/line/plan-poses", data=form).json()
-        assert told["option"] == "box"
-        assert ("Укажите, где может двигаться робот" if language == "ru" else "Say where the robot may go") in told["error"]
+        reported = asked.post("/line/plan-poses", data=form).json()
+        assert reported["option"] == "box"
+        assert ("Укажите, где может двигаться робот" if language == "ru" else "Say where the robot may go") in reported["error"]
         refused = asked.post("/run/plan-poses", data=form)
         assert refused.status_code == 422
-        assert told["error"] in refused.text
+        assert reported["error"] in refused.text
         assert asked.get("/api/jobs").json()["jobs"] == []
         for path in ("/nowhere", "/jobs/99", "/raw/nowhere.csv", "/run/nothing"):
             answer = asked.get(path)

@@ -187,11 +187,11 @@ def test_a_certificate_is_whole_or_not_there_when_the_server_is_killed(tmp_path:
             assert json.load(answer)["number"] == 1
         process = json.loads((tmp_path / ".workbench/jobs/0001/asked.json").read_text())["process"]
 
-        def told() -> dict[str, Any]:
+        def reported() -> dict[str, Any]:
             with urlopen(Request(f"{base}/api/jobs/1", headers=head)) as answer:
                 return dict(json.load(answer))
 
-        until(lambda: told()["last"].get("progress", {}).get("fraction", 0.0) > 0.0, 300.0)
+        until(lambda: reported()["last"].get("progress", {}).get("fraction", 0.0) > 0.0, 300.0)
         kill_server(tmp_path / ".workbench" / "address")
         until(lambda: not Path(f"/proc/{process}/cmdline").exists() or not Path(f"/proc/{process}/cmdline").read_bytes(), 300.0)
     left = [path for path in tmp_path.rglob("*") if not {".workbench", "measured"} & set(path.parts) and path.name != "certificates"]

@@ -39,6 +39,6 @@ def test_help_names_other_options_as_the_page_does() -> None:
             continue
         for field in forms.fields(name, Project(Path())):
             for language in ("en", "ru"):
-                told = field.help_text(lambda text, language=language, **v: said(language, text, **v))
-                assert not told.startswith("--")
-                assert "`" not in told
+                reported = field.help_text(lambda text, language=language, **v: said(language, text, **v))
+                assert not reported.startswith("--")
+                assert "`" not in reported

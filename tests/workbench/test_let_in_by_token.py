@@ -297,8 +297,8 @@ def test_no_file_of_any_command_lies_outside(project: Path, away: str) -> None:
 
 def test_what_leads_outside_begins_no_job(asked: TestClient, project: Path) -> None:
     for away in ("../secret.txt", "link.txt"):
-        told = asked.post("/line/zone", data={"rig": away, "_form": "1"}).json()
-        assert told["option"] == "rig", told
+        reported = asked.post("/line/zone", data={"rig": away, "_form": "1"}).json()
+        assert reported["option"] == "rig", reported
         assert asked.post("/run/zone", data={"rig": away, "_form": "1"}).status_code == 422
         assert asked.post("/api/jobs", json={"command": "zone", "settings": {"rig": away}}).status_code == 422
     assert not list((project / ".workbench").glob("jobs/*"))
@@ -306,8 +306,8 @@ def test_what_leads_outside_begins_no_job(asked: TestClient, project: Path) -> N
 
 @pytest.mark.parametrize("bus", ["replay:../secret.txt", "replay:/etc/passwd", "replay:link.txt"])
 def test_a_bus_reads_no_file_outside(asked: TestClient, bus: str) -> None:
-    told = asked.post("/line/record", data={"rig": "rig.toml", "out": "run", "bus": bus}).json()
-    assert told["option"] == "bus", told
+    reported = asked.post("/line/record", data={"rig": "rig.toml", "out": "run", "bus": bus}).json()
+    assert reported["option"] == "bus", reported
 
 
 def test_what_is_brought_in_stays_in_its_folder_and_writes_over_nothing(asked: TestClient, project: Path) -> None:

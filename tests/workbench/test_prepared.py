@@ -31,8 +31,8 @@ async def outcome(words: list[str], folder: Path, **more: str) -> tuple[type, in
     assert process.stdin is not None
     assert process.stdout is not None
     assert process.stderr is not None
-    told, said = await asyncio.gather(process.stdout.read(), process.stderr.read())
-    return type(process), await process.wait(), told.decode(), said.decode()
+    reported, said = await asyncio.gather(process.stdout.read(), process.stderr.read())
+    return type(process), await process.wait(), reported.decode(), said.decode()
 
 
 ASKED = (["init", "--template", "none"], "ru"), (INIT, "en"), (["zone", "rig.toml", "--x=1"], "en")
@@ -48,7 +48,7 @@ def test_a_forked_command_does_what_one_of_its_own_does(tmp_path: Path, forks: N
         answers = [asyncio.run(outcome(words, folder, LANGUAGE=language)) for words, language in ASKED]
         assert {issubclass(answer[0], Forked) for answer in answers} == {name == "forked"}
         files = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-        seen.append(([(code, told, said.replace("python -m ", "")) for _, code, told, said in answers], files))
+        seen.append(([(code, reported, said.replace("python -m ", "")) for _, code, reported, said in answers], files))
         monkeypatch.setattr(processes, "prepared", processes._Prepared())
     assert seen[0] == seen[1]
     assert [code for code, *_ in seen[0][0]] == [2, 0, 2]
@@ -121,10 +121,10 @@ def test_without_the_prepared_process_jobs_go_on(cells: Path, monkeypatch: pytes
         assert await other.wait() < 0
         for process in (one, other):
             assert not Path(f"/proc/{process.pid}/cmdline").exists() or not Path(f"/proc/{process.pid}/cmdline").read_bytes()
-        kind, code, told, _ = await outcome(["init", "--list", "--json"], cells)
+        kind, code, reported, _ = await outcome(["init", "--list", "--json"], cells)
         assert kind is not Forked
         assert code == 0
-        assert json.loads(told)["command"] == "init"
+        assert json.loads(reported)["command"] == "init"
 
     asyncio.run(killed())
     mine.end()

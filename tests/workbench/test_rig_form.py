@@ -111,19 +111,19 @@ def test_a_coarse_zone_is_the_zone_on_its_grid(tmp_path: Path) -> None:
     rig = cell_rig(0)
     write_rig(tmp_path / "rig.toml", rig)
     places = {p.name: tuple(p.position_mm) for p in rig.observation_point}
-    told = rig_form.coarse(tmp_path / "rig.toml", places)
+    reported = rig_form.coarse(tmp_path / "rig.toml", places)
     spans = [(a, b, (b - a) / rig_form.COARSE) for a, b, _ in box_around(rig)]
     nodes = axis(*spans[0]), axis(*spans[1]), axis(*spans[2])
     spacing = (spans[0][2], spans[1][2], spans[2][2])
     data = map_zone(rig, None, nodes, tilts(0.0, 1, None), scan=Scan(limits=Limits(60.0), spacing_mm=spacing))
-    assert told["zone_volume_mm3"] == pytest.approx(float(data["in_zone"].values.sum()) * spacing[0] * spacing[1] * spacing[2])
-    assert told["zone_volume_mm3"] > 0.0
+    assert reported["zone_volume_mm3"] == pytest.approx(float(data["in_zone"].values.sum()) * spacing[0] * spacing[1] * spacing[2])
+    assert reported["zone_volume_mm3"] > 0.0
     first = next(iter(places.values()))
     assert (
         rig_form.coarse(tmp_path / "rig.toml", {name: (first[0] + i, first[1], first[2]) for i, name in enumerate(places)})[
             "zone_volume_mm3"
         ]
-        < 0.2 * told["zone_volume_mm3"]
+        < 0.2 * reported["zone_volume_mm3"]
     )
 
 
@@ -133,9 +133,9 @@ def test_a_rig_that_has_no_zone_is_told_so_and_a_wrong_request_is_one(tmp_path: 
     write_rig(tmp_path / "rig.toml", rig.model_copy(update={"cable": rig.cable[:2]}))
     places = {p.name: list(p.position_mm) for p in rig.observation_point}
     with client(tmp_path) as asked:
-        told = asked.post("/coarse", json={"file": "rig.toml", "points": places})
-        assert told.status_code == 200
-        assert "has 2 cables" in told.json()["error"]
+        reported = asked.post("/coarse", json={"file": "rig.toml", "points": places})
+        assert reported.status_code == 200
+        assert "has 2 cables" in reported.json()["error"]
         for wrong in ({"file": "rig.toml"}, {"file": "../rig.toml", "points": places}, {"file": "rig.toml", "points": {"B1": ["a", 0, 0]}}):
             assert asked.post("/coarse", json=wrong).status_code == 422
 
@@ -155,10 +155,10 @@ def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monk
     monkeypatch.setattr(rig_form, "coarse", cold)
     shown = "document.getElementById('scene-zone').textContent"
     with served(tmp_path) as address, opened(address) as page:
-        for language, told in (("ru", r"worst_angle \.\.\.. прошло \d+ с"), ("en", r"worst_angle \.\.\.. \d+ s so far")):
+        for language, reported in (("ru", r"worst_angle \.\.\.. прошло \d+ с"), ("en", r"worst_angle \.\.\.. \d+ s so far")):
             press(page, f".language [value={language}]", f"document.documentElement.lang === '{language}'")
             visit(page, entered(page), "/rig")
-            page.wait(f"new RegExp({json.dumps(told)}).test({shown})")
+            page.wait(f"new RegExp({json.dumps(reported)}).test({shown})")
         done.set()
         page.wait(f"{shown}.includes('m³')")
     assert compilation.now() is None

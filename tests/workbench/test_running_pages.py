@@ -63,21 +63,21 @@ def live(counting: Counting, seconds: float, monkeypatch: pytest.MonkeyPatch, ca
 def test_what_a_dead_bus_sent_last_is_not_shown_as_what_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     counting = counted()
     for seconds, counts in ((0.5, [7.0] * 6), (0.4 + STALE_S, [7.0] * 6), (0.6 + STALE_S, [None] * 6)):
-        told = live(counting, seconds, monkeypatch, capsys)
-        assert [c["count"] for c in told["channels"]] == counts
-        assert told["pose"]["shown"] == ("no counts" if counts[0] is None else "")
-        assert told["samples"] == counting.samples > 100
+        reported = live(counting, seconds, monkeypatch, capsys)
+        assert [c["count"] for c in reported["channels"]] == counts
+        assert reported["pose"]["shown"] == ("no counts" if counts[0] is None else "")
+        assert reported["samples"] == counting.samples > 100
 
 
 def test_a_recording_tells_in_the_words_of_who_reads(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     counting = counted()
     counting.assembler.events.tally.update({"gap": 3, "bus_off": 1})
-    told = live(counting, 0.5, monkeypatch, capsys)
-    assert (told["faults"], told["faults_shown"]) == ({"gap": 3, "bus_off": 1}, "1 bus off, 3 gap")
+    reported = live(counting, 0.5, monkeypatch, capsys)
+    assert (reported["faults"], reported["faults_shown"]) == ({"gap": 3, "bus_off": 1}, "1 bus off, 3 gap")
     monkeypatch.setenv("LANGUAGE", "ru")
-    told = live(counting, 0.5, monkeypatch, capsys)
-    assert "пропусков 3" in told["faults_shown"]
-    assert told["pose"]["text"] == "нет позы: без --start неизвестно, откуда начал инструмент"
+    reported = live(counting, 0.5, monkeypatch, capsys)
+    assert "пропусков 3" in reported["faults_shown"]
+    assert reported["pose"]["text"] == "нет позы: без --start неизвестно, откуда начал инструмент"
     assert live(counting, 9.0, monkeypatch, capsys)["pose"]["shown"] == "нет отсчётов"
 
 

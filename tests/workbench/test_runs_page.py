@@ -50,9 +50,9 @@ def test_without_its_start_a_run_is_not_certified_and_the_page_says_why(project:
     form = {"_form": "1", "trajectory": "trajectory.parquet", "run": "run", "program": "program.toml", "out": "certificate"}
     with client(folder) as asked:
         assert 'data-start="missing"' in asked.get("/runs").text
-        told = asked.post("/line/certify", data=form).json()
-        assert "start pose of this run is not stated" in told["hindered"]
-        assert told["mend"] == "/start/run"
+        reported = asked.post("/line/certify", data=form).json()
+        assert "start pose of this run is not stated" in reported["hindered"]
+        assert reported["mend"] == "/start/run"
         refused = asked.post("/run/certify", data=form)
         assert refused.status_code == 422
         assert "start pose of this run is not stated" in refused.text
@@ -114,8 +114,8 @@ def test_the_slider_moves_all_figures_and_a_gap_is_jumped_to(project: Path, tmp_
         page.evaluate("(() => {const e = document.getElementById('cursor'); e.value = 250; e.dispatchEvent(new Event('input'))})()")
         at = float(page.evaluate("document.getElementById('along').dataset.at"))
         i = int(np.abs(found.trajectory.time_s - at).argmin())
-        told = page.evaluate("document.getElementById('at-x').textContent")
-        assert told == f"{found.trajectory.poses[i, 0]:.3f} ± {AXIS_95 * found.trajectory.u[i, 0]:.4f}".replace("-", "\u2212")
+        reported = page.evaluate("document.getElementById('at-x').textContent")
+        assert reported == f"{found.trajectory.poses[i, 0]:.3f} ± {AXIS_95 * found.trajectory.u[i, 0]:.4f}".replace("-", "\u2212")
         press(page, ".stretches button.bad", f"Math.abs(document.getElementById('along').dataset.at - {gap.begin_s}) < 0.5")
         page.wait("(document.getElementById('along').dataset.shown ?? '').startsWith('begin=')")
         ink = "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v)"

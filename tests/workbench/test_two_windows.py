@@ -25,7 +25,7 @@ def test_one_window_records_and_another_works_in_the_same_project(tmp_path: Path
     there = motion(rig, some_poses(3), 0.3, speed_mm_s=800.0).recorded
     counts = np.tile(np.vstack([there, there[::-1]]), (30, 1))
     port, group = random.randrange(20000, 60000), f"239.74.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
-    told = {"bus": f"udp_multicast:{group}", "bus_option": f"port={port}", "out": "run"}
+    reported = {"bus": f"udp_multicast:{group}", "bus_option": f"port={port}", "out": "run"}
     bus = {"interface": "udp_multicast", "channel": group, "port": port, "hop_limit": 0}
     with (
         on_bus(rig, counts, bus),
@@ -38,7 +38,7 @@ def test_one_window_records_and_another_works_in_the_same_project(tmp_path: Path
         form = "form[data-command=record]"
         for page in (one, other):
             visit(page, bases[page], "/live")
-            fill(page, form, **told)
+            fill(page, form, **reported)
         for page in (one, other):
             press(page, f"{form} button.go", f"{HERE} === '/jobs/1' && document.readyState === 'complete'")
             page.wait(f"{SAMPLES} > 20")

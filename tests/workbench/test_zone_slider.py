@@ -43,10 +43,10 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
                 f"(() => {{const e = document.getElementById('u95'); e.value = {place}; e.dispatchEvent(new Event('input'))}})()"
             )
             limit, left = browser.evaluate("['u95-reported', 'left'].map(name => document.getElementById(name).textContent)")
-            told = zone(monkeypatch, "--out", f"zones/{place}.nc", "--u95-mm", limit.removesuffix("\u00a0mm"))
-            nodes = int(told.attrs["nodes_in_zone"])
-            assert 0 < nodes < told["in_zone"].size
+            reported = zone(monkeypatch, "--out", f"zones/{place}.nc", "--u95-mm", limit.removesuffix("\u00a0mm"))
+            nodes = int(reported.attrs["nodes_in_zone"])
+            assert 0 < nodes < reported["in_zone"].size
             assert f" {nodes} of " in left
             volume = re.search(r"([\d.]+) m³", left)
             assert volume is not None, left
-            assert float(volume[1]) == float(f"{told.attrs['zone_volume_mm3'] / 1e9:.3g}")
+            assert float(volume[1]) == float(f"{reported.attrs['zone_volume_mm3'] / 1e9:.3g}")

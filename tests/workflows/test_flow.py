@@ -37,12 +37,12 @@ class Watch:
     """Keeps what it is told, and ends the work at the call with that number."""
 
     def __init__(self, end_at: int = -1) -> None:
-        self.told: list[tuple[float, str]] = []
+        self.reported: list[tuple[float, str]] = []
         self.end_at = end_at
 
     def __call__(self, fraction: float, text: str) -> None:
-        self.told.append((fraction, text))
-        if len(self.told) - 1 == self.end_at:
+        self.reported.append((fraction, text))
+        if len(self.reported) - 1 == self.end_at:
             raise CancelledError
 
 
@@ -68,16 +68,16 @@ def test_work_tells_how_far_it_is_and_what_it_wrote_and_ends_when_it_is_told(com
     """Ended at any of its steps, from the first to the last, no file is there, nor a half of one."""
     whole, run = Watch(), load(command).run
     result = run(asked(command, cell, tmp_path / "out"), whole)
-    fractions = [fraction for fraction, _ in whole.told]
+    fractions = [fraction for fraction, _ in whole.reported]
     assert fractions[-1] == 1.0
     assert all(0.0 <= f <= 1.0 for f in fractions)
     assert {p.relative_to(tmp_path / "out").as_posix() for p in result.files} == WRITTEN[command]
     assert result.summary
-    for end_at in (0, len(whole.told) - 1):
+    for end_at in (0, len(whole.reported) - 1):
         watch = Watch(end_at)
         with pytest.raises(CancelledError, match="nothing was left half-written"):
             run(asked(command, cell, tmp_path / f"ended{end_at}"), watch)
-        assert len(watch.told) == end_at + 1
+        assert len(watch.reported) == end_at + 1
         assert [p for p in (tmp_path / f"ended{end_at}").rglob("*") if p.is_file()] == []
 
 

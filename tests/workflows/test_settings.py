@@ -43,8 +43,8 @@ def test_a_form_can_be_made_of_every_command(command: str) -> None:
     assert text.endswith(".")
     schema = model.model_json_schema()
     assert set(schema["properties"]) == set(model.model_fields)
-    for name, told in schema["properties"].items():
-        assert told["description"], name
+    for name, reported in schema["properties"].items():
+        assert reported["description"], name
         field = model.model_fields[name]
         # a number of something says of what
         if field.annotation in (float, float | None) and name not in {"capability", "refine", "singularity"}:
@@ -52,9 +52,9 @@ def test_a_form_can_be_made_of_every_command(command: str) -> None:
 
 
 def test_units_and_ranges_are_told_also_where_the_stage_checks_them() -> None:
-    told = load("zone").settings.model_json_schema()["properties"]
-    assert told["limit_deg"]["maximum"] == 90.0
-    assert told["x"]["unit"] == "mm"
+    reported = load("zone").settings.model_json_schema()["properties"]
+    assert reported["limit_deg"]["maximum"] == 90.0
+    assert reported["x"]["unit"] == "mm"
     assert unit_of("limit_deg", load("zone").settings.model_fields["limit_deg"]) == "deg"
     assert said_of(load("zone").settings.model_fields["limit_deg"])["panel"] == "Limits"
 

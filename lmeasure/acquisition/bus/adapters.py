@@ -46,12 +46,12 @@ def adapters(patience_s: float = PATIENCE_S) -> tuple[tuple[Adapter, ...], tuple
     found: list[Adapter] = []
     for line in list(lines):
         with contextlib.suppress(ValueError):
-            told = json.loads(line)
-            if "asks" in told:
-                asked.add(told["asks"])
+            reported = json.loads(line)
+            if "asks" in reported:
+                asked.add(reported["asks"])
                 continue
-            asked.discard(told["interface"])
-            found += [one for config in told["configs"] if (one := _adapter(config)) is not None]
+            asked.discard(reported["interface"])
+            found += [one for config in reported["configs"] if (one := _adapter(config)) is not None]
     found += [Adapter(f"slcan:{port}", (), about) for port, about in _serial_ports()]
     unique = {(one.bus, one.options): one for one in found}
     return tuple(unique.values()), tuple(sorted(asked))

@@ -16,7 +16,7 @@ SEVERAL = 1.5
 NETWORK = (0x000, 0x100)
 """Network management and the time stamp."""
 SDO = (0x580, 0x600)
-TOLD = 4
+REPORTED = 4
 
 
 class BusWatch:
@@ -73,7 +73,7 @@ class BusWatch:
             for (identifier, wide), n in self._seen.most_common()
             if not any(self._is_of(f, identifier, wide) for f in self.fields) and (wide or identifier not in network)
         ]
-        return [*out[:TOLD], *([f"{len(out) - TOLD} more"] if len(out) > TOLD else [])]
+        return [*out[:REPORTED], *([f"{len(out) - REPORTED} more"] if len(out) > REPORTED else [])]
 
     def twice(self, every: Mapping[str, int] | None = None) -> list[str]:
         """Signs of two senders where one should be, a line each; every: channels that answer every n-th SYNC only."""

@@ -5,7 +5,7 @@ Whether a word ends the origin of an incremental counter:
 - it does: boot-up (700h + node, state 0), NMT reset node or communication (000h, 81h or 82h), an emergency of the device's hardware,
   of its software (a watchdog) or of its sensor, or with the register's bit of the device profile, in which CiA 406 has position errors;
 - it may: an emergency of no stated kind, of the supply's voltage, or "no error" without an error before, as some send at power-on; a node
-  that is pre-operational again and was not told to be; a J1939 address claim. Then the next counts decide (`counters.CounterState`);
+  that is pre-operational again without a command; a J1939 address claim. Then the next counts decide (`counters.CounterState`);
 - it does not: temperature, current, communication, and all else.
 """
 

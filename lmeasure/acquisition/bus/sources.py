@@ -149,8 +149,12 @@ class BusSource:
             raise
         except Exception as error:  # each driver has its own way to say that there is no such device
             # python-can calls functions of a driver's library that it has not found: Kvaser's
-            told = "its driver is not installed" if isinstance(error, NameError) else " ".join(str(error).split()) or type(error).__name__
-            raise AcquisitionError(f"{self.name}: cannot be opened: {told}; `lmeasure scan` lists the adapters of this machine") from error
+            reported = (
+                "its driver is not installed" if isinstance(error, NameError) else " ".join(str(error).split()) or type(error).__name__
+            )
+            raise AcquisitionError(
+                f"{self.name}: cannot be opened: {reported}; `lmeasure scan` lists the adapters of this machine"
+            ) from error
         _enlarge_buffer(bus)
         return bus
 

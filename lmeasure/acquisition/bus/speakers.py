@@ -55,7 +55,7 @@ def listen(
     show: Callable[[float, tuple[Spoken, ...]], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Scan:
-    """Listen for so long, or until `stop` says so; nothing is sent. show is told of it all the while: seconds, and who has spoken.
+    """Listen for so long, or until `stop` says so; nothing is sent. show gets it all the while: seconds, and who has spoken.
 
     AcquisitionError where nothing comes, and where what comes cannot be read.
     """

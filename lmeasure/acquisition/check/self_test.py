@@ -70,13 +70,15 @@ class Check(Shown):
 
     def about(self) -> dict[str, str]:
         """What each cable and encoder showed, by its name: its faults, or ok and what was counted."""
-        told = {
+        reported = {
             c.cable: c.faults
             or (message("acquisition.ok_mm_slack_mm", channel=c.channel, _or_not=_or_not(c.stroke_mm), _or_not_=_or_not(c.slack_mm)),)
             for c in self.cables
         }
-        told |= {e.what: e.faults or (message("check.ok_encoder", channel=e.channel, turned=_or_not(e.turned_deg)),) for e in self.encoders}
-        return {name: joined(texts) for name, texts in told.items()}
+        reported |= {
+            e.what: e.faults or (message("check.ok_encoder", channel=e.channel, turned=_or_not(e.turned_deg)),) for e in self.encoders
+        }
+        return {name: joined(texts) for name, texts in reported.items()}
 
     def to_frame(self) -> DataFrame:
         """A row for each cable."""
@@ -100,8 +102,8 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
     channels = watch.channels
     silent = [c for c, column in zip(channels, rest.T, strict=True) if not np.isfinite(column).any()]
     if len(time_s) < 2 or silent:
-        told = ", ".join(f"{n} {kind}" for kind, n in sorted(watch.faults().items()))
-        why = f"; faults: {told}" if told else ""
+        reported = ", ".join(f"{n} {kind}" for kind, n in sorted(watch.faults().items()))
+        why = f"; faults: {reported}" if reported else ""
         raise AcquisitionError(
             f"{link.source.name}: no counts of {', '.join(silent or channels)} within {REST_S:g} s: "
             f"{watch.bus.silence(link.source.bit_rate or rig.can_table.bit_rate)}{why}"
@@ -196,35 +198,35 @@ def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any]
     Without a table [can] the n-th channel is node n: where channels change their places one is written, or the nodes would go with them.
     """
     data = copy.deepcopy(dict(content))
-    told: list[str] = []
+    reported: list[str] = []
     tables = {c["name"]: c for c in data["cable"]}
     points = {p["name"]: p for p in data["observation_point"]}
     if _one_each(result.cables):
         for c in result.cables:
             if c.moved != c.channel:
-                told.append(message("acquisition.cable_channel", cable=c.cable, was=c.channel, now=c.moved))
+                reported.append(message("acquisition.cable_channel", cable=c.cable, was=c.channel, now=c.moved))
                 tables[c.cable]["channel"] = c.moved
     for c in result.cables:
         point = tables[c.cable]["from"]
         before = points[point]["drum"].get("count_sign", 1)
         # of a channel that is not the cable's in the end the direction is another drum's
         if c.direction is not None and c.direction != before and tables[c.cable]["channel"] == c.moved:
-            told.append(message("acquisition.drum_count_sign", point=point, was=before, now=c.direction))
+            reported.append(message("acquisition.drum_count_sign", point=point, was=before, now=c.direction))
             points[point]["drum"]["count_sign"] = c.direction
     turned = {table["channel"]: table for kind in rig_from_dict(data).sensor_tables for table in data.get(kind, ())}
     owners: dict[str, str | None] = {e.what: e.channel for e in result.encoders}
     if _one_each(result.encoders):
         for e in result.encoders:
             if e.moved != e.channel:
-                told.append(message("check.encoder_channel", what=e.what, was=e.channel, now=e.moved))
+                reported.append(message("check.encoder_channel", what=e.what, was=e.channel, now=e.moved))
                 turned[e.channel]["channel"] = owners[e.what] = e.moved
     for e in result.encoders:
         before = turned[e.channel].get("count_sign", 1)
         if e.direction is not None and e.direction != before and owners[e.what] == e.moved:
-            told.append(message("check.encoder_sign", what=e.what, was=before, now=e.direction))
+            reported.append(message("check.encoder_sign", what=e.what, was=before, now=e.direction))
             turned[e.channel]["count_sign"] = e.direction
     frames = {c.channel: c.id for c in default_can(rig_from_dict(dict(content)).all_channels).channel}
     if "can" not in data and frames != {c.channel: c.id for c in default_can(rig_from_dict(data).all_channels).channel}:
         data["can"] = {"decoder": "raw", "channel": [{"channel": channel, "id": identifier} for channel, identifier in frames.items()]}
-        told.append(message("acquisition.table_can_says_frames"))
-    return data, told
+        reported.append(message("acquisition.table_can_says_frames"))
+    return data, reported

@@ -124,14 +124,14 @@ class Watch:
             raise AcquisitionError(f"no counts any more at: {text}")
         return self.last, (self._least, self._most)
 
-    def until_right(self, once: Callable[[], Found], told: Callable[[Found], tuple[str, tuple[str, ...]]]) -> Found:
-        """What a few steps found, done again as often as the person wants; told says of what it was and which faults it has."""
+    def until_right(self, once: Callable[[], Found], reported: Callable[[Found], tuple[str, tuple[str, ...]]]) -> Found:
+        """What a few steps found, done again as often as the person wants; determined says of what it was and which faults it has."""
         begun = self.number
         while True:
             self.number = begun
             try:
                 found = once()
-                what, faults = told(found)
+                what, faults = reported(found)
                 if faults:
                     self.number -= 1  # a question, and no step more
                     self.step(message("check.again", what=what, faults=joined(faults), again=AGAIN), 0.05)
@@ -152,18 +152,18 @@ class Watch:
         if self.last is None or begun is None:
             return message("acquisition.no_counts")
         moved = (self.last - begun) * self.unit
-        told = []
+        reported = []
         for unit, of in ("mm", self.lengths), ("deg", ~self.lengths):
             shown = "  ".join(f"{self.channels[j]} {moved[j]:+.1f}" for j in np.flatnonzero(of))
-            told += [f"{unit}: {shown}"] if shown else []
+            reported += [f"{unit}: {shown}"] if shown else []
         if wanted:
             alike = np.flatnonzero(self.lengths == self.lengths[self.channels.index(wanted)])
             j = int(alike[np.argmax(np.abs(moved[alike]))])
             if abs(moved[j]) > self.least[j] and self.channels[j] != wanted:
-                told.insert(
+                reported.insert(
                     0, message("check.moves_not", channel=self.channels[j], wanted=wanted)
                 )  # first: a narrow terminal cuts what is behind
-        return "  ".join(told)
+        return "  ".join(reported)
 
     def _moved(self, begun: FloatArray | None, wanted: str) -> tuple[Moved, ...]:
         if self.last is None or begun is None:

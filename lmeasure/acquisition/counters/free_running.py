@@ -63,7 +63,7 @@ class FreeAssembler:
         """When the last reading of each channel came at the latest."""
         self._given_to = -math.inf
         self._started: tuple[FloatArray, FloatArray] = (np.full(1, -math.inf), np.zeros(1))
-        """When the start input's state was told, and which it was; the first is that before all frames."""
+        """When the state of the start input was reported, and which it was; the first is that before all frames."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""

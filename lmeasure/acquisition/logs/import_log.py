@@ -171,9 +171,9 @@ def _import_log(
         if np.isnan(column).all():
             there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
             wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
-            told = f"not one count in frames {wanted}; identifiers in the log: {there}"
-            told += f"; `lmeasure import {pasted(log)} --scan` lists what they carry"
-            raise AcquisitionError(f"{log}: channel {one.channel}: {told}")
+            reported = f"not one count in frames {wanted}; identifiers in the log: {there}"
+            reported += f"; `lmeasure import {pasted(log)} --scan` lists what they carry"
+            raise AcquisitionError(f"{log}: channel {one.channel}: {reported}")
     start_s = float(assembled.counts.time_s[0])
     counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
     digest = files.sha256(log)

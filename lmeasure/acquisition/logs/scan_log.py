@@ -78,8 +78,8 @@ class Carried:
         """A line, and one for each thing in its bytes."""
         size = ",".join(map(str, self.lengths))
         head = message("acquisition.s_bytes", name=self.name, bus=self.bus, frames=self.frames, rate_hz=self.rate_hz, size=size)
-        told = [message("acquisition.answers_every_sync", n=ordinal(self.answers))] if self.answers not in (None, 1) else []
-        return [head, *(composed("           {text}", text=text) for text in (*(c.text for c in self.counters), *self.others, *told))]
+        reported = [message("acquisition.answers_every_sync", n=ordinal(self.answers))] if self.answers not in (None, 1) else []
+        return [head, *(composed("           {text}", text=text) for text in (*(c.text for c in self.counters), *self.others, *reported))]
 
 
 @dataclass(frozen=True)
@@ -222,10 +222,10 @@ def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple
     if best is None or 2 * best[0][0] < len(counters):
         return carried, None
     _, at, of = best
-    told = [replace(c, answers=of.get(i)) for i, c in enumerate(carried)]
-    if told[at].lengths == (1,):
-        told[at] = replace(told[at], others=(message("acquisition.byte_0_syncs_counter"),))
-    return tuple(told), told[at]
+    reported = [replace(c, answers=of.get(i)) for i, c in enumerate(carried)]
+    if reported[at].lengths == (1,):
+        reported[at] = replace(reported[at], others=(message("acquisition.byte_0_syncs_counter"),))
+    return tuple(reported), reported[at]
 
 
 def _may_be_sync(one: Carried, seen: Seen) -> bool:

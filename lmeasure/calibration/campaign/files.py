@@ -1,4 +1,4 @@
-"""Reading a calibration folder: dwells averaged, visits told apart, wrapped counters undone, channels that do not move refused."""
+"""Reading a calibration folder: dwells averaged, visits distinguished, wrapped counters undone, channels that do not move refused."""
 
 import math
 from collections.abc import Mapping

@@ -33,7 +33,7 @@ class Candidates:
     zero_unit: FloatArray | None
 
     @cached_property
-    def told(self) -> FloatArray:
+    def determined(self) -> FloatArray:
         """(c, m, q) blocks of the pool."""
         return self.blocks(self.pool)
 

@@ -65,7 +65,7 @@ class Effect:
 
     @property
     def law(self) -> tuple[str, str]:
-        """By which it is told from others."""
+        """By which it differs from others."""
         return self.kind, self.channel
 
 
@@ -103,7 +103,8 @@ class _Fitted:
 
 @dataclass(frozen=True)
 class _Named:
-    """Effects that are followed together, each with log_p of chance where so many were tried; laws: of all that are not told apart, as they
+    """Effects that are followed together, each with log_p of chance where so many were tried; laws: of all that are not distinguished, as
+    they
     are said, those followed first."""
 
     followed: tuple[tuple[Effect, float, int], ...]
@@ -136,7 +137,8 @@ class _Named:
 
 
 def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownEffect, ...]]:
-    """The effects that a fit's residuals ask for, in words, each with those that are not told apart from it; and how large each effect must
+    """The effects that a fit's residuals ask for, in words, each with those that are not distinguished from it; and how large each effect
+    must
     be to be named with `POWER`."""
     begun = _Fitted(model, found)
     shown = tuple(s for effect in begun.tried if (s := _shown(begun.left, effect, len(begun.tried))))

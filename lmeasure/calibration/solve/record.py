@@ -133,8 +133,8 @@ def nominal_entry(compared: AgainstNominal | None) -> dict[str, object]:
 def _spectrum(unknowns: Parameters, found: Fit) -> list[dict[str, object]]:
     """Each direction: how many prior standard uncertainties the counts leave of it, and the owner of most of the values it is made of."""
     out = []
-    told = len(found.s) - found.motions
-    for s, direction, known in zip(found.s[:told], found.directions, found.known, strict=False):
+    determined = len(found.s) - found.motions
+    for s, direction, known in zip(found.s[:determined], found.directions, found.known, strict=False):
         weight: dict[str, float] = {}
         for i, part in enumerate(direction**2):
             weight[unknowns.owner(i)] = weight.get(unknowns.owner(i), 0.0) + float(part)

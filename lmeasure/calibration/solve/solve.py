@@ -10,7 +10,7 @@ Every effect that was solved for has its size, the probability that chance looks
 of an effect's q values from what the rig stated, and C their covariance, d' C^-1 d / q is as an F of q and the noise's degrees of freedom
 while there is none (chi-squared over q where the noise is stated). An effect is found where its probability, times the number of those
 that were solved for (Bonferroni), is under `CHANCE`. What was learned is log2 of the prior's volume over that which is left, half of
-det(prior)/det(C): none where a law cannot be told from that of what else was solved.
+det(prior)/det(C): none where a law cannot be distinguished from that of what else was solved.
 """
 
 import math
@@ -404,10 +404,11 @@ def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...],
     theta[np.isin(every.names, model.names)] = found.theta
     for name in poses if free else ():
         pose = whole.poses.names.index(name)
-        told = int(whole.used[pose].sum())
-        if told <= model.pose_unknowns:
+        determined = int(whole.used[pose].sum())
+        if determined <= model.pose_unknowns:
             raise CalibrationError(
-                f"--hold-out: pose {name}: {told} counted cables and {model.pose_unknowns} unknowns of its own leave nothing to judge by"
+                f"--hold-out: pose {name}: {determined} counted cables and {model.pose_unknowns} unknowns of its own leave "
+                f"nothing to judge by"
             )
         theta = fitted_pose(every, theta, pose, seed)
     return held_out(every, theta, found, poses)

@@ -57,7 +57,7 @@ def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
 
 
 def counted_poses(campaign: Campaign) -> Campaign:
-    """The campaign without the poses at which nothing was counted: of these nothing can be told."""
+    """The campaign without the poses at which nothing was counted: of these nothing can be determined."""
     keep = np.flatnonzero(np.isfinite(campaign.counts).any(axis=1))
     if len(keep) == len(campaign.poses):
         return campaign
@@ -97,7 +97,7 @@ def check_equations(campaign: Campaign, rig: Parameters, free: tuple[int, ...]) 
     n, m, d = int((channels > 0).sum()), len(campaign.cables), len(free)
     trusted, equations = free == ROTATIONS, int(campaign.used.sum())
     what = "has no orientations, and" if trusted else "is not trusted, and"
-    # a frame of six motions need not be told where the poses do not hold it
+    # a frame of six motions need not be determined where the poses do not hold it
     needed = d * n + (len(rig.names) if trusted else 0)
     if equations < needed:
         raise CalibrationError(

@@ -79,8 +79,8 @@ def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     else:
         raise CalibrationError("the run and the record do not settle together: the rig is not what the record says, or the run is short")
     part, y, A = _seen(model, theta, F)
-    told = np.linalg.inv(np.eye(len(z)) + A.T @ A)
-    C = F @ told @ F.T
+    determined = np.linalg.inv(np.eye(len(z)) + A.T @ A)
+    C = F @ determined @ F.T
     chi2, freedom = float(y @ y + z @ z), len(y)
     probability = float(scipy.stats.chi2.sf(chi2, freedom))
     moved = _moved(model, part, theta, y, A, z, probability) if probability < MOVED else None
@@ -127,8 +127,8 @@ def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: 
         own = np.vstack([part.W @ (begins * (model.cable_index == j)[:, None]), np.tile(no_prior[:, None], len(samples))])
         own -= Q @ (Q.T @ own)
         square, along = np.sum(own**2, axis=0), own.T @ free
-        told = square > 1e-6 * square.max(initial=1e-300)
-        gains = np.where(told, along**2 / np.where(told, square, 1.0), 0.0) - 2.0 - place
+        determined = square > 1e-6 * square.max(initial=1e-300)
+        gains = np.where(determined, along**2 / np.where(determined, square, 1.0), 0.0) - 2.0 - place
         if len(gains):
             k = int(np.argmax(gains))
             # modelled less measured

@@ -157,10 +157,10 @@ def _tested(name: str, z: FloatArray, covariances: tuple[FloatArray, FloatArray]
     """
     silent = [vectors[:, values >= SILENT] for values, vectors in map(np.linalg.eigh, covariances)]
     left, size, _ = np.linalg.svd(np.hstack(silent))
-    told = left[:, int((size > 1e-6).sum()) :]
-    d = told.T @ z
-    chi2 = float(d @ np.linalg.solve(told.T @ (covariances[0] + covariances[1]) @ told, d)) if told.shape[1] else 0.0
-    freedom = told.shape[1]
+    determined = left[:, int((size > 1e-6).sum()) :]
+    d = determined.T @ z
+    chi2 = float(d @ np.linalg.solve(determined.T @ (covariances[0] + covariances[1]) @ determined, d)) if determined.shape[1] else 0.0
+    freedom = determined.shape[1]
     probability = float(scipy.stats.chi2.sf(chi2, freedom)) if freedom else None
     moved = probability is not None and probability * tests < SIGNIFICANT
     return PointShift(name, distance, chi2, freedom, len(z), probability, moved)

@@ -50,12 +50,17 @@ def poses_findings(model: Model, found: Fit) -> list[Finding]:
     if not model.pose_unknowns:
         return []
     n, d = len(model.at), model.pose_unknowns
-    told = message("calibration.equations_values_rig_each", equations=model.equations, own=model.own, d=d, n=n)
+    determined = message("calibration.equations_values_rig_each", equations=model.equations, own=model.own, d=d, n=n)
     if model.frame is None:
-        return [Finding(code="note", text=message("calibration.reference_poses_have_no", told=told, begins=message("calibration.begins")))]
+        return [
+            Finding(
+                code="note",
+                text=message("calibration.reference_poses_have_no", determined=determined, begins=message("calibration.begins")),
+            )
+        ]
     held = message("calibration.frame.nominal_rig" if model.frame == "rig" else "calibration.frame.poses")
     code = "calibration.frame.priors" if found.prior_everywhere else "calibration.frame.motions"
-    text = message(code, told=told, n=found.motions, held=held, begins=message("calibration.begins"))
+    text = message(code, determined=determined, n=found.motions, held=held, begins=message("calibration.begins"))
     return [Finding(code="frame", text=text, value=float(found.motions))]
 
 

@@ -63,8 +63,8 @@ def against_nominal(model: Model, found: Fit, first: Fit) -> AgainstNominal | No
         return None
     groups = model.campaign.reference_of[model.pose_index]
     left_out = Deletion(found).deleted(groups)
-    told = {int(rows[0]) for rows, _ in left_out}
-    drawn = [errors for rows, errors in Deletion(found, at_start=True).deleted(groups) if int(rows[0]) in told]
+    determined = {int(rows[0]) for rows, _ in left_out}
+    drawn = [errors for rows, errors in Deletion(found, at_start=True).deleted(groups) if int(rows[0]) in determined]
     if len(left_out) < LEAST or len(drawn) != len(left_out):
         return None
     own, nominal = (np.array([np.mean(errors**2) for errors in each]) for each in ([e for _, e in left_out], drawn))

@@ -29,13 +29,13 @@ def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dic
     out = []
     for found in by_owner(unknowns, silent):
         change = found.weight * unknowns.width
-        told = [
+        determined = [
             _text(owner, [unknowns.names[i].rsplit(".", 1)[1] for i in own], change[own], found.weight[own], sight.get(owner))
             for owner, own in found.parts(unknowns)
         ]
         of = unknowns.of(found.owner) if found.alone else range(len(unknowns.names))
         direction = {unknowns.names[i]: float(found.weight[i]) for i in of}
-        out.append(Unobservable(point=found.owner, direction=direction, text=message("calibration.silent", what=joined(told))))
+        out.append(Unobservable(point=found.owner, direction=direction, text=message("calibration.silent", what=joined(determined))))
     return out
 
 

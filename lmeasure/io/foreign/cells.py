@@ -118,7 +118,7 @@ def clock_times(cells: Sequence[str], row: Callable[[int], str]) -> Times:
     monthly = [m for m in found if m is not None and m.groupdict().get("a")]
     month_first = any(int(m["b"]) > 12 for m in monthly)
     if monthly and not month_first and not any(int(m["a"]) > 12 for m in monthly) and len({(m["a"], m["b"]) for m in monthly}) > 1:
-        raise FileFormatError(f"{row(0)}: {cells[0]!r}: days and months cannot be told apart; write dates as 2026-11-27")
+        raise FileFormatError(f"{row(0)}: {cells[0]!r}: days and months cannot be distinguished; write dates as 2026-11-27")
     values, first_day, kinds = np.empty(len(cells)), 0, set[tuple[bool, bool]]()
     first_zone = 0.0
     for i, match in enumerate(found):

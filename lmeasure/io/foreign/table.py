@@ -168,8 +168,8 @@ class ForeignTable:
         for name, column in self._columns.items():
             if name not in self._asked | ANGLES:
                 known = ", ".join(sorted(n for n in self._asked - ANGLES if not n.endswith(("_mm", "_rad"))))
-                told = f"{name}={column.name}: {self.path} is asked for {known}, and controllers' angles, not for {name}"
-                raise SettingsError("columns", told)
+                reported = f"{name}={column.name}: {self.path} is asked for {known}, and controllers' angles, not for {name}"
+                raise SettingsError("columns", reported)
 
     def orientation(self, preferred: AngleConvention | None = None, *, likely: str | None = None, gaps: bool = False) -> FloatArray | None:
         """Return (n, 4) quaternions x, y, z, w of unit length, from `qx` ... `qw` or the angles of a controller's convention.

@@ -87,7 +87,7 @@ def expected_line(expected: Expected) -> str:
 KEPT_COUNTS = 3.0
 KEPT_MM = 0.1
 """By which counters differ at most at a pose read before, when they have kept their counts; the second is what robots drift by."""
-TOLD = 0.5
+REPORTED = 0.5
 """Part of the channels that may be off a pose for the others to tell which it is."""
 
 
@@ -129,7 +129,7 @@ class Trust:
         wrong, pose = ~(np.abs(off[nearest]) <= limit), readings[nearest].pose
         if not wrong.any():
             return pose, ""
-        if wrong.mean() < TOLD:
+        if wrong.mean() < REPORTED:
             reported = ", ".join(message("capture.counts", channels=self.channels[j], off=off[nearest, j]) for j in np.flatnonzero(wrong))
             return "", message("procedures.others_stand_pose_but", pose=pose, channels=reported)
         return "", message("capture.none_of_them", why=self.why, back=message("capture.back"))

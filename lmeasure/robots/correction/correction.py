@@ -1,6 +1,8 @@
-"""Corrected commands: joint values at which the identified robot is where the nominal one was meant to be, and what a controller is told.
+"""Corrected commands: joint values at which the identified robot is where the nominal one was meant to be, and the commands of a
+controller.
 
-A controller knows the nominal robot. Told a pose, it goes to joint values q with nominal(q) = pose, and the real flange is at found(q).
+A controller knows the nominal robot. Commanded to a pose, it goes to joint values q with nominal(q) = pose, and the real flange is at
+found(q).
 Corrected joint values q* solve found(q*) = nominal(q) by Newton's method from q, which stays on q's branch; the pose that makes the
 controller go to them is nominal(q*). What is left is how well the robot is known and how well it repeats.
 """
@@ -40,8 +42,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Correction:
-    """Of one target. before, joints (n,): joint values told and corrected; wanted, flange (7,): nominal poses of both; size_mm, size_rad:
-    by how much the told pose changes; left_mm, left_rad: by how much the identified robot then is off, not nothing where it was clipped or
+    """Of one target. before, joints (n,): commanded and corrected joint values; wanted, flange (7,): nominal poses of both; size_mm,
+    size_rad:
+    by how much the commanded pose changes; left_mm, left_rad: by how much the identified robot then is off, not nothing where it was
+    clipped or
     has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does not."""
 
     before: FloatArray
@@ -73,9 +77,9 @@ def corrections(nominal: RobotModel, found: RobotModel, joints: FloatArray, limi
     solved, off = _solved(found, joints, wanted)
     refused = _refused(nominal, found, joints, solved, off=off)
     solved = np.where(np.array([bool(why) for why in refused])[:, None], joints, solved)
-    told = nominal.forward(solved)
+    determined = nominal.forward(solved)
     clipped = np.zeros(len(joints), np.bool_)
-    for i, (told_at, aim) in enumerate(zip(told, wanted, strict=True)):
+    for i, (told_at, aim) in enumerate(zip(determined, wanted, strict=True)):
         if not np.isfinite(told_at).all():
             refused[i] = NO_POSE
         elif not refused[i] and (why := too_large(se3.displacement(told_at, aim), limits)):
@@ -85,14 +89,24 @@ def corrections(nominal: RobotModel, found: RobotModel, joints: FloatArray, limi
                 refused[i] = why
     kept = np.array([not why for why in refused])[:, None]
     solved = np.where(kept, solved, joints)
-    told = np.where(kept, nominal.forward(solved), wanted)
+    determined = np.where(kept, nominal.forward(solved), wanted)
     at = found.forward(solved)
-    size_mm, size_rad = _sizes(se3.displacement(told, wanted))
+    size_mm, size_rad = _sizes(se3.displacement(determined, wanted))
     left_mm, left_rad = _sizes(se3.displacement(at, wanted))
     was_mm, _ = _sizes(se3.displacement(was, wanted))
     return [
         Correction(
-            joints[i], solved[i], wanted[i], told[i], size_mm[i], size_rad[i], was_mm[i], left_mm[i], left_rad[i], bool(clipped[i]), why
+            joints[i],
+            solved[i],
+            wanted[i],
+            determined[i],
+            size_mm[i],
+            size_rad[i],
+            was_mm[i],
+            left_mm[i],
+            left_rad[i],
+            bool(clipped[i]),
+            why,
         )
         for i, why in enumerate(refused)
     ]
@@ -104,7 +118,8 @@ def _sizes(changes: FloatArray) -> tuple[list[float], list[float]]:
 
 
 def _shortened(nominal: RobotModel, joints: FloatArray, solved: FloatArray, *, wanted: FloatArray, limits: Limits) -> FloatArray:
-    """Joint values (n,) on the way from the told to the corrected ones at which the told pose changes by no more than is allowed."""
+    """Joint values (n,) on the way from the commanded to the corrected ones at which the commanded pose changes by no more than is
+    allowed."""
     while too_large(change := se3.displacement(nominal.forward(solved[None])[0], wanted), limits):
         size = np.array([np.linalg.norm(change[3:]), np.linalg.norm(change[:3])])
         # joints do not shorten quite as places do: once more where a little is left
@@ -114,7 +129,7 @@ def _shortened(nominal: RobotModel, joints: FloatArray, solved: FloatArray, *, w
 
 
 def too_large(change: FloatArray, limits: Limits) -> str:
-    """Why a change (6,) of what is told is refused; empty where it is not too large."""
+    """Why a change (6,) of the command is refused; empty where it is not too large."""
     size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
     if size_mm <= limits.most_mm and size_rad <= limits.most_rad:
         return ""

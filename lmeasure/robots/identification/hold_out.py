@@ -33,7 +33,7 @@ LEAST_LEFT = 5.0
 """Degrees of freedom that a cut must leave."""
 EXCESS = 1.25
 """Errors of unseen halves, in units of what is said of them, that no family of the robot reaches: 0.9 to 1.15 of simulated robots."""
-TOLD = 0.8
+DETERMINED = 0.8
 """Of what all rows determine: what a part of them must determine to predict the others."""
 
 
@@ -95,7 +95,7 @@ def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut
     rows = found.fit.problem.rows
     of = _poses(found)
     parts = np.array_split(np.random.default_rng(seed).permutation(len(of)), folds)
-    if len(of) < 2 * folds or found.fit.counted * (1.0 - 1.0 / folds) < found.fit.told + 6:
+    if len(of) < 2 * folds or found.fit.counted * (1.0 - 1.0 / folds) < found.fit.determined + 6:
         return None
     found = replace(found, misfit=1.0, beyond=Beyond())
     order, errors, radii, squares = [], [], [], []
@@ -103,11 +103,11 @@ def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut
         own = np.concatenate([of[i] for i in part])
         rest = np.setdiff1d(np.arange(len(rows)), own)
         again = _refitted(found, rest)
-        error, told = _errors(again, rows.of(own))
+        error, determined = _errors(again, rows.of(own))
         order.append(own)
         errors.append(error)
-        radii.append(told.u95_mm)
-        squares.append(error**2 / np.einsum("nii->n", told.covariance))
+        radii.append(determined.u95_mm)
+        squares.append(error**2 / np.einsum("nii->n", determined.covariance))
     at, square = np.concatenate(order), np.concatenate(squares)
     weight = found.fit.problem.weight
     # what weights take from the errors of a robot of which nothing is wrong is no fit
@@ -128,7 +128,7 @@ def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float
     rng = np.random.default_rng(seed)
     out = []
     for size in SIZES:
-        if 3 * size < found.fit.told + 6 or size > 0.7 * len(of):
+        if 3 * size < found.fit.determined + 6 or size > 0.7 * len(of):
             continue
         means = []
         for _ in range(min(DRAWS, max(1, MOST_ROWS // size))):
@@ -157,9 +157,9 @@ def beyond(found: Identified[R]) -> Beyond:
     cuts = _cuts(found)
     for inside in cuts:
         halves = [_half(jacobian[on], residuals[on], prior, fit.theta) for on in (inside[owner], ~inside[owner])]
-        (step, covariance, told, chi_squared, whole), (_, _, told_other, chi_other, whole_other) = halves
-        bought, left = told + told_other - fit.told, len(residuals) - told - told_other
-        if bought < 1.0 or left < LEAST_LEFT or told < TOLD * fit.told:
+        (step, covariance, determined, chi_squared, whole), (_, _, told_other, chi_other, whole_other) = halves
+        bought, left = determined + told_other - fit.determined, len(residuals) - determined - told_other
+        if bought < 1.0 or left < LEAST_LEFT or determined < DETERMINED * fit.determined:
             continue
         rest = chi_squared + chi_other
         tested = fall_test(total - whole - whole_other, bought, rest, left)
@@ -237,7 +237,7 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
             continue
         n, rest = len(target), _left(jacobian[:, full], target, prior[full])
         # a noise that the residuals tell they tell from so many of them
-        spare = fit.counted - fit.told - (0 if freed else count)
+        spare = fit.counted - fit.determined - (0 if freed else count)
         left = min(spare, fit.spare - (0 if freed else count))
         tested = fall_test(drop, count, rest * left / spare, left) if fit.problem.own_noise and spare > 0.0 else None
         chance = float(chi2.sf(drop, count)) if tested is None else math.exp(tested[1])
@@ -262,8 +262,8 @@ def unseen_halves(found: Identified[R], name: str) -> Unseen:
     met, said = np.zeros(2), np.zeros(2)
     for i, of in enumerate((wide.now, wide.now | wide.of(name))):
         jacobian, prior, theta = wide.jacobian[:, of], np.diag(wide.prior[of]), wide.theta[of]
-        _, _, told, chi_squared, _ = _half(jacobian, residuals, prior, theta)
-        variance = chi_squared / max(len(residuals) - told, 1.0)
+        _, _, determined, chi_squared, _ = _half(jacobian, residuals, prior, theta)
+        variance = chi_squared / max(len(residuals) - determined, 1.0)
         for inside in halves:
             step, covariance, _, _, _ = _half(jacobian[inside], residuals[inside], prior, theta)
             other = jacobian[~inside]
@@ -362,8 +362,8 @@ def _errors(found: Identified[R], rows: Measurements) -> tuple[FloatArray, Predi
     reading = found.noise.reading_mm**2 / rows.readings
     instrument = rows.covariance[:, POSITION, POSITION] + reading[:, None, None] * np.eye(3)
     instrument = instrument + rows.systematic[:, POSITION] @ np.swapaxes(rows.systematic[:, POSITION], 1, 2)
-    told = predicted(found, rows, instrument)
-    return np.linalg.norm(rows.position - told.pose[:, :3], axis=1), told
+    determined = predicted(found, rows, instrument)
+    return np.linalg.norm(rows.position - determined.pose[:, :3], axis=1), determined
 
 
 def _frames(fit: Fit[R]) -> Frames:

@@ -29,7 +29,7 @@ LEAST_POSES = 8
 UNMOVED_DEG, UNMOVED_MM = 0.1, 0.1
 """Range of a joint's values up to which it never moved."""
 ENOUGH = 30
-"""Rows from which on it is told in which directions errors lie."""
+"""Rows from which on it is given in which directions errors lie."""
 LINKS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
 ONCE, TWICE = ("sin1_deg", "cos1_deg", "sin1_mm", "cos1_mm"), ("sin2_deg", "cos2_deg", "sin2_mm", "cos2_mm")
 FAMILIES: dict[str, tuple[str, ...]] = {
@@ -86,7 +86,7 @@ class Identified(Shown, Generic[R]):
         """Of how many rows, and how far they are off before and after."""
         used = self.kept & self.rows.placed
         before, after = (float(np.linalg.norm(e[used], axis=1).mean()) for e in (self.nominal_errors_mm(), self.errors_mm()))
-        scatter = f"{self.noise.position_mm:.4f} mm" if self.tells_noise else "cannot be told"
+        scatter = f"{self.noise.position_mm:.4f} mm" if self.tells_noise else "cannot be determined"
         return {"rows": f"{self.kept.sum()} of {len(self.rows)}", "errors": f"{before:.4f} mm before, {after:.4f} after", "noise": scatter}
 
     def to_frame(self) -> DataFrame:

@@ -49,8 +49,8 @@ def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) ->
     trajectory, model, said = _trajectory(path, columns)
     found = rests_of(trajectory, model)
     rows, notes = matched(found, commanded, robot)
-    told = noted("rests", "rested", rests=len(found), used=len(rows))
-    return Given(_with(rows, stated), (told, *said, *notes))
+    determined = noted("rests", "rested", rests=len(found), used=len(rows))
+    return Given(_with(rows, stated), (determined, *said, *notes))
 
 
 def _trajectory(path: Path, columns: Mapping[str, Column]) -> tuple[Trajectory, ErrorModel | None, list[Noted]]:

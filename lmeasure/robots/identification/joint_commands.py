@@ -54,7 +54,9 @@ def with_joints(points: Measurements, commanded: Commanded) -> tuple[Measurement
     """
     name, times = Counter(commanded.names).most_common(1)[0]
     if times > 1:
-        raise FileFormatError(f"{commanded.path}: name {name!r} is given {times} times: which a measured point belongs to is not told")
+        raise FileFormatError(
+            f"{commanded.path}: name {name!r} is given {times} times: which a measured point belongs to is not determined"
+        )
     row_of = {name: i for i, name in enumerate(commanded.names)}
     both = sorted((row_of[name], i) for i, name in enumerate(points.names) if name in row_of)
     if not both:

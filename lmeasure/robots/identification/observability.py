@@ -34,7 +34,7 @@ class Silent:
         return self.said
 
 
-def determined(fit: Fit[R]) -> BoolArray:
+def determined_parameters(fit: Fit[R]) -> BoolArray:
     """(p,) whether the measurements determine an unknown by itself."""
     return np.asarray(np.sqrt(np.diag(fit.covariance)) < DETERMINED * fit.problem.width)
 

@@ -106,7 +106,7 @@ def weighed(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[Fit[R], B
     if fit.spare < LEAST_SPARE or weight.sum() < HALF * len(rows):
         raise RobotError(
             f"weights leave {weight.sum():.1f} of {len(rows)} rows, too few: they contradict each other, and which of them are right "
-            "cannot be told"
+            "cannot be determined"
         )
     used = weight > 0.0
     return solved(replace(fit.problem, rows=rows.of(np.flatnonzero(used)), weight=weight[used]), fit.theta), used

@@ -50,23 +50,23 @@ def chosen(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, coun
 
 def planned(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, count: int, *, u_mm: float, seed: int = 0) -> Plan:
     """`chosen` with what is expected of it."""
-    told = blocks(_sensitivity(unknowns, candidates), np.full(3, u_mm**2))
+    determined = blocks(_sensitivity(unknowns, candidates), np.full(3, u_mm**2))
     criterion = Criterion("I", _sensitivity(unknowns, zone).reshape(-1, len(unknowns)))
     rng = np.random.default_rng(seed)
     width = np.minimum(unknowns.width, np.where(unknowns.size == 1.0, FAR_MM, FAR_RAD))
-    start = empty(Numbered(told), np.diag((unknowns.size / width) ** 2))
+    start = empty(Numbered(determined), np.diag((unknowns.size / width) ** 2))
     design = ordered(improved(grown(start, count, criterion, rng), criterion, rng), criterion)
 
     def after(numbers: IntArray) -> FloatArray:
         """(k,) rms [mm] of a place's three coordinates together, after each of the poses."""
         M, out = start.before, []
         for i in numbers:
-            M = M + told[i].T @ told[i]
+            M = M + determined[i].T @ determined[i]
             out.append(np.sqrt(3.0 * criterion.value(M)))
         return np.array(out)
 
     order = design.points[:, 0].astype(np.int64)
-    random = [after(rng.permutation(len(told))[: len(order)]) for _ in range(RANDOM)]
+    random = [after(rng.permutation(len(determined))[: len(order)]) for _ in range(RANDOM)]
     return Plan(order, after(order), np.median(random, axis=0))
 
 

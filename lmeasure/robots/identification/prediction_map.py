@@ -14,7 +14,7 @@ SAMPLES = 4096
 CELLS = 12
 """Along the longest extent of the reach."""
 LEAST = 3
-"""Poses of a cell from which its figures are told."""
+"""Poses of a cell from which its figures are reported."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class PredictionMap:
 
 def workspace(found: Identified[R], samples: int = SAMPLES, seed: int = 0) -> PredictionMap | None:
     """The u95 over all that the robot's limits allow; None where hardly any joint values lead to a pose, or the robot's own noise is not
-    told."""
+    determined."""
     if not found.tells_noise:
         return None
     robot, tool = found.state.robot, found.state.targets[0]
@@ -62,8 +62,8 @@ def workspace(found: Identified[R], samples: int = SAMPLES, seed: int = 0) -> Pr
     own = found.rows.joints[found.kept]
     edge = float(np.ptp(places, axis=0).max()) / CELLS
     _, of, counts = np.unique(np.floor(places / edge).astype(np.int64), axis=0, return_inverse=True, return_counts=True)
-    told = np.flatnonzero(counts >= LEAST)
-    parts = [np.flatnonzero(of.reshape(-1) == cell) for cell in told]
+    determined = np.flatnonzero(counts >= LEAST)
+    parts = [np.flatnonzero(of.reshape(-1) == cell) for cell in determined]
     return PredictionMap(
         joints,
         places,
@@ -73,7 +73,7 @@ def workspace(found: Identified[R], samples: int = SAMPLES, seed: int = 0) -> Pr
         np.array([(np.floor(places[part[0]] / edge) + 0.5) * edge for part in parts]).reshape(-1, 3),
         np.array([np.median(u95[part]) for part in parts]),
         np.array([u95[part].max() for part in parts]),
-        counts[told],
+        counts[determined],
     )
 
 

@@ -226,7 +226,7 @@ class Fit(Optimum[Linear], Generic[R]):
     def spare(self) -> float:
         """The same less what they determine; where rows share stays or are means of readings, at most as many as the variance of a place
         is known by (Satterthwaite, Biometrics Bulletin 2, 1946)."""
-        every = self.counted - self.told
+        every = self.counted - self.determined
         if not self.problem.own_noise or not (self.problem.several or self.problem.scatter.freedom.any()):
             return every
         variance, (_, information) = self.problem.noise.parts, _scores(self)
@@ -284,7 +284,7 @@ def weighted(fit: Fit[R]) -> Fit[R]:
         weight = np.zeros(len(components))
         weight[seen] = biweights(z / middle)
         before = fit.problem.weight
-        problem = replace(fit.problem, weight=weight, trust=trust(square[one], components[one], weight[one], fit.told))
+        problem = replace(fit.problem, weight=weight, trust=trust(square[one], components[one], weight[one], fit.determined))
         problem = replace(problem, noise=_noise(replace(fit, problem=problem))) if problem.own_noise else problem
         fit = solved(problem, fit.theta, fit.at)
         if before is not None and np.abs(weight - before).max() < SETTLED:

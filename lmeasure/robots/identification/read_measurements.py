@@ -12,7 +12,7 @@ from lmeasure.robots.identification.measurements import Measurements, measured
 from lmeasure.robots.model import RobotModel
 
 OF_THE_PLACE = ("x", "y", "z", "length")
-"""What columns of the measured place are called, and joints are not told by."""
+"""What columns of the measured place are called, and joints are not determined by."""
 
 
 def read_measurements(

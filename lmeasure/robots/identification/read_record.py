@@ -93,7 +93,8 @@ TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
 @dataclass(frozen=True)
 class IdentifiedRobot:
     """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
-    (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be told; freedom of that; misfit:
+    (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be determined; freedom of that;
+    misfit:
     factor by which held-out rows lay farther off than stated; turned: whether the target's orientation was measured; seen: the found robot
     as the program's frames see it, itself where nothing else is stated of these (`stated`); beyond: how places far from the measured
     poses are widened."""
@@ -130,7 +131,7 @@ class IdentifiedRobot:
 
     def u95_mm(self, joints: FloatArray) -> FloatArray:
         """(N,) [mm] radius that holds 95 % of where the target is from where it is predicted at joint values (N, n): by identification and
-        the robot itself, without the instrument. NaN where the robot's own part could not be told."""
+        the robot itself, without the instrument. NaN where the robot's own part could not be determined."""
         rows = self._rows(joints)
         own = self.noise_mm**2 * np.eye(3)
         spread = self.misfit**2 * (self.beyond.places(rows, self.covariance) + own)

@@ -13,7 +13,7 @@ from lmeasure.robots.file_fields import Frame, Place
 from lmeasure.robots.identification.hold_out import HeldOut, Worth
 from lmeasure.robots.identification.identify import Identified, Prediction
 from lmeasure.robots.identification.notes import Noted
-from lmeasure.robots.identification.observability import determined, silent_directions, unknown_frames
+from lmeasure.robots.identification.observability import determined_parameters, silent_directions, unknown_frames
 from lmeasure.robots.identification.prediction_map import PredictionMap, worst_pose
 from lmeasure.robots.robot import AnyRobot, Robot
 from lmeasure.text import message
@@ -38,7 +38,7 @@ def record(
     u = np.sqrt(np.diag(fit.covariance))
     nominal = {p.name: p.value for p in found.nominal.parameters}
     units = {p.name: p.unit for p in found.nominal.parameters}
-    told = determined(fit)
+    determined = determined_parameters(fit)
     parameters = [
         {
             "name": name,
@@ -47,7 +47,7 @@ def record(
             "u": float(u[i]),
             "unit": units.get(name, "deg" if name.endswith("_deg") else "mm"),
             "prior_u": float(fit.problem.width[i]) if name in nominal else None,
-            "determined": bool(told[i]),
+            "determined": bool(determined[i]),
         }
         for i, (name, value) in enumerate(zip(unknowns.names[: unknowns.asked], unknowns.values(fit.x), strict=False))
     ]
@@ -115,7 +115,7 @@ def prediction_columns(names: Sequence[str], predicted: Prediction) -> dict[str,
 
 
 def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Noted], over: PredictionMap | None = None) -> list[str]:
-    """What a person is told, line by line."""
+    """Lines for the reader, line by line."""
     before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
     lines = []
     if len(after):
@@ -124,8 +124,8 @@ def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Not
     if found.settings.weights == "biweight":
         lines.append(message("robots.weighed_tukeys_biweight_they", rows=found.weight.sum()))
     lines.append(message("robots.freed", names=tuple(found.settings.free)))
-    told = determined(found.fit)[: len(found.fit.problem.unknowns.own)]
-    lines.append(message("robots.parameters_determined_measurements_others", count=told.sum(), of=len(told)))
+    determined = determined_parameters(found.fit)[: len(found.fit.problem.unknowns.own)]
+    lines.append(message("robots.parameters_determined_measurements_others", count=determined.sum(), of=len(determined)))
     size = message("robots.scatter_size", mm=found.robot_mm) if found.tells_noise else message("robots.cannot_tell")
     apart = found.rows.stated[0] or found.noise.reading_mm > 0.0
     lines.append(message("robots.scatter" if apart else "robots.scatter_both", size=size))

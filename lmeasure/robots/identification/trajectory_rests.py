@@ -138,7 +138,7 @@ def _in_order(found: Rests, commanded: Commanded, robot: RobotModel) -> IntArray
         if same is None:
             raise RobotError(
                 f"{commanded.path}: has {len(commanded)} rows, the trajectory {len(found)} rests without orientations: which belong "
-                "together is not told; a column time_s says it"
+                "together is not determined; a column time_s says it"
             )
         return same
     pairs = aligned(found.poses, robot.forward(commanded.joints))

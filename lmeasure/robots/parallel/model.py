@@ -74,7 +74,8 @@ class Held:
 @dataclass(frozen=True)
 class Parallel:
     """`RobotModel` of legs with six equations; home (7,): base_from_flange at the joint values home_joints (n,); commanded: the
-    components of `COMPONENTS` that a robot of fewer than six joints is told, the others follow; bounds: of its workspace besides its
+    components of `COMPONENTS` that a robot of fewer than six joints is commanded in, the others follow; bounds: of its workspace besides
+    its
     joints' limits; known: poses (7,) that a robot hardly different took at joint values, by their bytes (`remembering`)."""
 
     name: str
@@ -107,7 +108,7 @@ class Parallel:
 
     @property
     def reach_mm(self) -> float:
-        """Not bounded: joint values that no pose has are told by `forward`."""
+        """Not bounded: joint values that no pose has are determined by `forward`."""
         return float("inf")
 
     @cached_property
@@ -285,21 +286,21 @@ class Parallel:
         if len(self.joint_names) == EQUATIONS:
             return np.asarray(poses)
         idle = np.flatnonzero([not self.legs[i].of.drives for i in self.owners])
-        told = [COMPONENTS.index(c) for c in self.commanded]
+        determined = [COMPONENTS.index(c) for c in self.commanded]
         still, at = np.tile(self.home_joints, (len(poses), 1)), np.tile(self.home, (len(poses), 1))
         chosen = np.tile(np.eye(EQUATIONS), (len(at), 1, 1))
-        way = self._components(poses, at)[:, told] / self.units[told]
+        way = self._components(poses, at)[:, determined] / self.units[determined]
         parts = min(1 + int(np.ceil(np.abs(way).max(initial=0.0) / self.stride_mm)), MOST_PARTS)
         for k in range(parts + 8):
             # steadily there from home, so that no other assembly is taken for it
             left = 1.0 / max(parts - k, 1)
-            lacks = np.concatenate([-self.residuals(at, still)[:, idle], left * self._components(poses, at)[:, told]], axis=1)
+            lacks = np.concatenate([-self.residuals(at, still)[:, idle], left * self._components(poses, at)[:, determined]], axis=1)
             chosen[:, :3, :3] = np.swapaxes(se3.matrices(at), 1, 2)
-            rows = np.concatenate([self.jacobians(at, still).output[:, idle], chosen[:, told]], axis=1)
+            rows = np.concatenate([self.jacobians(at, still).output[:, idle], chosen[:, determined]], axis=1)
             step = (np.linalg.pinv(rows * self.units) @ lacks[..., None])[..., 0]
             step /= np.maximum(1.0, np.abs(step).max(axis=1) / (2.0 * STRIDE * self.size_mm))[:, None]
             at = se3.displaced(at, step * self.units)
-        off = np.concatenate([self.residuals(at, still)[:, idle], (self._components(poses, at) / self.units)[:, told]], axis=1)
+        off = np.concatenate([self.residuals(at, still)[:, idle], (self._components(poses, at) / self.units)[:, determined]], axis=1)
         return np.where((np.abs(off).max(axis=1) < REACHED_MM)[:, None], at, np.nan)
 
     def _components(self, poses: FloatArray, reference: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a robot is told: one command after the other, each a way of the tool and a rest at its end."""
+"""Commands of a robot: one command after the other, each a way of the tool and a rest at its end."""
 
 from dataclasses import dataclass, field
 from typing import Literal

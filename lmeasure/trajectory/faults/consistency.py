@@ -46,9 +46,9 @@ MOSTLY = 0.8
 def spans(time_s: FloatArray, alarms: IntArray, error: FloatArray, u: FloatArray) -> list[tuple[int, int]]:
     """First and last epochs of the doubts, from the alarms on (k,), about cables with errors and uncertainties (n, q) at times (n,)."""
     n = len(error)
-    told = np.where(np.isfinite(u[alarms]), np.abs(error[alarms]), 0.0)
-    size = np.quantile(told, 0.9, axis=0)
-    shows = np.clip(0.5 * (told / u[alarms]).max(axis=0), *SHOWS)
+    determined = np.where(np.isfinite(u[alarms]), np.abs(error[alarms]), 0.0)
+    size = np.quantile(determined, 0.9, axis=0)
+    shows = np.clip(0.5 * (determined / u[alarms]).max(axis=0), *SHOWS)
     agrees: BoolArray = np.all((np.abs(error) <= AGREES * u) & (shows * u <= size), axis=1)
     out: list[tuple[int, int]] = []
     for alarm in alarms.tolist():
@@ -212,7 +212,7 @@ class Consistency:
         strongest = alarms[np.argsort(-chi, kind="stable")[: JUDGED // 2]]
         spread = alarms[np.unique(np.linspace(0, len(alarms) - 1, JUDGED // 2).round().astype(np.intp))]
         chosen = np.union1d(strongest, spread)
-        # cables that all of them use, or explanations could not be told apart at all
+        # cables that all of them use, or explanations could not be distinguished at all
         used: BoolArray = np.isfinite(self._epochs.change_mm)
         most = chosen[np.argmax(used[chosen].sum(axis=1))]
         chosen = chosen[np.all(used[chosen] == used[most], axis=1)]
@@ -301,10 +301,10 @@ class Consistency:
         for first, last in spans(self._epochs.time_s, alarms, error[:, None], u[:, None]):
             after, until = self._between(first, last)
             within = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
-            told = np.flatnonzero(within & np.isfinite(u))
+            determined = np.flatnonzero(within & np.isfinite(u))
             said = message("cable.left_out.unknown")
-            if len(told):
-                most = told[np.argmax(np.abs(error[told]))]
+            if len(determined):
+                most = determined[np.argmax(np.abs(error[determined]))]
                 said = message("cable.left_out", mm=float(error[most]), u_mm=float(u[most]))
                 if not self._rig.observed[cable].is_length:
                     deg, u_deg = np.degrees([error[most], u[most]]).tolist()
@@ -339,7 +339,7 @@ class Consistency:
 
     def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[Message, Message]]:
         """Doubts less those of lost origins that the other cables prove right, and what to say of these instead."""
-        told: dict[Message, Message] = {}
+        determined: dict[Message, Message] = {}
         for doubt in [d for d in every if d.status == Status.ORIGIN_LOST and d.cable != EVERY]:
             mine = np.flatnonzero(doubt.mask(self._epochs.time_s) & ~self._settled)
             if not len(mine):
@@ -353,10 +353,10 @@ class Consistency:
             agrees = np.all(np.abs(error) <= PROVES * u) and abs(error[best]) <= 0.5 * PROVES * u[best]
             if u[best] <= BACK_MM and agrees:
                 every.remove(doubt)
-                told[doubt.said] = message("origin.shown", what=doubt.said)
+                determined[doubt.said] = message("origin.shown", what=doubt.said)
                 mask = doubt.mask(self._epochs.time_s)
                 self._epochs.change_mm[mask, doubt.cable] = self._epochs.gone_on_mm[mask, doubt.cable]
-        return every, told
+        return every, determined
 
 
 def _without(changes: FloatArray, cables: tuple[int, ...], where: BoolArray | None = None) -> FloatArray:

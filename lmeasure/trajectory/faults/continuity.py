@@ -1,4 +1,4 @@
-"""Steps in the counts of single channels that no motion makes, told by the motion itself.
+"""Steps in the counts of single channels that no motion makes, determined by the motion itself.
 
 Between two samples a body of some inertia does not step. Let x be a cable's length at four samples, d1, d2, d3 the changes between them
 in the times t1, t2, t3. Going on from before at d1/t1, or back from behind at d3/t3, the middle interval is missed by
@@ -14,7 +14,7 @@ A channel that stops or runs off from one sample to the next while the others go
 held against the same A. One that all cables share is the robot's. Nor does a channel that stands on one count while another cable of the
 same point is drawn far.
 
-Steps of single channels between samples (`trajectory.faults.continuity` says by what they are told): where one may be, and how large.
+Steps of single channels between samples (`trajectory.faults.continuity` says by what they are reported): where one may be, and how large.
 
 Channels that stand on one count while their attachment point is drawn far: an encoder that died, a cable that hangs.
 """
@@ -184,7 +184,8 @@ class StandingFinder:
         m = len(points)
         braked = np.array([rig.point(c.from_point).drum.braked for c in rig.cable])
         self._together = (points[:, None] == points) & ~np.eye(m, dtype=np.bool_) & ~braked[:, None]
-        # of each channel: its last count and since when, the extremes of the ways of all cables since then, and whether it has been told
+        # of each channel: its last count and since when, the extremes of the ways of all cables since then, and whether it has been
+        # determined
         self._last, self._last_s, self._since = np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan)
         self._low, self._high = np.full((m, m), np.inf), np.full((m, m), -np.inf)
         self._told, self._way = np.zeros(m, np.bool_), np.zeros(m)
@@ -355,7 +356,7 @@ class ContinuityFinder:
         return float(self._accelerations[0])
 
     def found(self) -> Continuity:
-        """All that the run told."""
+        """All that the run determined."""
         breaks: list[Break] = []
         clock: set[float] = set()
         held, acceleration = self._held_s(), np.maximum(self._acceleration, self._usual(0))
@@ -426,7 +427,8 @@ class ContinuityFinder:
         return bool(abs(missed) <= known <= abs(new.by_mm) / 2.0)
 
     def _take_jumps(self, lengths: Lengths, time_s: FloatArray, mm: FloatArray, known: int) -> None:
-        """Jumps beyond the stated speed, which may stand where no step can be told from the motion: behind empty cells, or first of all."""
+        """Jumps beyond the stated speed, which may stand where no step can be determined from the motion: behind empty cells, or first of
+        all."""
         for j, reasons in enumerate(lengths.reasons):
             for reason in reasons:
                 if reason.status != Status.JUMP:

@@ -30,14 +30,14 @@ Reliability of redundant channels as geodesists state it (Baarda, A testing proc
 With A the rows of a sample's channels, P their weights and G = (A^T P A)^-1 A^T P, a reading's *redundancy number* is r_j = 1 - (A G)_jj:
 the part of an error of it that shows in its own residual; they sum to the number of channels to spare. Let W be the weight of the
 contradictions (`redundancy`, with everything that the readings share in their covariance). The error that channel j alone would have is
-told with the variance 1/W_jj, so the smallest fault that a test of significance alpha finds with a power is
+determined with the variance 1/W_jj, so the smallest fault that a test of significance alpha finds with a power is
 
     m_j = (z(1 - alpha/2) + z(power)) / sqrt(W_jj)
 
 (*internal reliability*), and one that is just not found moves the pose by G_j m_j (*external reliability*). The statistics of two channels
 correlate by rho = W_jk / sqrt(W_jj W_kk): near 1 a fault of either looks like one of the other (Foerstner 1983). Without channel k that of
-j weighs W_jj (1 - rho^2), by the Schur complement: so a fault of m_j / sqrt(1 - rho^2) is found even where k is left out, and told apart
-from one of k. The smallest that is told apart from every other is that of the largest rho.
+j weighs W_jj (1 - rho^2), by the Schur complement: so a fault of m_j / sqrt(1 - rho^2) is found even where k is left out, and distinguished
+from one of k. The smallest that is distinguished from every other is that of the largest rho.
 """
 
 from dataclasses import dataclass, replace
@@ -90,8 +90,8 @@ def chance_of(uniform: FloatArray, normal: FloatArray) -> ChanceOfContradiction:
     grid = np.linspace(0.0, max(q[-1] for q, _ in each), 400)
     chances = np.array([np.exp(np.interp(grid, np.append(0.0, q), np.append(0.0, p))) * (grid <= q[-1]) for q, p in each])
     mean = chances.mean(axis=0)
-    told = mean > np.exp(LEAST)
-    return ChanceOfContradiction(grid[told], np.log(mean[told]))
+    determined = mean > np.exp(LEAST)
+    return ChanceOfContradiction(grid[determined], np.log(mean[determined]))
 
 
 def _of_one(U: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -397,7 +397,8 @@ LEAST_WEIGHT = 1e-9
 
 @dataclass(frozen=True)
 class Faults:
-    """smallest, apart (n, m): smallest fault of a channel that is found, and that is told apart from one of any other, infinite where there
+    """smallest, apart (n, m): smallest fault of a channel that is found, and that is distinguished from one of any other, infinite where
+    there
     is none; correlation (n, m, m) of the channels' tests, NaN where one is not controlled."""
 
     smallest: FloatArray
@@ -420,7 +421,8 @@ def faults_shown(weight: FloatArray, controlled: BoolArray | None = None) -> Fau
 
 @dataclass(frozen=True)
 class Reliability:
-    """At n samples of m channels: redundancy number (n, m); smallest fault that is found (n, m) [mm, rad], and that is told apart from one
+    """At n samples of m channels: redundancy number (n, m); smallest fault that is found (n, m) [mm, rad], and that is distinguished from
+    one
     of any other channel, infinite where nothing controls a channel; effect (n, m) on the tool's place [mm] of one that is just not
     found; correlation (n, m, m) of the channels' tests, NaN where a channel is not controlled. NaN of a channel that is not used."""
 
@@ -456,7 +458,7 @@ def places_of_reliability(epochs: Epochs) -> Epochs:
 
 
 def reliability_notes(rig: Rig, found: Reliability) -> tuple[Message, ...]:
-    """Return the least redundancy number with the largest fault that is not found, and the smallest faults that are told apart; nothing
+    """Return the least redundancy number with the largest fault that is not found, and the smallest faults that are distinguished; nothing
     where no pose is known."""
     return (_largest_fault(rig, found), _smallest_faults(rig, found)) if len(found.time_s) else ()
 
@@ -496,16 +498,16 @@ def _largest_fault(rig: Rig, found: Reliability) -> Message:
 
 def _smallest_faults(rig: Rig, found: Reliability) -> Message:
     """In a line: of every channel the smallest fault that a sample tells apart from one of any other, at the best and the worst of them."""
-    told = []
+    determined = []
     for o, sizes in zip(rig.observed, found.apart.T, strict=True):
         seen = sizes[~np.isnan(sizes)]
         if not np.isfinite(seen).any():
-            told.append(message("reliability.apart.never", channel=o.name))
+            determined.append(message("reliability.apart.never", channel=o.name))
             continue
         kind, unit, per = ("length", "mm", 1.0) if o.is_length else ("angle", "deg", float(np.degrees(1.0)))
         size = {f"least_{unit}": float(seen.min()) * per}
         if np.isinf(seen).any():
-            told.append(message(f"reliability.apart.{kind}.partly", channel=o.name, **size))
+            determined.append(message(f"reliability.apart.{kind}.partly", channel=o.name, **size))
         else:
-            told.append(message(f"reliability.apart.{kind}", channel=o.name, **size, **{f"most_{unit}": float(seen.max()) * per}))
-    return message("reliability.apart", alpha=100.0 * ALPHA, power=100.0 * POWER, channels=tuple(told))
+            determined.append(message(f"reliability.apart.{kind}", channel=o.name, **size, **{f"most_{unit}": float(seen.max()) * per}))
+    return message("reliability.apart", alpha=100.0 * ALPHA, power=100.0 * POWER, channels=tuple(determined))

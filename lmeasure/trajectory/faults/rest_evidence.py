@@ -12,7 +12,7 @@ something
 shows that the origin is where it was: a rest at a place where the run rested before, or began, at which all the other channels are back and
 this one too. (Redundant cables prove it likewise: `trajectory.faults.consistency`.)
 
-Where a run rests, and which of its rests are visits of one place, told by the counts alone.
+Where a run rests, and which of its rests are visits of one place, determined by the counts alone.
 
 A rest is a mean of lengths. Two rests are of one place when all cables but one agree: six lengths are a pose, and two poses that a robot is
 sent to do not differ by the one twist that a single cable sees; a counter that lost counts does.
@@ -169,9 +169,11 @@ def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
             places.forget(doubt)
             notes.append(message("origin.back", what=doubt.said, at_s=proof))
     if continuity.clock_s:
-        told = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
+        determined = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
         more = len(continuity.clock_s) - 3
-        notes.append(message("clock.stepped.often", after_s=told, more=more) if more > 0 else message("clock.stepped", after_s=told))
+        notes.append(
+            message("clock.stepped.often", after_s=determined, more=more) if more > 0 else message("clock.stepped", after_s=determined)
+        )
     if len(notes) > MOST_NOTES:
         notes = [*notes[:MOST_NOTES], message("counts.more", more=len(notes) - MOST_NOTES)]
     return Doubts(tuple(every), tuple(notes))
@@ -206,8 +208,12 @@ def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[Message]:
     notes = []
     for j in sorted({a.cable for a in away}):
         mine = [a.after_s for a in away if a.cable == j]
-        told = {"channel": rig.cable[j].channel, "after_s": mine[0]}
-        notes.append(message("channel.elsewhere.often", **told, times=len(mine)) if len(mine) > 1 else message("channel.elsewhere", **told))
+        determined = {"channel": rig.cable[j].channel, "after_s": mine[0]}
+        notes.append(
+            message("channel.elsewhere.often", **determined, times=len(mine))
+            if len(mine) > 1
+            else message("channel.elsewhere", **determined)
+        )
     return notes
 
 
@@ -274,7 +280,7 @@ class _Places:
 SIGNIFICANCE = 1e-3
 """Of a run: shared by all channels and all moments at which counts may have been lost (Bonferroni)."""
 LEAST_COUNTS = 5.0
-"""A step that is smaller is not told from the robot's."""
+"""A step that is smaller is not determined from the robot's."""
 SCATTERS = 3.0
 """Or smaller than this many scatters of single visits."""
 ALONE = 8.0
@@ -283,8 +289,8 @@ AT_ONCE = 0.5
 """Of a step must lie between the two visits of each place next to it, beyond what lies between others near: a drift is spread over all."""
 TRENDED = 6
 """Degrees of freedom from which a linear drift is taken off."""
-TOLD = 3
-"""Changes from visit to visit from which their scatter is told."""
+DETERMINED = 3
+"""Changes from visit to visit from which their scatter is determined."""
 CLOSED_COUNTS = 3.0
 CLOSED_MM = 0.1
 CLOSED_SCATTERS = 5.0
@@ -376,7 +382,7 @@ class EvidenceFinder:
         self._continuity.add(lengths)
 
     def found(self) -> Evidence:
-        """All that the run told."""
+        """All that the run determined."""
         rests, continuity = self._finder.rests(), self._continuity.found()
         doubts = doubts_of(self._rig, continuity, rests)
         evidence = evidence_of(self._rig, rests, self._recorded, doubts)
@@ -410,8 +416,8 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), dou
         notes.append(message("counts.not_closed", channel=rig.cable[j].channel, **by))
     several = np.flatnonzero((np.abs(back[0][0]) > limit) & (closure == 0.0)) if _returns(rests) and not doubts.every else ()
     if len(several) > 1:
-        told = ", ".join(f"{rig.cable[j].channel} {back[0][0][j] * per_mm[j]:+.1f}" for j in several)
-        notes.append(message("counts.not_closed.several", channels=told))
+        determined = ", ".join(f"{rig.cable[j].channel} {back[0][0][j] * per_mm[j]:+.1f}" for j in several)
+        notes.append(message("counts.not_closed.several", channels=determined))
     return Evidence(steps, closure, *span, tuple(notes))
 
 
@@ -444,7 +450,7 @@ def _returns(rests: Rests) -> list[tuple[FloatArray, tuple[float, float]]]:
 
 
 def _alone(sizes: FloatArray) -> BoolArray:
-    """(m,) which of m channels is ALONE times as large as the others together (root mean square); none can be told of few."""
+    """(m,) which of m channels is ALONE times as large as the others together (root mean square); none can be determined of few."""
     m = len(sizes)
     others = np.sqrt(np.maximum((sizes**2).sum() - sizes**2, 0.0) / max(m - 1, 1))
     return (np.abs(sizes) > ALONE * others) & (m >= LEAST_CABLES)
@@ -458,7 +464,7 @@ def _scatter(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
         values[rests.begin_s >= step.before_s, step.cable] -= step.length_mm
     places = rests.places() if len(rests) else np.empty(0, np.int64)
     changes = np.concatenate([np.diff(values[places == place], axis=0) for place in np.unique(places)] or [values])
-    if len(changes) < TOLD:
+    if len(changes) < DETERMINED:
         return np.zeros(values.shape[1])
     each = np.sqrt(np.mean(changes**2, axis=0) / 2.0)
     return np.asarray(np.maximum(each, np.sqrt(np.mean(each**2))))

@@ -355,8 +355,8 @@ def _of_messages(path: Path, stated: Stated) -> Trajectory:
     random, systematic, absent = _same(len(read.time_s), stated, oriented=True)
     # ROS: zeros say that nothing is known
     if read.covariance is not None:
-        told = {"rotation": slice(0, 3), "position": slice(3, 6)}
-        for what, own in told.items():
+        determined = {"rotation": slice(0, 3), "position": slice(3, 6)}
+        for what, own in determined.items():
             if what in absent and np.einsum("nii->ni", read.covariance)[:, own].all():
                 random[:, own, own] = read.covariance[:, own, own]
                 absent = tuple(w for w in absent if w != what)

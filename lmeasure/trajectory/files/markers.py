@@ -2,7 +2,8 @@
 
 The body's shape is found from all frames together, its poses by rotating it onto what each frame shows (Kabsch, Acta Cryst. A 34, 1978),
 and what is left over is the uncertainty of a marker, from which that of the poses follows. Labels that were swapped are put right where
-that explains a frame, a single marker that lies off is left out, and both are told. Its origin is the middle of the markers, its axes are
+that explains a frame, a single marker that lies off is left out, and both are reported. Its origin is the middle of the markers, its axes
+are
 those of the instrument in the first frame that shows all of them.
 """
 
@@ -223,7 +224,7 @@ def _of_keys(path: Path, lines: list[str]) -> Marked:
     timed = lines[number - 1].split("\t")[0].strip().lower() == "frame" if number <= len(lines) else False
     rate = _number(path, keys.get("FREQUENCY", ["0"])[0], "FREQUENCY")
     if not timed and rate <= 0.0:
-        raise FileFormatError(f"{path}: has neither columns Frame and Time nor a FREQUENCY: when its frames were taken is not told")
+        raise FileFormatError(f"{path}: has neither columns Frame and Time nor a FREQUENCY: when its frames were taken is not determined")
     return _rows(path, lines, number + timed, names, 2 if timed else 0, rate, 1.0)
 
 

@@ -1,6 +1,6 @@
 """From a trajectory to attained poses: the mean over each dwell, and what says that a dwell is none.
 
-Where a trajectory rests, told by its poses, and the part of each rest in which the robot has settled.
+Where a trajectory rests, determined by its poses, and the part of each rest in which the robot has settled.
 """
 
 from dataclasses import dataclass

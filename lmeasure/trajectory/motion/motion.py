@@ -133,8 +133,8 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
     poses, derivatives, factors = _local_cubics(time_s, given, half_width_s, stamps.stretch)
     if np.isnan(poses[:, 0]).all():
         apart = float(np.median(np.diff(time_s[placed]))) if placed.sum() > 1 else np.nan
-        told = "" if np.isnan(apart) else f", which are {apart:.3g} s apart: a wider window, or times in another unit"
-        raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {LEAST} poses{told}")
+        determined = "" if np.isnan(apart) else f", which are {apart:.3g} s apart: a wider window, or times in another unit"
+        raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {LEAST} poses{determined}")
     if not turned:
         poses[:, 3:] = derivatives[:, :, :3] = np.nan
     steps = np.diff(poses[~np.isnan(poses[:, 0]), :3], axis=0)

@@ -1,4 +1,4 @@
-"""What channels count from, told by a run whose channels are redundant: start pose, phases of zeroing, zeros of encoders.
+"""What channels count from, determined by a run whose channels are redundant: start pose, phases of zeroing, zeros of encoders.
 
 A reading is f(pose) less an origin that all samples share, plus its own error. What is known of the origins before is a few variables of
 unit variance (`Budget.origins`): the start pose, if one was stated, else anything; where within a count each counter was zeroed; the zeros
@@ -20,7 +20,8 @@ From when to when a channel came to read from another origin, as a counter does 
 The others tell the poses, and what they share with the channel in question: by them it errs by e at every sample, with a variance of its
 own (rounding) and one that neighbours have in common (calibration). A channel that slipped errs by one constant up to some sample and by
 another one from a later sample on: behind that it can be used again, from an origin that the run tells. When the one ended and the other
-began is told by the likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung comes
+began is determined by the likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung
+comes
 back to the constant it had; one that still errs otherwise at the end of the run goes on from none.
 
 Whether a channel slipped in a run whose origins were found: too little for any single sample to show, but all of them together do.
@@ -396,7 +397,7 @@ RESTORED = ("origin.restored.length", "origin.restored.angle")
 UNDETERMINED = "origin.untold"
 """Of a channel whose new origin the run does not determine."""
 HARDLY = 0.5
-"""Of what was supposed of an origin before the run: what is known no better was not told by it."""
+"""Of what was supposed of an origin before the run: what is known no better was not determined by it."""
 DOUBTED = (Status.INCONSISTENT, Status.ORIGIN_LOST)
 OF_NOBODY = frozenset({*(IN_TIME[code] for code in IN_TIME if code.startswith("contradiction")), "rig.uncalibrated", "passes.not_repeated"})
 LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])

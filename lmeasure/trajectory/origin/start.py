@@ -45,7 +45,7 @@ from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.sources import LOOSE_RAD, OriginEstimate, rough_columns, zeros_of
 
 SAMPLES = 32
-"""Of the run, by which its start is told."""
+"""Of the run, by which its start is determined."""
 DRAWN = 3000
 """Poses from which ones that fit the first readings are sought: of 600 none lay near enough to where one run of 25 with three encoders
 began."""
@@ -373,7 +373,7 @@ def find_start(rig: Rig, lengths: Lengths, source: str, begin: Begin) -> Reconst
                 candidates.append(reconstruction.with_estimate(estimate))
             except (GeometryError, TrajectoryError) as error:
                 failed = error
-        # a fault contradicts every beginning alike: before it they are told apart
+        # a fault contradicts every beginning alike: before it they are distinguished
         chi, freedom = _contradictions(candidates)
         if chi.min(initial=np.inf) <= SOUND * freedom:
             break
@@ -447,17 +447,17 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
     if not every:
         return []
     best = every[0]
-    least, told = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0), ""
+    least, determined = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0), ""
     if longest < LEAST:
-        told = "fits no start that was found" + (f" beyond its first {100 * longest:.0f} %" if longest else "")
-        told += ": a pose of it is nearly singular, or a channel is wrong"
+        determined = "fits no start that was found" + (f" beyond its first {100 * longest:.0f} %" if longest else "")
+        determined += ": a pose of it is nearly singular, or a channel is wrong"
     elif least > TOLD_MM:
-        told = f"tells it to {least:.3g} mm only" if least < NOTHING_MM else "does not tell it"
-        told += ": move the tool farther, or turn it"
-    if told:
+        determined = f"tells it to {least:.3g} mm only" if least < NOTHING_MM else "does not tell it"
+        determined += ": move the tool farther, or turn it"
+    if determined:
         raise TrajectoryError(
             f"{source}: the start pose of this run is not known, and its motion from {time_s:.6g} s on, with "
-            f"{int(usable.sum())} of its channels absolute, {told}; {STATE}"
+            f"{int(usable.sum())} of its channels absolute, {determined}; {STATE}"
         )
     limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
     return [begun for begun in every if begun.chi_squared <= limit]

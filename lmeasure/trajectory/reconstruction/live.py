@@ -1,6 +1,7 @@
 """The pose while the run is being recorded: one sample in, one pose out, in microseconds.
 
-What redundant channels tell of their origins, and absolute ones of a start that nobody stated, is told by the run so far: it is learned
+What redundant channels tell of their origins, and absolute ones of a start that nobody stated, is determined by the run so far: it is
+learned
 whenever the run has become twice as long, by what `reconstruct` does with the samples that there are, and followed from there on.
 
 From a sample's counts to its pose, sample by sample, by what is known of a run: the ways that `live` follows.
@@ -181,7 +182,7 @@ class AnyChannels:
 
 
 START_UNKNOWN = "start_unknown"
-"""Status of a sample while nothing has told yet where the run began."""
+"""Status of a sample while nothing has determined yet where the run began."""
 FIRST = 50
 """Samples by which a run is learned first; then by twice as many each time, and once more where a sample contradicts itself."""
 COVARIANCE_EVERY_S = 0.2
@@ -202,7 +203,8 @@ class LivePose:
     """A run in one pass that is followed sample by sample.
 
     Of six cables, or of six channels with a start, the poses are those of `reconstruct`. With more, or without a start (7,), those of a
-    sample at which the run is learned are what `reconstruct` gives of the run up to it; later ones use what was told then. aside: learn in
+    sample at which the run is learned are what `reconstruct` gives of the run up to it; later ones use what was reported then. aside:
+    learn in
     a thread, and follow meanwhile by what is known. Where a drum states no counter_bits its counter is taken as one that does not wrap.
     Raises what `Reconstruction` raises, and TrajectoryError when the rig has more than one pass, effects that are left out here, or no
     start and too few absolute channels. Everything is compiled before the constructor returns.

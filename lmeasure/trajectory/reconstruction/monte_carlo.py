@@ -48,7 +48,7 @@ def by_monte_carlo(
     u_mm = lengths.u_mm
     of = trials * (2 if budget.sources else 1)
     lengths = reconstruction.corrected(lengths)
-    # what temperature, stretch and sag, and origins that the run told, have taken off the changes stays with the trials
+    # what temperature, stretch and sag, and origins that the run determined, have taken off the changes stays with the trials
     corrected = model.correction is not None or budget.estimate is not None
     offset = lengths.change_mm - changes_from_counts(rows, counts) if corrected else 0.0
     situation = Situation(lengths.time_s, trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
@@ -102,7 +102,8 @@ def by_monte_carlo(
 def _drawn_by_estimate(
     budget: Budget, estimate: OriginEstimate, situation: Situation, generator: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """A draw of all that a run shares which told of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m) by
+    """A draw of all that a run shares which determined of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m)
+    by
     whatever else there is. What an origin took up of a parameter errs with it."""
     own = [standard(generator, (len(s.names),), s.uniform and s not in budget.origins) for s in budget.every]
     root = budget.by_parameter.root

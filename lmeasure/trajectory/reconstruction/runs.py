@@ -166,7 +166,8 @@ def reconstruct_stream(
 ) -> Summary:
     """Reconstruct a run for which `can_stream` holds and write its trajectory as `trajectory_writer` does.
 
-    The result is that of `reconstruct`, whose judge is this; progress is told (done, of), each piece is given to `each` and then let go.
+    The result is that of `reconstruct`, whose judge is this; progress is called with (done, of), each piece is given to `each` and then
+    let go.
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     run = _StreamedRun.of(head)

@@ -187,7 +187,7 @@ COMPILING_PAYS = 2**14  # samples from which the kernels save more than they tak
 LANES_PAY = 2**17  # of redundant channels, whose lanes take longer to compile
 START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that is off by centimetres is still on its side
 START_COVERAGE = 3.0  # standard uncertainties of the start
-START_NEAR_MM = 50.0  # another assembly this near to the start is told: a start that is off by centimetres may be meant for it
+START_NEAR_MM = 50.0  # another assembly this near to the start is determined: a start that is off by centimetres may be meant for it
 
 _CAUSES = {
     Status.SINGULAR: message("cause.singular"),
@@ -426,7 +426,7 @@ def _check_side(budget: Budget, angle: float) -> None:
     if not (sides == sides[0]).all():
         raise TrajectoryError(
             f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(angle):.1f} deg at the "
-            f"stated one; badly seen: {split.lost.said}): in which of two assemblies the run is cannot be told"
+            f"stated one; badly seen: {split.lost.said}): in which of two assemblies the run is cannot be determined"
         )
 
 

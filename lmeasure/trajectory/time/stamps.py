@@ -160,8 +160,8 @@ def numbers(stamps_s: FloatArray, places: FloatArray, u_mm: float, begins: BoolA
     seen[pause | stood | (np.abs(times - seen) > WHOLE)] = 1
     period = _first_period(stamps_s, seen, clear)
     rise = _rise(stamps_s - period * _summed(steps).astype(np.float64), LEVEL)
-    told = (seen > 1) & (rise > LIKELY * period * (seen - 1))
-    steps[told] = seen[told]
+    determined = (seen > 1) & (rise > LIKELY * period * (seen - 1))
+    steps[determined] = seen[determined]
     period = _first_period(stamps_s, steps, clear)
     steps[pause] = np.maximum(np.rint(intervals[pause] / period), 1).astype(np.int64)
     for _ in range(PASSES):

@@ -332,7 +332,7 @@ class Budget:
         self.every = (*(source for source in every if source not in self.origins), *self.origins)
         """All sources of systematic error, the origins last."""
         self.supposed = np.zeros(len(self.origin_names))
-        """(o,) what the variables of the origins are taken for until a run has told them."""
+        """(o,) what the variables of the origins are taken for until a run has determined them."""
         self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
 
     def with_estimate(self, estimate: OriginEstimate | None) -> "Budget":
@@ -385,7 +385,7 @@ class Budget:
 
     def restored_origins(self) -> list[tuple[int, float, float, float, float]]:
         """Of each restored channel its index, from when and until when [s], by how much its readings were too large, and the standard
-        uncertainty of that, as the run told."""
+        uncertainty of that, as the run determined."""
         if self.estimate is None:
             return []
         out, n = [], len(self.restored)
@@ -397,8 +397,9 @@ class Budget:
 
     @property
     def length_variance(self) -> FloatArray:
-        """(m,) [mm^2, rad^2] of a single reading, zero phase and zero included where the run has not told them: what readings are weighed
-        and told apart by."""
+        """(m,) [mm^2, rad^2] of a single reading, zero phase and zero included where the run has not determined them: what readings are
+        weighed
+        and distinguished by."""
         return self._before if self.estimate is None else self.variance
 
     @property
@@ -412,18 +413,18 @@ class Budget:
         return tuple(name for source in self.origins for name in source.names)
 
     def origin_lengths(self, time_s: FloatArray) -> FloatArray:
-        """(n, m, o) errors of the readings at times (n,) by the variables of the origins, as they were before a run told of them."""
+        """(n, m, o) errors of the readings at times (n,) by the variables of the origins, as they were before a run determined of them."""
         n, m = len(time_s), len(self.scheme.rows)
         nowhere = Situation(time_s, np.empty((n, 0)), np.empty((n, m)), np.empty((n, m)))
         return self._lengths_of(nowhere, self.origins)
 
     def offsets(self, time_s: FloatArray) -> FloatArray:
-        """(n, m) by which readings at times (n,) are too large by what the run told of its origins."""
+        """(n, m) by which readings at times (n,) are too large by what the run determined of its origins."""
         mean = self.supposed if self.estimate is None else self.estimate.mean
         return np.asarray(self.origin_lengths(time_s) @ mean) if mean.any() else np.zeros((1, len(self.scheme.rows)))
 
     def estimated_offsets(self, time_s: FloatArray) -> FloatArray:
-        """(n, m) by which readings at times (n,), less what was supposed, are too large by what the run told of its origins."""
+        """(n, m) by which readings at times (n,), less what was supposed, are too large by what the run determined of its origins."""
         if self.estimate is None:
             return np.zeros((1, len(self.scheme.rows)))
         return np.asarray(self.origin_lengths(time_s) @ (self.estimate.mean - self.supposed))
@@ -459,7 +460,7 @@ class Budget:
         return PoseCovariances(own, factors, self.sources, self.uniform)
 
     def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
-        """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources; of all, as a run told."""
+        """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources; of all, as a run determined."""
         lengths = self._lengths_of(situation, sources)
         return lengths if self.estimate is None or sources is not self.every else np.asarray(lengths @ self.estimate.mix)
 

@@ -145,11 +145,12 @@ def angle_of(rig: Rig) -> FloatArray:
 
 
 def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
-    """(m,) [rad^2] by which readings scatter more than their rounding until a run has told the zeros, of standard uncertainties (m,) [rad].
+    """(m,) [rad^2] by which readings scatter more than their rounding until a run has determined the zeros, of standard uncertainties
+    (m,) [rad].
 
     A reading that weighs by its rounding, but is off by its zero, leads the pose away from where the others have it, where what channels
     say of each other is no longer of first order. So it weighs as it is known; where fewer than the free components (their number) of the
-    pose are told by others, all are taken for better known by one factor, for normal equations square what readings weigh.
+    pose are determined by others, all are taken for better known by one factor, for normal equations square what readings weigh.
     """
     u = np.where(zeros < NEAR_RAD, 0.0, zeros)
     needed = needed_zero(u, free)
@@ -178,8 +179,10 @@ def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArr
     the free components (their number) of the pose."""
     loose = np.flatnonzero(zeros_of(rig, record) > LOOSE_RAD)
     if len(loose) and len(rig.observed) - len(loose) < free:
-        told = ", ".join(rig.observed[j].channel for j in loose)
-        raise TrajectoryError(f"the zero of {told} is not known, and the other channels do not tell the pose without it: state zero_deg")
+        determined = ", ".join(rig.observed[j].channel for j in loose)
+        raise TrajectoryError(
+            f"the zero of {determined} is not known, and the other channels do not tell the pose without it: state zero_deg"
+        )
     return loose
 
 
@@ -216,7 +219,8 @@ def standard(generator: np.random.Generator, shape: tuple[int, ...], uniform: bo
 
 @dataclass(frozen=True)
 class OriginEstimate:
-    """What a run told of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins last,
+    """What a run determined of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the
+    origins last,
     by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that had a
     part in it; covariance (K, K) of all shared variables, C; aside (K - o,): means of the other variables, which are not applied."""
 

@@ -32,12 +32,12 @@ def figures(channels: Channels, poses: FloatArray, names: tuple[str, ...] = (), 
     if root is not None:
         every = np.concatenate([every, shared_errors(channels, poses, G, names, root=root)], axis=2)
     covariance = every @ np.swapaxes(every, 1, 2)
-    told = np.isfinite(covariance).all(axis=(1, 2))
+    reported = np.isfinite(covariance).all(axis=(1, 2))
     u95, angle = np.full(len(poses), np.inf), np.full(len(poses), 90.0)
-    u95[told] = [exact_radius_95(values) for values in np.linalg.eigvalsh(covariance[told, 3:, 3:])]
+    u95[reported] = [exact_radius_95(values) for values in np.linalg.eigvalsh(covariance[reported, 3:, 3:])]
     # geometry, whatever the readings are known to
-    alike = twists(channels, poses[told], weighted=False)
-    angle[told] = np.degrees(pressure_angles(channels, poses[told], alike).max(axis=1))
+    alike = twists(channels, poses[reported], weighted=False)
+    angle[reported] = np.degrees(pressure_angles(channels, poses[reported], alike).max(axis=1))
     return Figures(covariance, u95, angle)
 
 

@@ -122,14 +122,14 @@ def minimax(
         tried = anchors + own[:, :3], points + own[:, 3:6], lengths + own[:, 6]
         new_turns = turns + step[PARAMETERS * m :] * turn_free
         value = float(np.abs(misses(turned(poses, new_turns), *tried)).max())
-        told = best - float(found.x[-1])
+        determined = best - float(found.x[-1])
         if value < best:
             (anchors, points, lengths), turns = tried, new_turns
-            radius *= 2.0 if best - value > 0.5 * told else 1.0
+            radius *= 2.0 if best - value > 0.5 * determined else 1.0
             best = value
         else:
             radius *= 0.25
-        if told < 1e-9 * best or radius < 1e-10:
+        if determined < 1e-9 * best or radius < 1e-10:
             break
     return Minimax(anchors, points, lengths, turns, best)
 

@@ -1,7 +1,7 @@
 """The platform on four carriages of a circular guide: two radial chains with a second drive each, two plain rods (source 002, 3.2, 4.2).
 
 Chains 1 and 2 stand in the vertical plane through the guide's axis and their carriage, since their first hinge lies along the guide: the
-carriage is told where A is, q = azimuth of A, and the second drive how far: a slide of the length d between the hinges (variant 2.1 of
+carriage is commanded to A, q = azimuth of A, and the second drive how far: a slide of the length d between the hinges (variant 2.1 of
 the source), or a hinge at the carriage that lifts a lower arm a by the angle theta above the way inwards, from whose end the upper arm b
 goes to A (variant 2.2). Chains 3 and 4 are rods of the length L. Six equations for six coordinates, in mm each:
 
