@@ -253,7 +253,8 @@ def table_writer(path: Path, metadata: Metadata | None = None) -> Iterator[Calla
             if writer is None:
                 schema = data.schema
                 if suffix == ".parquet":
-                    writer = pa.parquet.ParquetWriter(temporary, schema, compression="zstd")
+                    # without a copy of the schema its metadata are the file's own, some of which are known at the end only
+                    writer = pa.parquet.ParquetWriter(temporary, schema, compression="zstd", store_schema=False)
                 else:
                     options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="none")
                     writer = pa.csv.CSVWriter(temporary, schema, write_options=options)
