@@ -244,7 +244,7 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
     """
     path = Path(path)
     raw = read_regular(path)
-    suffix = path.suffix.lower()
+    suffix, metadata = path.suffix.lower(), None
     if torn and suffix == ".csv":
         raw = raw[: raw.rfind(b"\n") + 1]
     try:
@@ -252,6 +252,7 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
             if (size := decoded_bytes(path)) > LARGEST_BYTES:
                 raise FileFormatError(f"{path}: cannot be read: its numbers and texts take {size} bytes, {LARGEST_BYTES} are the most")
             data = pa.parquet.read_table(pa.BufferReader(raw), columns=None if only is None else list(only))
+            metadata = pa.parquet.read_metadata(pa.BufferReader(raw)).metadata
         elif suffix == ".csv":
             if not raw or raw.isspace():
                 raise FileFormatError(f"{path}: is empty")
@@ -280,7 +281,7 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
         raise FileFormatError(f"{path}: column {twice[0]!r} stands twice")
     if "" in names:
         raise FileFormatError(f"{path}: column number {names.index('') + 1} has no name")
-    return Table(path, data.rename_columns(names))
+    return Table(path, data.rename_columns(names).replace_schema_metadata(metadata))
 
 
 def _separator(raw: bytes) -> str:

@@ -29,6 +29,7 @@ from .sample_messages import (
     common as common,
     is_of as is_of,
     of_file as of_file,
+    stated_causes as stated_causes,
     within as within,
     without as without,
 )

@@ -1,5 +1,6 @@
 """Why samples have no pose, or have one without a channel: (n,) arrays of messages, "" where there is nothing to say."""
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -26,6 +27,11 @@ def of_file(texts: TextArray, stated: Iterable[Mapping[str, Any]]) -> TextArray:
     """Return the causes (n,) of the texts of a file: messages where the file keeps their ids (`table`), else its texts."""
     known = {str(one): one for one in map(from_stated, stated) if one is not None}
     return _each(texts, lambda text: known.get(text, text), "")
+
+
+def stated_causes(causes: TextArray) -> TextArray:
+    """Return ids and values of causes (n,) as JSON, "" where there are none."""
+    return _each(causes, lambda cause: json.dumps(cause.stated(), ensure_ascii=False) if isinstance(cause, Message) else "", "")
 
 
 def said_first(cause: Cause) -> Cause:

@@ -4,6 +4,7 @@ import json
 import struct
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from lmeasure.cli.app import app, main
 from lmeasure.core import FileFormatError, LMeasureError, SettingsError, Status
 from lmeasure.io import columns_of
 from lmeasure.io.files import write_toml
+from lmeasure.text import common, message, within
 from lmeasure.trajectory import Stated, Trajectory, read_trajectory, write_trajectory
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +31,20 @@ U = ("--u-position-mm", "0.01", "--u-rotation-deg", "0.001")
 @pytest.fixture(scope="module")
 def ours() -> tuple[Trajectory, dict[str, object]]:
     return made_campaign(np.array([0.2, -0.1, 0.3]), 0.02)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_causes_keep_their_ids_in_files(tmp_path: Path, ours: tuple[Trajectory, dict[str, object]], suffix: str) -> None:
+    """`certify` gives no verdict on windows with suspected counts, of whichever file."""
+    found = ours[0]
+    cause = np.full(len(found.time_s), "", dtype=np.object_)
+    cause[3:9] = common(6, message("counts.suspected", step=message("channel.cable", name='c1, "quoted"')))
+    cause[9] = "a text of another program"
+    path = tmp_path / f"t{suffix}"
+    write_trajectory(path, replace(found, cause=cause))
+    read = read_trajectory(path).cause
+    assert [within(one, "counts.suspected") is not None for one in read[2:11]] == [False, *[True] * 6, False, False]
+    assert read.tolist() == cause.tolist()
 
 
 def run(arguments: list[str]) -> int:

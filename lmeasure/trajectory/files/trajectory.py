@@ -232,6 +232,8 @@ def read_own(path: Path) -> Trajectory:
     for columns, values in ((UNCERTAINTY_COLUMNS, u), (SYSTEMATIC_COLUMNS, common)):
         _refuse(path, columns, values, values < 0.0, "is no standard uncertainty")
     known = json.loads(table.kept("messages") or "[]")
+    if "cause_message" in table.columns:
+        known += map(_loaded, set(table.labels("cause_message").tolist()) - {""})
     return Trajectory(
         table.numbers("time_s"),
         poses,
@@ -246,6 +248,15 @@ def read_own(path: Path) -> Trajectory:
         message("covers.file_"),
         chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
     )
+
+
+def _loaded(cell: str) -> dict[str, Any]:
+    """Return the id and values of a cause that a cell has; empty where it has something else."""
+    try:
+        found = json.loads(cell)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: BoolArray, why: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lmeasure.core import FileFormatError
 from lmeasure.io import files
-from lmeasure.text import table
+from lmeasure.text import stated_causes, table
 from lmeasure.trajectory.files.ros import mcap_writer
 from lmeasure.trajectory.files.trajectory import Trajectory
 
@@ -18,7 +18,8 @@ from lmeasure.trajectory.files.trajectory import Trajectory
 def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Iterator[Callable[[Trajectory], None]]:
     """Write a trajectory in pieces, whole or not at all: .parquet or .csv with the columns of the contract, and the angles of a convention
     when one is named; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, only what is known); .mcap with ROS 2
-    messages of poses and covariances (`ros.mcap_writer`). Parquet keeps `covers` in its metadata."""
+    messages of poses and covariances (`ros.mcap_writer`). Parquet keeps `covers` and the ids of
+    causes in its metadata, .csv these in a column `cause_message`."""
     if Path(path).suffix.lower() == ".mcap":
         with mcap_writer(path, covers) as write_messages:
             yield write_messages
@@ -36,11 +37,13 @@ def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Ite
     if Path(path).suffix.lower() not in {".csv", ".parquet"}:
         raise FileFormatError(f"{path}: the name must end in .parquet, .csv, .tum or .mcap")
     causes: set[str] = set()
+    in_text = Path(path).suffix.lower() == ".csv"  # which keeps nothing beside its columns
     with files.table_writer(path, lambda: {"uncertainty_covers": covers, "messages": json.dumps(table([covers, *causes]))}) as write:
 
         def write_rows(piece: Trajectory) -> None:
             causes.update(piece.cause.tolist())
-            write(piece.columns(angles))
+            beside = {"cause_message": stated_causes(piece.cause)} if in_text else {}
+            write(piece.columns(angles) | beside)
 
         yield write_rows
 
