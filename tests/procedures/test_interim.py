@@ -122,7 +122,7 @@ def test_six_cables_alone_cannot_tell_what_moved_but_a_known_distance_fails() ->
     found = checked(rig_from_dict(data), 5, known, swivels=False)
     assert found.agreement is None
     assert [c.kind for c in found.failed] == ["distance"]
-    assert "cannot be told" in verdict_text(found)
+    assert "cannot be determined" in verdict_text(found)
     assert "six" in found.notes
 
 

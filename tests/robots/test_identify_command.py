@@ -119,7 +119,7 @@ def test_few_rows_tell_no_noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     measured.write_text(lines(slice(0, 1000, 200), places=True), encoding="utf-8")
     assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(out), "--robot", "ur5") == 0
     said = capsys.readouterr().out
-    assert "robot and instrument: cannot be told" in said
+    assert "robot and instrument: cannot be determined" in said
     assert "rows held out: none" in said
     assert "warning underdetermined" in said
     record = json.loads((out / "identified.json").read_text(encoding="utf-8"))

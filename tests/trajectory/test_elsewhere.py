@@ -328,7 +328,7 @@ def test_two_angles_of_three_are_not_passed_over_in_silence(said: Said, tmp_path
     table.to_csv(tmp_path / "seen.csv", index=False)
     code, document = said("motion", tmp_path / "seen.csv", "--half-width-s", "0.1", "--out", tmp_path / "m.csv")
     assert (code, len(document["warnings"])) == (0, 1)
-    assert "not under known names (qx, qy, qz and qw, or the angles of a controller)" in document["warnings"][0]
+    assert "not under known names (qx, qy, qz, qw, or the angles of a controller)" in document["warnings"][0]
 
 
 def test_the_convention_of_angles_is_that_of_units_and_program(said: Said, tmp_path: Path) -> None:

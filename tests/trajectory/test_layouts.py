@@ -104,7 +104,7 @@ LAYOUTS = {
     "half days": Layout(text("time,x_mm,y_mm,z_mm", clock(MORNING.replace(hour=21), lambda d: d.strftime("%m/%d/%Y %I:%M:%S.%f PM")), *P.T), offset_s=75600.0, turned=False),
     "ISO 8601 with a zone": Layout(text("timestamp,x_mm,y_mm,z_mm", clock(MIDNIGHT, lambda d: d.isoformat(timespec="milliseconds") + "+01:00"), *P.T), offset_s=86399.9, turned=False, noted="midnight of 2026-11-27"),
     "ISO 8601 with a blank": Layout(text("time,x_mm,y_mm,z_mm", clock(MORNING, lambda d: d.isoformat(" ", "milliseconds") + "Z"), *P.T), offset_s=32400.0, turned=False),
-    "days of two orders": Layout(text("time,x_mm,y_mm,z_mm", [f"0{1 + i % 2}/02/2026 00:00:{i:02d}" for i in range(N)], *P.T), refused="days and months cannot be told apart"),
+    "days of two orders": Layout(text("time,x_mm,y_mm,z_mm", [f"0{1 + i % 2}/02/2026 00:00:{i:02d}" for i in range(N)], *P.T), refused="days and months cannot be distinguished"),
     "a commented header": Layout(text("# made by NumPy\n# time_s,x_mm,y_mm,z_mm", T, *P.T), turned=False),
     "a commented header of blanks": Layout(text("% time_s x_mm y_mm z_mm", T, *P.T, mark=" "), name="t.dat", turned=False),
     "numbers alone": Layout(text("0.0,400.0,-1100.0,300.0", T, *P.T), columns="time=0.0[s],x=400.0,y=-1100.0,z=300.0", refused="line 1 holds numbers, and no line above it names"),

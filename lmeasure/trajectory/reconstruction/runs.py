@@ -6,7 +6,6 @@ A log of ten hours goes from file to file a few pieces at a time, in bounded mem
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import tee
 from pathlib import Path
 from typing import Protocol
 
@@ -175,8 +174,15 @@ def reconstruct_stream(
     more = () if judge is None else judge(reconstruction)
     summary = Summary()
     with trajectory_writer(out, covered(reconstruction.budget.covers, run.evidence), angles) as write:
-        recorded, lengths_of = tee(run.recorded_pieces(reconstruction.doubts, progress))
-        for (piece, lengths), trajectory in zip(recorded, reconstruction.trajectories(lengths for _, lengths in lengths_of), strict=True):
+        now: list[tuple[Counts, Lengths]] = []
+
+        def lengths_of() -> Iterator[Lengths]:
+            # one piece is kept at a time
+            for now[:] in ([both] for both in run.recorded_pieces(reconstruction.doubts, progress)):
+                yield now[0][1]
+
+        for trajectory in reconstruction.trajectories(lengths_of()):
+            piece, lengths = now[0]
             trajectory = with_evidence(reconstruction, trajectory, lengths, run, covariances=True)
             write(trajectory)
             trajectory = replace(trajectory, notes=(*trajectory.notes, *more))
