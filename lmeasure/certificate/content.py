@@ -78,7 +78,7 @@ def identification(content: dict[str, Any]) -> str:
 def _findings(measured: Measured) -> list[dict[str, Any]]:
     """The texts of the certificate as codes with values, each once."""
     evaluation = measured.evaluation
-    reported = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.findings]
+    reported = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.notes]
     reported += [c.note for c in evaluation.characteristics if c.note is not None]
     return table(list(reported))
 

@@ -5,7 +5,7 @@ Two kinds of results get no verdict: parts outside the instrument's zone, and pa
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -148,13 +148,8 @@ class Evaluation(Shown):
     """Effects included in the uncertainties, in words."""
     settings: Settings
     """Settings of the evaluation."""
-    findings: tuple[Message | str, ...] = field(default=())
+    notes: tuple[Message | str, ...] = ()
     """Findings for the user."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The findings in English."""
-        return tuple(map(str, self.findings))
 
     def about(self) -> dict[str, str]:
         """How many characteristics, of how many the instrument is capable."""
@@ -230,7 +225,7 @@ def evaluate(
         angles=given.angles,
         covers=laws[0].covers,
         settings=settings,
-        findings=(
+        notes=(
             *((message("uncertainty.unstated", what=trajectory.absent),) if unstated else ()),
             *stamps.notes,
             *found_windows,

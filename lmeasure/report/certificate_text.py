@@ -360,7 +360,8 @@ def notes(certificate: dict[str, Any]) -> list[str]:
         out.append(word(language, "extension.text"))
     out += [phrase(certificate, note) for note in certificate["notes"]]
     # of whom a component takes its verdict is said once for all
-    own = [c for c in figures if c.get("note") and not c["note"].startswith("verdict of ")]
+    codes = {entry["text"]: entry["code"] for entry in certificate.get("findings", [])}
+    own = [c for c in figures if c.get("note") and codes.get(c["note"]) != "verdict.of_vector"]
     for c in own:
         part = f" {part_of(language, c)}" if c.get("part") else ""
         out.append(f"{visible(c['name'])}{part}, {place_of(language, c)}: {phrase(certificate, c['note'])}")
@@ -368,8 +369,7 @@ def notes(certificate: dict[str, Any]) -> list[str]:
 
 
 def phrase(certificate: dict[str, Any], text: str) -> str:
-    """A text of the computation in the certificate's language: by the code that the certificate has for it; of one without codes by the
-    texts that are known, else as it is."""
+    """Return a text of the computation in the certificate's language by the id that the certificate has for it, else as it is."""
     entry = next((e for e in certificate.get("findings", []) if e["text"] == text), None)
     found = None if entry is None else from_stated(entry)
     return visible(signs(text if found is None else found.text(certificate["language"])))

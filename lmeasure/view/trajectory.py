@@ -70,7 +70,7 @@ class TrajectoryLog:
         radii = stated_radii_95((piece.random + piece.systematic)[:, 3:, 3:])
         self._path.add(np.column_stack([piece.poses[:, :3], ok, radii]), changed_rows(ok, before))
         self._covers = piece.covers
-        self._notes |= dict.fromkeys(map(str, piece.notes))
+        self._notes |= dict.fromkeys(piece.notes)
 
     def end(self) -> list[str]:
         """Draw what goes over the whole run; returns what the reader must know."""

@@ -333,9 +333,9 @@ def test_figures_of_which_a_trajectory_states_no_uncertainty_have_none(absent: t
     for c, other in zip(found.characteristics, kept.characteristics, strict=True):
         assert np.isnan(c.u95) == (c.unit in without)
         assert np.isfinite(other.u95)
-    codes = [getattr(f, "code", None) for f in found.findings]
+    codes = [getattr(f, "code", None) for f in found.notes]
     assert ("uncertainty.unstated" in codes) == bool(without)
-    assert "uncertainty.unstated" not in [getattr(f, "code", None) for f in kept.findings]
+    assert "uncertainty.unstated" not in [getattr(f, "code", None) for f in kept.notes]
 
 
 class Row:

@@ -17,6 +17,7 @@ from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.report import Choices, certificate_text as say, html, word, write_certificate
 from lmeasure.report.certificate_figures import _LINES
+from lmeasure.text import message
 
 HOSTILE = {
     "P1": "<script>window.hacked=1</script>",
@@ -277,10 +278,10 @@ def test_texts_of_the_computation_are_translated_with_what_is_in_them(russian: t
     for text in reported:
         assert text in codes
         assert say.phrase(content, text) != text or codes[text] == "verdict.of_vector"
-    # a folder from before codes, and what nobody knows
-    old = {"language": "ru"}
-    assert say.phrase(old, "worst pressure angle 71.2 deg; the zone ends at 60 deg") == "наибольший угол давления 71,2°; граница зоны 60°"
-    assert say.phrase(old, "something else") == "something else"
+    beyond = message("zone.angle", angle_deg=71.2, limit_deg=60.0)
+    assert say.phrase({"language": "ru", "findings": [beyond.stated()]}, str(beyond)) == "наибольший угол давления 71,2°; граница зоны 60°"
+    # what the certificate has no code for
+    assert say.phrase({"language": "ru"}, "something else") == "something else"
 
 
 def test_what_is_copied_from_the_paper_is_what_was_printed(english: tuple[Path, dict[str, Any]]) -> None:
@@ -321,7 +322,9 @@ def test_figures_of_two_poses_are_not_called_a_pose(english: tuple[Path, dict[st
     ]
     places = [place for _, place, _ in say.results(english[1] | {"characteristics": figures})]
     assert places == ["distance P2-P4", "move P2-P4", "pose P2-P4"]
-    reported = say.notes(english[1] | {"language": "ru", "characteristics": [figures[2] | {"note": "limit band 0.05 mm"}]})
+    band = message("settling.band", band_mm=0.05)
+    changed = {"language": "ru", "characteristics": [figures[2] | {"note": str(band)}], "findings": [band.stated()]}
+    reported = say.notes(english[1] | changed)
     assert "t_min, перемещение P2-P4: граничная полоса 0,05 мм" in reported
 
 

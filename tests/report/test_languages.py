@@ -9,7 +9,7 @@ import pypdfium2
 import pytest
 from pages import PAGES, PDFS, ROOT
 
-from lmeasure.text import Say, number, typed
+from lmeasure.text import Say, message, number, typed
 from lmeasure.text.catalogue import Writer
 
 QUICK = ("calibration", "zone", "structures")
@@ -100,8 +100,15 @@ def test_no_english_page_says_anything_in_russian(kind: str, tmp_path: Path) -> 
 
 def test_what_a_computation_said_is_told_again() -> None:
     say = Say("ru")
-    moved = "B1 moves 0.31 mm along its line of sight (0.10, -0.20, 0.97) while guide alpha changes by +0.5 deg"
-    assert say.message(f"{moved}: the counts stay the same, only the prior holds it") == (
+    moves = message("calibration.silent.along", mm=0.31, x=0.1, y=-0.2, z=0.97)
+    turns = message("calibration.silent.changes_deg", name=message("parameter.guide_alpha_deg"), value=0.5)
+    both = message("calibration.silent.moves_while", moves=moves, turns=turns)
+    moved = message("calibration.silent", what=message("calibration.silent.owner", owner="B1", what=both))
+    assert moved == (
+        "B1 moves 0.31 mm along its line of sight (0.10, -0.20, 0.97) while guide alpha changes by +0.5 deg: "
+        "the counts stay the same, only the prior holds it"
+    )
+    assert say.message(moved) == (
         "B1 смещается на 0,31 мм вдоль линии визирования (0,10; -0,20; 0,97), при этом угол alpha направляющей меняется на +0,5°: отсчёты "
         "не меняются, удерживает только априорное значение"
     )

@@ -145,7 +145,7 @@ def test_bands_are_spoken_of_where_they_are(tmp_path: Path) -> None:
 @pytest.mark.parametrize("language", ["en", "ru"])
 def test_pages_in_a_browser_at_any_width(language: str, tmp_path: Path) -> None:
     run = read_run(TRUTH / "cell-run")
-    made = lost(reconstruct(run), 300, 380, Status.GAP, "channel <b> has no count", "c2")
+    made = lost(reconstruct(run), 300, 380, Status.GAP, message("cause.no_count", channel="<b>"), "c2")
     page_file = tmp_path / "trajectory.html"
     write_trajectory_page(page_file, "<i>run</i>", along(made), run.rig, inputs=[("pass1.csv", "0" * 64)], language=language)
     with opened(page_file) as page:

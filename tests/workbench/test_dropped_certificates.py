@@ -63,7 +63,7 @@ def test_a_tampered_zip_is_dropped_and_the_file_is_named(tmp_path: Path) -> None
 
 
 def test_lamps_are_the_rows_that_a_certificate_prints_as_not_stated() -> None:
-    none = word("en", "not stated")
+    none = word("en", "not_stated")
     known: dict[str, str] = {}
     while True:
         content = details.filled({}, known)

@@ -59,4 +59,5 @@ def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, s
     if turns:
         parts.append(tuple(turns))
     what = parts[0] if len(parts) == 1 else message("calibration.silent.moves_while", moves=parts[0], turns=parts[1]) if parts else ""
-    return message("calibration.silent.owner", owner=owner, what=what)
+    alone = "_changes" if turns and len(parts) == 1 else ""
+    return message(f"calibration.silent.owner{alone}", owner=owner, what=what)
