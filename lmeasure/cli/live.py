@@ -13,7 +13,7 @@ from rich.text import Text
 
 from lmeasure.acquisition import STALE_S, Progress
 from lmeasure.cli.text import rendered, word
-from lmeasure.text import count_of, message
+from lmeasure.text import composed, count_of, message
 
 if TYPE_CHECKING:
     from lmeasure.trajectory import PoseWatch
@@ -43,9 +43,9 @@ def live_table() -> Iterator[Callable[[Progress, "PoseWatch | str"], None]]:
 def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
     """One line on the whole, one row per channel, the pose, one line of faults."""
     rate = progress.samples / progress.seconds if progress.seconds > 0 else 0.0
-    head: str = message("cli.s_samples_s_frames", seconds=progress.seconds, samples=progress.samples, rate=rate, frames=progress.frames)
-    if progress.latency_s is not None:
-        head += message("cli.latency_ms", latency_s=1000.0 * progress.latency_s)
+    counted = {"seconds": progress.seconds, "samples": progress.samples, "rate": rate, "frames": progress.frames}
+    latency = "" if progress.latency_s is None else message("cli.latency_ms", latency_s=1000.0 * progress.latency_s)
+    head = message("cli.s_samples_s_frames", latency=latency, **counted)
     table = Table(*(word(f"cli.column.{name}") for name in ("channel", "count", "counts_s", "mm_s")), box=None)
     for column in table.columns[1:]:
         column.justify = "right"
@@ -53,7 +53,7 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
         cells = ("-" if value != value else f"{value:+.0f}" for value in (count, speed, mm))
         table.add_row(channel, *cells)
     faults = ", ".join(rendered(count_of(kind, n)) for kind, n in sorted(progress.faults.items())) or message("acquisition.no_faults")
-    where = "pose: -" if stale(progress) else pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
+    where = message("cli.pose", what="-") if stale(progress) else pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
     lines = [Text(rendered(where))] if where else []
     return Group(Text(rendered(head)), table, *lines, Text(rendered(faults), style="red" if progress.faults else "green"))
 
@@ -76,14 +76,14 @@ def _pose(watch: "PoseWatch", origin_s: float | None) -> str:
     """The pose of the last sample, or its status, and its latency."""
     latest = watch.latest
     if latest is None:
-        return "pose: -"
+        return message("cli.pose", what="-")
     if latest.status != "ok":
-        return f"pose: {latest.status}" + (f": {watch.why}" if watch.why else "")
-    place, turn = (
-        ", ".join(f"{round(x, digits) + 0.0:+.{digits}f}" for x in part) for part, digits in ((latest.pose[:3], 3), (latest.pose[3:], 5))
-    )
+        status = message(f"trajectory.status.{latest.status}")
+        return message("cli.pose", what=composed("{status}: {why}", status=status, why=watch.why) if watch.why else status)
+    place, turn = (tuple(map(float, part)) for part in (latest.pose[:3], latest.pose[3:]))
     u95 = u95_mm(watch)
-    stated = "" if u95 is None else f" within {u95:.3f} (95 %)"
-    text = f"pose: ({place}) mm{stated}  quaternion ({turn})  worst pressure angle {latest.worst_pressure_angle_deg:.0f} deg"
+    within = "" if u95 is None else message("cli.pose_within", u95=u95)
+    values = {"place": place, "turn": turn, "within": within, "angle": latest.worst_pressure_angle_deg}
+    text = message("cli.pose", what=message("cli.pose_place", **values))
     latency = watch.latency_s(origin_s)
     return text if latency is None else message("cli.frame_pose_ms", v1=text, latency=1000.0 * latency)

@@ -156,7 +156,7 @@ def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str]
     """What prints lines, and what renews one on a terminal, ten times a second at most, with what is being typed at its end. Both in the
     reader's language, and none wider than the terminal."""
     if events.asked():
-        yield lambda text: events.tell("said", text="\n".join(map(rendered, text.split("\n")))), events.Paced("state")
+        yield lambda text: events.tell("said", text=rendered(text)), events.Paced("state")
         return
     on_terminal = sys.stderr is not None and sys.stderr.isatty()
     shown, state = 0.0, ""
@@ -168,7 +168,7 @@ def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str]
         state = ""
 
     def say(text: str) -> None:
-        text = "\n".join(map(rendered, text.split("\n")))
+        text = rendered(text)
         if on_terminal:
             clear()
         for line in fitted(text, columns()) if on_terminal and sys.stdout.isatty() else [text]:

@@ -3,7 +3,7 @@
 What scripts rely on, `--json` and errors that people look up, stays English.
 """
 
-from lmeasure.text import Message, of_terminal as language, signs, texts
+from lmeasure.text import Lines, Message, of_terminal as language, signs, texts
 
 
 def word(code: str, /, **values: object) -> str:
@@ -12,7 +12,9 @@ def word(code: str, /, **values: object) -> str:
 
 
 def rendered(text: str) -> str:
-    """Return a message in the language of the terminal, any other text as it is; signs are those that people write."""
+    """Return a message, or lines of them, in the language of the terminal, any other text as it is; signs are those that people write."""
+    if isinstance(text, Lines):
+        return "\n".join(map(rendered, text.lines))
     return signs(text.text(language()) if isinstance(text, Message) else text)
 
 

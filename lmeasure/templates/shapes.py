@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.text import Message, message
 
 Vector = tuple[float, float, float]
 
@@ -30,7 +31,7 @@ class Template:
     """Observation points [mm, base frame], attachment points [mm, tool frame], and which cable runs between which: (point, attachment
     point, pass)."""
 
-    text: str
+    text: Message
     points: tuple[Vector, ...]
     tool: tuple[Vector, ...]
     cables: tuple[tuple[int, int, int], ...]
@@ -46,14 +47,14 @@ def _rounded(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
 
 TEMPLATES = {
     "six-cables": Template(
-        "six drums around the robot, two cables to each of three tool points: full pose in one pass, no redundancy",
+        message("template.six_cables"),
         # as the simulated cell: found by a search over places outside a cube of 1400 mm
         ((860, 0, 2020), (-1110, 160, 670), (-1010, 1940, -220), (-240, 360, 2150), (-330, -770, 2030), (-1140, -1570, -590)),
         _rounded(_around(150.0, 90, 210, 330)),
         ((1, 1, 1), (2, 1, 1), (3, 2, 1), (4, 2, 1), (5, 3, 1), (6, 3, 1)),
     ),
     "eight-cables": Template(
-        "eight drums in the corners of a frame, two cables to each of four tool points: two redundant cables detect counter faults",
+        message("template.eight_cables"),
         (
             (-1200, -1150, 1300), (-1200, 1150, 1300), (1200, -1150, 1300), (1200, 1150, 1300),
             (-1200, -1150, -700), (-1200, 1150, -700), (1200, -1150, -700), (1200, 1150, -700),
@@ -62,7 +63,7 @@ TEMPLATES = {
         ((1, 3, 1), (2, 1, 1), (3, 2, 1), (4, 4, 1), (5, 1, 1), (6, 3, 1), (7, 4, 1), (8, 2, 1)),
     ),
     "three-drums": Template(
-        "three drums, each hooked to another tool point in a second pass of the same motion: for robots that repeat their motion",
+        message("template.three_drums"),
         ((-940, 1440, 1310), (410, 740, -1420), (-1040, 70, -1330)),
         _rounded(_around(150.0, 90, 210, 330)),
         ((1, 1, 1), (2, 2, 1), (3, 3, 1), (1, 2, 2), (2, 3, 2), (3, 1, 2)),

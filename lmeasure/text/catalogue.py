@@ -125,7 +125,7 @@ class Writer(string.Formatter):
             return "–"
         if hasattr(value, "text"):
             return format(str(value.text(self.language)), format_spec)
-        if format_spec in ("", "s") or format_spec[-1:] in "<>^" or format_spec.lstrip("<>^").isdigit():
+        if format_spec[-1:] in "s<>^" or format_spec.lstrip("<>^").isdigit():
             return format(str(value), format_spec)
         return decimal(self.language, value) if isinstance(value, str) else number(self.language, value, format_spec)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import SettingsError, pasted
-from lmeasure.text import message
+from lmeasure.text import composed, message
 from lmeasure.workflows.flow import Progress, Result, inside, silent, sizes_of, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -54,7 +54,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of, rig_text
 
     if settings.list:
-        return Result(None, tuple(f"{name:<14}{template.text}" for name, template in TEMPLATES.items()))
+        return Result(None, tuple(composed("{name:<14}{text}", name=name, text=template.text) for name, template in TEMPLATES.items()))
     if settings.template is None and ask is None:
         raise SettingsError("template", f"is missing: {', '.join(TEMPLATES)}")
     name = settings.template
@@ -74,7 +74,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     )
     _write(texts)
     main = settings.out if alone else settings.out / "rig.toml"
-    reported = [f"{main}: {template.text}"]
+    reported = [composed("{file}: {text}", file=str(main), text=template.text)]
     if rig.assumed:
         reported.append(message("workflows.values_guesses_stand_list", count=len(rig.assumed)))
     measures, measured = main.with_name("drums.toml"), main.with_name("measured.toml")

@@ -302,15 +302,11 @@ def _predicted_fit(instrument: Instrument, recorded: Campaign | None, new: Poses
 MICRO_MM = 1e-3
 
 
-def _mm(value: float) -> str:
-    return f"{value:10.4f}" if value >= MICRO_MM else f"{value:10.2e}"
-
-
 def _line(first: str, outlook: Outlook, unknowns: int, note: str = "") -> str:
     known = message("calibration.plan.of", rank=outlook.rank, of=unknowns)
-    row = "{first:>6s} {rms} {worst}  {cable:8s} {known:>10s}" + ("  {note}" if note else "")
-    values = {"rms": _mm(outlook.rms_mm), "worst": _mm(outlook.worst_mm), "cable": outlook.worst_cable}
-    return composed(row, first=first, known=known, note=note, **values)
+    rms, worst = (".4f" if mm >= MICRO_MM else ".2e" for mm in (outlook.rms_mm, outlook.worst_mm))
+    row = f"{{first:>6s}} {{rms:10{rms}}} {{worst:10{worst}}}  {{cable:8s}} {{known:>10s}}" + ("  {note}" if note else "")
+    return composed(row, first=first, known=known, note=note, rms=outlook.rms_mm, worst=outlook.worst_mm, cable=outlook.worst_cable)
 
 
 def plan_summary(plan: Plan) -> str:

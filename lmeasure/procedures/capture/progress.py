@@ -9,7 +9,7 @@ from lmeasure.calibration import Campaign, of_cables, read_campaign
 from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.procedures.capture.folder import CaptureFolder
 from lmeasure.procedures.capture.forecast import Expected, Forecast, Worth
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 
 class Progress:
@@ -76,7 +76,7 @@ class Progress:
         try:
             campaign = read_campaign(folder.path)
         except LMeasureError as error:
-            self._say(f"  ! {error}")
+            self._say(composed("  ! {error}", error=error))
             return None
         return of_cables(campaign, [j for j, c in enumerate(campaign.drums) if c.passage == folder.passage])
 

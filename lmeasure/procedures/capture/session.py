@@ -20,7 +20,7 @@ from lmeasure.procedures.capture.progress import Progress
 from lmeasure.procedures.capture.rest import Rest, still_counts
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig
-from lmeasure.text import message
+from lmeasure.text import composed, joined, message
 
 SURPRISED = 5.0
 SURPRISED_MM = 2.0
@@ -47,21 +47,14 @@ def reading_lines(reading: Reading, channels: tuple[str, ...], u: FloatArray) ->
     return lines + [f"    {'  '.join(reported[i : i + IN_A_LINE])}" for i in range(0, len(reported), IN_A_LINE)]
 
 
-def worth_line(worth: Worth, readings: int) -> str:
-    """How well lengths and positions would be known if nothing more were read."""
+def worth_line(worth: Worth, readings: int, code: str = "capture.u95_now_lengths_mm") -> str:
+    """How well lengths and positions would be known if nothing more were read; code is that of the text."""
     if not worth.enough(readings):
         return message("capture.least_poses_too_few", readings=readings, least=worth.least)
     left = worth.unknowns - worth.rank
     held = message("capture.held", left=left, of=worth.unknowns) if left else ""
     position = "" if worth.position_mm is None else message("capture.position", mm=worth.position_mm)
-    return message(
-        "capture.u95_now_lengths_mm",
-        rms_mm=worth.rms_mm,
-        worst_mm=worth.worst_mm,
-        worst_cable=worth.worst_cable,
-        position=position,
-        held=held,
-    )
+    return message(code, rms_mm=worth.rms_mm, worst_mm=worth.worst_mm, worst_cable=worth.worst_cable, position=position, held=held)
 
 
 def surprising(expected: Expected) -> BoolArray:
@@ -110,7 +103,7 @@ class Trust:
     @property
     def why(self) -> str:
         """What is to be said against them."""
-        return "; ".join(f"{channel} {what}" for channel, what in self.doubts.items()) or (
+        return joined(composed("{channel} {what}", channel=channel, what=what) for channel, what in self.doubts.items()) or (
             message("capture.this_new_session") if self.resumed else ""
         )
 
@@ -130,7 +123,7 @@ class Trust:
         if not wrong.any():
             return pose, ""
         if wrong.mean() < REPORTED:
-            reported = ", ".join(message("capture.counts", channels=self.channels[j], off=off[nearest, j]) for j in np.flatnonzero(wrong))
+            reported = tuple(message("capture.counts", channels=self.channels[j], off=off[nearest, j]) for j in np.flatnonzero(wrong))
             return "", message("procedures.others_stand_pose_but", pose=pose, channels=reported)
         return "", message("capture.none_of_them", why=self.why, back=message("capture.back"))
 
@@ -149,7 +142,6 @@ LOSSES = {"jump": "capture.loss.jump", "reset": "capture.loss.reset", "lost_wrap
 """Faults of a recording after which a channel's count is not believed."""
 ORIGIN_LOST = ("reset", "lost_wrap")
 """Those after which it has none any more in the same recording."""
-HELP = "Enter (or take): read; undo: take back the last; skip; go POSE; return: back to the first pose; status; trust; quit"
 
 
 @dataclass(frozen=True)
@@ -224,14 +216,14 @@ class Session:
             "status": self._status,
             "trust": self._believe,
             "quit": self._quit,
-            "help": lambda: self._say(HELP),
+            "help": lambda: self._say(message("capture.help")),
         }
         if word == "go":
             self._go(rest.strip())
         elif word in actions and not rest:
             actions[word]()
         else:
-            self._say(message("capture.no_command", strip=line.strip(), help=HELP))
+            self._say(message("capture.no_command", strip=line.strip(), help=message("capture.help")))
 
     def look(self, events: Sequence[Event], idle_s: float = 0.0) -> None:
         """Decide on what has come; events are all faults of the recording so far, idle_s is since when no sample came [s]."""
@@ -383,10 +375,8 @@ class Session:
         if expected is None or not surprising(expected).any():
             return True
         self._held_s = self.rest.now_s
-        self._say(
-            message("procedures.rest_but_not_pose", pose=self.goal, why=surprise(expected))
-            + ("; Enter reads it all the same" if self.keys else "")
-        )
+        code = "procedures.rest_but_not_pose_enter" if self.keys else "procedures.rest_but_not_pose"
+        self._say(message(code, pose=self.goal, why=surprise(expected)))
         return False
 
     def _read(self) -> None:
@@ -454,7 +444,7 @@ class Session:
             if event.kind in ORIGIN_LOST:
                 self._originless.add(event.channel)
             if event.kind in LOSSES and self.folder.of_pass:
-                self._doubt(event.channel, message(LOSSES[event.kind]), f" ({event.text})" if event.text else "")
+                self._doubt(event.channel, message(LOSSES[event.kind]), composed(" ({text})", text=event.text) if event.text else "")
         self._seen_events = len(events)
 
     def _note_leaps(self) -> None:
@@ -485,9 +475,9 @@ class Session:
         self.progress.renew()
         if self.progress.of_all is not None:
             self._say(message("procedures.all_poses_promise", count=len(self.poses)))
-            self._say(worth_line(self.progress.of_all, len(self.poses)).replace("U95 by now", "U95"))
+            self._say(worth_line(self.progress.of_all, len(self.poses), "capture.u95_lengths_mm"))
         if self.settings.by != "rest":
-            self._say(HELP)
+            self._say(message("capture.help"))
         if self.goal is None:
             self.finished = True
             self._say(message("capture.all_poses_have_been"))
@@ -499,8 +489,8 @@ class Session:
         if name is None:
             self.finished = True
             return
-        back = "back to the first: " if self.returns else ""
-        self._say(f"{back}{pose_line(self.poses, name, self.folder.rig.angles)}")
+        pose = pose_line(self.poses, name, self.folder.rig.angles)
+        self._say(message("capture.back_to_first", pose=pose) if self.returns else pose)
 
     def line(self) -> str:
         """The state of things in one line."""
