@@ -16,7 +16,7 @@ from lmeasure.rig import Rig, read_linked_rig, rig_from_dict, write_rig
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
 from lmeasure.simulation.instrument import SimulatedCampaign, SimulatedRun, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, smooth_path
-from lmeasure.text import message
+from lmeasure.text import Lines, message
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Temperature = Annotated[float, Field(ge=TEMPERATURE_RANGE_C[0], le=TEMPERATURE_RANGE_C[1])]
@@ -212,13 +212,12 @@ class Simulated(Shown):
         lines = []
         if self.run is not None:
             counts, passes = self.run.run.passes[0], len(self.run.run.passes)
-            lines.append(
-                f"{len(counts.time_s)} samples over {counts.time_s[-1]:.6g} s, {passes} pass{'es' * (passes > 1)} of "
-                f"{', '.join(counts.channels)}; true poses in truth.parquet"
-            )
+            counted = {"samples": len(counts.time_s), "seconds": counts.time_s[-1], "channels": tuple(counts.channels)}
+            one = message("simulation.samples_1_pass", **counted)
+            lines.append(one if passes == 1 else message("simulation.samples_passes", passes=passes, **counted))
         if self.campaign is not None:
             lines.append(message("simulation.reference_poses_calibration_true", count=len(self.campaign.poses)))
-        return "\n".join(lines)
+        return Lines(lines)
 
 
 def read_scenario(path: Path) -> tuple[Scenario, Rig]:
