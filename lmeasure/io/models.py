@@ -252,8 +252,8 @@ def _called(tables: list[Any], number: int) -> str:
 
 
 def known_keys(owner: type[BaseModel]) -> list[str]:
-    """Keys of a table, as the file writes them."""
-    return [f.alias or name for name, f in owner.model_fields.items()]
+    """Keys of a table, as the file writes them, those included that other packages add (`further_keys`)."""
+    return [*(f.alias or name for name, f in owner.model_fields.items()), *getattr(owner, "further_keys", tuple)()]
 
 
 def nearest(key: str, known: list[str]) -> str:

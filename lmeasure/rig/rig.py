@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, create_model, model_validator
 
-from lmeasure.core import DataFrame, FloatArray, IntArray, RigError, Shown, conventions, framed
+from lmeasure.core import DataFrame, FloatArray, IntArray, RigError, Shown, conventions, framed, plug_in_names
 from lmeasure.io import Keys, Name, Strict, checked, files, refuse
 from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, CABLE_COLUMNS, COUNT_LENGTH, RADIUS, TANGENT, TRAVEL, TURN_COUNTS
 from lmeasure.rig.can import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
@@ -23,7 +23,7 @@ from lmeasure.rig.points_and_drums import (
     NotNegative,
     ObservationPoint as ObservationPoint,
 )
-from lmeasure.rig.sensor_table import TABLES, SensorChannel, SensorTable, table_of
+from lmeasure.rig.sensor_table import GROUP, TABLES, SensorChannel, SensorTable, table_of
 from lmeasure.rig.sensors import Distance, Inclination, Swivel, fill_point
 
 CABLES_FOR_A_POSE = 6
@@ -86,6 +86,11 @@ class Rig(Shown, Strict):
     """Straight distances, one table `[[distance]]` each."""
     can: CanTable | None = None
     """Frames of the bus that carry the counters; default: those of CiA 406 encoders on nodes 1, 2, ..."""
+
+    @classmethod
+    def further_keys(cls) -> tuple[str, ...]:
+        """Return the tables of sensors that other packages add."""
+        return plug_in_names(GROUP)
 
     def about(self) -> dict[str, str]:
         """Name, cables, points, calibration."""

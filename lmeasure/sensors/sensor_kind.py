@@ -134,9 +134,9 @@ class SensorKind:
     def _failure(self, error: Exception) -> str:
         kind = self.table.kind
         source = f"package {plug_in_version(GROUP, kind)}" if kind in plug_in_names(GROUP) else "this process"
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{frame.filename.rpartition('/')[2]}:{frame.lineno}"
-        return f"lmeasure: sensor kind {kind} of {source} has no reading at some poses: {type(error).__name__} in {where}: {error}"
+        own = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename != __file__]
+        where = f" in {own[-1].filename.rpartition('/')[2]}:{own[-1].lineno}" if own else ""
+        return f"lmeasure: sensor kind {kind} of {source}: its law fails at some poses: {type(error).__name__}{where}: {error}"
 
 
 _kept: list[Any] = []

@@ -81,7 +81,7 @@ def test_a_distance_is_the_same_as_a_kind_of_this_program_or_another(kind: Senso
             assert np.isnan(span_lengths(theirs, far)).all()
             assert np.isnan(span_lengths(theirs, far)).all()
         (line,) = caplog.messages
-        assert "sensor kind beam of this process has no reading at some poses: ValueError" in line
+        assert "sensor kind beam of this process: its law fails at some poses: ValueError" in line
         assert "behind the wall" in line
 
 
