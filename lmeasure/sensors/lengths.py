@@ -79,9 +79,11 @@ class Lengths(Shown):
     reasons: tuple[Reasons, ...] = ()
     """Reasons by cable."""
     encoders: int = 0
-    """Number of angle encoders, the last channels."""
+    """Number of channels that are no cables, the last ones."""
     missed_mm: FloatArray | None = None
     """(n, m) estimated errors of lengths interpolated linearly between samples of a later pass [mm]; None: not interpolated."""
+    angles: tuple[bool, ...] = ()
+    """(m,) whether a channel reads an angle; empty: all that are no cables do."""
 
     def about(self) -> dict[str, str]:
         """Samples, cables, how far they were drawn."""
@@ -117,6 +119,7 @@ class Lengths(Shown):
             missed_mm=some(self.missed_mm),
             reasons=self.reasons[: self.lengths],
             encoders=0,
+            angles=self.angles[: self.lengths],
         )
 
     @property
@@ -138,7 +141,8 @@ class Lengths(Shown):
     def columns(self) -> dict[str, Any]:
         """Columns of a lengths file."""
         out: dict[str, Any] = {"time_s": self.time_s}
-        out |= {f"{name}_mm" if i < self.lengths else f"{name}_rad": self.change_mm[:, i] for i, name in enumerate(self.cables)}
+        angles = self.angles or tuple(i >= self.lengths for i in range(len(self.cables)))
+        out |= {f"{name}_{'rad' if angles[i] else 'mm'}": self.change_mm[:, i] for i, name in enumerate(self.cables)}
         out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
         return out | {"status": words(self.flags), "cause": self.cause, "cable": self.cable}
 
@@ -185,7 +189,7 @@ def read_lengths(path: Path) -> Lengths:
     ('c1', 'c2')
     """
     table = files.read_table(path)
-    columns = [c for c in table.columns if c.endswith("_mm")] + [c for c in table.columns if c.endswith("_rad")]
+    columns = [c for c in table.columns if c.endswith(("_mm", "_rad"))]
     names = tuple(c.rsplit("_", 1)[0] for c in columns)
     if not names:
         raise FileFormatError(f"{path}: has no column <cable>_mm")
@@ -198,6 +202,7 @@ def read_lengths(path: Path) -> Lengths:
         of_file(table.labels("cause"), json.loads(table.kept("messages") or "[]")),
         table.labels("cable"),
         encoders=sum(c.endswith("_rad") for c in columns),
+        angles=tuple(c.endswith("_rad") for c in columns),
     )
 
 
@@ -429,6 +434,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     cables, nothing = tuple(c.name for c in observed), np.zeros(n, np.int64)
     none, encoders = np.full(n, "", dtype=np.object_), m - len(run.rig.cable)
     whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on, encoders=encoders)
+    whole = replace(whole, angles=tuple(not c.is_length for c in observed))
     return with_reasons(run.rig, replace(whole, missed_mm=missed_mm if missed_mm.any() else None), tuple(reasons))
 
 

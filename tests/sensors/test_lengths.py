@@ -11,6 +11,7 @@ import pytest
 import test_rig
 from numpy.typing import NDArray
 
+import lmeasure as lm
 from lmeasure.core import FileFormatError, GeometryError, Status
 from lmeasure.kernels import PARAMETERS
 from lmeasure.recording import Counts, Run
@@ -28,6 +29,7 @@ from lmeasure.sensors import (
     span_lengths,
     write_lengths,
 )
+from lmeasure.simulation import cell_rig
 
 FloatArray = NDArray[np.float64]
 
@@ -275,3 +277,18 @@ def test_covariance_in_the_kernels_units_and_order() -> None:
     assert got[x1, x3] == 4.0
     assert got[x1, alpha1] == pytest.approx(0.3 * 2 * math.radians(0.5))
     assert not cable_covariance(r, None).any()
+
+
+def test_a_file_of_lengths_has_each_channel_in_its_unit(tmp_path: Path) -> None:
+    cell = cell_rig(1).model_dump(by_alias=True, exclude_none=True)
+    distance = {"channel": "d1", "to": "P1", "position_mm": [900.0, 0.0, 0.0], "count_length_mm": 0.01, "zero_mm": 0.0}
+    swivel = {"point": "B1", "channel": "sw1", "counts_per_revolution": 131072, "zero_deg": 12.5}
+    rig = rig_from_dict(cell | {"distance": [distance], "swivel": [swivel]})
+    simulated = lm.simulate(seed=1, rig=rig, rate_hz=50.0, waypoint=[{"position_mm": [50.0, 0.0, 0.0]}]).run
+    assert simulated is not None
+    lengths = lm.lengths_from_counts(simulated.run)
+    lm.write_lengths(tmp_path / "lengths.csv", lengths)
+    read = lm.read_lengths(tmp_path / "lengths.csv")
+    assert {"d1_mm", "sw1_rad"} < set(read.columns())
+    assert read.cables == lengths.cables
+    np.testing.assert_array_equal(read.change_mm, lengths.change_mm)
