@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 from pydantic import Field, model_validator
 
 from lmeasure.core import SettingsError, pasted
+from lmeasure.text import composed, message
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option
 
@@ -84,11 +85,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
         from lmeasure.view import write_recording
 
         write_recording(settings.rerun, imported.run.rig, run=imported.run)
-    missing = "note: no start pose: where the tool started is unknown; "
-    missing += f"state [start] in {settings.out / 'run.toml'} before poses are wanted"
-    notes = (missing,) if pose is None else ()
+    notes = (message("workflow.note_no_start", where=str(settings.out / "run.toml")),) if pose is None else ()
     logs = imported.logs
-    unread = tuple(f"{log.path}: {note}" for log in logs for note in log.report.notes())
+    unread = tuple(composed("{file}: {note}", file=str(log.path), note=note) for log in logs for note in log.report.notes())
     figures: dict[str, float] = {"frames": sum(log.report.frames for log in logs), "samples": sum(len(log.counts.time_s) for log in logs)}
     figures |= {"duration_s": float(max(log.counts.time_s[-1] for log in logs)), "faults": sum(log.events.tally.total() for log in logs)}
     figures |= {"lines": sum(log.report.total for log in logs), "known": sum(log.report.known for log in logs)}
@@ -102,7 +101,7 @@ def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple
     found = tuple(scan_log(log, steps(progress, "bytes")) for log in settings.logs)
     lines = [line for scan in found for line in scan.lines()]
     counters = sum(len(c.counters) for scan in found for c in scan.carried)
-    notes = tuple(f"{scan.path}: {note}" for scan in found for note in scan.notes)
+    notes = tuple(composed("{file}: {note}", file=str(scan.path), note=note) for scan in found for note in scan.notes)
     return Result(found, tuple(lines), {"identifiers": float(sum(len(s.carried) for s in found)), "counter_like": float(counters)}, notes)
 
 

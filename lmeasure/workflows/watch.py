@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import CancelledError
-from lmeasure.text import message
+from lmeasure.text import count_of, message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.record import pose_watch
 from lmeasure.workflows.settings import START, Asked, Paths, Start, option
@@ -69,7 +69,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
         )
     finally:
         link.source.close()
-    faults = ", ".join(f"{n} {kind}" for kind, n in sorted(last.faults.items())) or message("acquisition.no_faults")
+    faults = tuple(count_of(kind, n) for kind, n in sorted(last.faults.items())) or message("acquisition.no_faults")
     line = message("workflows.samples_from_frames_over", samples=last.samples, frames=last.frames, seconds=last.seconds, faults=faults)
     figures = {"samples": float(last.samples), "frames": float(last.frames), "frames_lost": float(last.lost)}
     return Result(last, (line,), figures | {"faults": float(sum(last.faults.values()))})

@@ -16,6 +16,7 @@ from lmeasure.acquisition.counters.decoders import is_no_value
 from lmeasure.io.tables import read_table
 from lmeasure.recording import read_run
 from lmeasure.rig import read_rig, rig_from_dict
+from lmeasure.text import Say
 
 CASES = Path(__file__).parents[1] / "authorities"
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -52,6 +53,8 @@ def test_values_that_mean_not_available_are_no_counts(tmp_path: Path) -> None:
     assert "channel ch2: 15 % of its values are reserved, error or not available in J1939" in found.summary()
     assert "the sensor reports errors, or its message uses all values; if they are counts, set whole_range = true" in found.summary()
     assert "largest step of a counter that a gap may hide: ch2 38 units (0.46 mm) at sample 11, ch3 37 units" in found.summary()
+    russian = "\n".join(map(Say("ru").message, found.summary().splitlines()))
+    assert "наибольший скачок счётчика, который может скрыть пропуск: ch2: 38 единиц (0,46 мм) в замере 11, ch3: 37 единиц" in russian
 
 
 ALL = {name: (rig, messages, check) for name, rig, messages, check in [*inputs.restarts(), *inputs.no_values()]}

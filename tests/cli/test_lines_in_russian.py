@@ -5,6 +5,8 @@ import json
 import pytest
 
 from lmeasure.cli.app import main
+from lmeasure.cli.terminal import state_line
+from lmeasure.text import Lines, message
 
 
 @pytest.mark.parametrize(
@@ -31,3 +33,11 @@ def test_a_number_that_cannot_be_taken_is_refused_in_plain_words(
     assert json.loads(error("--json")[0])["error"] == f"Invalid value for {text}"
     monkeypatch.setenv("LANGUAGE", "ru")
     assert "Недопустимое значение '--" in error()[1]
+
+
+def test_lines_between_keys_are_in_the_readers_language(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("LANGUAGE", "ru")
+    with state_line() as (say, _):
+        say(message("capture.nothing_take_back"))
+        say(Lines([message("capture.nothing_take_back"), "one of no catalogue"]))
+    assert capsys.readouterr().out == "отменять нечего\nотменять нечего\none of no catalogue\n"

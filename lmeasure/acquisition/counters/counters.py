@@ -318,7 +318,10 @@ class CounterState:
     def _state_step(self, piece: _Piece, i: int, width: float, events: EventLog) -> None:
         sample, channel = int(piece.samples[i]), self.field.channel
         events.add(Event(sample, float(piece.times[i]), channel, "gap_step", f"a step below {self.unit.text(width)} would not be seen"))
-        events.note_step(channel, sample, width * self.unit.size, self.unit.text(width))
+        size = width * self.unit.size
+        unit = message(f"acquisition.unit.{self.unit.name}")
+        at = message("acquisition.step_at_sample", channel=channel, units=float(width), size=size, unit=unit, sample=sample)
+        events.note_step(channel, size, at)
 
     def _lose(self, piece: _Piece, i: int, text: str, events: EventLog) -> None:
         self.lost, self.doubt = True, None

@@ -75,8 +75,8 @@ class EventLog:
 
     kept: list[Event] = field(default_factory=list)
     tally: Counter[str] = field(default_factory=Counter)
-    steps: dict[str, tuple[float, str, int]] = field(default_factory=dict)
-    """Of each channel the largest step that a gap may hide [mm or degrees], in words, and the sample."""
+    steps: dict[str, tuple[float, str]] = field(default_factory=dict)
+    """Of each channel the largest step that a gap may hide [mm or degrees], and that in words."""
     values: dict[str, list[int]] = field(default_factory=dict)
     """Of each channel whose values are limited: how many came, and how many are no counts."""
     limits: dict[str, str] = field(default_factory=dict)
@@ -90,10 +90,10 @@ class EventLog:
         if self.tally[event.kind] <= EVENTS_KEPT:
             self.kept.append(event)
 
-    def note_step(self, channel: str, sample: int, size: float, text: str) -> None:
+    def note_step(self, channel: str, size: float, text: str) -> None:
         """Keep the largest step that a gap of a channel may hide."""
         if channel not in self.steps or size > self.steps[channel][0]:
-            self.steps[channel] = size, text, sample
+            self.steps[channel] = size, text
 
     def note_values(self, channel: str, came: int, void: int, limits: str, *, reserved: bool = False) -> None:
         """Count values of a channel, and those that are no counts; reserved: by a standard, not by a range that is stated."""
@@ -106,7 +106,7 @@ class EventLog:
         """Lines for a summary: steps that gaps may hide, and limits of values that the data contradict."""
         out: list[str] = []
         if self.steps:
-            steps = ", ".join(f"{channel} {text} at sample {sample}" for channel, (_, text, sample) in sorted(self.steps.items()))
+            steps = tuple(text for _, (_, text) in sorted(self.steps.items()))
             out.append(message("acquisition.largest_step_counter_gap", steps=steps))
         for channel, (came, void) in sorted(self.values.items()):
             if void > CONTRADICTED * came:
