@@ -13,6 +13,7 @@ from rich.text import Text
 
 from lmeasure.acquisition import STALE_S, Progress
 from lmeasure.cli.text import rendered, word
+from lmeasure.core import WORDS
 from lmeasure.text import composed, count_of, message
 
 if TYPE_CHECKING:
@@ -78,7 +79,8 @@ def _pose(watch: "PoseWatch", origin_s: float | None) -> str:
     if latest is None:
         return message("cli.pose", what="-")
     if latest.status != "ok":
-        status = message(f"trajectory.status.{latest.status}")
+        known = latest.status in WORDS
+        status = message(f"trajectory.status.{latest.status}") if known else message("cli.start_unknown")
         return message("cli.pose", what=composed("{status}: {why}", status=status, why=watch.why) if watch.why else status)
     place, turn = (tuple(map(float, part)) for part in (latest.pose[:3], latest.pose[3:]))
     u95 = u95_mm(watch)

@@ -42,8 +42,10 @@ def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Ite
 
         def write_rows(piece: Trajectory) -> None:
             causes.update(piece.cause.tolist())
-            beside = {"cause_message": stated_causes(piece.cause)} if in_text else {}
-            write(piece.columns(angles) | beside)
+            columns = list(piece.columns(angles).items())
+            if in_text:
+                columns.insert(len(columns) - 3 * (angles is not None), ("cause_message", stated_causes(piece.cause)))
+            write(dict(columns))
 
         yield write_rows
 
