@@ -148,7 +148,7 @@ class Kept:
 
 
 def _ahead(pool: ProcessPoolExecutor, runs: Iterable[tuple[str, Callable[[], Any]]], most: int) -> Iterator[tuple[str, Future[Any]]]:
-    """Yield runs in their order, of which the next few are begun already."""
+    """Yield runs in their order; the next few are computed meanwhile."""
     begun: deque[tuple[str, Future[Any]]] = deque()
     for key, run in runs:
         begun.append((key, pool.submit(run)))

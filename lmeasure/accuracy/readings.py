@@ -1,8 +1,7 @@
 """What readings of every kind, drums with cables, swivels and inclinations, tell of a pose in a cell, and what faults of theirs would show.
 
 With A the readings' rows at a pose, and V the covariance of what single readings cannot be distinguished from, counts, where within a
-count each
-counter was zeroed and where each encoder has its zero, the pose is that of
+count each counter was zeroed and where each encoder has its zero, the pose is that of
 
     G = (A^T V^-1 A)^-1 A^T V^-1,    of covariance (A^T V^-1 A)^-1 + (G L)(G L)^T,
 
@@ -91,11 +90,10 @@ class Readings:
 @dataclass(frozen=True)
 class Determined:
     """Of n poses: lengths (n, cables) [mm], NaN where a cable cannot run; runs, known (n,) whether all do, and the pose is determined. Of
-    the k
-    known ones: rows A (k, M, 6), G (k, 6, M), covariance (k, 6, 6) of (rotation [rad]; tool origin [mm]), L (k, M, r), norm2 (k,) squared
-    Frobenius norm of the pseudo-inverse of the rows, moments divided by the platform's size and angles taken as lengths where they are
-    seen, and speed (k, M) of each channel's point, at least 1 where it is seen best, under the twist that its reading alone makes by least
-    squares in which all readings count alike."""
+    the k known ones: rows A (k, M, 6), G (k, 6, M), covariance (k, 6, 6) of (rotation [rad]; tool origin [mm]), L (k, M, r), norm2 (k,)
+    squared Frobenius norm of the pseudo-inverse of the rows, moments divided by the platform's size and angles taken as lengths where they
+    are seen, and speed (k, M) of each channel's point, at least 1 where it is seen best, under the twist that its reading alone makes by
+    least squares in which all readings count alike."""
 
     lengths: FloatArray
     runs: BoolArray
@@ -252,8 +250,7 @@ def _of_point(covariance: FloatArray, arms: FloatArray) -> FloatArray:
 def worst_faults(readings: Readings, positions: FloatArray, quaternions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n, M) each, the worst of all (k, 4) orientations at (n, 3) positions: smallest fault of each channel that is found [mm, rad],
     smallest that is distinguished from one of any other, and the effect on the tool's place [mm] of one that is just not found; infinite
-    where
-    a channel is not controlled or the pose is not determined."""
+    where a channel is not controlled or the pose is not determined."""
     out = np.zeros((3, len(positions), len(readings.rows)))
     for begin in range(0, len(positions), CHUNK):
         part = slice(begin, begin + CHUNK)

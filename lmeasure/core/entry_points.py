@@ -110,6 +110,6 @@ def plug_in_of(error: BaseException) -> str:
 
 
 def plug_ins_in_use() -> str:
-    """Return the packages of which this process has loaded kinds, to stand behind a message; empty without any."""
+    """Return a text that names the packages whose kinds this process has loaded; empty without any."""
     used = dict.fromkeys(_source(_entries(group)[name]) for group, name in _in_use)
     return f" (in use: {', '.join(used)})" if used else ""

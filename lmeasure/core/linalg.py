@@ -37,8 +37,7 @@ def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
     parameter, 0 where it is exact.
 
     Parameters are millimetres and radians, known well and badly: what is nothing can only be determined in units of their own widths. One
-    that
-    several cables share stands in the covariance several times, and once in F, where what is exact has no column.
+    that several cables share stands in the covariance several times, and once in F, where what is exact has no column.
     """
     unit = np.where(width > 0.0, width, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))

@@ -38,8 +38,8 @@ class Blockwise(Protocol[L]):
 @dataclass(frozen=True)
 class Optimum(Generic[L]):
     """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, determined: how many of the parameters they
-    determine, those
-    that they and the priors do together in parts, chi2 of them, how many, whether it settled, and what is predicted there."""
+    determine, those that they and the priors do together in parts, chi2 of them, how many, whether it settled, and what is predicted
+    there."""
 
     theta: FloatArray
     covariance: FloatArray

@@ -125,12 +125,10 @@ def trust(square: FloatArray, freedom: IntArray, weight: FloatArray, determined:
     """What a least squares with weighted blocks is worth, in the information that it seems to have: 1.04 where nothing is wrong.
 
     square (n,): d^2 of every block with m components, freedom (n,), of which weight (n,) follows; determined: how many unknowns they
-    determine.
-    The sandwich of an equation sum w(d) J' V^-1 r = 0 (Huber and Ronchetti, Robust Statistics, 2009, 6.3 and 7.6) is, with means over all
-    components, b / (a^2 n) times (J' V^-1 J / n)^-1, a = E[w + d w'/m], b = E[w^2 d^2/m], both times 1 + determined/n var(w + d w'/m)/a^2
-    for few
-    of them. A least squares with weights states 1 / (n E[w]) instead. Which blocks have lost their weight stays in its normal equations:
-    where all blocks of one kind are bad, what only they tell is determined by nothing.
+    determine. The sandwich of an equation sum w(d) J' V^-1 r = 0 (Huber and Ronchetti, Robust Statistics, 2009, 6.3 and 7.6) is, with means
+    over all components, b / (a^2 n) times (J' V^-1 J / n)^-1, a = E[w + d w'/m], b = E[w^2 d^2/m], both times 1 + determined/n var(w + d
+    w'/m)/a^2 for few of them. A least squares with weights states 1 / (n E[w]) instead. Which blocks have lost their weight stays in its
+    normal equations: where all blocks of one kind are bad, what only they tell is determined by nothing.
     """
     d, m = np.sqrt(square), freedom.astype(np.float64)
     z = normal_deviates(square, freedom)

@@ -253,7 +253,7 @@ def table_writer(path: Path, metadata: Metadata | None = None) -> Iterator[Calla
             if writer is None:
                 schema = data.schema
                 if suffix == ".parquet":
-                    # without a copy of the schema its metadata are the file's own, some of which are known at the end only
+                    # some metadata are known at the end only; a stored copy of the schema would hide them
                     writer = pa.parquet.ParquetWriter(temporary, schema, compression="zstd", store_schema=False)
                 else:
                     options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="none")

@@ -107,9 +107,7 @@ def checked(
 ) -> Model:
     """The model of a file's content. The error has a line for everything that is wrong: source (the file) and, where data is what
     `io.files.read_toml` gave, its line there; table, key, what the value must be and what it is. also: what can be determined of data
-    that the
-    model
-    does not take, for what its own validators of the whole look at only when every part is right."""
+    that the model does not take, for what its own validators of the whole look at only when every part is right."""
     try:
         return model.model_validate(data, by_alias=True, by_name=False)
     except ValidationError as found:

@@ -64,18 +64,17 @@ class Characteristic:
     """One figure of a certificate.
 
     name: as ISO 9283:1998 writes it, _ for a subscript: AP_p; each module of `clauses` states its own. `_rot` marks rotation as a whole (an
-    extension).
-    pose, path: what of the program it belongs to; a distance or a posing has the pose "P2-P4". part: what of that, such as "corner 2".
-    clause: of ISO 9283:1998. value, unit; u95: half of the interval about the value that holds the characteristic of the true poses of
-    these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (their rounding, which is
-    another from dwell to dwell, and where within a count they were zeroed: both drawn anew in another run) and from the rest, as the
-    calibration (shared by the run, and by others of that calibration); coverage_factor: u95 over their root sum of squares, None where
-    that is zero. cycles: how many it is made of. capable: whether u95 is small enough to say the value; limit_u95: how small that is, in
-    the unit. capable_alone: of a signed component, which has the verdict of its vector or of a tolerance, whether it is small enough
-    beside the component itself; None of others. conformity: None unless a tolerance is stated. angles: convention of a component-wise
-    angle. extension: not in the standard. excluded: why no verdict is given though there is a value (outside the instrument's zone);
-    capable is then false. stated: False where nobody
-    states how uncertain the measurement is: u95 is then NaN, there is no verdict, and files have null.
+    extension). pose, path: what of the program it belongs to; a distance or a posing has the pose "P2-P4". part: what of that, such as
+    "corner 2". clause: of ISO 9283:1998. value, unit; u95: half of the interval about the value that holds the characteristic of the true
+    poses of these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (their rounding, which
+    is another from dwell to dwell, and where within a count they were zeroed: both drawn anew in another run) and from the rest, as the
+    calibration (shared by the run, and by others of that calibration); coverage_factor: u95 over their root sum of squares, None where that
+    is zero. cycles: how many it is made of. capable: whether u95 is small enough to say the value; limit_u95: how small that is, in the
+    unit. capable_alone: of a signed component, which has the verdict of its vector or of a tolerance, whether it is small enough beside the
+    component itself; None of others. conformity: None unless a tolerance is stated. angles: convention of a component-wise angle.
+    extension: not in the standard. excluded: why no verdict is given though there is a value (outside the instrument's zone); capable is
+    then false. stated: False where nobody states how uncertain the measurement is: u95 is then NaN, there is no verdict, and files have
+    null.
     """
 
     name: str

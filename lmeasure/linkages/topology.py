@@ -2,7 +2,7 @@
 
 A class L(n, m) and its degrees, `L-321-222`, platform first, say how many links meet in each point of the platform and of the base. They do
 not yet say which: a class holds several incidence graphs, and each is a structure of its own, written `L-321-222:abc-ab-c`, the base points
-of each platform point by letters. Platform and base distinguished there are 60, of which 59 can determine a pose (Arzumanyan's number).
+of each platform point by letters. With platform and base distinguished, there are 60; 59 can determine a pose (Arzumanyan's number).
 """
 
 import re

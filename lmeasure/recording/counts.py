@@ -189,9 +189,8 @@ class Unwrapped:
     """A counter with its wraps undone.
 
     counts (n,) continuous, NaN where there is none; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign, went
-    on;
-    inferred_bits: the counter's width when it was not stated and its jumps are those of wraps, or None.
-    believed_rate: the rate [1/s] by which it may have gone in a pause, where the motion had to tell; None where it had not.
+    on; inferred_bits: the counter's width when it was not stated and its jumps are those of wraps, or None. believed_rate: the rate [1/s]
+    by which it may have gone in a pause, where the motion had to tell; None where it had not.
     """
 
     counts: FloatArray

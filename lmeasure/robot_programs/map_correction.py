@@ -21,8 +21,7 @@ SAME_MM, SAME_RAD = 0.01, 1e-4
 
 def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limits: Limits, tool: FloatArray | None = None) -> Corrected:
     """Targets in the order in which first motions to them stand. tool (7,): where the measured target sat on the flange; a target given
-    with
-    another is left, and with None every tool is taken for that one."""
+    with another is left, and with None every tool is taken for that one."""
     outcomes: dict[int, Outcome] = {}
     values: dict[int, list[float]] = {}
     place: FloatArray | None = None

@@ -113,8 +113,7 @@ class _Reader:
 
     def _changed(self, k: int, text: str) -> None:
         """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not
-        determined; all
-        targets are elsewhere where a displacement may be on."""
+        determined; all targets are elsewhere where a displacement may be on."""
         for m in _ASSIGNED.finditer(text):
             self._mark(k, m[1], m.start(1), message("robot_programs.changed_program_3"))
             if not self._hides(k, m[1], m.start(1)):

@@ -1,9 +1,8 @@
 """Targets in tables: plain CSV of this program's columns, and those of RoboDK; any separator, decimal points or commas, quotes.
 
 Plain: `x_mm, y_mm, z_mm` with the columns of a convention of angles or a quaternion, or `joint_1_deg` ...; `name`, or `target`, where it
-has one.
-RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are given in `base` with
-`tool`, which columns of these names may say.
+has one. RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are given in
+`base` with `tool`, which columns of these names may say.
 """
 
 import math

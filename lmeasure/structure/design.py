@@ -2,9 +2,8 @@
 
 Where tetrahedra lead from the base to the platform, it is singular where one of them is flat. If they stand on links and sides alone, as
 those of L-321-321, that is proved for all assemblies at once (`linkages.flat_tetrahedra`). Of the other structures that tetrahedra solve
-it is
-proved for one assembly, the additional coordinates l7 and l8 followed through its tetrahedra (`linkages.chain`): that of a stated pose,
-or the one that stands highest at one of many lengths drawn within the limits. Of all others it is proved around a stated pose
+it is proved for one assembly, the additional coordinates l7 and l8 followed through its tetrahedra (`linkages.chain`): that of a stated
+pose, or the one that stands highest at one of many lengths drawn within the limits. Of all others it is proved around a stated pose
 (`linkages.length_limits`).
 """
 

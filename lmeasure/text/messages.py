@@ -76,7 +76,7 @@ def joined(messages: Iterable[str]) -> str:
 
 
 def from_stated(stated: Mapping[str, Any]) -> Message | None:
-    """Return the message of which `Message.stated` is; None for anything else, such as an id that another version knows."""
+    """Return the message that `Message.stated` wrote; None for anything else, such as the id of another version."""
     try:
         values = {key: _read(value) for key, value in stated["values"].items()}
         found = Message(stated["code"], values, stated.get("template", ""))

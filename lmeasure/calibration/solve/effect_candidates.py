@@ -104,8 +104,7 @@ class _Fitted:
 @dataclass(frozen=True)
 class _Named:
     """Effects that are followed together, each with log_p of chance where so many were tried; laws: of all that are not distinguished, as
-    they
-    are said, those followed first."""
+    they are said, those followed first."""
 
     followed: tuple[tuple[Effect, float, int], ...]
     laws: dict[tuple[str, str], str]
@@ -138,8 +137,7 @@ class _Named:
 
 def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownEffect, ...]]:
     """The effects that a fit's residuals ask for, in words, each with those that are not distinguished from it; and how large each effect
-    must
-    be to be named with `POWER`."""
+    must be to be named with `POWER`."""
     begun = _Fitted(model, found)
     shown = tuple(s for effect in begun.tried if (s := _shown(begun.left, effect, len(begun.tried))))
     named: list[_Named] = []

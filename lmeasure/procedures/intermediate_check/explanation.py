@@ -3,10 +3,9 @@
 The contradictions of some samples, as far from each other as can be, are whitened together by all that they are expected to err by
 (`moved.Together`: roundings, calibration, origins; of a rig that links no calibration its places and guides within their priors too).
 Laws of effects (`calibration.solve.effect_candidates`) and of what may have moved compete for them by F tests. One is named where chance,
-times
-their number (Bonferroni), is under `CHANCE`; those within odds of a hundred are named with it; then what the rest leave. Nothing is named
-where a channel that reads otherwise from some sample on does as well, for then it slipped or lost counts, or where what is left in the end
-contradicts itself still: then none of them is an explanation.
+times their number (Bonferroni), is under `CHANCE`; those within odds of a hundred are named with it; then what the rest leave. Nothing is
+named where a channel that reads otherwise from some sample on does as well, for then it slipped or lost counts, or where what is left in
+the end contradicts itself still: then none of them is an explanation.
 """
 
 import math

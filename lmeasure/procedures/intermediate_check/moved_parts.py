@@ -1,11 +1,11 @@
 """Whether the channels of a check agree with each other, and what has moved since the calibration if they do not.
 
 Parities y of all stops, what no pose of the tool makes (`trajectory.faults.redundancy`), have the covariance V of whole counts and of all
-that the
-calibration leaves uncertain, one draw for the whole run. y' V^-1 y is chi-squared while the rig is what it was. A cause (an observation
-point that moved, an encoder that slipped on its pulley, a drum whose count is of another length, a start that is not where it is said)
-makes y = A d more, and takes A (A' V^-1 A)^-1 A' V^-1 y of chi-squared away, with as many degrees of freedom as d has (Baarda 1968). It is
-named where no other comes near: their remaining chi-squared, with twice their degrees of freedom on top (Akaike), must be more by `APART`.
+that the calibration leaves uncertain, one draw for the whole run. y' V^-1 y is chi-squared while the rig is what it was. A cause (an
+observation point that moved, an encoder that slipped on its pulley, a drum whose count is of another length, a start that is not where it
+is said) makes y = A d more, and takes A (A' V^-1 A)^-1 A' V^-1 y of chi-squared away, with as many degrees of freedom as d has (Baarda
+1968). It is named where no other comes near: their remaining chi-squared, with twice their degrees of freedom on top (Akaike), must be more
+by `APART`.
 """
 
 import math

@@ -2,9 +2,8 @@
 controller.
 
 A controller knows the nominal robot. Commanded to a pose, it goes to joint values q with nominal(q) = pose, and the real flange is at
-found(q).
-Corrected joint values q* solve found(q*) = nominal(q) by Newton's method from q, which stays on q's branch; the pose that makes the
-controller go to them is nominal(q*). What is left is how well the robot is known and how well it repeats.
+found(q). Corrected joint values q* solve found(q*) = nominal(q) by Newton's method from q, which stays on q's branch; the pose that makes
+the controller go to them is nominal(q*). What is left is how well the robot is known and how well it repeats.
 """
 
 import itertools
@@ -43,10 +42,9 @@ class Limits:
 @dataclass(frozen=True)
 class Correction:
     """Of one target. before, joints (n,): commanded and corrected joint values; wanted, flange (7,): nominal poses of both; size_mm,
-    size_rad:
-    by how much the commanded pose changes; left_mm, left_rad: by how much the identified robot then is off, not nothing where it was
-    clipped or
-    has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does not."""
+    size_rad: by how much the commanded pose changes; left_mm, left_rad: by how much the identified robot then is off, not nothing where it
+    was clipped or has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does
+    not."""
 
     before: FloatArray
     joints: FloatArray

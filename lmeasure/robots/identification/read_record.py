@@ -94,10 +94,9 @@ TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
 class IdentifiedRobot:
     """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
     (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be determined; freedom of that;
-    misfit:
-    factor by which held-out rows lay farther off than stated; turned: whether the target's orientation was measured; seen: the found robot
-    as the program's frames see it, itself where nothing else is stated of these (`stated`); beyond: how places far from the measured
-    poses are widened."""
+    misfit: factor by which held-out rows lay farther off than stated; turned: whether the target's orientation was measured; seen: the
+    found robot as the program's frames see it, itself where nothing else is stated of these (`stated`); beyond: how places far from the
+    measured poses are widened."""
 
     nominal: RobotModel
     found: RobotModel

@@ -75,8 +75,7 @@ class Held:
 class Parallel:
     """`RobotModel` of legs with six equations; home (7,): base_from_flange at the joint values home_joints (n,); commanded: the
     components of `COMPONENTS` that a robot of fewer than six joints is commanded in, the others follow; bounds: of its workspace besides
-    its
-    joints' limits; known: poses (7,) that a robot hardly different took at joint values, by their bytes (`remembering`)."""
+    its joints' limits; known: poses (7,) that a robot hardly different took at joint values, by their bytes (`remembering`)."""
 
     name: str
     legs: tuple[Leg, ...]

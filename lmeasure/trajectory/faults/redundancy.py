@@ -398,8 +398,7 @@ LEAST_WEIGHT = 1e-9
 @dataclass(frozen=True)
 class Faults:
     """smallest, apart (n, m): smallest fault of a channel that is found, and that is distinguished from one of any other, infinite where
-    there
-    is none; correlation (n, m, m) of the channels' tests, NaN where one is not controlled."""
+    there is none; correlation (n, m, m) of the channels' tests, NaN where one is not controlled."""
 
     smallest: FloatArray
     apart: FloatArray
@@ -422,8 +421,7 @@ def faults_shown(weight: FloatArray, controlled: BoolArray | None = None) -> Fau
 @dataclass(frozen=True)
 class Reliability:
     """At n samples of m channels: redundancy number (n, m); smallest fault that is found (n, m) [mm, rad], and that is distinguished from
-    one
-    of any other channel, infinite where nothing controls a channel; effect (n, m) on the tool's place [mm] of one that is just not
+    one of any other channel, infinite where nothing controls a channel; effect (n, m) on the tool's place [mm] of one that is just not
     found; correlation (n, m, m) of the channels' tests, NaN where a channel is not controlled. NaN of a channel that is not used."""
 
     time_s: FloatArray

@@ -8,9 +8,8 @@ that this one cable sees and no other does: a robot that steps so is far less li
 When a channel is not to be believed, and what proves it right again.
 
 A counter that stepped (`trajectory.faults.continuity`) counts on, from another origin. Its lengths are not used from there on, until
-something
-shows that the origin is where it was: a rest at a place where the run rested before, or began, at which all the other channels are back and
-this one too. (Redundant cables prove it likewise: `trajectory.faults.consistency`.)
+something shows that the origin is where it was: a rest at a place where the run rested before, or began, at which all the other channels
+are back and this one too. (Redundant cables prove it likewise: `trajectory.faults.consistency`.)
 
 Where a run rests, and which of its rests are visits of one place, determined by the counts alone.
 

@@ -3,8 +3,7 @@
 The body's shape is found from all frames together, its poses by rotating it onto what each frame shows (Kabsch, Acta Cryst. A 34, 1978),
 and what is left over is the uncertainty of a marker, from which that of the poses follows. Labels that were swapped are put right where
 that explains a frame, a single marker that lies off is left out, and both are reported. Its origin is the middle of the markers, its axes
-are
-those of the instrument in the first frame that shows all of them.
+are those of the instrument in the first frame that shows all of them.
 """
 
 import re

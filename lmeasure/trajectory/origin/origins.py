@@ -21,8 +21,7 @@ The others tell the poses, and what they share with the channel in question: by 
 own (rounding) and one that neighbours have in common (calibration). A channel that slipped errs by one constant up to some sample and by
 another one from a later sample on: behind that it can be used again, from an origin that the run tells. When the one ended and the other
 began is determined by the likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung
-comes
-back to the constant it had; one that still errs otherwise at the end of the run goes on from none.
+comes back to the constant it had; one that still errs otherwise at the end of the run goes on from none.
 
 Whether a channel slipped in a run whose origins were found: too little for any single sample to show, but all of them together do.
 

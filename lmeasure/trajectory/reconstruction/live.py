@@ -1,8 +1,7 @@
 """The pose while the run is being recorded: one sample in, one pose out, in microseconds.
 
 What redundant channels tell of their origins, and absolute ones of a start that nobody stated, is determined by the run so far: it is
-learned
-whenever the run has become twice as long, by what `reconstruct` does with the samples that there are, and followed from there on.
+learned whenever the run has become twice as long, by what `reconstruct` does with the samples that there are, and followed from there on.
 
 From a sample's counts to its pose, sample by sample, by what is known of a run: the ways that `live` follows.
 """
@@ -204,10 +203,9 @@ class LivePose:
 
     Of six cables, or of six channels with a start, the poses are those of `reconstruct`. With more, or without a start (7,), those of a
     sample at which the run is learned are what `reconstruct` gives of the run up to it; later ones use what was reported then. aside:
-    learn in
-    a thread, and follow meanwhile by what is known. Where a drum states no counter_bits its counter is taken as one that does not wrap.
-    Raises what `Reconstruction` raises, and TrajectoryError when the rig has more than one pass, effects that are left out here, or no
-    start and too few absolute channels. Everything is compiled before the constructor returns.
+    learn in a thread, and follow meanwhile by what is known. Where a drum states no counter_bits its counter is taken as one that does not
+    wrap. Raises what `Reconstruction` raises, and TrajectoryError when the rig has more than one pass, effects that are left out here, or
+    no start and too few absolute channels. Everything is compiled before the constructor returns.
 
     why: what keeps the start unknown, as long as it is. learns: whether it goes on learning.
     """

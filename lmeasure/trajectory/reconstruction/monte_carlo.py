@@ -103,8 +103,7 @@ def _drawn_by_estimate(
     budget: Budget, estimate: OriginEstimate, situation: Situation, generator: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """A draw of all that a run shares which determined of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m)
-    by
-    whatever else there is. What an origin took up of a parameter errs with it."""
+    by whatever else there is. What an origin took up of a parameter errs with it."""
     own = [standard(generator, (len(s.names),), s.uniform and s not in budget.origins) for s in budget.every]
     root = budget.by_parameter.root
     drawn, r = estimate.mix @ np.concatenate(own), root.shape[1]

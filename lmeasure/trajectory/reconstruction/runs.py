@@ -3,6 +3,7 @@
 A log of ten hours goes from file to file a few pieces at a time, in bounded memory.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -166,23 +167,23 @@ def reconstruct_stream(
     """Reconstruct a run for which `can_stream` holds and write its trajectory as `trajectory_writer` does.
 
     The result is that of `reconstruct`, whose judge is this; progress is called with (done, of), each piece is given to `each` and then
-    let go.
-    Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
+    let go. Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     run = _StreamedRun.of(head)
     reconstruction = prepare(run, constraint)
     more = () if judge is None else judge(reconstruction)
     summary = Summary()
     with trajectory_writer(out, covered(reconstruction.budget.covers, run.evidence), angles) as write:
-        now: list[tuple[Counts, Lengths]] = []
+        # a trajectory comes before the next lengths are asked for, so one piece is kept at a time
+        waiting: deque[tuple[Counts, Lengths]] = deque()
 
         def lengths_of() -> Iterator[Lengths]:
-            # one piece is kept at a time
-            for now[:] in ([both] for both in run.recorded_pieces(reconstruction.doubts, progress)):
-                yield now[0][1]
+            for counts, lengths in run.recorded_pieces(reconstruction.doubts, progress):
+                waiting.append((counts, lengths))
+                yield lengths
 
         for trajectory in reconstruction.trajectories(lengths_of()):
-            piece, lengths = now[0]
+            piece, lengths = waiting.popleft()
             trajectory = with_evidence(reconstruction, trajectory, lengths, run, covariances=True)
             write(trajectory)
             trajectory = replace(trajectory, notes=(*trajectory.notes, *more))

@@ -398,8 +398,7 @@ class Budget:
     @property
     def length_variance(self) -> FloatArray:
         """(m,) [mm^2, rad^2] of a single reading, zero phase and zero included where the run has not determined them: what readings are
-        weighed
-        and distinguished by."""
+        weighed and distinguished by."""
         return self._before if self.estimate is None else self.variance
 
     @property

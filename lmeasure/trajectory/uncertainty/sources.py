@@ -220,9 +220,9 @@ def standard(generator: np.random.Generator, shape: tuple[int, ...], uniform: bo
 @dataclass(frozen=True)
 class OriginEstimate:
     """What a run determined of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the
-    origins last,
-    by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that had a
-    part in it; covariance (K, K) of all shared variables, C; aside (K - o,): means of the other variables, which are not applied."""
+    origins last, by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those
+    that had a part in it; covariance (K, K) of all shared variables, C; aside (K - o,): means of the other variables, which are not
+    applied."""
 
     mean: FloatArray
     mix: FloatArray
