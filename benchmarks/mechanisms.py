@@ -2,9 +2,8 @@
 
     python benchmarks/mechanisms.py
 
-Each mechanism is given drives of random poses and finds them again from its home pose. The robots that come along do so twice: by Newton's
-method from home, as SciPy does, and along the way there from home, as `identify` and `simulate` do, which no other assembly can be
-taken for. Writes benchmarks/results/mechanisms.md.
+Each built-in robot finds random poses again from their drives, twice: by Newton's method from home, as SciPy does, and along the way there
+from home, as `identify` and `simulate` do, which no other assembly can be taken for. Writes benchmarks/results/mechanisms.md.
 """
 
 import time
@@ -17,13 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.robots import any_shipped, checked
-from lmeasure.robots.parallel.limits import own_roots
-from lmeasure.robots.parallel.mechanisms import legs, virtual_points
-from lmeasure.robots.parallel.mechanisms.crank import CrankPlatform
-from lmeasure.robots.parallel.mechanisms.legs import LegPlatform, Placed
-from lmeasure.robots.parallel.mechanisms.logos import HookeHexapod
-from lmeasure.robots.parallel.mechanisms.rotopod import Rotopod
-from lmeasure.robots.parallel.mechanisms.study import ranges
+from lmeasure.robots.parallel.limits import own_roots, ranges
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 
 POSES, SLOW, ROUNDS = 5000, 60, 3
@@ -32,23 +25,8 @@ ROBOTS = ("rotopod", "four-chains", "four-chains-arms", "crank-platform", "logos
 RESULTS = Path(__file__).parent / "results" / "mechanisms.md"
 
 
-def generic(mechanism: LegPlatform, drives: FloatArray, home: FloatArray) -> FloatArray:
-    """One pose after the other, by rotation vector and position, derivatives by differences."""
-    turn0 = se3.rotation(home).as_rotvec()
-    out = []
-    for q in drives:
-        own = mechanism.legs(q)
-
-        def lacks(x: FloatArray, ends: FloatArray = own.ends, lengths: FloatArray = own.lengths) -> FloatArray:
-            return np.asarray(np.linalg.norm(Rotation.from_rotvec(x[:3]).apply(mechanism.points) + 100.0 * x[3:] - ends, axis=1) - lengths)
-
-        x = root(lacks, np.concatenate([turn0, home[:3] / 100.0]), tol=1e-12).x
-        out.append(np.concatenate([100.0 * x[3:], Rotation.from_rotvec(x[:3]).as_quat()]))
-    return np.array(out)
-
-
 def generic_robot(robot: Parallel, drives: FloatArray) -> FloatArray:
-    """The same of the six equations of any parallel robot, distances and planes."""
+    """One pose after the other from the six equations by rotation vector and position, derivatives by differences."""
     points = np.array([robot.legs[i].point for i in robot.owners])
     turn0, at0 = se3.rotation(robot.home).as_rotvec(), robot.home[:3]
     size = robot.size_mm
@@ -97,35 +75,10 @@ def seconds(work: Callable[[], object]) -> float:
 
 def main() -> None:
     rng = np.random.default_rng(0)
-    crank = CrankPlatform.regular(300.0, 200.0, np.radians(20.0), np.radians(100.0), crank_mm=50.0, height_mm=200.0)
-    rotopod = Rotopod.of_triangle(1024.0, 87.0, 1019.8, 980.0)
-    logos = HookeHexapod.of_leg(np.array([-460.0, -421.0, 0.0]), np.array([-148.0, -490.0, 793.0]))
-    spread = rng.uniform(-1.0, 1.0, (POSES, 6)) * [0.05, 0.05, 0.1, 30.0, 30.0, 30.0]
-    high, rest = se3.pose([0.0, 0.0, 800.0], Rotation.identity()), se3.pose(np.zeros(3), Rotation.identity())
-    around = [se3.displaced(np.broadcast_to(home, (POSES, 7)), spread) for home in (high, rest)]
-    cases: list[tuple[str, LegPlatform, FloatArray, FloatArray, Callable[[FloatArray], Placed]]] = []
-    cranks = rng.uniform(-0.5, 0.5, (POSES, 3))
-    cases.append(("crank platform, legs", crank, crank.home, cranks, lambda q: legs.forward(crank, q, crank.home)))
-    cases.append(("crank platform, virtual points", crank, crank.home, cranks, lambda q: virtual_points.forward(crank, q, crank.home)))
-    cases.append(("rotopod", rotopod, high, rotopod.inverse(around[0]), lambda q: legs.forward(rotopod, q, high)))
-    cases.append(("LOGOS hexapod", logos, rest, logos.inverse(around[1]), lambda q: legs.forward(logos, q, rest)))
     lines = [
         "# Forward problems of mechanisms",
         "",
         "`python benchmarks/mechanisms.py`: poses/s on one core, medians; SciPy is `root` per pose, derivatives by differences.",
-        "",
-        "| mechanism | lmeasure | SciPy | times | largest difference |",
-        "|---|---|---|---|---|",
-    ]
-    for name, mechanism, home, drives, forward in cases:
-        found = forward(drives)
-        assert found.found.all(), name
-        own = POSES / seconds(lambda forward=forward, drives=drives: forward(drives))  # type: ignore[misc]
-        other = SLOW / seconds(lambda m=mechanism, d=drives, h=home: generic(m, d[:SLOW], h))  # type: ignore[misc]
-        away = np.abs(se3.displacement(found.poses[:SLOW], generic(mechanism, drives[:SLOW], home)) * ([100.0] * 3 + [1.0] * 3)).max()
-        lines.append(f"| {name} | {own:,.0f} | {other:,.0f} | {own / other:,.0f} | {away:.0e} mm |")
-        print(lines[-1])
-    lines += [
         "",
         "The robots that come along: from home as SciPy goes, and along the way there.",
         "",

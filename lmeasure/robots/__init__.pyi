@@ -51,9 +51,7 @@ from .identification.record import (
 )
 from .identification.slips import mended as mended
 from .model import RobotModel as RobotModel
-from .parallel.file import ParallelFile as ParallelFile
-from .parallel.limits import checked as checked
-from .parallel.mechanisms.dyads import (
+from .parallel.dyads import (
     Dyad as Dyad,
     Minimax as Minimax,
     all_fitted as all_fitted,
@@ -61,11 +59,13 @@ from .parallel.mechanisms.dyads import (
     misses as misses,
     turned as turned,
 )
-from .parallel.mechanisms.jacobians import nearness as nearness
-from .parallel.mechanisms.study import Workspace as Workspace
+from .parallel.file import ParallelFile as ParallelFile
+from .parallel.jacobians import nearness as nearness
+from .parallel.limits import checked as checked
 from .parallel.outline import Drawn as Drawn, drawn as drawn
 from .parallel.study import (
     Grid as Grid,
+    Workspace as Workspace,
     at_poses as at_poses,
     completions as completions,
     described as described,

@@ -13,7 +13,7 @@ from lmeasure.rig import Rig
 from lmeasure.robots.inverse_kinematics import reach_mm
 from lmeasure.robots.model import RobotModel
 from lmeasure.robots.parallel import limits
-from lmeasure.robots.parallel.mechanisms.jacobians import nearness
+from lmeasure.robots.parallel.jacobians import nearness
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.serial_robot import SerialRobot

@@ -1,25 +1,43 @@
 """What bounds a parallel robot's workspace besides its joints: carriages that meet, joints that bend, singular poses, weight that tips."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
-from lmeasure.robots.parallel.bounds import Limits
-from lmeasure.robots.parallel.mechanisms.jacobians import nearness
-from lmeasure.robots.parallel.mechanisms.ring_limits import RingChecks, stands
-from lmeasure.robots.parallel.mechanisms.study import ranges
+from lmeasure.robots.file_fields import Limits
+from lmeasure.robots.parallel.jacobians import nearness
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 
 RING = ("carriage", "radial", "radial-arm")
+STEPS = 200
+"""In which a range is searched, each way."""
 
 
 @dataclass(frozen=True)
-class Checks(RingChecks):
-    """(N,) whether each limit is kept; what is not reached keeps none. Rods are legs, carriages their lower ends without a guide too."""
+class Checks:
+    """(N,) whether each limit is kept; poses that are not reached keep none."""
 
+    reached: BoolArray
+    """Every leg reaches its platform's joint."""
+    gaps: BoolArray
+    """Between neighbouring carriages of a circular guide."""
+    base_cone: BoolArray
+    """Legs to the base's z."""
+    platform_cone: BoolArray
+    """Legs to the platform's z."""
+    regular: BoolArray
+    """Away from singular poses."""
+    stands: BoolArray
+    """The centre of mass over the polygon of the legs' lower ends."""
     joints: BoolArray
     """Joint values within their limits."""
+
+    @property
+    def all(self) -> BoolArray:
+        """(N,) all of them."""
+        return np.asarray(np.logical_and.reduce([getattr(self, f.name) for f in fields(self)]))
 
 
 def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
@@ -54,8 +72,22 @@ def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
         base_cone=cone(np.broadcast_to([0.0, 0.0, 1.0], normal.shape), limits.base_cone_deg),
         platform_cone=cone(normal, limits.platform_cone_deg),
         regular=reached & (nearness(robot.jacobians(there, safe).output, robot.units) > limits.singular),
-        stands=every if limits.mass_mm is None else stands(feet, se3.apply(there, np.tile(limits.mass_mm, (len(there), 1)))),
+        stands=every if limits.mass_mm is None else _stands(feet, se3.apply(there, np.tile(limits.mass_mm, (len(there), 1)))),
     )
+
+
+def ranges(inside: Callable[[FloatArray], BoolArray], home: FloatArray, most: FloatArray) -> FloatArray:
+    """(6, 2) least and largest displacement (turns about the base's axes [rad], shifts [mm]) from the pose home (7,), one coordinate at
+    a time, without leaving what is inside on the way; searched to +-most (6,) in `STEPS` steps each way. Zeros where home is outside."""
+    out = np.zeros((6, 2))
+    for axis in range(6):
+        for way, sign in enumerate((-1.0, 1.0)):
+            delta = np.zeros((STEPS + 1, 6))
+            delta[:, axis] = sign * most[axis] * np.linspace(0.0, 1.0, STEPS + 1)
+            kept = inside(se3.displaced(np.broadcast_to(home, (STEPS + 1, 7)), delta))
+            last = int(np.argmin(kept)) - 1 if not kept.all() else STEPS
+            out[axis, way] = delta[max(last, 0), axis]
+    return out
 
 
 def spread(robot: Parallel, unit: FloatArray, *, most_rad: float) -> FloatArray:
@@ -90,6 +122,16 @@ def own_roots(robot: Parallel, poses: FloatArray) -> FloatArray:
         turns = np.where(slides, 0.0, np.round((root - 0.5 * (low[own] + high[own])) / (2.0 * np.pi)))
         out.append(root - 2.0 * np.pi * turns)
     return np.concatenate(out, axis=1)
+
+
+def _stands(feet: FloatArray, mass: FloatArray) -> BoolArray:
+    """(N,) whether masses (N, 3) are over the polygon of feet (N, n, 3), convex and taken in their order round their middle: left of all
+    its sides."""
+    away = feet - feet.mean(axis=1, keepdims=True)
+    order = np.argsort(np.arctan2(away[..., 1], away[..., 0]), axis=1)
+    feet = np.take_along_axis(feet, order[..., None], axis=1)
+    chord, to_mass = np.roll(feet, -1, axis=1) - feet, mass[:, None, :] - feet
+    return np.asarray((chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0] > 0.0).all(axis=1))
 
 
 def _gaps(robot: Parallel, limits: Limits, drives: FloatArray) -> BoolArray:

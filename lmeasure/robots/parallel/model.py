@@ -1,4 +1,4 @@
-"""Platforms on legs of any kinds (`kinds.KINDS`), six equations together, as robots: poses of joint values, derivatives, inverse.
+"""Platforms on legs of any kinds (`legs.KINDS`), six equations together, as robots: poses of joint values, derivatives, inverse.
 
 With the unit direction d of an equation, a leg's or a plane's normal, and a twist (omega; v) at the base's origin,
 
@@ -25,10 +25,10 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, Status, se3
 from lmeasure.kernels import driven, placed
+from lmeasure.robots.file_fields import Limits
 from lmeasure.robots.model import Parameter
-from lmeasure.robots.parallel.bounds import Limits
-from lmeasure.robots.parallel.leg import Leg
-from lmeasure.robots.parallel.mechanisms.jacobians import Jacobians
+from lmeasure.robots.parallel.jacobians import Jacobians
+from lmeasure.robots.parallel.legs import Leg
 from lmeasure.text import numbers
 
 EQUATIONS = 6

@@ -6,7 +6,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.parallel.leg import Leg
+from lmeasure.robots.parallel.legs import Leg
 from lmeasure.robots.parallel.limits import RING, own_roots
 
 ROUND = 120

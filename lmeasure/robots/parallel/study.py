@@ -1,18 +1,16 @@
 """What a mechanism is and does: at a pose, along its coordinates, over a grid of places, and at the poses of a table."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, se3
+from lmeasure.robots.parallel.completion import KINDS as COMPLETED, completed
 from lmeasure.robots.parallel.file import ParallelFile, Strut
-from lmeasure.robots.parallel.limits import Checks, checked, own_roots
-from lmeasure.robots.parallel.mechanisms import study
-from lmeasure.robots.parallel.mechanisms.completion import KINDS as COMPLETED, completed
-from lmeasure.robots.parallel.mechanisms.jacobians import Singular, nearness, singular
-from lmeasure.robots.parallel.mechanisms.study import Workspace
+from lmeasure.robots.parallel.jacobians import Singular, nearness, singular
+from lmeasure.robots.parallel.limits import Checks, checked, own_roots, ranges
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS
 
 BLOCK = 20000
@@ -23,6 +21,20 @@ YAWS = 72
 NODES = 2_000_000
 AXES = ("rx", "ry", "rz", "x", "y", "z")
 SINGULAR = {Singular.NO: "no", Singular.DRIVES: "type 1", Singular.OUTPUT: "type 2", Singular.BOTH: "type 3"}
+
+
+class Workspace(NamedTuple):
+    """inside (len(x), len(y), len(z)) at evenly spaced nodes, at least two each way."""
+
+    x_mm: FloatArray
+    y_mm: FloatArray
+    z_mm: FloatArray
+    inside: BoolArray
+
+    @property
+    def volume_mm3(self) -> float:
+        """Nodes inside times the cell of the grid."""
+        return float(self.inside.sum() * np.prod([a[1] - a[0] for a in self[:3]]))
 
 
 @dataclass(frozen=True)
@@ -64,7 +76,7 @@ def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, A
     if len(joints[0]) == EQUATIONS:
         far = max(float(np.linalg.norm(at[:3])), robot.size_mm)
         most = np.array([MOST_RAD, MOST_RAD, np.pi, *(MOST * far,) * 3])
-        reach = study.ranges(lambda poses: inside(file, poses), at, most)
+        reach = ranges(lambda poses: inside(file, poses), at, most)
         scale = np.repeat([np.degrees(1.0), 1.0], 3)[:, None]
         out["ranges"] = dict(zip(AXES, (reach * scale).tolist(), strict=True))
     else:
@@ -86,12 +98,13 @@ def over_grid(file: ParallelFile, axes: tuple[FloatArray, FloatArray, FloatArray
     count = int(np.prod([len(a) for a in axes]))
     if count * (YAWS if yaw_free else 1) > NODES:
         raise GeometryError(f"{count} places{f' at {YAWS} turns each' if yaw_free else ''}: at most {NODES} poses are looked at")
-    every = np.zeros(tuple(len(a) for a in axes), dtype=np.bool_)
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    every = np.zeros(count, dtype=np.bool_)
     yaws = 2.0 * np.pi / YAWS * np.arange(YAWS) if yaw_free else np.zeros(1)
     for yaw in yaws:
         turn = (Rotation.from_rotvec([0.0, 0.0, yaw]) * Rotation.from_quat(orientation)).as_quat()
-        every |= study.workspace(lambda poses: inside(file, poses), *axes, orientation=turn).inside
-    found = Workspace(*axes, every)
+        every |= inside(file, np.concatenate([places, np.broadcast_to(turn, (count, 4))], axis=1))
+    found = Workspace(*axes, every.reshape([len(a) for a in axes]))
     return Grid(found, yaw_free, {} if yaw_free else _ended_by(file, found, orientation))
 
 

@@ -1,18 +1,27 @@
 """5(SS): tables of source 004 as their recomputation has them, poses completed in five ways, synthesis."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from mechanism_tables import MINIMAX_L5, TABLE_1, TABLE_2, TABLE_3, TABLE_4, mechanism, poses
+from mechanism_tables import MINIMAX_L5, TABLE_1, TABLE_2, TABLE_3, TABLE_4, mechanism, poses, turn_of
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import GeometryError, se3
-from lmeasure.robots.parallel.mechanisms import dyads
-from lmeasure.robots.parallel.mechanisms.completion import KINDS, completed
-from lmeasure.robots.parallel.mechanisms.seven_link import SevenLink, coordinates_of, exact_positions
+from lmeasure.robots.parallel import dyads
+from lmeasure.robots.parallel.completion import KINDS, PlanarPlatform, completed
+from lmeasure.robots.parallel.guide import SevenLink
 
 DISTANCES = np.array([0.00182, 0.00167, 0.00270, 0.00063, 0.00065, 0.00252, 0.00246, 0.00208, 0.00088, 0.00042])
+
+
+def walked(link: SevenLink, first: np.ndarray, step: float, most: int) -> np.ndarray:
+    """(k, 7) poses through one that closes, so many steps each way."""
+    ahead = link.tangent(first)
+    forth, back = (list(islice(link.walk(first, way, step), most)) for way in (ahead, -ahead))
+    return np.array([*back[::-1], first, *forth])
 
 
 def test_table_2_misses_the_poses_of_table_3() -> None:
@@ -28,12 +37,12 @@ def test_table_2_misses_the_poses_of_table_3() -> None:
 def test_table_4_lies_on_the_path() -> None:
     np.testing.assert_allclose(np.linalg.norm(TABLE_4 - TABLE_1[:, :3], axis=1), DISTANCES, atol=1.1e-5)
     link, start = mechanism(), poses(TABLE_3)
-    path = link.path(link.closed(start[0]), 0.2, 200)
-    assert np.abs(link.residuals(path.poses)).max() < 1e-10
-    nearest = np.argmin(np.linalg.norm(path.poses[:, None, :3] - TABLE_4, axis=2), axis=0)
+    path = walked(link, link.closed(start[0]), 0.2, 200)
+    assert np.abs(link.residuals(path)).max() < 1e-10
+    nearest = np.argmin(np.linalg.norm(path[:, None, :3] - TABLE_4, axis=2), axis=0)
     assert (np.diff(nearest) > 0).all() or (np.diff(nearest) < 0).all()
     for k, stated, asked in zip(nearest, TABLE_4, start, strict=True):
-        at, way = path.poses[k], link.tangent(path.poses[k])
+        at, way = path[k], link.tangent(path[k])
 
         def on_path(s: float, at: np.ndarray = at, way: np.ndarray = way) -> np.ndarray:
             return link.closed(se3.displaced(at, s * way))
@@ -51,19 +60,19 @@ def test_phi_is_a_bad_driver() -> None:
     for pose in start:
         at = link.closed(pose)
         way, h = link.tangent(at), 1e-5
-        turn = [coordinates_of(link.closed(se3.displaced(at, s * h * way)))[5] for s in (-1.0, 1.0)]
+        turn = [turn_of(link.closed(se3.displaced(at, s * h * way))) for s in (-1.0, 1.0)]
         rates.append(abs(turn[1] - turn[0]) / (2.0 * h))
     assert min(rates[4], rates[5]) < 0.1 * np.median(np.delete(rates, [4, 5]))
 
 
 def test_the_path_is_evenly_stepped_and_one() -> None:
     link, step = mechanism(), 0.05
-    path = link.path(link.closed(poses(TABLE_3)[3]), step, 60)
+    path = walked(link, link.closed(poses(TABLE_3)[3]), step, 60)
     weigh = np.array([link.size] * 3 + [1.0] * 3)
-    steps = np.linalg.norm(se3.displacement(path.poses[1:], path.poses[:-1]) * weigh, axis=1)
+    steps = np.linalg.norm(se3.displacement(path[1:], path[:-1]) * weigh, axis=1)
     np.testing.assert_allclose(steps, step, rtol=0.05)
-    finer = link.path(link.closed(poses(TABLE_3)[3]), step / 5.0, 320)
-    away = np.linalg.norm(finer.poses[None, :, :3] - path.poses[30:90:10, None, :3], axis=2).min(axis=1)
+    finer = walked(link, link.closed(poses(TABLE_3)[3]), step / 5.0, 320)
+    away = np.linalg.norm(finer[None, :, :3] - path[30:90:10, None, :3], axis=2).min(axis=1)
     assert away.max() < step / 5.0
 
 
@@ -74,11 +83,6 @@ def test_four_links_have_two_freedoms() -> None:
         four.tangent(four.closed(poses(TABLE_3)[0]))
     with pytest.raises(GeometryError, match="the links do not meet"):
         SevenLink(link.anchors, link.points, 0.05 * link.lengths).closed(poses(TABLE_3)[0])
-
-
-def test_how_many_positions_can_be_exact() -> None:
-    assert exact_positions(7, 5, 1, 1) == 8
-    assert exact_positions(7, 5, 1, 0) == 7  # all given: each link by itself
 
 
 def _body(rng: np.random.Generator) -> np.ndarray:
@@ -120,6 +124,40 @@ def test_completed_poses_keep_what_is_given_and_have_the_links(seed: int, kind: 
         assert np.abs(kept[:, 2]).max() < 1e-6
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_no_assembly_of_a_planar_platform_is_missed(seed: int) -> None:
+    """Against a scan: for each turn the first two rods leave two places of the platform; zeros of what the third rod then lacks."""
+    rng = np.random.default_rng(seed)
+    c, hinges, pose = rng.uniform(-400.0, 400.0, (3, 2)), rng.uniform(-150.0, 150.0, (3, 2)), rng.uniform(-3.0, 3.0, 3) * [100, 100, 1]
+    turn = np.array([[np.cos(pose[2]), -np.sin(pose[2])], [np.sin(pose[2]), np.cos(pose[2])]])
+    rods = np.linalg.norm(pose[:2] + hinges @ turn.T - c, axis=1)
+    phi = np.linspace(-np.pi, np.pi, 200001)[:, None]
+    (x, y), cos, sin = hinges.T, np.cos(phi), np.sin(phi)
+    turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+    centre = c - turned  # of the circles on which E lies
+    base = centre[:, 1] - centre[:, 0]
+    far = np.linalg.norm(base, axis=1)
+    along = (far**2 + rods[0] ** 2 - rods[1] ** 2) / (2.0 * far)
+    count = 0
+    with np.errstate(invalid="ignore"):
+        off = np.sqrt(rods[0] ** 2 - along**2)
+        for sign in (1.0, -1.0):
+            e = centre[:, 0] + (along / far)[:, None] * base + sign * (off / far)[:, None] * np.stack([-base[:, 1], base[:, 0]], axis=1)
+            lacks = np.linalg.norm(e - centre[:, 2], axis=1) - rods[2]
+            count += int(np.sum(lacks[1:] * lacks[:-1] < 0.0))
+    mechanism = PlanarPlatform(c, hinges, rods)
+    found = mechanism.assemblies()
+    assert len(found) == count
+    assert max(np.abs(mechanism.residuals(one)).max() for one in found) < 1e-6
+    assert np.abs((found - pose) * [1.0, 1.0, 300.0]).max(axis=1).min() < 1e-5
+
+
+def test_equal_parallel_rods_leave_a_continuum() -> None:
+    corners = 100.0 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    with pytest.raises(GeometryError, match="continuum"):
+        PlanarPlatform(corners, corners - [30.0, 0.0], np.full(3, 80.0)).assemblies()
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_no_completed_line_is_missed(seed: int) -> None:
     """Against a scan of the turn: each link leaves two shifts, and zeros of their differences are poses."""
@@ -151,7 +189,7 @@ def test_the_pose_of_table_1_is_completed_by_the_first_links() -> None:
     for j in (1, 2, 3, 4):
         for i, stated in enumerate(poses(np.zeros(10))):
             found = completed("point on a line", stated, link.anchors[j : j + 1], link.points[j : j + 1], lengths=link.lengths[j : j + 1])
-            turn = coordinates_of(found)[:, 5] - np.radians(TABLE_3[i])
+            turn = turn_of(found) - np.radians(TABLE_3[i])
             # from table 3 by what the link misses the pose by
             expected = -off[i, j] / by_turn[i, j]
             assert np.abs(np.angle(np.exp(1j * (turn - expected)))).min() < 0.2 * abs(expected)

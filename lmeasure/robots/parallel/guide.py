@@ -1,4 +1,4 @@
-"""A body on five binary links between ball joints, 5(SS): one freedom, followed along its path (source 004).
+"""A body on five rods between ball joints, 5(SS): one freedom, followed along its path; the way of the point that drives it (source 004).
 
 Five equations |R B_j + o - A_j| = l_j leave a pose one freedom. Its way is followed by arc length, |ds|^2 = |do|^2 + (size |omega|)^2: a
 single coordinate is a bad driver where it stops, as the turn phi about the body's axis does between poses 5 and 6 of the source. Angles
@@ -7,15 +7,19 @@ there are R = Rz(psi) Rx(theta) Rz(phi), unique among all orders and signs for i
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count, islice
-from typing import NamedTuple
+from functools import lru_cache
+from itertools import count
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
-from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, GeometryError, se3
 
+RODS = 5
+MOST_STEPS = 2000
+LEAST_PART = 0.02
+"""Of a step: least that the point moves in it."""
 CLOSES = 1e-12
 """Of the longest link: how well loops close."""
 
@@ -67,19 +71,6 @@ class SevenLink:
             raise GeometryError(f"a singular pose: {free.shape[1]} freedoms instead of one")
         return np.asarray(scale * free[:, 0])
 
-    def path(self, start: FloatArray, step: float, most: int = 10000) -> "Path":
-        """The way through a pose (7,) by steps of arc length, until it comes back to its start, or most steps were made each way.
-
-        A singular pose on it is passed over, since a chord leads past it; that the way goes on straight there is how it is met.
-        """
-        first = self.closed(start)
-        ahead, back = self.tangent(first), -self.tangent(first)
-        forth, closed = self._followed(first, ahead, step, most)
-        if closed:
-            return Path(np.array([first, *forth]), True)
-        other, _ = self._followed(first, back, step, most)
-        return Path(np.array([*other[::-1], first, *forth]), False)
-
     def walk(self, first: FloatArray, way: FloatArray, step: float) -> Iterator[FloatArray]:
         """The poses (7,) after one that closes, by steps of arc length the way of a displacement (6,), until they come back to it."""
         weigh = np.array([self.size] * 3 + [1.0] * 3)
@@ -96,38 +87,57 @@ class SevenLink:
             yield following
             pose, sign = following, own * weigh
 
-    def _followed(self, first: FloatArray, way: FloatArray, step: float, most: int) -> tuple[list[FloatArray], bool]:
-        out = list(islice(self.walk(first, way, step), most + 1))
-        return out[:most], len(out) <= most
-
     def _spans(self, poses: FloatArray) -> FloatArray:
         return np.asarray(poses[..., None, :3] + np.einsum("...ij,nj->...ni", se3.matrices(poses), self.points) - self.anchors)
 
 
-class Path(NamedTuple):
-    """poses (k, 7) evenly along the way; returns: whether it comes back to where it began."""
+@dataclass(frozen=True)
+class Driver:
+    """point of the body that is driven; step between nodes; limits: how far the way is needed, from home [mm]."""
 
-    poses: FloatArray
-    returns: bool
-
-
-def pose_of(coordinates: FloatArray) -> FloatArray:
-    """(..., 7) poses of rows (X, Y, Z, psi, theta, phi), angles [rad]: R = Rz(psi) Rx(theta) Rz(phi)."""
-    flat = np.asarray(coordinates).reshape(-1, 6)
-    return se3.pose(flat[:, :3], Rotation.from_euler("ZXZ", flat[:, 3:])).reshape(*np.shape(coordinates)[:-1], 7)
+    point: tuple[float, float, float]
+    step_mm: float
+    limits: tuple[float, float]
 
 
-def coordinates_of(poses: FloatArray) -> FloatArray:
-    """(..., 6) (X, Y, Z, psi, theta, phi) of poses (..., 7), theta in [0, pi]."""
-    flat = poses.reshape(-1, 7)
-    angles = se3.rotation(flat).as_euler("ZXZ")
-    return np.concatenate([flat[:, :3], angles], axis=1).reshape(*poses.shape[:-1], 6)
+Rods = tuple[tuple[tuple[float, ...], tuple[float, ...], float], ...]
+"""Of each its lower end in the base, its upper one on the body, and its length [mm]."""
 
 
-def exact_positions(chain_parameters: int, chains: int, constraints: int, unknown: int) -> int:
-    """Most poses that a mechanism of equal chains can take exactly, of which so many coordinates are left open each time (source 004, 6).
+@lru_cache(maxsize=8)
+def way_of(rods: Rods, home: tuple[float, ...], driver: Driver) -> tuple[FloatArray, CubicSpline]:
+    """The pose (7,) nearest to home (7,) that five rods allow, and the way of the point from there, by its length in chords [mm], a little
+    farther than the driver's limits each way. GeometryError where they allow none, do not leave one freedom, or go less far."""
+    if len(rods) != RODS:
+        raise GeometryError(f"a way is that of a body on {RODS} rods; there are {len(rods)}")
+    link = SevenLink(*(np.array(part) for part in zip(*rods, strict=True)))
+    closed = link.closed(np.array(home))
+    moved = link.tangent(closed)
+    shift = moved[3:] + np.cross(moved[:3], se3.matrices(closed) @ np.array(driver.point))
+    # ahead is where the point's fastest coordinate rises
+    ahead = np.sign(shift[np.argmax(np.abs(shift))]) * moved
+    least, most = driver.limits
+    forth, back = (_walked(link, closed, way, driver, far) for way, far in ((ahead, most), (-ahead, -least)))
+    poses = np.array([*back[::-1], closed, *forth])
+    places = se3.apply(poses, np.broadcast_to(driver.point, (len(poses), 3)))
+    chords = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    if not (chords > LEAST_PART * driver.step_mm).all():
+        raise GeometryError("its point hardly moves somewhere on the way: drive another one, or not so far")
+    along = np.concatenate([[0.0], np.cumsum(chords)])
+    return closed, CubicSpline(along - along[len(back)], places)
 
-    N (n S - m) <= n k - m for n chains of k parameters and S constraints and m open coordinates: each pose adds m unknowns but the first,
-    whose open ones only say how the body's frame lies on it. 5(SS) with one open turn: (5 * 7 - 1) / (5 - 1) = 8.5, so eight.
-    """
-    return (chains * chain_parameters - unknown) // (chains * constraints - unknown)
+
+def _walked(link: SevenLink, closed: FloatArray, way: FloatArray, driver: Driver, far: float) -> list[FloatArray]:
+    """Poses after the one that is closed, until the point has gone so far and two steps more."""
+    out, gone, last = [], 0.0, se3.apply(closed, driver.point)
+    for pose in link.walk(closed, way, driver.step_mm):
+        place = se3.apply(pose, driver.point)
+        out.append(pose)
+        gone, last = gone + float(np.linalg.norm(place - last)), place
+        if gone > max(far, 0.0) + 2.0 * driver.step_mm:
+            return out
+        if len(out) >= MOST_STEPS:
+            raise GeometryError(
+                f"its point goes {gone:.4g} mm in {MOST_STEPS} steps of {driver.step_mm:g} mm, less than its limits of {far:g}"
+            )
+    raise GeometryError(f"the way comes back to its beginning after {gone:.4g} mm, within its limits of {far:g}")

@@ -14,14 +14,16 @@ The element is given by a pose base_from_body whose other coordinates do not mat
 the plane's normal. Links are anchors A (m, 3) in the base, points B (m, 3) on the body and lengths (m,).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, GeometryError, se3
 from lmeasure.linkages import assemblies
-from lmeasure.robots.parallel.mechanisms.prr import CarriagePlatform, carriages
 
 _SAMPLES = 16
+"""Of trigonometric polynomials of degree four, which nine would determine."""
 KINDS = {"point on a line": 1, "line in a plane": 1, "line": 2, "point": 3, "plane": 3}
 """Kinds, and how many links complete each."""
 
@@ -55,10 +57,11 @@ def _turned(anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> Flo
 
 def _slid(anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> FloatArray:
     """Shifts along x: the line lies along the body's x, in the plane across its z."""
-    both = carriages(anchors[0] - points[0], np.array([1.0, 0.0, 0.0]), lengths[0])
-    out = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (2, 1))
-    out[:, 0] = both
-    return out[np.isfinite(both)]
+    x, y, z = anchors[0] - points[0]
+    square = lengths[0] ** 2 - (y**2 + z**2)
+    out = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (2 if square >= 0.0 else 0, 1))
+    out[:, 0] = x + np.sqrt(max(square, 0.0)) * np.array([-1.0, 1.0])[: len(out)]
+    return out
 
 
 def _turned_and_slid(anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> FloatArray:
@@ -129,10 +132,97 @@ def _over(anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> Float
     square = lengths**2 - (points[:, 2] - anchors[:, 2]) ** 2
     if (square <= 0.0).any():
         return np.empty((0, 7))
-    along = np.array([1.0, 0.0])
-    found = CarriagePlatform(anchors[:, :2], anchors[:, :2] + along, points[:, :2], np.sqrt(square)).assemblies(np.zeros(3))
+    found = PlanarPlatform(anchors[:, :2], points[:, :2], np.sqrt(square)).assemblies()
     place = np.column_stack([found[:, :2], np.zeros(len(found))])
     return se3.pose(place, Rotation.from_rotvec(found[:, 2:] * [0.0, 0.0, 1.0])) if len(found) else np.empty((0, 7))
+
+
+@dataclass(frozen=True)
+class PlanarPlatform:
+    """A platform in a plane on three rods: anchors (3, 2) in the base, hinges (3, 2) on the platform, rods (3,), all of one unit.
+
+    The hinges are D = E + R(phi) D' at a pose (x, y, phi). With P = D_1 and the other anchors seen from the first, the difference of
+    circles gives two equations linear in P whose determinant and right sides are trigonometric of degree one in phi. The circle of rod 1
+    then is one equation in phi, of degree three.
+    """
+
+    anchors: FloatArray
+    hinges: FloatArray
+    rods: FloatArray
+
+    def residuals(self, pose: FloatArray) -> FloatArray:
+        """(3,) |D - A|^2 - l^2 at a pose (3,)."""
+        return np.asarray((self._spans(pose) ** 2).sum(axis=1) - self.rods**2)
+
+    def assemblies(self) -> FloatArray:
+        """(k, 3) all poses, at most six, sorted by phi; k may be 0. Its zeros are eigenvalues, each polished on the three circles.
+
+        GeometryError where the rods are equal and parallel: the platform can move.
+        """
+        size = float(self.rods.max() + sum(np.abs(part - part[0]).max() for part in (self.anchors, self.hinges)))
+        value, scale = self._eliminated(2.0 * np.pi * np.arange(_SAMPLES) / _SAMPLES)
+        wave = np.fft.fft(value) / _SAMPLES
+        # e^{-4 i phi} ... e^{4 i phi}, as a polynomial in z = e^{i phi}
+        polynomial = np.concatenate([wave[4::-1], wave[:-5:-1]])
+        small = 1e-11 * float(scale.max())
+        if np.abs(polynomial).max() <= small:
+            raise GeometryError("the rods leave the platform a continuum of poses: it turns freely")
+        # the ends vanish but for rounding: the elimination has degree three
+        keep = np.flatnonzero(np.abs(polynomial) > small)
+        zeros = np.roots(polynomial[keep[0] : keep[-1] + 1])
+        found: list[FloatArray] = []
+        for phi in np.angle(zeros[np.abs(np.abs(zeros) - 1.0) < 1e-3]):
+            for centre in self._centres(phi):
+                pose = self._closed(np.array([*(self.anchors[0] + centre - _turned_in_plane(phi, self.hinges[:1])[0]), phi]), size)
+                if np.abs(self._linear(pose[2:])[0]).max() < 1e-9 * size:
+                    raise GeometryError("the rods leave the platform a continuum of poses: they are equal and parallel")
+                apart = [np.abs(pose[:2] - p[:2]).max() + size * abs(np.exp(1j * pose[2]) - np.exp(1j * p[2])) for p in found]
+                if min(apart, default=np.inf) > 1e-7 * size and np.abs(self.residuals(pose)).max() < 1e-11 * size**2:
+                    found.append(pose)
+        return np.array(sorted(found, key=lambda p: float(p[2]))).reshape(-1, 3)
+
+    def _spans(self, pose: FloatArray) -> FloatArray:
+        return np.asarray(pose[:2] + _turned_in_plane(pose[2], self.hinges) - self.anchors)
+
+    def _linear(self, phi: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rows (k, 2, 2) and right sides (k, 2) of the equations that the differences of circles give for D_1 - A_1."""
+        away = _turned_in_plane(phi, self.hinges[1:] - self.hinges[0]) - (self.anchors[1:] - self.anchors[0])
+        return away, 0.5 * (self.rods[1:] ** 2 - self.rods[0] ** 2 - (away**2).sum(axis=-1))
+
+    def _eliminated(self, phi: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows, right = self._linear(phi)
+        det = rows[:, 0, 0] * rows[:, 1, 1] - rows[:, 0, 1] * rows[:, 1, 0]
+        x = rows[:, 1, 1] * right[:, 0] - rows[:, 0, 1] * right[:, 1]
+        y = rows[:, 0, 0] * right[:, 1] - rows[:, 1, 0] * right[:, 0]
+        return x**2 + y**2 - (self.rods[0] * det) ** 2, x**2 + y**2 + (self.rods[0] * det) ** 2
+
+    def _centres(self, phi: float) -> FloatArray:
+        """(k, 2) places of D_1 - A_1 that the circles allow at a turn: one where the linear equations are of rank two, those of a line and
+        the first circle where they are of rank one."""
+        rows, right = (part[0] for part in self._linear(np.array([phi])))
+        axes, values, across = np.linalg.svd(rows)
+        best = (axes[:, 0] @ right) / values[0] * across[0]
+        if values[1] > 1e-6 * values[0]:
+            return np.asarray(best + (axes[:, 1] @ right) / values[1] * across[1])[None]
+        half = np.sqrt(max(self.rods[0] ** 2 - best @ best, 0.0))
+        return np.array([best + half * across[1], best - half * across[1]])
+
+    def _closed(self, pose: FloatArray, size: float) -> FloatArray:
+        """The pose (3,) after Newton's steps on the three circles, its turn within half a turn of zero."""
+        for _ in range(20):
+            span, arm = self._spans(pose), _turned_in_plane(pose[2] + 0.5 * np.pi, self.hinges)
+            rows = np.column_stack([span, (span * arm).sum(axis=1)])
+            step = np.linalg.lstsq(rows, -0.5 * self.residuals(pose), rcond=1e-12)[0]
+            pose = pose + step
+            if np.abs(step * [1.0, 1.0, size]).max() < 1e-14 * size:
+                break
+        return np.array([*pose[:2], np.angle(np.exp(1j * pose[2]))])
+
+
+def _turned_in_plane(phi: FloatArray, points: FloatArray) -> FloatArray:
+    """(..., n, 2) points (n, 2) turned by phi (...)."""
+    cos, sin = np.cos(phi)[..., None], np.sin(phi)[..., None]
+    return np.stack([cos * points[:, 0] - sin * points[:, 1], sin * points[:, 0] + cos * points[:, 1]], axis=-1)
 
 
 def _of(heights: FloatArray, angles: FloatArray) -> FloatArray:

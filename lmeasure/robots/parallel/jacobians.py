@@ -32,16 +32,6 @@ class Jacobians(NamedTuple):
     output: FloatArray
     drives: FloatArray
 
-    def output_rates(self, drive_rates: FloatArray) -> FloatArray:
-        """(..., f) rates of the output at rates (..., n) of the drives; LinAlgError where the output's Jacobian is singular."""
-        right = -np.einsum("...mn,...n->...m", self.drives, drive_rates)
-        return np.asarray(np.linalg.solve(self.output, right[..., None])[..., 0])
-
-    def drive_rates(self, output_rates: FloatArray) -> FloatArray:
-        """(..., n) rates of the drives at rates (..., f) of the output; LinAlgError at a dead point."""
-        right = -np.einsum("...mf,...f->...m", self.output, output_rates)
-        return np.asarray(np.linalg.solve(self.drives, right[..., None])[..., 0])
-
 
 def nearness(matrices: FloatArray, units: FloatArray | float = 1.0) -> FloatArray:
     """(...) smallest over largest singular value of matrices (..., m, f), columns multiplied by units (f,) and rows then of length one.

@@ -1,1 +1,0 @@
-"""The mechanisms of the documents: platforms on chains, cranks and carriages, whose loops are closed by equations of constraint."""
