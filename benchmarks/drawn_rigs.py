@@ -87,6 +87,7 @@ def drawn_rig(rng: np.random.Generator) -> dict[str, Any]:
              enumerate(([1, 0, 0], [0, 1, 0]))]  # fmt: skip
     return {
         "schema": "lmeasure.rig/1",
+        "unstated": "exact",
         "name": "drawn",
         "observation_point": points,
         "tool": {f"P{j}": row.tolist() for j, row in enumerate(body, 1)},

@@ -63,7 +63,16 @@ def cell() -> Rig:
             }
         )
     cables = [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i // 2 + 1}"} for i in range(6)]
-    return rig_from_dict({"schema": "lmeasure.rig/1", "name": "benchmark cell", "observation_point": points, "tool": tool, "cable": cables})
+    return rig_from_dict(
+        {
+            "schema": "lmeasure.rig/1",
+            "unstated": "exact",
+            "name": "benchmark cell",
+            "observation_point": points,
+            "tool": tool,
+            "cable": cables,
+        }
+    )
 
 
 def with_swivels() -> Rig:

@@ -54,7 +54,16 @@ def cell(cables: int = 6) -> Rig:
         for i, (x, y, z) in enumerate(positions)
     ]
     leads = [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i // 2 % 3 + 1}"} for i in range(cables)]
-    return rig_from_dict({"schema": "lmeasure.rig/1", "name": "benchmark cell", "observation_point": points, "tool": tool, "cable": leads})
+    return rig_from_dict(
+        {
+            "schema": "lmeasure.rig/1",
+            "unstated": "exact",
+            "name": "benchmark cell",
+            "observation_point": points,
+            "tool": tool,
+            "cable": leads,
+        }
+    )
 
 
 def by_numpy(plan: Plan, count: int) -> FloatArray:

@@ -83,3 +83,4 @@ from .sensor_table import (
     table_of as table_of,
 )
 from .sensors import Distance as Distance, Inclination as Inclination, Swivel as Swivel
+from .typical_sizes import TYPICAL_SIZES as TYPICAL_SIZES, WARMER_K as WARMER_K, TypicalSize as TypicalSize, Unstated as Unstated

@@ -25,6 +25,7 @@ from lmeasure.rig.points_and_drums import (
 )
 from lmeasure.rig.sensor_table import GROUP, TABLES, SensorChannel, SensorTable, table_of
 from lmeasure.rig.sensors import Distance, Inclination, Swivel, fill_point
+from lmeasure.rig.typical_sizes import TYPICAL_SIZES, Unstated
 
 CABLES_FOR_A_POSE = 6
 
@@ -54,6 +55,8 @@ class Rig(Shown, Strict):
     """Name of the rig in reports."""
     angles: Annotated[str, Field(json_schema_extra={"enum": list(conventions.CONVENTIONS)})] = conventions.DEFAULT
     """Angle convention of the controller, for reference poses and start poses."""
+    unstated: Unstated = "typical"
+    """Meaning of a missing `u_...` key: typical, a typical size, which reports mark as assumed; exact, 0."""
     assumed: tuple[str, ...] = ()
     """Guessed values of this file, such as `B1.pulley_radius_mm` or `P1`: they get wide priors, and reports name them."""
     calibration: str | None = None
@@ -168,6 +171,13 @@ class Rig(Shown, Strict):
         keys = [k for k in ObservationPoint.model_fields if k not in {"name", "drum"} and not k.startswith("u_")]
         keys += [k for k in Drum.model_fields if not k.startswith("u_") and k != "zero_exact"]
         return [f"{p.name}.{k}" for p in self.observation_point for k in keys] + list(self.tool)
+
+    def typical(self, key: str, of: float = 1.0) -> float:
+        """The typical standard uncertainty that a missing key of this rig means; of: the value of which the size is a share."""
+        if self.unstated == "exact":
+            return 0.0
+        size = TYPICAL_SIZES[key]
+        return size.value * of if size.relative else size.value
 
     def point(self, name: str) -> ObservationPoint:
         """The observation point of that name."""
@@ -300,7 +310,11 @@ class Rig(Shown, Strict):
                 if not sensor.rate_stated:
                     del table[sensor.rate_key]
         # rigs without sensors, and digests of them, do not have these keys
-        return {key: value for key, value in data.items() if value or key not in self.sensor_tables}
+        return {
+            key: value
+            for key, value in data.items()
+            if (value or key not in self.sensor_tables) and (key, value) != ("unstated", "typical")
+        }
 
     def __reduce__(self) -> tuple[Any, ...]:
         # the model of a rig with sensors of other packages is made in each process

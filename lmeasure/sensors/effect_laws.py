@@ -28,7 +28,7 @@ its tension times e - u, so that by virtual work the length changes by dF = x . 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,16 +55,13 @@ class Acted(NamedTuple):
 
 @dataclass(frozen=True)
 class CableEffect:
-    """A kind of error. key: the rig's key that states it; text: what it is called, code: of that in the
-    catalogues; size: a usual one, and typical: in the
-    key's unit, of the value `of` where it is a share of that; parameter: what a calibration calls the same, if it can solve it; adds: what
-    one unit of each of its components adds to F(P) - D(k), (n, components) [mm], None of play, which depends on the way that was gone."""
+    """A kind of error. key: the rig's key that states it; text: its name, and code: the name's in the catalogues; of: the stated value of
+    which a typical size is a share; parameter: its name in a calibration, if that can solve it; adds: what one unit of each of its
+    components adds to F(P) - D(k), (n, components) [mm], None of play, which depends on the direction of travel."""
 
     key: str
     text: str
     code: str
-    size: Message
-    typical: float
     of: str | None = None
     parameter: str | None = None
     adds: Callable[[Acted], FloatArray] | None = None
@@ -118,37 +115,21 @@ def _of_attachment(at: Acted) -> FloatArray:
     return np.asarray(np.einsum("nij,ni->nj", at.turns, at.span.direction))
 
 
-def _mm(typical: float) -> dict[str, Any]:
-    return {"size": message("size.mm", mm=typical), "typical": typical}
-
-
-def _band(half: float) -> dict[str, Any]:
-    return {"size": message("size.band", counts=round(2.0 * half)), "typical": half}
-
-
-COUNT_LENGTH = CableEffect(
-    "u_count_length_mm",
-    "count length",
-    "count_length",
-    message("size.percent", percent=0.05),
-    5e-4,
-    "count_length_mm",
-    "scale",
-    _of_count_length,
-)
-PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "groove_pitch", **_mm(0.01), parameter="groove_pitch_mm", adds=_of_pitch)
-RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "run_out", **_mm(0.02), adds=_of_run_out)
-ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "pulleys", **_mm(0.05), adds=_of_eccentricity)
-ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "attachment", **_mm(0.1), parameter="attachment", adds=_of_attachment)
-OFFSET = CableEffect("u_swivel_offset_mm", "swivel axes beside the groove", "swivels", **_mm(0.2), adds=_of_offset)
-OVERSIZE = CableEffect("u_cable_oversize_mm", "cable diameter", "cable_diameter", **_mm(0.05), adds=_of_oversize)
-BACKLASH = CableEffect("u_backlash_counts", "backlash", "backlash", **_band(1.0))
-FRICTION = CableEffect("u_friction_counts", "friction", "friction", **_band(4.0))
+COUNT_LENGTH = CableEffect("u_count_length_mm", "count length", "count_length", "count_length_mm", "scale", _of_count_length)
+PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "groove_pitch", parameter="groove_pitch_mm", adds=_of_pitch)
+RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "run_out", adds=_of_run_out)
+ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "pulleys", adds=_of_eccentricity)
+ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "attachment", parameter="attachment", adds=_of_attachment)
+OFFSET = CableEffect("u_swivel_offset_mm", "swivel axes beside the groove", "swivels", adds=_of_offset)
+OVERSIZE = CableEffect("u_cable_oversize_mm", "cable diameter", "cable_diameter", adds=_of_oversize)
+BACKLASH = CableEffect("u_backlash_counts", "backlash", "backlash")
+FRICTION = CableEffect("u_friction_counts", "friction", "friction")
 
 DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
 """What is a dimension of the rig, the same in every run and calibration."""
 OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION, OFFSET, OVERSIZE)
 """What depends on how drum and pulley stand and which way they turned, and what only a rig that states it has."""
-EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION)
-STATED = (*EFFECTS, OFFSET, OVERSIZE)
+EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION, OFFSET)
+"""What has a typical size where nobody states it."""
+STATED = (*EFFECTS, OVERSIZE)
 """What a rig may state to be uncertain."""

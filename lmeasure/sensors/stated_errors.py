@@ -9,7 +9,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, TANGENT, last_travel as kernels_last_travel
-from lmeasure.rig import Cable, CalibrationRecord, Observed, Rig, attachment_names
+from lmeasure.rig import TYPICAL_SIZES, WARMER_K, Cable, CalibrationRecord, Observed, Rig, attachment_names
 from lmeasure.sensors.cable_effects import Zero
 from lmeasure.sensors.effect_laws import (
     ATTACHMENT,
@@ -28,7 +28,6 @@ from lmeasure.sensors.wrap import Span, arms, drum_of, spans
 from lmeasure.text import Message, message
 
 EXPANSION_PER_K = 11.5e-6  # of steel
-WARMER_K = 5.0
 ALIKE_K = 0.5  # temperatures that are not distinguished
 BAND = 2.5  # recorded counts
 TEMPERATURE = message("exact.temperature")
@@ -92,11 +91,12 @@ class Warmth:
 @dataclass(frozen=True)
 class Variable:
     """One independent error: its kind, the observation point or attachment point it belongs to, and its standard uncertainty in the unit
-    of the kind's key."""
+    of the kind's key. assumed: whether that is a typical size, as nobody stated it."""
 
     kind: CableEffect
     owner: str
     u: float
+    assumed: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -112,10 +112,26 @@ class Variable:
 def stated(
     rig: Rig, cables: tuple[Observed, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = STATED
 ) -> list[Variable]:
-    """What the rig states to be uncertain; solved: names of a calibration's parameters, which are not counted again."""
+    """Return what the rig states to be uncertain, and the typical sizes of what it does not state; solved: names of a calibration's
+    parameters, which are not counted again."""
     known = set(solved)
-    given = [(kind, owner, _stated(rig, kind, owner)) for kind, owner in _places(rig, cables, kinds)]
-    return [Variable(kind, owner, u) for kind, owner, u in given if u and not _solved(kind, owner, known)]
+    every = [variable(rig, kind, owner) for kind, owner in _places(rig, cables, kinds) if not _solved(kind, owner, known)]
+    return [v for v in every if v.u]
+
+
+def variable(rig: Rig, kind: CableEffect, owner: str) -> Variable:
+    """Return the error of one part as the rig states it, or of a typical size."""
+    u = _stated(rig, kind, owner)
+    return Variable(kind, owner, _typical(rig, kind, owner) if u is None else u, assumed=u is None)
+
+
+def _typical(rig: Rig, kind: CableEffect, owner: str) -> float:
+    """The typical size of what a rig does not state; 0 where it says that this is exact, or the point has no such part."""
+    if kind.key not in TYPICAL_SIZES:
+        return 0.0
+    if kind in (ECCENTRICITY, OFFSET):
+        return min(rig.typical(kind.key), 0.5 * rig.point(owner).pulley_radius_mm)
+    return rig.typical(kind.key, 1.0 if kind.of is None else float(getattr(rig.point(owner).drum, kind.of)))
 
 
 def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
@@ -130,15 +146,10 @@ def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
 
 
 def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = ()) -> list[Variable]:
-    """What is taken as exact because the rig does not state it and no calibration has solved it, with usual sizes."""
-    known = set(solved)
-    out = []
-    for kind, owner in _places(rig, cables, EFFECTS):
-        if _stated(rig, kind, owner) is None and not _solved(kind, owner, known):
-            size = kind.typical if kind.of is None else kind.typical * float(getattr(rig.point(owner).drum, kind.of))
-            if kind is not ECCENTRICITY or rig.point(owner).pulley_radius_mm > 0.0:
-                out.append(Variable(kind, owner, size))
-    return out
+    """What is exact only because the rig says that all is which it does not state, with typical sizes."""
+    if rig.unstated == "typical":
+        return []
+    return [v for v in stated(rig.model_copy(update={"unstated": "typical"}), cables, solved, EFFECTS) if v.assumed]
 
 
 def _places(rig: Rig, cables: tuple[Observed, ...] | None, kinds: tuple[CableEffect, ...]) -> Iterator[tuple[CableEffect, str]]:
@@ -258,7 +269,7 @@ def taken_as_exact(
         if own:
             effect = Unsolved(rig, own, cables)
             columns = np.concatenate([effect.shifts(rows, zero, poses, counts), effect.play(np.ones(counts.shape))], axis=2)
-            out.append(Taken(kind.said, kind.size, _added(twists, columns)))
+            out.append(Taken(kind.said, TYPICAL_SIZES[kind.key].size, _added(twists, columns)))
     if warmth is not None:
         paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
         # a whole rig of another temperature: a matter of scale; a cable that warms after it was zeroed: of all that is free of it

@@ -71,7 +71,7 @@ def cell_rig(seed: int = 0) -> Rig:
     cables = tuple(
         Cable(name=f"c{i}", channel=f"ch{i}", from_point=f"B{i}", to_point=f"P{(i + 1) // 2}") for i in range(1, len(points) + 1)
     )
-    return Rig(name=f"simulated cell {seed}", observation_point=points, tool=tool, cable=cables)
+    return Rig(name=f"simulated cell {seed}", unstated="exact", observation_point=points, tool=tool, cable=cables)
 
 
 def _observation_point(name: str, place: tuple[float, float, float], rng: np.random.Generator) -> ObservationPoint:

@@ -49,8 +49,10 @@ def simulate_run(
     """Every pass of the rig along the same motion, zeroed at its first pose, anywhere within a count unless the drum's zero is exact.
 
     noise_mm, noise_deg: standard deviation of each length and angle at each sample, independent. temperature_c (n,), the first at the
-    zero pose, has the effects that the rig states. GeometryError when a cable cannot run at a pose.
+    zero pose, has the effects that the rig states. The run's rig says that all is exact which it does not state. GeometryError when a cable
+    cannot run at a pose.
     """
+    rig = rig.model_copy(update={"unstated": "exact"})
     warm = None if temperature_c is None else float(temperature_c[0])
     start = poses[0]
     # of its own stream: what else is drawn does not depend on it
@@ -114,8 +116,9 @@ def campaign_at(
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
     temperature_c (n,) at the poses has the effects that the rig states. The counters are zeroed at the first pose, anywhere within a count
     unless the drum's zero is exact; other sensors err as they state. Parts that are not as drawn are in the counts, and not in the nominal
-    rig.
+    rig. Both rigs say that all is exact which they do not state.
     """
+    rig = rig.model_copy(update={"unstated": "exact"})
     count, cables = len(poses), tuple(c for c in rig.observed if c.passage == 1)
     warm = None if temperature_c is None else float(temperature_c[0])
     counts = true_counts(rig, poses, poses[0], cables, temperature_c=temperature_c, zero_temperature_c=warm)

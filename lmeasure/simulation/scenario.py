@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from lmeasure.core import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C, DataFrame, FileFormatError, FloatArray, Shown, framed
 from lmeasure.io import Strict, checked, files
 from lmeasure.recording import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses, write_run
-from lmeasure.rig import Rig, read_linked_rig, rig_from_dict, write_rig
+from lmeasure.rig import Rig, Unstated, read_linked_rig, rig_from_dict, write_rig
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
 from lmeasure.simulation.instrument import SimulatedCampaign, SimulatedRun, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, smooth_path
@@ -125,6 +125,8 @@ class Scenario(Strict):
     """Kind and version of the file."""
     rig: str | dict[str, Any] | None = None
     """Rig file beside this one, or a rig as a table; default: the built-in cell."""
+    unstated: Unstated = "exact"
+    """`unstated` of the files written: exact, the simulated parts and the start have no other errors; typical, as of a real rig."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Seed of all random numbers; equal seeds give equal counts."""
     rate_hz: Annotated[float, Field(gt=0, le=1e6)] = 1000.0
@@ -274,7 +276,16 @@ def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] |
             nominal_shift_deg=asked.nominal_shift_deg,
             temperature_c=scenario.temperatures(asked.count),
         )
-    return Simulated(run, campaign)
+    if scenario.unstated == "exact":
+        return Simulated(run, campaign)
+    return Simulated(
+        None if run is None else replace(run, run=replace(run.run, rig=_typical(run.run.rig))),
+        None if campaign is None else replace(campaign, nominal=_typical(campaign.nominal), true=_typical(campaign.true)),
+    )
+
+
+def _typical(rig: Rig) -> Rig:
+    return rig.model_copy(update={"unstated": "typical"})
 
 
 def write_simulated(folder: Path, simulated: Simulated) -> None:

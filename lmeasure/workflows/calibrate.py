@@ -79,6 +79,10 @@ class Settings(Writing):
     u_rotation_deg: Annotated[
         float | None, option("Standard uncertainty of their orientations about each axis, instead of their file's.", ge=0)
     ] = None
+    unstated: Annotated[
+        Literal["typical", "exact"] | None,
+        option("What a missing u_... key of the rig means, instead of its own unstated: typical, a typical size; exact, 0."),
+    ] = None
     columns: Annotated[str, COLUMNS] = ""
     compare: Annotated[
         Path | None, option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD")
@@ -117,7 +121,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
         return _continued(settings, progress)
     campaign = _campaign(settings)
     u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
-    campaign = replace(campaign, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
+    rig = campaign.rig if settings.unstated is None else campaign.rig.model_copy(update={"unstated": settings.unstated})
+    campaign = replace(campaign, rig=rig, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
     earlier = None if settings.compare is None else read_earlier(settings.compare)
     fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
     known = tuple(Distance(*each) for each in distances(settings.distance))

@@ -21,6 +21,7 @@ POINT = {
 }
 RIG: dict[str, Any] = {
     "schema": "lmeasure.rig/1",
+    "unstated": "exact",
     "name": "one",
     "observation_point": [POINT],
     "tool": {"P1": [0.0, 0.0, 0.0]},

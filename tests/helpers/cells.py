@@ -59,6 +59,7 @@ def cell(bits: int | None = 32, **changes: Any) -> Rig:
     of the rig."""
     data: dict[str, Any] = {
         "schema": "lmeasure.rig/1",
+        "unstated": "exact",
         "name": "cell",
         "observation_point": [observation_point(n, p, bits) for n, p in POINTS.items()],
         "tool": TOOL,

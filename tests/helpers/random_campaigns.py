@@ -51,6 +51,7 @@ def draw(
     rng = np.random.default_rng([seed, points, poses])
     data = {
         "schema": "lmeasure.rig/1",
+        "unstated": "exact",
         "name": f"drawn {seed}",
         "observation_point": [_point(f"B{i + 1}", rng, not phased) for i in range(points)],
         "tool": _tool(attachments),

@@ -135,6 +135,7 @@ class RealRig:
         """What the drawing of this very rig says: rig.toml as a dictionary."""
         return {
             "schema": "lmeasure.rig/1",
+            "unstated": "exact",
             "name": name,
             "observation_point": [
                 {

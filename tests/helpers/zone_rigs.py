@@ -34,6 +34,7 @@ def rig(points: list[dict[str, Any]], tool: Any, pairs: Any, name: str = "test")
     return rig_from_dict(
         {
             "schema": "lmeasure.rig/1",
+            "unstated": "exact",
             "name": name,
             "observation_point": points,
             "tool": {key: [float(v) for v in value] for key, value in tool.items()},

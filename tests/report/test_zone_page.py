@@ -40,7 +40,9 @@ def rig() -> Rig:
     tool = {"P1": (0.0, 150.0, 0.0), "P2": (-130.0, -75.0, 10.0), "P3": (130.0, -75.0, -10.0)}
     cables = [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i // 2 + 1}"} for i in range(6)]
     name = "cell <b>&</b> co"
-    return rig_from_dict({"schema": "lmeasure.rig/1", "name": name, "observation_point": points, "tool": tool, "cable": cables})
+    return rig_from_dict(
+        {"schema": "lmeasure.rig/1", "unstated": "exact", "name": name, "observation_point": points, "tool": tool, "cable": cables}
+    )
 
 
 @pytest.fixture(scope="module")

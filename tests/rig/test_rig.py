@@ -15,6 +15,7 @@ from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 
 RIG = """
 schema = "lmeasure.rig/1"
+unstated = "exact"
 name = "demo"
 assumed = ["B1.pulley_radius_mm", "B2.groove_pitch_mm", "P1"]
 

