@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of, record_frames
+from rigged_feed import PER_SAMPLE, cell, frames_of, motion, record_frames
 
 from lmeasure.acquisition.bus import sources
-from lmeasure.acquisition.bus.frames import Frames, frames_from_messages, join
+from lmeasure.acquisition.bus.frames import frames_from_messages, join
 from lmeasure.acquisition.bus.sources import BusSource
-from lmeasure.core import AcquisitionError
 from lmeasure.io import files
 from lmeasure.rig import rig_from_dict
 
@@ -55,38 +54,6 @@ def test_dropped_frames_leave_empty_cells(tmp_path: Path) -> None:
     rows = list(zip(events["kind"], events["sample"], events["channel"], events["outcome"], strict=True))
     reported = {(int(s), c) for kind, s, c, outcome in rows if kind == "gap" and outcome == "marked"}
     assert reported == {(int(s), f"ch{c}") for s, c in zip(lost, channels, strict=True)}
-
-
-def test_duplicated_frames_are_used_once(tmp_path: Path) -> None:
-    order: list[int] = []
-    for i in range(len(FRAMES)):
-        order += [i, i] if i % 97 == 5 else [i]
-    recording, run, events = record_frames(RIG, order_of(FRAMES, order), tmp_path / "run")
-    np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
-    assert set(recording.faults) <= {"duplicate", "duplicate_sync"}
-    assert sum(recording.faults.values()) == len(order) - len(FRAMES)
-    assert set(events["outcome"]) == {"repaired"}
-
-
-def test_frames_on_the_wrong_side_of_their_sync_are_put_back(tmp_path: Path) -> None:
-    order = list(range(len(FRAMES)))
-    moving = [s for s in range(40, N - 40, 17) if (np.diff(COUNTS.recorded[s - 2 : s + 3], axis=0) != 0).all()]
-    for i, s in enumerate(moving):
-        a, b = (at(s, 6), at(s + 1)) if i % 2 else (at(s), at(s, 1))
-        order[a], order[b] = order[b], order[a]
-    recording, run, _ = record_frames(RIG, order_of(FRAMES, order), tmp_path / "run")
-    np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
-    assert len(moving) > 5
-    assert recording.faults == {"reordered": len(moving)}
-
-
-def test_a_sync_that_does_not_come_takes_its_sample_with_it(tmp_path: Path) -> None:
-    lost = [50, 51, 90]
-    kept = np.ones(len(FRAMES), np.bool_)
-    kept[[at(s) for s in lost]] = False
-    recording, run, _ = record_frames(RIG, FRAMES.take(kept), tmp_path / "run")
-    np.testing.assert_array_equal(run.passes[0].recorded, np.delete(COUNTS.recorded, lost, axis=0))
-    assert recording.faults == {"missing_sync": 2}
 
 
 def test_the_bus_goes_off_and_comes_back(tmp_path: Path) -> None:
@@ -178,32 +145,6 @@ def test_a_stuck_channel_is_marked_from_where_it_sticks(tmp_path: Path) -> None:
     assert np.isnan(got[s + 2 :, 4]).all()
 
 
-def narrowed(frames: Frames, channel: int, length: int) -> Frames:
-    out = replace(frames, length=frames.length.copy(), data=frames.data.copy())
-    mine = frames.identifier == 0x180 + channel
-    out.length[mine] = length
-    out.data[mine, length:] = 0
-    return out
-
-
-def test_a_narrower_counter_than_the_rig_says_is_never_read(tmp_path: Path) -> None:
-    recording, run, events = record_frames(RIG, narrowed(FRAMES, 2, 2), tmp_path / "run")
-    assert np.isnan(run.passes[0].of("ch2")).all()
-    assert recording.faults["short_frame"] == N
-    assert events["text"][events["kind"].index("short_frame")] == "fewer than 4 bytes"
-
-
-def test_a_wider_counter_than_the_rig_says_shows_by_its_carries(tmp_path: Path) -> None:
-    table = {"decoder": "raw", "channel": [{"channel": c, "id": 0x181 + i, "bits": 16} for i, c in enumerate(RIG.channels)]}
-    rig = rig_from_dict(RIG.to_dict() | {"can": table})
-    far = replace(COUNTS, recorded=COUNTS.recorded + 32700)
-    recording, _, _ = record_frames(rig, FRAMES, tmp_path / "run")
-    assert recording.faults["wider"] > 0
-    recording, _, _ = record_frames(rig, frames_of(rig, far), tmp_path / "right")
-    assert recording.faults["wrap"] > 0
-    assert "wider" not in recording.faults
-
-
 def test_emergencies_and_states_are_told_with_their_channel(tmp_path: Path) -> None:
     import can
 
@@ -238,23 +179,6 @@ def test_a_clock_that_is_set_does_not_move_the_samples(step_s: float, tmp_path: 
     assert float(events["text"][0].split("moved by ")[1].split()[0]) == pytest.approx(step_s, abs=0.05)
     # to the latency of this host, which is not this program's to bound
     np.testing.assert_allclose(run.passes[0].time_s, COUNTS.time_s, rtol=0, atol=0.05)
-
-
-def test_frames_of_nobody_are_no_recording(tmp_path: Path) -> None:
-    strangers = replace(FRAMES, identifier=FRAMES.identifier + np.uint32(0x300))
-    with pytest.raises(
-        AcquisitionError, match=r"frames, not one sample of ch1.*: frames come, but of 380h .*; the rig's counters are in 181h"
-    ):
-        record_frames(RIG, strangers.take(slice(70)), tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
-def test_nothing_is_written_over_a_recording(tmp_path: Path) -> None:
-    record_frames(RIG, FRAMES.take(slice(70)), tmp_path / "run")
-    before = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
-    with pytest.raises(AcquisitionError, match="a recording replaces no run"):
-        record_frames(RIG, FRAMES.take(slice(70)), tmp_path / "run")
-    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == before
 
 
 def test_a_start_that_is_stated_while_it_records_is_kept(tmp_path: Path) -> None:

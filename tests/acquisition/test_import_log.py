@@ -123,20 +123,6 @@ def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
     assert np.array_equal(read_run(tmp_path / "again").passes[0].recorded, run.passes[0].recorded)
 
 
-def test_the_start_pose_is_stated_once_and_whole(tmp_path: Path) -> None:
-    path = write(tmp_path / "drive.log", counter_log(5, 4))
-    write_rig(tmp_path / "rig.toml", six_cables())
-    words = ["import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run"]
-    for extra in (POSE[:4], POSE[4:], [*POSE, "--start", path]):
-        done = lmeasure(*words, *extra)
-        assert done.returncode == 2
-        assert "start pose" in done.stderr
-    done = lmeasure(*words, "--start", tmp_path / "rig.toml")
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert "[start] is missing" in done.stderr
-    assert not (tmp_path / "run").exists()
-
-
 def test_without_a_start_pose_it_is_unknown(tmp_path: Path) -> None:
     path = write(tmp_path / "drive.log", counter_log(5, 4))
     write_rig(tmp_path / "rig.toml", six_cables())
@@ -179,29 +165,6 @@ def test_two_recordings_in_one_log_are_told(tmp_path: Path, later_s: float, repo
     lines = import_logs([write(tmp_path / "two.log", first + then)], six_cables(), START_POSE).summary().splitlines()
     assert [line for line in lines if "two recordings" in line] == [line for line in lines if reported and f"two.log: {reported}" in line]
     assert any("two recordings" in line for line in lines) == bool(reported)
-
-
-def test_a_log_of_the_library_that_is_cut_says_where(tmp_path: Path) -> None:
-    whole = write(tmp_path / "whole.csv", counter_log(60, 3)).read_text().splitlines()
-    cut = tmp_path / "cut.csv"
-    cut.write_text("\n".join([*whole[:200], whole[200][:20]]))
-    write_import(tmp_path / "run", import_logs([cut], six_cables(), START_POSE))
-    said = [str(note) for recorded in read_run(tmp_path / "run").recorded for note in recorded.notes()]
-    assert said[0].startswith("pass 1: the recording ended early: the last line has no end and was not read: '1700000000.")
-
-
-def test_faults_are_counted_and_kept(tmp_path: Path) -> None:
-    log = [m for m in counter_log(100, 6) if m.arbitration_id in range(0x80, 0x187) and not m.is_error_frame and len(m.data) in (0, 4)]
-    log = [m for m in log if m.arbitration_id == 0x80 or 0x181 <= m.arbitration_id <= 0x186]
-    del log[7 * 50 + 3]
-    log.insert(7 * 60 + 2, log[7 * 60 + 1])
-    imported = import_logs([write(tmp_path / "drive.log", log)], six_cables(), START_POSE)
-    assert imported.logs[0].events.tally == {"gap": 1, "gap_step": 1, "duplicate": 1}
-    assert np.isnan(imported.run.passes[0].recorded).sum() == 1
-    assert "1 duplicate, 1 gap" in imported.summary()
-    write_import(tmp_path / "run", imported)
-    table = files.read_table(tmp_path / "run" / "pass1.events.csv")
-    assert sorted(table.text("kind")) == ["duplicate", "gap", "gap_step"]
 
 
 def test_buses(tmp_path: Path) -> None:
@@ -385,35 +348,8 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
             import_logs([log], six_cables(), START_POSE)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("no DBC file", "cannot be read as DBC"),
-        (DBC.replace("SG_ ch6", "SG_ other"), "channel ch6: no signal of that name is in it"),
-        (DBC.replace("SG_ ch2", "SG_ ch3"), "channel ch2: no signal"),
-        (DBC.replace("SG_ ch2", "SG_ ch6").replace("SG_ ch1 ", "SG_ ch2 "), "channel ch1: no signal"),
-    ],
-)
-def test_a_dbc_file_that_does_not_say_it(tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "rig.dbc").write_text(text)
-    with pytest.raises(LMeasureError, match=r"rig\.dbc") as caught:
-        with_dbc(without_counter_bits(), tmp_path / "rig.dbc")
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 def test_what_the_log_lacks_is_said(tmp_path: Path) -> None:
     rig = six_cables()
-    empty = tmp_path / "empty.log"
-    empty.write_text("\n\n")
-    with pytest.raises(FileFormatError, match=r"empty\.log: holds no CAN frame"):
-        import_logs([empty], rig, START_POSE)
-    odd = tmp_path / "odd.log"
-    odd.write_text("nothing\nof the\nkind\n")
-    with pytest.raises(
-        FileFormatError, match=r"odd\.log: holds no CAN frame: 3 of 3 lines could not be read .*; the first is line 1: 'nothing'"
-    ):
-        import_logs([odd], rig, START_POSE)
     log = [m for m in counter_log(30, 12) if m.arbitration_id != 0x80]
     with pytest.raises(AcquisitionError, match=r"drive\.log: \d+ frames, but no SYNC 0x80"):
         import_logs([write(tmp_path / "drive.log", log)], rig, START_POSE)

@@ -1,15 +1,13 @@
 """Logs as others write them: TRC of every version, candump's screen, SavvyCAN, text of any name; against python-can where it can."""
 
-import contextlib
 import gzip
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
 from log_corpus import START, Row, library_rows, messages, rows, write
-from log_fuzz import mutated
+from log_dialects import gvret, screen, trc
 
 from lmeasure.acquisition import read_frames
 from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, ERROR_STATE, messages_from_frames
@@ -17,7 +15,6 @@ from lmeasure.acquisition.logs.lines import FD_LENGTHS
 from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.core import FileFormatError
 
-DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
 EXTENDED, REMOTE, ERROR, FD, SWITCH, STATE, RECEIVED, LENGTH, DATA, BUS = range(2, 12)
 
 
@@ -37,32 +34,6 @@ def fd_log(count: int, seed: int) -> list[can.Message]:
 
 
 # TRC --------------------------------------------------------------------------------------------------------------------------------
-
-START_TIME = (datetime.fromtimestamp(START, UTC) - DAY_ZERO) / timedelta(days=1)
-TYPES = {(False, False): "FD", (True, False): "FB", (False, True): "FE", (True, True): "BI"}
-
-
-def trc(log: list[can.Message], version: str, columns: str = "") -> str:
-    """The log as PEAK's programs write it. Versions before 2.0 hold classic frames only."""
-    lines = [f";$FILEVERSION={version}", f";$STARTTIME={START_TIME!r}"] if version != "1.0" else []
-    lines += [f";$COLUMNS={columns}"] * bool(columns) + [";   a comment", ";---+--   ----+----  --+--  ----+---  +  -+ --"]
-    for number, m in enumerate(log, 1):
-        code = FD_LENGTHS.index(len(m.data)) if m.is_fd else m.dlc
-        cell = {
-            "N": f"{number}" + ")" * (version < "2"),
-            "O": f"{(m.timestamp - START) * 1000:.3f}",
-            "T": TYPES[m.bitrate_switch, m.error_state_indicator] if m.is_fd else "RR" if m.is_remote_frame else "DT",
-            "B": str(int(str(m.channel)) + 1),
-            "I": f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:04X}",
-            "d": "Rx" if m.is_rx else "Tx",
-            "R": "-",
-            "L": str(code),
-            "l": str(len(m.data) if m.is_fd else m.dlc),
-            "D": ("RTR" if version < "2" else "") if m.is_remote_frame else " ".join(f"{byte:02X}" for byte in m.data),
-        }
-        order = {"1.0": "N,O,I,L,D", "1.1": "N,O,d,I,L,D", "1.2": "N,O,B,d,I,L,D", "1.3": "N,O,B,d,I,R,L,D"}.get(version, columns)
-        lines.append("  ".join(cell[name] for name in order.split(",")))
-    return "\r\n".join(lines) + "\r\n"
 
 
 @pytest.mark.parametrize(("version", "columns"), [("2.1", "N,O,T,B,I,d,R,L,D"), ("2.0", "N,O,T,I,d,l,D"), ("2.1", "N,O,T,B,I,d,l,D")])
@@ -147,42 +118,7 @@ def test_trc_that_cannot_be_read(tmp_path: Path, text: str, words: str) -> None:
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "bad", ["2 x DT 1 0300 Rx - 1 05", "2 1.0 DT 1 0300 Rx - 2 05", "2 1.0 DT 1 03_0 Rx - 1 05", "2 1.0 DT 1 0900 Rx - 1 05", "2 1.0 FD 1"]
-)
-def test_a_line_of_trc_that_nobody_can_read_is_counted(tmp_path: Path, bad: str) -> None:
-    path = tmp_path / "log.trc"
-    good = "1 1.0 DT 1 0300 Rx - 1 05\n"
-    path.write_text(f";$FILEVERSION=2.1\n;$STARTTIME=41766.4\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n{good}{bad}\n{good}")
-    found, report = read_rows(path)
-    assert len(found) == 2
-    assert report.unread == 1
-    assert bad in report.notes()[0]
-
-
 # candump on a screen ----------------------------------------------------------------------------------------------------------------
-
-
-def screen(log: list[can.Message], way: str = "a", extra: bool = False, text: bool = False, swapped: bool = False) -> str:
-    """The log as `candump -t way` shows it; with -x, -a and -S."""
-    lines, before = [], log[0].timestamp
-    for m in log:
-        stamp = {
-            "a": f"{m.timestamp:017.6f}",
-            "z": f"{m.timestamp - log[0].timestamp:010.6f}",
-            "d": f"{m.timestamp - before:010.6f}",
-            "A": datetime.fromtimestamp(m.timestamp).strftime("%Y-%m-%d %H:%M:%S.%f"),
-            "": "",
-        }[way]
-        before = m.timestamp
-        flags = f"{'RX' if m.is_rx else 'TX'} {'B' if m.bitrate_switch else '-'} {'E' if m.error_state_indicator else '-'}  " * extra
-        identifier = f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:03X}"
-        data = "`".join(f"{b:02X}" for b in m.data[::-1]) if swapped else " ".join(f"{b:02X}" for b in m.data)
-        shown = f"   '{''.join(chr(b) if 32 <= b < 127 else '.' for b in m.data)}'" * (text and not m.is_remote_frame)
-        length = f"[{m.dlc:02d}]" if m.is_fd and not m.is_remote_frame else f"[{m.dlc}] "
-        body = " remote request" if m.is_remote_frame else f" {data}{shown}"
-        lines.append(f" ({stamp})" * bool(stamp) + f"  can{m.channel}  {flags}{identifier}  {length}{body}")
-    return "\n".join(lines) + "\n"
 
 
 @pytest.mark.parametrize("way", ["a", "A", "z", "d"])
@@ -231,29 +167,7 @@ def test_screen_output_without_times_says_what_writes_them(tmp_path: Path) -> No
     assert "it has no time: candump -L or candump -ta writes it" in report.notes()[0]
 
 
-@pytest.mark.parametrize(
-    "bad", ["(1.0)  can0  181   [2]  01", "(1.0)  can0  181   [2]  01 0", "(1.0)  can0  181   [1]  00000001", "(x)  can0  181   [0]"]
-)
-def test_a_line_of_the_screen_that_nobody_can_read_is_counted(tmp_path: Path, bad: str) -> None:
-    path = tmp_path / "log.txt"
-    good = " (1.0)  can0  181   [1]  05\n"
-    path.write_text(f"{good} {bad}\n{good}")
-    found, report = read_rows(path)
-    assert len(found) == 2
-    assert report.unread == 1
-
-
 # SavvyCAN ---------------------------------------------------------------------------------------------------------------------------
-
-
-def gvret(log: list[can.Message], *, direction: bool = True) -> str:
-    lines = ["Time Stamp,ID,Extended," + "Dir," * direction + "Bus,LEN," + ",".join(f"D{i}" for i in range(1, 9))]
-    for m in log:
-        cells = [str(round((m.timestamp - START) * 1e6)), f"{m.arbitration_id:08X}", str(m.is_extended_id).lower()]
-        cells += ["Rx" if m.is_rx else "Tx"] * direction
-        cells += [str(m.channel), str(len(m.data)), *(f"{b:02X}" for b in m.data)]
-        lines.append(",".join(cells) + "," * (8 - len(m.data) if len(m.data) < 8 else 1))
-    return "\n".join(lines) + "\n"
 
 
 @pytest.mark.parametrize("direction", [True, False])
@@ -269,25 +183,6 @@ def test_gvret_csv(tmp_path: Path, direction: bool, name: str) -> None:
     assert [(f[1], f[EXTENDED], f[DATA]) for f in found] == [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in log]
     assert [f[RECEIVED] for f in found] == [m.is_rx or not direction for m in log]
     assert {f[BUS] for f in found} == {"0", "1"}
-
-
-def test_gvret_lines_that_nobody_can_read(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    good = "100,00000181,false,Rx,0,2,01,02\n"
-    bad = [
-        "1e2,00000181,false,Rx,0,2,01,02",
-        "100,00000181,maybe,Rx,0,0",
-        "100,00000981,false,Rx,0,0",
-        "100,00000181,false,Rx,0,3,01,02",
-        "100",
-    ]
-    path.write_text("Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n" + good + "\n".join(bad) + "\n" + good)
-    found, report = read_rows(path)
-    assert len(found) == 2
-    assert report.unread == len(bad)
-    path.write_text("Time Stamp,ID,Extended,Dir,LEN,D1\n" + good)
-    with pytest.raises(FileFormatError, match="column 'bus' is missing in the first line"):
-        read_frames(path)
 
 
 # one suffix, many dialects ----------------------------------------------------------------------------------------------------------
@@ -322,22 +217,3 @@ def test_more_buses_than_anybody_has(tmp_path: Path) -> None:
     found, report = read_rows(path)
     assert len(found) == 1000
     assert report.unread == 200
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_mutated_dialects_are_read_or_refused(tmp_path: Path, seed: int) -> None:
-    """Bytes, digits and lines changed at random: frames, counted lines or one line of refusal, never anything else."""
-    rng = np.random.default_rng(seed)
-    log = fd_log(8, seed)
-    whole = {
-        "log.trc": trc(log, "2.1", "N,O,T,B,I,d,R,L,D"),
-        "old.trc": trc([m for m in log if not m.is_fd], "1.3"),
-        "log.txt": screen(log, "Ad"[seed % 2], extra=True, text=True),
-        "log.csv": gvret([m for m in log if not m.is_remote_frame]),
-    }
-    for name, text in whole.items():
-        for _ in range(60):
-            path = tmp_path / name
-            path.write_bytes(mutated(text.encode(), rng))
-            with contextlib.suppress(FileFormatError):
-                assert len(read_rows(path)[0]) <= 3 * len(log)

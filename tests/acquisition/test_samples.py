@@ -182,17 +182,21 @@ def test_a_silent_channel_leaves_gaps_and_doubles_are_used_once() -> None:
     assert got.events.tally["duplicate"] == 1
 
 
+def as_recorded(frames: Frames) -> tuple[Any, list[Any]]:
+    """The assembler of frames that are taken every 50 ms, as the recorder does, and what it gave."""
+    cuts = np.searchsorted(frames.time_s, np.arange(0.0, frames.time_s[-1] + 0.05, 0.05))
+    assembler = new_assembler(RIG, FIELDS)
+    parts = [assembler.feed(frames.take(slice(a, b))) for a, b in zip(cuts, [*cuts[1:], len(frames)], strict=True)]
+    return assembler, [*parts, assembler.feed(no_frames(), last=True)]
+
+
 def test_a_long_pause_of_a_busy_host_does_not_pass_for_a_faster_sync() -> None:
     """A seventh of a second stamped at once: more of the SYNCs at hand follow each other in microseconds than at their own pace."""
     frames = frames_of(RIG, COUNTS).take(slice(0, 400 * PER_SAMPLE))
     late = (frames.time_s > 0.2) & (frames.time_s < 0.35)
     stamps = np.where(late, 0.35 - 1e-6 * np.arange(len(late))[::-1] / len(late), frames.time_s)
     busy = replace(frames, time_s=stamps, timestamp_source="host")
-    # taken every 50 ms, as the recorder does
-    cuts = np.searchsorted(stamps, np.arange(0.0, 0.45, 0.05))
-    assembler = new_assembler(RIG, FIELDS)
-    parts = [assembler.feed(busy.take(slice(a, b))) for a, b in zip(cuts, [*cuts[1:], len(busy)], strict=True)]
-    parts.append(assembler.feed(no_frames(), last=True))
+    assembler, parts = as_recorded(busy)
     time_s = np.concatenate([p.time_s for p in parts])
     # of the little that there is before the first second is over
     np.testing.assert_allclose(time_s, COUNTS.time_s[:400], rtol=0, atol=0.025)
@@ -208,10 +212,7 @@ def test_an_adapter_that_hands_over_many_frames_at_once_makes_no_jumps(rate_hz: 
     ticks = np.ceil(frames.time_s / tick_s - 1e-9) * tick_s
     stamps = ticks + 2e-5 * (np.arange(len(ticks)) - np.searchsorted(ticks, ticks))
     busy = replace(frames, time_s=stamps, timestamp_source="host")
-    cuts = np.searchsorted(stamps, np.arange(0.0, stamps[-1] + 0.05, 0.05))
-    assembler = new_assembler(RIG, FIELDS)
-    parts = [assembler.feed(busy.take(slice(a, b))) for a, b in zip(cuts, [*cuts[1:], len(busy)], strict=True)]
-    parts.append(assembler.feed(no_frames(), last=True))
+    assembler, parts = as_recorded(busy)
     np.testing.assert_array_equal(np.vstack([p.recorded for p in parts]), counts.recorded)
     assert not assembler.events.tally
     np.testing.assert_allclose(np.concatenate([p.time_s for p in parts]), counts.time_s, rtol=0, atol=tick_s)
@@ -225,10 +226,7 @@ def test_a_host_that_is_busy_at_once_makes_no_jumps(from_s: float) -> None:
     late = (frames.time_s > from_s) & (frames.time_s < from_s + 0.15)
     stamps = np.where(late, from_s + 0.15 - 1e-6 * np.arange(len(late))[::-1] / len(late), frames.time_s)
     busy = replace(frames, time_s=stamps, timestamp_source="host")
-    cuts = np.searchsorted(stamps, np.arange(0.0, stamps[-1] + 0.05, 0.05))
-    assembler = new_assembler(RIG, FIELDS)
-    parts = [assembler.feed(busy.take(slice(a, b))) for a, b in zip(cuts, [*cuts[1:], len(busy)], strict=True)]
-    parts.append(assembler.feed(no_frames(), last=True))
+    assembler, parts = as_recorded(busy)
     assert not assembler.events.tally
     np.testing.assert_allclose(np.concatenate([p.time_s for p in parts]), counts.time_s, rtol=0, atol=0.025)
 
@@ -256,24 +254,6 @@ def test_a_pause_counts_where_it_is_in_a_third_of_the_stretches(stops: int) -> N
     intervals = np.full(1024, 0.005)
     intervals[150 * np.arange(1, stops + 1)] = 1.0
     assert (pace(intervals) == pytest.approx(0.005, rel=1e-9)) == (stops < 5)
-
-
-def test_the_start_input_is_a_column() -> None:
-    import can
-
-    rig = rig_from_dict(RIG.to_dict() | {"can": RIG.can_table.model_dump() | {"start_input": {"id": 0x300, "byte_offset": 1, "bit": 5}}})
-    state = frames_from_messages(
-        [
-            can.Message(timestamp=0.0205, arbitration_id=0x300, is_extended_id=False, data=[0, 0xDF]),
-            can.Message(timestamp=0.0405, arbitration_id=0x300, is_extended_id=False, data=[0, 0x20]),
-        ]
-    )
-    a, b = 21 * PER_SAMPLE, 41 * PER_SAMPLE
-    before, between, after = FRAMES.take(slice(0, a)), FRAMES.take(slice(a, b)), FRAMES.take(slice(b, None))
-    mixed = join([before, state.take(slice(0, 1)), between, state.take(slice(1, 2)), after])
-    counts = counts_from_frames(rig, [mixed], counter_fields(rig)).counts
-    assert counts.sync is not None
-    np.testing.assert_array_equal(counts.sync, np.arange(100) >= 41)
 
 
 def test_the_start_input_goes_by_the_order_of_the_frames_not_by_their_stamps() -> None:
@@ -440,11 +420,7 @@ def test_times_rise_though_a_host_stamps_ever_faster() -> None:
     pace = np.concatenate([np.full(600, 1e-3), np.full(500, 2e-4), np.full(100, 1e-3)])
     still = replace(COUNTS, time_s=np.cumsum(pace), recorded=np.tile(COUNTS.recorded[:1], (len(pace), 1)))
     frames = replace(frames_of(RIG, still), timestamp_source="host")
-    stamps = frames.time_s
-    cuts = np.searchsorted(stamps, np.arange(0.0, stamps[-1], 0.05))
-    assembler = new_assembler(RIG, FIELDS)
-    parts = [assembler.feed(frames.take(slice(a, b))) for a, b in zip(cuts, [*cuts[1:], len(frames)], strict=True)]
-    parts.append(assembler.feed(no_frames(), last=True))
+    _, parts = as_recorded(frames)
     time_s = np.concatenate([p.time_s for p in parts])
     assert len(time_s) == len(pace)
     assert (np.diff(time_s) > 0.0).all()

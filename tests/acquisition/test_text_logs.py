@@ -115,30 +115,3 @@ def test_candump_error_frames_of_every_class(tmp_path: Path) -> None:
     found, _ = read_rows(path)
     assert [r[ERROR_COLUMN] for r in found] == [True, False]
     assert [r[ERROR_COLUMN] for r in library_rows(path)[0]] == [False, False]
-
-
-@pytest.mark.parametrize(
-    ("suffix", "bad"),
-    [
-        (".log", "(1.0) can0 181#012"),
-        (".log", "(1.0) can0 181"),
-        (".log", "(x) can0 181#01"),
-        (".log", "(nan) can0 181#01"),
-        (".log", "(1.0) can0 x81#01"),
-        (".log", "(1.0) can0 181#0g"),
-        (".log", "can0  181   [4]  01 02 03 04"),
-        (".asc", "1.0 1 181 Rx d 4 01 02 03"),
-        (".asc", "1.0 1 Engine Rx d 2 01 02"),
-        (".asc", "1.0 1 181 Rx d 2 01 100"),
-        (".asc", "1.0 1 FFFFFFFFx Rx d 2 01 10"),
-        (".asc", "1.0 CANFD 1 Rx 181 0 0 9 12 01 02"),
-    ],
-)
-def test_a_line_that_nobody_can_read_is_counted(tmp_path: Path, suffix: str, bad: str) -> None:
-    path = tmp_path / f"log{suffix}"
-    good = {".log": "(1.0) can0 181#01\n", ".asc": "1.0 1 181 Rx d 1 01\n"}[suffix]
-    path.write_text("date Mon Jan 1 10:00:00 2024\nbase hex timestamps absolute\n" * (suffix == ".asc") + good + bad + "\n" + good)
-    found, report = read_rows(path)
-    assert len(found) == 2
-    assert report.unread == 1
-    assert repr(bad)[1:-1] in report.notes()[0]

@@ -3,13 +3,13 @@
 import base64
 import json
 import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
 import can
 import numpy as np
 import pytest
+from blf_files import blf, blf_object, can_message
 from log_corpus import messages, write
 from log_fuzz import START_POSE, counter_log, six_cables
 from typer.testing import CliRunner
@@ -149,28 +149,7 @@ End TriggerBlock
 # BLF --------------------------------------------------------------------------------------------------------------------------------
 
 
-def blf(objects: bytes, stated: int, outside: bytes = b"", *, packed: bool = True, before: bool = False) -> bytes:
-    """A BLF file of one container, and objects outside; `stated` in its header."""
-    body = zlib.compress(objects) if packed else objects
-    container = b"LOBJ" + struct.pack("<HHLL", 16, 1, 32 + len(body), 10) + struct.pack("<H6xL4x", 2 if packed else 0, len(objects)) + body
-    container += bytes((32 + len(body)) % 4)
-    content = (outside + container if before else container + outside) if objects else outside
-    head = struct.pack("<4sLBBBBBBBBQQLL", b"LOGG", 144, 5, 0, 0, 0, 2, 6, 8, 1, 144 + len(content), 0, stated, 0)
-    return head.ljust(144, b"\0") + content
-
-
-def blf_object(kind: int, body: bytes, version: int = 1, time: int = 10**9) -> bytes:
-    """An object with a header of version 1, 2 or 3 (3: static size where 1 has the client index)."""
-    head = struct.pack("<LBxHQ8x", 2, 0, 0, time) if version == 2 else struct.pack("<LHHQ", 2, len(body) if version == 3 else 0, 0, time)
-    size = 16 + len(head) + len(body)
-    return b"LOBJ" + struct.pack("<HHLL", 16 + len(head), version, size, kind) + head + body + bytes(size % 4)
-
-
-def message(identifier: int = 0x181, data: bytes = b"\1\2\3\4") -> bytes:
-    return struct.pack("<HBBL8s", 1, 0, len(data), identifier, data)
-
-
-FRAME = blf_object(1, message())
+FRAME = blf_object(1, can_message())
 
 
 @pytest.mark.parametrize(
@@ -180,9 +159,9 @@ FRAME = blf_object(1, message())
         blf(FRAME * 3, 5, FRAME * 2, before=True),
         blf(b"", 5, FRAME * 5),
         blf(FRAME * 3, 5, blf_object(115, bytes(16)) + FRAME * 2),  # a restore point, which most recorders do not count
-        blf(FRAME * 4, 5, blf_object(1, message(), 3)),
-        blf(blf_object(1, message(), 3) * 5, 5),
-        blf(b"".join(blf_object(1, message(), v) for v in (1, 2, 3, 1, 2)), 5),
+        blf(FRAME * 4, 5, blf_object(1, can_message(), 3)),
+        blf(blf_object(1, can_message(), 3) * 5, 5),
+        blf(b"".join(blf_object(1, can_message(), v) for v in (1, 2, 3, 1, 2)), 5),
         blf(FRAME * 5, 0),
     ],
 )
@@ -215,7 +194,7 @@ def test_error_frames_of_blf_are_frames(tmp_path: Path) -> None:
     ("content", "frames", "known", "unread", "words"),
     [
         (blf(FRAME + blf_object(4, bytes(32)) + FRAME, 3), 2, 1, 0, ""),
-        (blf(FRAME + blf_object(1, message(), 7) + FRAME, 3), 2, 0, 1, "1 of 3 objects could not be read (1 with header version 7)"),
+        (blf(FRAME + blf_object(1, can_message(), 7) + FRAME, 3), 2, 0, 1, "1 of 3 objects could not be read (1 with header version 7)"),
         (blf(FRAME, 2, blf_object(200, bytes(8))), 1, 0, 1, "of kind 200); the first is object 2"),
         (blf(FRAME * 3, 5), 3, 0, 2, "ended early: the header states 5 objects, and 3 are there"),
         (blf(FRAME + blf_object(125, bytes(32)), 2), 1, 1, 0, "the recorder itself states 1 times that it lost data"),
@@ -313,6 +292,30 @@ def test_other_formats_are_named_with_a_converter(tmp_path: Path, name: str, con
     assert "\n" not in str(caught.value)
 
 
+CANDUMP, SCREEN, ASC = "(1.0) can0 181#01", " (1.0)  can0  181   [1]  05", "1.0 1 181 Rx d 1 01"
+GVRET = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n"
+UNREADABLE = {
+    "a.log": ("", CANDUMP, ["(1.0) can0 181#012", "(1.0) can0 181", "(1.0) can0 x81#01", "(1.0) can0 181#0g"]),
+    "b.log": ("", CANDUMP, ["(x) can0 181#01", "(nan) can0 181#01", "can0  181   [4]  01 02 03 04"]),
+    "a.txt": ("", SCREEN, ["(1.0)  can0  181   [2]  01", "(1.0)  can0  181   [2]  01 0", "(1.0)  can0  181   [1]  00000001"]),
+    "b.txt": ("", SCREEN, ["(x)  can0  181   [0]"]),
+    "a.asc": ("base hex timestamps absolute\n", ASC, ["1.0 1 181 Rx d 4 01 02 03", "1.0 1 Engine Rx d 2 01 02", "1.0 1 181 Rx d 2 01 100"]),
+    "b.asc": ("base hex timestamps absolute\n", ASC, ["1.0 1 FFFFFFFFx Rx d 2 01 10", "1.0 CANFD 1 Rx 181 0 0 9 12 01 02"]),
+    "a.trc": (TRC_2, "1 1.0 DT 1 0300 Rx - 1 05", ["2 x DT 1 0300 Rx - 1 05", "2 1.0 DT 1 0300 Rx - 2 05", "2 1.0 FD 1"]),
+    "b.trc": (TRC_2, "1 1.0 DT 1 0300 Rx - 1 05", ["2 1.0 DT 1 03_0 Rx - 1 05", "2 1.0 DT 1 0900 Rx - 1 05"]),
+    "a.csv": (GVRET, "100,181,false,Rx,0,2,01,02", ["1e2,181,false,Rx,0,2,01,02", "100,181,maybe,Rx,0,0", "100,981,false,Rx,0,0", "100"]),
+    "b.csv": (GVRET, "100,181,false,Rx,0,2,01,02", ["100,181,false,Rx,0,3,01,02"]),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_lines_that_nobody_can_read_are_counted(tmp_path: Path, name: str) -> None:
+    head, good, bad = UNREADABLE[name]
+    frames, report = read(tmp_path / name, head + "".join(f"{line}\n" for line in [good, *bad, good]))
+    assert (len(frames), report.unread) == (2, len(bad))
+    assert bad[0] in report.notes()[0]
+
+
 # what the import says ---------------------------------------------------------------------------------------------------------------
 
 
@@ -341,7 +344,7 @@ def test_an_import_says_what_it_did_not_read(tmp_path: Path) -> None:
     [
         ("a.asc", "date Mon Jan 1 10:00:00 2024\nbase hex  timestamps absolute\n// nothing\n", r"its 3 lines: 2 header, 1 comment"),
         ("b.log", "nothing here\n", r"1 of 1 lines could not be read .*line 1: 'nothing here'"),
-        ("c.blf", blf(blf_object(1, message(), 9) * 4, 4), r"4 of 4 objects could not be read \(4 with header version 9\)"),
+        ("c.blf", blf(blf_object(1, can_message(), 9) * 4, 4), r"4 of 4 objects could not be read \(4 with header version 9\)"),
     ],
 )
 def test_a_log_without_a_frame_says_why(tmp_path: Path, name: str, content: str | bytes, why: str) -> None:

@@ -12,9 +12,10 @@ from pathlib import Path
 import can
 import numpy as np
 from log_corpus import Row, library_rows, messages, rows, write
+from log_dialects import gvret, screen, trc
 
-from lmeasure.acquisition import Frames, counter_fields, import_logs, read_frames
-from lmeasure.acquisition.bus.frames import ERROR, messages_from_frames
+from lmeasure.acquisition import counter_fields, import_logs, read_frames
+from lmeasure.acquisition.bus.frames import messages_from_frames
 from lmeasure.core import LMeasureError
 from lmeasure.io import files
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
@@ -106,9 +107,10 @@ def seeds(folder: Path) -> dict[str, bytes]:
     made = {suffix: write(folder / f"whole{suffix}", log).read_bytes() for suffix in (".asc", ".log", ".blf", ".csv")}
     classic = [m for m in log if not (m.is_error_frame or m.is_fd)]
     made[".trc"] = write(folder / "whole.trc", classic).read_bytes()
-    made["2.trc"] = trc_2(log).encode()
-    made["gvret.csv"] = gvret([m for m in log if not (m.is_error_frame or m.is_remote_frame)]).encode()
-    made[".txt"] = screen([m for m in log if not m.is_error_frame]).encode()
+    plain = [m for m in log if not m.is_error_frame]
+    made["2.trc"] = trc(plain, "2.1", "N,O,T,B,I,d,R,l,D").encode()
+    made["gvret.csv"] = gvret([m for m in plain if not m.is_remote_frame]).encode()
+    made[".txt"] = screen(plain).encode()
     made["canoe.asc"] = CANOE.encode()
     made["stored.blf"] = write(folder / "stored.blf", log, compression_level=0).read_bytes()
     made["small.blf"] = write(folder / "small.blf", log, max_container_size=300).read_bytes()
@@ -116,39 +118,6 @@ def seeds(folder: Path) -> dict[str, bytes]:
     write_rig(folder / "rig.toml", six_cables())
     made[".toml"] = (folder / "rig.toml").read_bytes()
     return made
-
-
-def trc_2(log: list[can.Message]) -> str:
-    """The log as TRC 2.1 of PEAK's programs, error frames among it."""
-    lines = [";$FILEVERSION=2.1", ";$STARTTIME=45240.9", ";$COLUMNS=N,O,T,B,I,d,R,l,D", "; a comment"]
-    for number, m in enumerate(log, 1):
-        kind = "ER" if m.is_error_frame else "RR" if m.is_remote_frame else "FB" if m.is_fd else "DT"
-        identifier = "-" if m.is_error_frame else f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:04X}"
-        data = "" if m.is_remote_frame else m.data.hex(" ").upper()
-        offset = (m.timestamp - 1_700_000_000) * 1000
-        lines.append(f"{number:7d} {offset:13.3f} {kind} 1 {identifier:>8} {'Rx' if m.is_rx else 'Tx'} - {m.dlc:2d} {data}")
-    return "\r\n".join(lines) + "\r\n"
-
-
-def gvret(log: list[can.Message]) -> str:
-    """The log as SavvyCAN writes it."""
-    lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN," + ",".join(f"D{i}" for i in range(1, 9))]
-    for m in log:
-        head = f"{round(m.timestamp * 1e6)},{m.arbitration_id:08X},{str(m.is_extended_id).lower()},{'Rx' if m.is_rx else 'Tx'},0"
-        lines.append(f"{head},{len(m.data)},{','.join(f'{b:02X}' for b in m.data)},")
-    return "\n".join(lines) + "\n"
-
-
-def screen(log: list[can.Message]) -> str:
-    """The log as `candump -ta` shows it."""
-    lines = []
-    for m in log:
-        identifier = f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:03X}"
-        length = f"[{len(m.data):02d}]" if m.is_fd else f"[{m.dlc}]"
-        lines.append(
-            f" ({m.timestamp:.6f})  can0  {identifier}  {length}  {'remote request' if m.is_remote_frame else m.data.hex(' ').upper()}"
-        )
-    return "\n".join(lines) + "\n"
 
 
 CANOE = (
@@ -413,11 +382,6 @@ def _plain(found: list[Row], path: Path) -> list[tuple[object, ...]]:
         row: tuple[object, ...] = r[1:] if path.suffix == ".asc" else r
         out.append((r[0], "error") if r[4] and path.suffix == ".log" else row)
     return out
-
-
-def error_frames(frames: Frames) -> int:
-    """How many of the frames are error frames."""
-    return int(np.count_nonzero(frames.flags & ERROR))
 
 
 def run(folder: Path, count: int, seed: int, done: Callable[[str, str], None], go_on: bool = False) -> None:
