@@ -105,7 +105,7 @@ CORE = {
         "not lie_in_their_regions",
     ],
     "trajectory/faults/continuity.py": [
-        *(f"tests/trajectory/test_{name}.py" for name in ("continuity_definition", "continuity_limits", "continuity", "steps", "standing")),
+        *(f"tests/trajectory/test_{name}.py" for name in ("continuity_definition", "continuity_limits", "steps", "standing")),
         *_COUNTERS,
     ],
     "trajectory/faults/doubts.py": ["tests/trajectory/test_doubts.py", *_COUNTERS],

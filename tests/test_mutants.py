@@ -48,18 +48,6 @@ def test_one_fault_at_a_time(mutants: ModuleType) -> None:
     assert len({m.applied(SOURCE) for m in found}) == len(found)
 
 
-def test_a_zip_stays_strict(mutants: ModuleType) -> None:
-    """What asks that all are as long as each other is no fault to be put in; what lets them differ is, and so is any other strict."""
-    source = "a = zip(b, c[1], strict=True)\nd = zip(b, c, strict=False)\ne = f(b, strict=True)\n"
-    found = mutants.mutants_of("f.py", source)
-    assert [(m.line, m.change) for m in found] == [(1, "1 -> 2"), (2, "False -> True"), (3, "True -> False")]
-
-
-def test_the_rest_of_a_reshape_is_any_negative_number(mutants: ModuleType) -> None:
-    found = mutants.mutants_of("f.py", "a = b.reshape(2, -1)\nc = d.repeat(-1)\n")
-    assert [(m.line, m.change) for m in found] == [(1, "2 -> 3"), (1, "- -> "), (2, "- -> "), (2, "1 -> 2")]
-
-
 def test_what_is_excused_is_there(mutants: ModuleType) -> None:
     """A line that was changed since is looked at again."""
     excused = mutants.equivalents()

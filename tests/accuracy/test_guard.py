@@ -15,29 +15,7 @@ from lmeasure.recording import read_program
 from lmeasure.rig import read_rig
 
 RIG = Path(__file__).parents[2] / "datasets" / "thesis-5.7" / "placed.toml"
-PROGRAM = """
-schema = "lmeasure.program/1"
-[[pose]]
-name = "P1"
-position_mm = [0.0, 0.0, 0.0]
-quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
-[[path]]
-name = "out"
-kind = "linear"
-start_mm = [0.0, 0.0, 0.0]
-end_mm = [700.0, 0.0, 0.0]
-[[path]]
-name = "round"
-kind = "circular"
-centre_mm = [0.0, 0.0, 50.0]
-normal = [0.0, 0.0, 2.0]
-radius_mm = 100.0
-start_mm = [100.0, 0.0, 50.0]
-[[path]]
-name = "square"
-kind = "rectangular"
-corners_mm = [[0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]]
-"""
+PROGRAM = (Path(__file__).parent / "inputs" / "program.toml").read_text(encoding="utf-8")
 
 
 def test_each_part_is_told_with_its_distance_from_the_edge(tmp_path: Path) -> None:

@@ -224,7 +224,8 @@ ENTRIES = {
     "1018sub1": "0x1234", "1018sub2": "77", "1801sub1": "$NODEID+0x380", "1801sub2": "1", "1A01sub0": "2", "1A01sub1": "0x65000010",
     "1A01sub2": "0x60040020",
 }  # fmt: skip
-EDS = "[DeviceInfo]\nVendorNumber=0x1234\n[1018]\n[1801]\n[1A01]\n" + "".join(f"[{entry}]\nDefaultValue={value}\n" for entry, value in ENTRIES.items())
+EDS = "[DeviceInfo]\nVendorNumber=0x1234\n[1018]\n[1801]\n[1A01]\n"
+EDS += "".join(f"[{entry}]\nDefaultValue={value}\n" for entry, value in ENTRIES.items())
 
 
 def test_a_data_sheet_says_where_the_counts_are(tmp_path: Path) -> None:

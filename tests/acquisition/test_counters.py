@@ -31,7 +31,7 @@ def follow(
     return out.tolist(), {k: repr(v) for k, v in asdict(counter).items()}, events.kept
 
 
-@settings(deadline=None, max_examples=400, derandomize=True)
+@settings(deadline=None, max_examples=150, derandomize=True)
 @given(st.data())
 def test_nothing_is_passed_that_looking_would_have_found(data: st.DataObject) -> None:
     values = [data.draw(st.integers(0, 70_000))]

@@ -69,20 +69,7 @@ def values_of(data: NDArray[np.uint8], f: CounterField) -> NDArray[np.int64]:
     return decode(frames, (f,)).value
 
 
-DBC = """VERSION ""
-NS_ :
-BS_:
-BU_: ECU
-BO_ 500 Drums: 8 ECU
- SG_ Left : 4|20@1- (1,0) [0|0] "" ECU
- SG_ Right : 31|24@0+ (1,0) [0|0] "" ECU
-BO_ 2566844926 Wide: 64 ECU
- SG_ Far : 263|32@0- (0.012,5) [0|0] "mm" ECU
-BO_ 501 Odd: 8 ECU
- SG_ Mode M : 0|8@1+ (1,0) [0|0] "" ECU
- SG_ Sometimes m1 : 8|16@1+ (1,0) [0|0] "" ECU
- SG_ Tiny : 24|4@1+ (1,0) [0|0] "" ECU
-"""
+DBC = (Path(__file__).parent / "inputs" / "drums.dbc").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("message", "signal"), [("Drums", "Left"), ("Drums", "Right"), ("Wide", "Far")])

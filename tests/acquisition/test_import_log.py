@@ -203,20 +203,7 @@ def test_passes(tmp_path: Path) -> None:
         import_logs(paths[:1], rig, START_POSE)
 
 
-DBC = """VERSION ""
-
-BU_: Encoder
-
-BO_ 385 Left: 8 Encoder
- SG_ ch1 : 0|32@1- (1,0) [0|0] "" Encoder
- SG_ ch2 : 39|24@0- (1,0) [0|0] "" Encoder
-BO_ 386 Middle: 8 Encoder
- SG_ ch3 : 4|20@1- (1,0) [0|0] "" Encoder
- SG_ ch4 : 27|30@0- (1,0) [0|0] "" Encoder
-BO_ 2566844672 Right: 8 Encoder
- SG_ ch5 : 0|32@1- (0.5,0) [0|0] "" Encoder
- SG_ ch6 : 32|32@1+ (1,0) [0|0] "" Encoder
-"""
+DBC = (Path(__file__).parent / "inputs" / "three-messages.dbc").read_text(encoding="utf-8")
 
 
 def without_counter_bits() -> Rig:

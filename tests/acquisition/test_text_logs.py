@@ -10,29 +10,7 @@ from read_logs import ERROR_COLUMN, read_rows
 
 # ASC and candump as other programs write them ---------------------------------------------------------------------------------------
 
-ASC = """date Thu Feb 29 12:30:15.250 pm 2024
-base {base}  timestamps {timestamps}
-no internal events logged
-// version 8.5.0
-Begin Triggerblock Thu Feb 29 12:30:15.250 pm 2024
-   0.000000 Start of measurement
-   0.010000 1  181             Rx   d 4 01 02 03 04  Length = 140000 BitCount = 73 ID = 385
-   0.010100 2  18FF0110x       Tx   d 8 10 11 12 13 14 15 16 17
-   0.010200 1  Statistic: D 12 R 0 XD 0 XR 0 E 0 O 0 B 1.20%
-   0.010300 1  182             Rx   r 8 Length = 0
-   0.010400 1  183             Rx   r
-   0.010500 3  ErrorFrame
-   0.010600 CAN 1 Status:chip status error active
-   0.010700 SV: 2 0 1 ::sys::x = 1
-   0.010800 CANFD   1 Rx        184  Counter_Message                 1 0 9 12 01 02 03 04 05 06 07 08 09 10 11 12   0 0 3000 0 0 0 0 0
-   0.010900 CANFD   2 Tx        185                                  0 1 2  2 01 02   0 0 5000 0 0 0 0 0
-   0.011000 CANFD   2 Rx ErrorFrame   Not Acknowledge error, dominant error flag
-   0.011100 1  7ff  Rx   d 0
-   0.011200 1  184             Rx   d 2 1 2
-   0.0113   10 185             Rx   d 1 07
-   1.500000 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F
-End TriggerBlock
-"""
+ASC = (Path(__file__).parent / "inputs" / "canoe.asc").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("base", ["hex", "dec"])

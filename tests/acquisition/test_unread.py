@@ -118,28 +118,7 @@ def test_other_lines_of_asc_are_unread(tmp_path: Path, line: str) -> None:
 
 
 def test_events_of_asc_are_known(tmp_path: Path) -> None:
-    events = """date Mon Jan 1 10:00:00 2024
-base hex  timestamps absolute
-no internal events logged
-// version 11.0.0
-Begin TriggerBlock Mon Jan 1 10:00:00 2024
-
-   0.000000 Start of measurement
-   0.1 log trigger event
-   0.2 1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%
-   0.3 CAN 1 Status:chip status error active
-   0.4 SV: 1 0 1 ::x = 2
-   0.5 EnvSpeed := 12
-   0.6 1 OverloadFrame
-   0.7 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F
-   0.8 Li 3c Tx 8 01 02 03 04 05 06 07 08
-   0.9 ETH 1 Rx 5e:ffff
-   1.0 Comment: 1 text
-   1.1 1 181 TxRq d 1 07
-   1.2 TFS: [1] step
-   1.3 1 181 Rx d 1 07
-End TriggerBlock
-"""
+    events = (Path(__file__).parent / "inputs" / "events.asc").read_text(encoding="utf-8")
     for line_end in ("\n", "\r\n", "\r"):
         frames, report = read(tmp_path / "log.asc", events.replace("\n", line_end))
         assert (len(frames), report.known, report.unread) == (1, 20, 0)
@@ -355,45 +334,7 @@ def test_a_log_without_a_frame_says_why(tmp_path: Path, name: str, content: str 
 
 # data sheets ------------------------------------------------------------------------------------------------------------------------
 
-SHEET = """[DeviceInfo]
-VendorName=A
-VendorNumber=001
-ProductNumber=
-BaudRate_10=yes
-[1018]
-SubNumber=2
-[1018sub1]
-DataType=0x0007
-DefaultValue=0077
-[1018sub2]
-DefaultValue=0
-ParameterValue=0x12
-[1800]
-SubNumber=3
-[1800sub0]
-DefaultValue=
-[1800sub1]
-ParameterName=COB-ID: of the PDO
-DefaultValue=$NODEID+0x180
-ParameterValue=0x190
-[1800sub2]
-DefaultValue=
-PDOMapping=maybe
-[1801sub1]
-DefaultValue=
-[1A00]
-CompactSubObj=2
-DefaultValue=0x60040020
-[1A01sub0]
-DefaultValue=
-[1A01sub1]
-DefaultValue=0x60040020
-[6200]
-  DefaultValue=010
-[6500]
-LowLimit=none
-DefaultValue=words
-"""
+SHEET = (Path(__file__).parent / "inputs" / "odd.dcf").read_text(encoding="utf-8")
 
 
 def test_data_sheets_with_odd_entries(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from zeroed import exact_poses, zeroed_exactly
 from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, Model, calibrate, read_campaign, unknowns_of
 from lmeasure.calibration.solve.noise import Noise
 from lmeasure.calibration.solve.unknowns import rig_with
-from lmeasure.core import CalibrationError, FileFormatError, LMeasureError
+from lmeasure.core import CalibrationError, LMeasureError
 from lmeasure.estimation import fit
 from lmeasure.kernels import guide_direction
 from lmeasure.recording import poses_from_rows
@@ -307,11 +307,6 @@ def test_bad_folders_are_refused_in_one_line(tmp_path: Path, name: str, change: 
     with pytest.raises(LMeasureError, match=message) as raised:
         read_campaign(folder_with(tmp_path, **{name: change(text)}))
     assert "\n" not in str(raised.value)
-
-
-def test_missing_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match="is not a calibration folder"):
-        read_campaign(tmp_path / "nowhere")
 
 
 def test_wrapped_counters_are_continued_by_the_nominal_rig(twelve: Calibration, tmp_path: Path) -> None:

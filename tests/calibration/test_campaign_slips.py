@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from real_rig import scattered
 from real_world import Case, Made, make
@@ -43,16 +42,15 @@ def named(result: Calibration) -> list[tuple[str, str | None, str | None]]:
     return [(w.code, w.pose, w.channel) for w in result.record.warnings if w.code in SLIPS]
 
 
-@pytest.mark.parametrize(("poses", "stated", "pose", "axis", "by"), [(12, False, 0, 2, -100.0), (20, True, 6, 1, None)])
-def test_a_coordinate_with_a_slip_is_set_aside(poses: int, stated: bool, pose: int, axis: int, by: float | None) -> None:
-    """The zero pose among them; None: with the other sign."""
-    world = made(poses, stated)
+def test_a_coordinate_with_a_slip_is_set_aside() -> None:
+    """Of the zero pose."""
+    world = made(12, False)
     rows = world.campaign.poses.rows.copy()
-    rows[pose, axis] += -2.0 * rows[pose, axis] if by is None else by
+    rows[0, 2] -= 100.0
     result = calibrate(moved(world.campaign, rows))
-    assert named(result) == [("outlier", str(pose + 1), None)]
+    assert named(result) == [("outlier", "1", None)]
     assert result.refused is None
-    assert error_mm(result.rig, world) < 1.5 * sound_mm(poses, stated)
+    assert error_mm(result.rig, world) < 1.5 * sound_mm(12, False)
 
 
 def test_a_count_with_a_slip_is_set_aside_alone() -> None:
@@ -66,9 +64,8 @@ def test_a_count_with_a_slip_is_set_aside_alone() -> None:
     assert error_mm(result.rig, world) < 1.2 * sound_mm(12, False)
 
 
-@pytest.mark.parametrize("some", [[1, 4, 7]])
-def test_exchanged_poses_are_named_and_read_in_their_order(some: list[int]) -> None:
-    world = made(8, True)
+def test_exchanged_poses_are_named_and_read_in_their_order() -> None:
+    world, some = made(8, True), [1, 4, 7]
     rows = world.campaign.poses.rows.copy()
     rows[some] = rows[np.roll(some, 1)]
     result = calibrate(moved(world.campaign, rows))

@@ -148,32 +148,29 @@ def test_a_record_goes_on_from_a_run_and_knows_more() -> None:
 
 
 def test_a_rig_that_has_moved_is_refused_and_what_moved_is_named(tmp_path: Path) -> None:
-    true, rig, record = recorded()
+    true, rig, _ = recorded()
     place = true.point("B5").position_mm
     moved = with_values(true, {"B5.x_mm": place[0] + 1.0, "B5.y_mm": place[1] - 1.0, "B5.z_mm": place[2] + 1.0})
     run = ordinary(moved, 1)
-    found = continued(campaign_of(run, 30), record)
-    assert found.moved is not None
-    assert "B5" in found.moved
     write_run(tmp_path / "run", run)
     out = tmp_path / "out"
     result = CliRunner().invoke(app, ["calibrate", str(tmp_path / "run"), "--continue", "--out", str(out)])
     assert result.exit_code == 1
     assert "contradicts the record" in str(result.exception)
+    assert "B5" in str(result.exception)
     assert not (out / "rig.toml").exists()
     assert rig.name == run.rig.name
 
 
-@pytest.mark.parametrize(("channel", "lost", "said"), [(1, 60.0, "channel ch2 reads"), (8, 40.0, "channel sw3 reads")])
-def test_counts_that_were_lost_are_no_point_that_moved(channel: int, lost: float, said: str) -> None:
+def test_counts_that_were_lost_are_no_point_that_moved() -> None:
     true, _, record = recorded()
     run = ordinary(true, 2)
     counts = run.passes[0]
     readings, half = counts.recorded.copy(), len(counts.time_s) // 2
-    readings[half:, channel] += lost
+    readings[half:, 8] += 40.0
     found = continued(campaign_of(replace(run, passes=(replace(counts, recorded=readings),)), 30), record)
     assert found.moved is not None
-    assert said in found.moved
+    assert "channel sw3 reads" in found.moved
     # to the sample of the thirty before it and behind it
     behind = float(found.moved.split(" s on")[0].rsplit(" ", 1)[1])
     assert abs(behind - counts.time_s[half]) < 0.15 * counts.time_s[-1]

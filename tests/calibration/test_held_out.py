@@ -18,12 +18,12 @@ from lmeasure.core import CalibrationError
 def test_held_out_poses_are_told_with_their_uncertainty() -> None:
     """Standardised errors of held-out lengths over campaigns have unit mean square."""
     squares = []
-    for seed in range(12):
+    for seed in range(8):
         drawn = draw(seed, points=2, poses=24, u_position_mm=0.05)
         determined = calibrate(drawn.campaign, CalibrationSettings(hold_out=("5", "9", "14", "20"))).record.validation["held_out"]
         squares += [(p["error_mm"] / p["u_mm"]) ** 2 for p in determined["poses"]]
-    assert len(squares) == 12 * 4 * 2
-    # 96 of them, poses shared by two channels: standard deviation of the mean about 0.18
+    assert len(squares) == 8 * 4 * 2
+    # 64 of them, poses shared by two channels: standard deviation of the mean about 0.22
     assert np.mean(squares) == pytest.approx(1.0, abs=0.5)
 
 
@@ -69,13 +69,3 @@ def test_optimum_is_that_of_a_generic_least_squares() -> None:
     ours, theirs = held_out_errors(result.rig, truth, 3000), held_out_errors(other, truth, 3000)
     assert np.sqrt(np.mean(ours**2)) <= 0.00251
     assert np.sqrt(np.mean(ours**2)) == pytest.approx(np.sqrt(np.mean(theirs**2)), rel=0.01)
-
-
-def test_noisy_poses_stay_within_the_stated_uncertainty() -> None:
-    folder = TRUTH / "cell-20-poses-noisy"
-    campaign = zeroed_exactly(read_campaign(folder))
-    result = calibrate(campaign)
-    error = held_out_errors(result.rig, true_rig(campaign.rig, folder), 3000)
-    assert np.sqrt(np.mean(error**2)) < 0.041
-    stated = np.sqrt(np.mean(result.predicted.length_mm**2))
-    assert stated / 2.5 < np.sqrt(np.mean(error**2)) < 2 * stated

@@ -75,7 +75,7 @@ def test_a_tracker_s_covariance_is_that_of_drawn_poses(tmp_path: Path) -> None:
     assert C[0, 3, 4] == pytest.approx(-0.8 * 0.01 * 0.06)
     assert C[0, 0, 5] == pytest.approx(0.5 * np.radians(0.005) * 0.05)
     rng, base, drawn = np.random.default_rng(0), model.residuals(model.parameters.nominal), []
-    for _ in range(3000):
+    for _ in range(600):
         error = np.array([rng.multivariate_normal(np.zeros(6), c) for c in C])
         rows = campaign.poses.rows.copy()
         rows[:, :3] += error[:, 3:]
@@ -83,7 +83,10 @@ def test_a_tracker_s_covariance_is_that_of_drawn_poses(tmp_path: Path) -> None:
         other = Model(replace(campaign, poses=replace(campaign.poses, rows=rows)), model.parameters)
         drawn.append(other.residuals(model.parameters.nominal) - base)
     counts = 0.012**2 / 12
-    assert np.var(drawn, axis=0) / (np.diag(V) - counts) == pytest.approx(1.0, abs=0.15)
+    ratio = np.var(drawn, axis=0) / (np.diag(V) - counts)
+    # a variance of 600 draws is known to 6 %, the mean of all to less
+    assert ratio == pytest.approx(1.0, abs=0.25)
+    assert ratio.mean() == pytest.approx(1.0, abs=0.04)
     assert read_poses(folder / "reference_poses.csv", "puma-oat").u_position_mm[0] == pytest.approx(np.sqrt((1 + 36 + 25) / 3) * 0.01)
 
 

@@ -160,7 +160,7 @@ def test_cables_of_one_point_keep_their_own_readings() -> None:
 def test_calibrated_values_err_as_stated_where_counters_stand_anywhere_within_their_count() -> None:
     """Errors in the principal directions that the data determine, over their standard uncertainties; and the truth in the 95 % region."""
     squares, freedom, inside, other, nearer = 0.0, 0, 0, 0.0, 0
-    trials = 60
+    trials = 30
     for seed in range(trials):
         drawn = draw(seed, noise="rounded", phased=True)
         model = model_of(drawn.campaign)

@@ -204,7 +204,7 @@ def test_the_course_falls_and_each_pose_is_worth_something(eight: Plan) -> None:
 
 
 def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eight: Plan) -> None:
-    """100 campaigns at the planned poses with rounded counts and pose errors: rms length error against the predicted rms."""
+    """60 campaigns at the planned poses with rounded counts and pose errors: rms length error against the predicted rms."""
     u_position_mm, u_rotation_rad = 0.01, 3e-5
     plan = plan_poses(RIG, PlanSettings(10, CELL, criterion="I", u_position_mm=u_position_mm, u_rotation_rad=u_rotation_rad))
     rng = np.random.default_rng(8)
@@ -213,7 +213,7 @@ def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eig
     noise = Noise(plan.poses.u_position_mm, plan.poses.u_rotation_rad)
     width = instrument.unknowns.width
     errors = []
-    for _ in range(100):
+    for _ in range(60):
         # the truth scatters about the rig as its priors say where the counts are silent, and less than that elsewhere
         theta = instrument.unknowns.nominal + 0.2 * width * rng.normal(size=30)
         nominal = campaign_of(RIG, plan.poses.rows, u_position_mm, u_rotation_rad)
@@ -233,7 +233,7 @@ def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eig
     covariance, rank = estimated_covariance(parameter_information(blocks.T @ blocks, 30))
     predicted = math.sqrt(float(np.mean(np.sum((checks @ covariance) * checks, axis=2))))
     assert rank == plan.outlook.rank == 30
-    assert float(np.sqrt(np.mean(np.square(errors)))) == pytest.approx(predicted, rel=0.12)
+    assert float(np.sqrt(np.mean(np.square(errors)))) == pytest.approx(predicted, rel=0.15)
     assert plan.outlook.rms_mm == pytest.approx(predicted, rel=0.1)
 
 

@@ -20,7 +20,7 @@ from lmeasure.cli.app import app
 from lmeasure.core import CalibrationError
 from lmeasure.estimation import Fit
 from lmeasure.recording import write_poses
-from lmeasure.rig import Finding, Rig, rig_from_dict, write_rig
+from lmeasure.rig import Finding, rig_from_dict, write_rig
 from lmeasure.sensors import counts_from_poses
 
 
@@ -56,12 +56,10 @@ def test_sound_data_raise_no_alarm() -> None:
     ("case", "says", "size", "unit"),
     [
         (Case(u_rad=100e-6), "reference poses in error by", np.degrees(86.6e-6), "deg"),
-        (Case(u_rad=np.radians(0.06), stated=(0.05, 0.0)), "reference poses in error by", 0.06, "deg"),
         (Case(u_mm=0.15), "reference poses in error by", 0.141, "mm"),
         (Case(Flaws(circumference=5e-4), cure=("scale",)), "scale", 0.0, None),
-        (Case(Flaws(attachment_mm=0.1), cure=("attachment",)), "attachment", 0.0, None),
     ],
-    ids=["orientations", "orientations-exact", "positions", "circumference", "attachments"],
+    ids=["orientations", "positions", "circumference"],
 )
 def test_what_can_be_stated_costs_no_more_than_stating_it(case: Case, says: str, size: float, unit: str | None) -> None:
     """The error is at most half more than with the truth stated, the finding names what is the matter, and its size."""
@@ -77,16 +75,9 @@ def test_what_can_be_stated_costs_no_more_than_stating_it(case: Case, says: str,
 
 
 @pytest.mark.parametrize(
-    ("flaws", "u_mm"),
-    [
-        (Flaws(eccentric_mm=0.05), None),
-        (Flaws(run_out_mm=0.02), 0.02 / np.sqrt(2)),
-        (Flaws(friction_counts=8.0), 4 * 0.012),
-        (Flaws(play_counts=2.0), 0.012),
-    ],
-    ids=["eccentric", "run-out", "friction", "play"],
+    ("flaws", "u_mm"), [(Flaws(run_out_mm=0.02), 0.02 / np.sqrt(2)), (Flaws(friction_counts=8.0), 4 * 0.012)], ids=["run-out", "friction"]
 )
-def test_what_cannot_be_stated_is_an_error_of_lengths(flaws: Flaws, u_mm: float | None) -> None:
+def test_what_cannot_be_stated_is_an_error_of_lengths(flaws: Flaws, u_mm: float) -> None:
     """Lengths that err on their own are told from poses that do, with their size, and the run's uncertainties hold it."""
     made, result = calibrated(Case(flaws), 0)
     # of few micrometres it may not be told whether poses err or lengths: then both are reckoned with
@@ -94,8 +85,7 @@ def test_what_cannot_be_stated_is_an_error_of_lengths(flaws: Flaws, u_mm: float 
     found = score_of(result, made)
     assert found.error_mm < score(made.campaign.rig, None, made).error_mm
     assert found.inside > 0.8
-    if u_mm is not None:
-        assert np.sqrt(np.mean(np.square(list(result.record.u_length_mm.values())))) == pytest.approx(u_mm, rel=0.35)
+    assert np.sqrt(np.mean(np.square(list(result.record.u_length_mm.values())))) == pytest.approx(u_mm, rel=0.35)
 
 
 def test_poses_that_state_nothing() -> None:
@@ -216,35 +206,3 @@ def against_nominal_of(result: Calibration) -> dict[str, float]:
     """The comparison in the record."""
     told_there: dict[str, float] = result.record.validation["against_nominal"]
     return told_there
-
-
-@pytest.mark.slow
-def test_positions_alone_that_are_far_worse_than_stated() -> None:
-    """Four cables and positions alone leave one equation a pose: whatever is the matter is said, and the drawing decides."""
-    made = make(Case(u_mm=3.0, poses=24), 1)
-    chosen = [0, 1, 2, 4]  # to three points of the tool
-    nominal = made.campaign.rig.model_copy(update={"cable": tuple(made.campaign.rig.cable[j] for j in chosen)})
-    rows = made.campaign.poses.rows.copy()
-    rows[:, 3:] = 0.0, 0.0, 0.0, 1.0
-    poses = replace(made.campaign.poses, rows=rows, u_rotation_rad=np.zeros(24), oriented=False)
-    campaign = replace(
-        made.campaign,
-        rig=nominal,
-        cables=nominal.cable,
-        poses=poses,
-        counts=made.campaign.counts[:, chosen],
-        zero=made.campaign.zero[chosen],
-    )
-    result = calibrate(campaign)
-    assert "underdetermined" in {w.code for w in result.record.warnings}
-    for p in result.record.parameters:
-        assert abs(p.value - next(q for n, q in nominal_values(nominal) if n == p.name)) < 8.0 * p.prior_u
-
-
-def nominal_values(rig: Rig) -> list[tuple[str, float]]:
-    """Positions and guide angles by the record's names."""
-    out = []
-    for p in rig.observation_point:
-        out += [(f"{p.name}.{axis}_mm", value) for axis, value in zip("xyz", p.position_mm, strict=True)]
-        out += [(f"{p.name}.guide_alpha_deg", p.guide_alpha_deg), (f"{p.name}.guide_beta_deg", p.guide_beta_deg)]
-    return out

@@ -14,7 +14,7 @@ from lmeasure.core import se3
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.sensors import span_lengths
 
-SEEDS = range(5)
+SEEDS = range(3)
 CHANCE = 1e-5  # of a correct calibration failing one comparison
 
 
@@ -58,8 +58,7 @@ OPTIONS = {
 }
 
 
-@pytest.mark.parametrize("noise", ["gaussian", "rounded"])
-@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize(("option", "noise"), [("default", "gaussian"), *((option, "rounded") for option in OPTIONS)])
 def test_regions_hold_the_truth_as_often_as_they_say(option: str, noise: str) -> None:
     """The short form of benchmarks/calibration_coverage.py, over every option."""
     inside, below = 0, []
@@ -96,13 +95,10 @@ UNKNOWN_POSES = {
 def test_regions_of_rigs_found_with_their_poses(option: str) -> None:
     """The short form of benchmarks/self_calibration_coverage.py: the truth in the frame of the result, values held by priors among them."""
     given, settings = UNKNOWN_POSES[option]
-    inside = 0
-    for seed in (500, 501):
-        drawn = draw(seed, noise=("gaussian", "rounded")[seed % 2], **given)
-        record = calibrate(drawn.campaign, settings).record
-        assert not {"misfit", "not_converged"} & {w.code for w in record.warnings}
-        inside += square_of(record, errors(drawn, record, settings)) <= record.region["factor"] ** 2
-    assert inside
+    drawn = draw(501, noise="rounded", **given)
+    record = calibrate(drawn.campaign, settings).record
+    assert not {"misfit", "not_converged"} & {w.code for w in record.warnings}
+    assert square_of(record, errors(drawn, record, settings)) <= record.region["factor"] ** 2
 
 
 def without(drawn: Drawn, key: str, shift: float) -> Rig:
@@ -123,7 +119,7 @@ def without(drawn: Drawn, key: str, shift: float) -> Rig:
         ("pitch", "groove_pitch_mm", 0.04),
     ],
 )
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("seed", SEEDS[:2])
 def test_more_unknowns(seed: int, group: str, key: str, shift: float) -> None:
     """What is not solved for biases; what is solved for is covered by its stated uncertainty."""
     drawn = draw(seed, points=1, poses=24, noise="gaussian")
@@ -132,7 +128,7 @@ def test_more_unknowns(seed: int, group: str, key: str, shift: float) -> None:
     compare(off, result)
 
 
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("seed", SEEDS[:2])
 def test_scale(seed: int) -> None:
     drawn = draw(seed, points=1, poses=24, noise="gaussian")
     off = without(drawn, "scale", 0.004)
@@ -143,7 +139,7 @@ def test_scale(seed: int) -> None:
     compare(moved, calibrate(moved.campaign, CalibrationSettings(("position", "guide", "scale"))))
 
 
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("seed", SEEDS[:2])
 def test_prior_everywhere(seed: int) -> None:
     drawn = draw(seed, points=1, poses=6, noise="gaussian")
     held = calibrate(drawn.campaign, CalibrationSettings(prior=True))
@@ -158,10 +154,6 @@ def test_too_few_poses_are_never_a_bare_optimum(seed: int) -> None:
     assert record.rank <= 4 < record.unknowns
     assert record.unobservable
     assert "underdetermined" in {w.code for w in record.warnings}
-
-
-def test_same_draw_same_campaign() -> None:
-    np.testing.assert_array_equal(draw(3).campaign.counts, draw(3).campaign.counts)
 
 
 def test_a_stated_pose_whose_turn_was_free_has_its_own_uncertainty_and_that_of_the_turn() -> None:

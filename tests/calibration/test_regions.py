@@ -22,7 +22,7 @@ def fitted(drawn: Drawn) -> tuple[Model, Fit]:
     return model, fit(model, start)
 
 
-@pytest.mark.parametrize("seed", [6, 22])
+@pytest.mark.parametrize("seed", [22])
 def test_bent_valley_against_newton_on_the_exact_model(seed: int) -> None:
     """Where the noise says the truth is, solved exactly: U'(r(theta) - r(result)) = xi for drawn xi."""
     model, found = fitted(draw(1_000_000 + seed, poses=10 + seed % 11))

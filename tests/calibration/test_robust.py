@@ -56,7 +56,7 @@ def test_bad_zero_pose_is_found_too() -> None:
     assert squares(drawn, record) < 1.5
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_clean_campaigns_lose_little(seed: int) -> None:
     drawn = draw(seed, points=2, poses=20)
     plain, record = calibrate(drawn.campaign).record, robust(drawn).record

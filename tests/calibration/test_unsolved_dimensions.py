@@ -20,7 +20,7 @@ from lmeasure.trajectory import reconstruct
 
 FloatArray = NDArray[np.float64]
 
-DRAWS = 8
+DRAWS = 5
 U_MM, U_RAD = 0.02, 1e-4
 
 
@@ -94,7 +94,6 @@ def test_runs_after_a_calibration_err_as_is_stated(names: tuple[str, ...]) -> No
             of_dimensions += float((off / width) @ np.linalg.solve(own / np.outer(width, width), off / width))
             many += len(off)
     p = scipy.stats.chi2.cdf(square, 6 * DRAWS)
-    print(names, square / 6 / DRAWS, p, of_dimensions / max(many, 1), np.mean(apart))
     assert 0.005 < p < 0.995, square / (6 * DRAWS)
     if many:
         p = scipy.stats.chi2.cdf(of_dimensions, many)

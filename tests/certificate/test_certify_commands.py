@@ -213,20 +213,6 @@ def test_a_name_cannot_turn_a_message_around() -> None:
     assert str(LMeasureError("pose a\u202eb\u2066:\nx")) == "pose a\\u{202E}b\\u{2066}: x"
 
 
-def test_what_is_no_certificate_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "file.zip").write_text("x")
-    (tmp_path / "empty").mkdir()
-    for arguments in (
-        ("verify", tmp_path / "none"),
-        ("verify", tmp_path / "file.zip"),
-        ("compare", tmp_path / "empty", tmp_path / "empty"),
-    ):
-        code, text = run(*arguments)
-        assert code == 1
-        assert "\n" not in text.strip()
-    assert run("verify", tmp_path / "empty")[0] == 1
-
-
 def test_a_trajectory_by_another_rig_than_the_runs_is_told_which_option_names_it(campaign: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     stated = (campaign / "run" / "rig.toml").read_text(encoding="utf-8")

@@ -64,7 +64,7 @@ def pair(a: dict[str, Any], b: dict[str, Any]) -> Pair:
 def test_a_robot_that_did_not_move_is_seldom_said_to_have() -> None:
     """Per campaign of five poses, Holm over them: at most SIGNIFICANT; single probabilities are uniform where scatter dominates."""
     rng = np.random.default_rng(1)
-    still, probabilities, trials = np.zeros((5, 3)), [], 800
+    still, probabilities, trials = np.zeros((5, 3)), [], 400
     alarms = 0
     for _ in range(trials):
         found = pair(certificate(still, 0.05, rng), certificate(still, 0.05, rng, 1))
@@ -81,7 +81,7 @@ def test_the_u95_of_a_figures_difference_holds_what_it_says() -> None:
     rng = np.random.default_rng(2)
     inside: dict[bool, list[bool]] = {True: [], False: []}
     for shared in (True, False):
-        for _ in range(250):
+        for _ in range(150):
             first = rng.normal(0.0, 0.03, 3)
             errors = first, (first if shared else rng.normal(0.0, 0.03, 3))
             both = [
@@ -212,7 +212,7 @@ def test_two_real_certificates(tmp_path: Path) -> None:
         folder = tmp_path / str(number)
         write_campaign(folder, seed=0, offset_mm=offset)
         given = Inputs(folder / "trajectory.parquet", folder / "program.toml", folder / "run")
-        write_certificate(folder / "c", given, CertificationSettings(), Choices())
+        write_certificate(folder / "c", given, CertificationSettings(trials=300), Choices())
         read.append((str(number), read_certificate(folder / "c" / "certificate.json")))
     found = compare_certificates(read)
     assert [any(s.moved for s in p.shifts) for p in found.pairs] == [False, True]

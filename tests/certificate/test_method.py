@@ -78,56 +78,6 @@ def test_figures_of_another_method_are_listed_beside_those_of_today() -> None:
     assert "hashes as sealed; " in done.output
 
 
-def test_of_another_method_bytes_and_inputs_are_still_checked(tmp_path: Path) -> None:
-    for number, (change, named) in enumerate({"details": "details", "inputs": "inputs", "program": "program"}.items()):
-        folder = tmp_path / str(number)
-        shutil.copytree(SEALED / "with-run", folder)
-        stated = content_of(folder)
-        other = {"details": {"number": "8"}, "inputs": stated["inputs"][1:], "program": stated["program"] | {"load_kg": 7.0}}[change]
-        resealed(folder, {change: other})
-        found = looked_at(folder)
-        assert found.exit_code == 1
-        assert any(d.text.startswith(f"{named} is ") for d in found.differences), found.differences
-    with (tmp_path / "0" / "inputs" / "program.toml").open("a") as file:
-        file.write("\n")
-    assert next(d.what for d in looked_at(tmp_path / "0").differences) == "inputs/program.toml"
-
-
-def test_what_todays_method_refuses_is_said_and_no_difference(tmp_path: Path) -> None:
-    shutil.copytree(SEALED / "with-run", tmp_path / "c")
-    resealed(tmp_path / "c", {"settings": content_of(tmp_path / "c")["settings"] | {"planes": 3}})
-    found = looked_at(tmp_path / "c")
-    assert (found.differences, found.exit_code) == ((), 3)
-    assert f"today's, {METHOD}, refuses the inputs: planes = 3 normal to a path are too few" in found.skipped[0]
-
-
-def test_a_certificate_states_its_method(copy: Path) -> None:
-    assert content_of(copy)["method"] == METHOD
-    assert looked_at(copy).exit_code == 0
-    # who lowers the number to have figures passed over gets no 0 for it
-    resealed(copy, {"method": METHOD + 1})
-    assert looked_at(copy).exit_code == 3
-    for wrong in (0, True, "2", 1.0, None):
-        resealed(copy, {"method": wrong})
-        assert looked_at(copy).exit_code == 1
-
-
-def test_codes_of_findings_say_what_the_texts_say(copy: Path) -> None:
-    findings = content_of(copy)["findings"]
-    assert {f["text"] for f in findings} >= set(content_of(copy)["notes"])
-    for forged, reported in (
-        ("all is well", "findings are not texts with their codes"),
-        ([{"code": "zone.angle"}], "findings are not texts with their codes"),
-        ([f | {"code": "none"} for f in findings], "findings is ["),
-        ([f | {"values": {"angle_deg": [1]}} for f in findings], "findings is ["),
-        ([], "findings is []"),
-    ):
-        resealed(copy, {"findings": forged})
-        found = looked_at(copy)
-        assert found.exit_code == 1
-        assert any(reported in d.text for d in found.differences), found.differences
-
-
 def test_texts_are_compared_where_bytes_are_others(copy: Path) -> None:
     elsewhere(copy)
     found = looked_at(copy)
@@ -136,54 +86,9 @@ def test_texts_are_compared_where_bytes_are_others(copy: Path) -> None:
     # a paper that says more, or otherwise, than certificate.json
     figures = content_of(copy)["characteristics"]
     figures[0] = figures[0] | {"value": figures[0]["value"] * 1.02}
-    for forged in ({"characteristics": figures}, {"notes": ["meets every tolerance"]}, {"kind": "x", "details": {"number": "9"}}):
+    for forged in ({"characteristics": figures}, {"notes": ["meets every tolerance"]}):
         reprinted(copy, forged)
         assert {"certificate.pdf", "report.html"} == {d.what for d in looked_at(copy).differences}
-
-
-def test_another_program_that_prints_otherwise_is_named_as_not_compared(copy: Path) -> None:
-    elsewhere(copy, **{"lmeasure": "0.0"})
-    found = looked_at(copy)
-    # the same words: compared, and no more than the words
-    assert (found.differences, found.exit_code) == ((), 3)
-    assert all("compared by its text only" in text for text in found.skipped[1:])
-    reprinted(copy, {"notes": ["as another program puts it"]})
-    found = looked_at(copy)
-    assert (found.differences, found.exit_code) == ((), 3)
-    assert [text.split(":")[0] for text in found.skipped] == ["environment", "certificate.pdf", "report.html"]
-    for name in ("certificate.pdf", "report.html"):
-        (copy / name).unlink()
-    (copy / MANIFEST).unlink()
-    resealed(copy)
-    assert list(looked_at(copy).skipped)[1:] == ["certificate.pdf: is not in the folder", "report.html: is not in the folder"]
-
-
-def test_notes_means_and_reasons_are_compared_by_what_they_say(copy: Path) -> None:
-    stated = content_of(copy)
-    elsewhere(copy)
-    attained = json.loads(json.dumps(stated["attained"]))
-    attained[0]["mean_mm"][0] += 1e-3
-    changes = {"notes": [*stated["notes"], "x"], "attained": attained, "uncertainty_covers": "everything", "excluded": [
-        {"kind": "pose", "name": "P9", "reason": "none"}]}  # fmt: skip
-    if stated["notes"]:
-        changes["notes"] = ["all is well"] * len(stated["notes"])
-    resealed(copy, changes)
-    reprinted(copy)
-    assert sorted(d.text.split(" is ")[0] for d in looked_at(copy).differences) == sorted(changes)
-    resealed(copy, {key: stated[key] for key in changes})
-    # the last digits of a mean are allowed to be others
-    attained[0]["mean_mm"][0] += 1e-10 - 1e-3
-    resealed(copy, {"attained": attained})
-    reprinted(copy)
-    assert looked_at(copy).differences == ()
-
-
-@pytest.mark.parametrize("change", [{"approved by": "PTB"}, {"numpy": "1.0; accredited by nobody at all"}, {"numpy": 1}, {"python": None}])
-def test_an_environment_holds_versions_and_nothing_else(copy: Path, change: dict[str, Any]) -> None:
-    resealed(copy, {"environment": content_of(copy)["environment"] | change})
-    found = verify(copy)
-    assert found.exit_code == 1
-    assert any(d.text.startswith(f"environment: {next(iter(change))} is ") for d in found.differences)
 
 
 def listed(folder: Path, rows: list[dict[str, Any]]) -> None:

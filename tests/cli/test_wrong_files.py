@@ -137,7 +137,8 @@ def test_every_command_that_reads_is_here() -> None:
 @pytest.mark.parametrize("line", COMMAND_LINES)
 def test_a_wrong_file_is_named_in_a_line(line: str, desk: Path) -> None:
     there = {p.relative_to(desk) for p in desk.rglob("*")}
-    for name in WRONG:
+    # every other wrong file, others of each second command
+    for name in list(WRONG)[COMMAND_LINES.index(line) % 2 :: 2]:
         words = line.replace("{}", f"wrong/{name}").split()
         done = CliRunner().invoke(app, words)
         error = done.exception

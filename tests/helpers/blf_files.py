@@ -21,8 +21,6 @@ def blf_object(kind: int, body: bytes, version: int = 1, time: int = 10**9, *, f
     return b"LOBJ" + struct.pack("<HHLL", 16 + len(head), version, stated, kind) + head + body + bytes(stated % 4 if size is None else 0)
 
 
-def can_message(
-    identifier: int = 0x181, data: bytes = b"\1\2\3\4", dlc: int | None = None, flags: int = 0, channel: int = 1
-) -> bytes:
+def can_message(identifier: int = 0x181, data: bytes = b"\1\2\3\4", dlc: int | None = None, flags: int = 0, channel: int = 1) -> bytes:
     """Return the body of an object CAN_MESSAGE."""
     return struct.pack("<HBBL8s", channel, flags, len(data) if dlc is None else dlc, identifier, data)

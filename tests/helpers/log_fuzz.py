@@ -24,30 +24,7 @@ START_POSE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 SPECIAL = (0, 1, 0x7F, 0x80, 0xFF, 10, 13, 32, 9, 0x23, 0x28, 0x2E, 0x30, 0x78)
 WORDS = (0, 1, 15, 16, 31, 2**31 - 1, 2**31, 2**32 - 1, 2**32 - 16)
 
-DBC = """VERSION ""
-
-BU_: Encoder
-
-BO_ 385 Count1: 8 Encoder
- SG_ ch1 : 0|32@1- (1,0) [0|0] "" Encoder
-BO_ 386 Count2: 8 Encoder
- SG_ ch2 : 7|32@0- (1,0) [0|0] "" Encoder
-BO_ 387 Count3: 8 Encoder
- SG_ ch3 : 4|24@1+ (1,0) [0|0] "" Encoder
-BO_ 388 Count4: 8 Encoder
- SG_ ch4 : 0|16@1- (1,0) [0|0] "" Encoder
-BO_ 2147484037 Count5: 8 Encoder
- SG_ ch5 : 0|64@1- (1,0) [0|0] "" Encoder
-BO_ 390 Count6: 8 Encoder
- SG_ ch6 m0 : 8|32@1- (1,0) [0|0] "" Encoder
- SG_ page M : 0|8@1+ (1,0) [0|0] "" Encoder
-
-CM_ SG_ 385 ch1 "a comment";
-BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 0;
-BA_ "GenMsgCycleTime" BO_ 385 1;
-VAL_ 388 ch4 0 "zero" 1 "one" ;
-"""
+DBC = (Path(__file__).parent / "six-counters.dbc").read_text(encoding="utf-8")
 
 
 def six_cables(table: dict[str, object] | None = None) -> Rig:

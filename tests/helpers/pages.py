@@ -34,30 +34,7 @@ ROOT = Path(__file__).parents[2]
 TRUTH = ROOT / "tests" / "authorities" / "truth"
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 LOGO = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 60"><rect width="200" height="60" rx="8" fill="#0072b2"/></svg>'
-DETAILS = """schema = "lmeasure.report/1"
-logo = "logo.svg"
-remarks = "Messung im Beisein des Auftraggebers nach einer Aufwärmzeit von 60 min; der Roboter stand auf dem Sockel der Linie 3."
-traceability = "reference poses by laser tracker, certificate D-K-15186-01-00 2026-0123456789"
-[laboratory]
-name = "Prüflaboratorium für Industrieroboter und Handhabungstechnik der Maschinenbaugesellschaft Niederrhein"
-address = "Straße der Messtechnik 123, 40999 Düsseldorf"
-contact = "robotermessung@prueflaboratorium-niederrhein.example"
-[customer]
-name = "Федеральное государственное бюджетное научное учреждение машиноведения"
-[item]
-maker = "Maschinenbaugesellschaft Niederrhein"
-model = "HandhabungssystemR-6-2600-XL/Sonderausführung"
-serial = "0001-2026-ABCDEFGHIJKLMNOP"
-[dates]
-measured_from = 2026-03-02
-measured_to = 2026-03-03
-[conditions]
-temperature_c = 21.5
-temperature_range_c = 0.5
-[authoriser]
-name = "Dr.-Ing. Maximiliane Mustermann-Grünewald"
-role = "Leiterin des Prüflaboratoriums"
-"""
+DETAILS = (Path(__file__).parent / "details.toml").read_text(encoding="utf-8")
 
 
 @cache

@@ -190,7 +190,7 @@ def test_the_u95_of_a_weave_holds_what_it_says() -> None:
     program = program_of(path, windows)
     true = figures(trajectory, program)
     ratios = []
-    for seed in range(40):
+    for seed in range(24):
         noisy = trajectory.poses.copy()
         noisy[:, :3] += 0.005 * np.random.default_rng(seed).normal(size=(len(noisy), 3))
         found = evaluate(
@@ -258,7 +258,7 @@ def passed_corner(overshoot_mm: float, seed: int, rate_hz: float) -> tuple[float
     return co.value, co.u95, float(np.mean(true))
 
 
-@pytest.mark.parametrize(("overshoot_mm", "rate_hz"), [(0.0, 100.0), (0.03, 250.0), (1.0, 250.0)])
+@pytest.mark.parametrize(("overshoot_mm", "rate_hz"), [(0.0, 100.0), (1.0, 250.0)])
 def test_u95_of_an_overshoot_holds_that_of_a_robot_without_one(overshoot_mm: float, rate_hz: float) -> None:
     """The largest of hundreds of samples is so much larger than none: it never was within U95 by the samples about it alone."""
     found = np.array([passed_corner(overshoot_mm, seed, rate_hz) for seed in range(20)])

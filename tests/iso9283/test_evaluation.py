@@ -69,7 +69,7 @@ def test_conformity(rule: str, upper: float, verdict: str) -> None:
     shared[3:] = 0.01 * np.eye(3)
     program["tolerance"] = [{"characteristic": "AP_p", "pose": "P1", "upper": upper, "rule": rule}]
     found = by_name(
-        evaluate(trajectory, Program.model_validate(program), StatedErrors(shared=shared), settings=CertificationSettings(trials=20000))
+        evaluate(trajectory, Program.model_validate(program), StatedErrors(shared=shared), settings=CertificationSettings(trials=5000))
     )
     c = found["AP_p", "P1"].conformity
     assert c is not None

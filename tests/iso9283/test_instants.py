@@ -48,9 +48,7 @@ def figures(trajectory: Trajectory, program: Program) -> dict[str, Characteristi
     return {c.name: c for c in found.characteristics}
 
 
-@pytest.mark.parametrize(
-    ("jitter_s", "asked", "walk_s"), [(0.01, False, 0.0), (0.0, True, 0.0), (0.0005, True, 0.0), (0.002, True, 0.0), (0.0, False, 0.004)]
-)
+@pytest.mark.parametrize(("jitter_s", "asked", "walk_s"), [(0.01, False, 0.0), (0.002, True, 0.0), (0.0, False, 0.004)])
 def test_speeds_lie_within_their_u95(jitter_s: float, asked: bool, walk_s: float) -> None:
     inside: dict[str, list[bool]] = {"AV": [], "RV": [], "FV": []}
     fluctuation = []

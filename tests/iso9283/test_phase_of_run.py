@@ -14,7 +14,7 @@ from lmeasure.trajectory import PoseErrors, reconstruct
 FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
-CAMPAIGNS, CYCLES = 25, 10
+CAMPAIGNS, CYCLES = 15, 10
 
 
 def test_accuracy_lies_within_u95_of_the_truth() -> None:

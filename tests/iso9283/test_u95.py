@@ -60,13 +60,13 @@ def test_linear_law_and_monte_carlo_are_the_law_written_out() -> None:
     assert found["AD_p", "P1-P2"].u_systematic == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("offset", [0.0, 0.01])
 def test_a_small_offset_has_an_honest_interval(offset: float) -> None:
     # an instrument that errs by 0.01 mm per axis makes a robot that is off by less look worse than it is
     shared = np.zeros((6, 3))
     shared[3:] = 0.01 * np.eye(3)
     ratios = []
-    for seed in range(100):
+    for seed in range(60):
         error = 0.01 * np.random.default_rng(seed).normal(size=3)
         trajectory, program = made_campaign(np.array([offset, 0.0, 0.0]) + error, 0.0, cycles=2, seed=seed, names=("P1",))
         found = evaluate(
@@ -114,7 +114,7 @@ def test_the_u95_of_times_holds_what_it_says() -> None:
     count, ratios = 0.02, []
     random = np.zeros((6, 6))
     random[3:, 3:] = count**2 / 12.0 * np.eye(3)
-    for seed in range(40):
+    for seed in range(25):
         generator = np.random.default_rng(seed)
         begin, swing_mm = generator.uniform(), generator.uniform(3.0, 5.0)
         moved = settled(fine, swing_mm)
@@ -198,7 +198,7 @@ def test_a_repeatability_that_does_not_drift_has_an_honest_interval() -> None:
     # three times the same places: in truth nothing drifts
     places = np.tile(0.03 * np.random.default_rng(1).normal(size=(10, 3)), (3, 1))
     ratios = []
-    for seed in range(80):
+    for seed in range(50):
         _, program = made_campaign(np.zeros(3), 0.0, cycles=30, names=("P1",))
         time_s, position, windows = dwells(places + 0.01 * np.random.default_rng(seed).normal(size=places.shape))
         program["pose"][0] |= {"windows_s": windows}
@@ -209,12 +209,12 @@ def test_a_repeatability_that_does_not_drift_has_an_honest_interval() -> None:
     assert_honest(ratios)
 
 
-@pytest.mark.parametrize("apart", [0.0, 0.004, 0.05])
+@pytest.mark.parametrize("apart", [0.0, 0.05])
 def test_a_small_variation_by_approach_has_an_honest_interval(apart: float) -> None:
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.01**2 * np.eye(3)
     ratios = []
-    for seed in range(100):
+    for seed in range(60):
         _, program = made_campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
         places = 0.01 * np.random.default_rng(seed).normal(size=(12, 3))
         places[::3, 0] += apart

@@ -1,7 +1,6 @@
 """The screw method: published steps, poses from lengths made by an independent model, continuation, covariances by difference quotients."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import oracles
@@ -225,21 +224,6 @@ def worst_apart(a: FloatArray, b: FloatArray) -> tuple[float, float]:
     return max(x for x, _ in apart), max(y for _, y in apart)
 
 
-def test_a_run_is_followed() -> None:
-    rows, truth = cell_rows(), motion()
-    poses, residual, iterations, status, angle = screw.track(rows, HOME, changes_of(truth, rows), np.zeros(400, np.int64), U)
-    assert (status == Status.OK).all()
-    away, turn = worst_apart(poses, truth)
-    assert away < 1e-8
-    assert turn < 1e-11
-    assert residual.max() <= screw.TOLERANCE_MM
-    assert np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1).max() < 1e-15
-    assert np.median(iterations) <= 4
-    assert (angle > 0).all()
-    assert (angle < math.pi / 2).all()
-    assert all(a[3:] @ b[3:] > 0 for a, b in pairwise(poses)), "the quaternion's sign does not flip on the way"
-
-
 def test_lengths_of_a_rig_of_hundreds_of_metres_are_met_as_far_as_they_are_rounded() -> None:
     rows, start = cell_rows(), HOME.copy()
     for place in (ATTACHMENT, BASE):
@@ -361,35 +345,6 @@ def test_the_other_assembly_is_never_given() -> None:
     assert worst_apart(poses[good], truth[good])[0] < 1e-3
 
 
-def test_two_steps_are_looked_ahead() -> None:
-    """A motion that would cross the singular pose within two steps like the last is seen, one that needs more or goes back is not."""
-    rows = cell_rows()
-    angle, step = singular_angle(rows), 0.01
-    side = np.linalg.det(cable.span_rows(rows, HOME))
-    work = np.empty(7), np.empty((6, 6)), np.empty((6, 6)), screw.platform_size(rows)
-    for short, ahead, sees in ((0.5, 1, True), (1.8, 1, True), (2.2, 1, False), (5.0, 1, False), (0.5, -1, False), (1.8, -1, False)):
-        at = angle - short * step
-        before, pose = turned(np.array([at - ahead * step, at]))
-        for sign in (1.0, -1.0):  # a quaternion and its negative are one orientation
-            other = np.concatenate([before[:3], sign * before[3:]])
-            assert screw._next_could_turn(rows, other, pose, side, *work) == sees, (short, ahead, sign)
-
-
-def test_where_a_motion_is_two_steps_on_whatever_the_signs_of_quaternions() -> None:
-    rows, rng = cell_rows(), np.random.default_rng(2)
-    before = se3.displaced(HOME, rng.normal(size=6) * np.repeat([0.1, 30.0], 3))
-    pose = se3.displaced(before, rng.normal(size=6) * np.repeat([0.01, 3.0], 3))
-    for sign in (1.0, -1.0):
-        probe = np.empty(7)
-        other = np.concatenate([before[:3], sign * before[3:]])
-        screw._next_could_turn(rows, other, pose, 1.0, probe, np.empty((6, 6)), np.empty((6, 6)), screw.platform_size(rows))
-        # twice the last step on: by the small displacement that it was, and a turn about the same axis
-        ahead = se3.displaced(pose, 2.0 * se3.displacement(pose, before))
-        apart = np.abs(se3.displacement(probe, ahead))
-        assert apart[3:].max() < 1e-9
-        assert apart[:3].max() < 1e-5
-
-
 def test_near_a_singular_pose_and_back_nothing_is_lost() -> None:
     """Beyond 80 degrees of pressure angle a slow motion that turns back in time is followed to its end; nearer it is lost."""
     rows = cell_rows()
@@ -467,15 +422,6 @@ def test_a_pose_goes_on_as_it_went(steps: float, sign: float) -> None:
     screw.go_on(behind, pose, steps)
     assert np.linalg.norm(pose[3:]) == pytest.approx(1.0, abs=1e-14)
     assert poses_apart(pose, at(1.0 + steps)) == pytest.approx((0.0, 0.0), abs=1e-8)
-
-
-@pytest.mark.parametrize(("pivot", "known"), [(1.1e-7, True), (-1.1e-7, True), (0.9e-7, False)])
-def test_rows_of_unit_size_are_singular_below_a_ten_millionth(pivot: float, known: bool) -> None:
-    x = np.ones((3, 1))
-    det = screw.eliminate(np.diag([1.0, -2.0, pivot]), x)
-    assert det == pytest.approx(-2.0 * pivot if known else 0.0)
-    if known:
-        np.testing.assert_allclose(x[:, 0], [1.0, -0.5, 1.0 / pivot])
 
 
 def test_many_poses_are_those_of_one_by_one_and_say_which_are_none() -> None:

@@ -93,12 +93,6 @@ def test_a_minute_of_tests_names_tests_that_there_are(launcher: ModuleType) -> N
         assert f"def {function}(" in (ROOT / file).read_text(encoding="utf-8") if function else (ROOT / file).exists()
 
 
-@pytest.mark.parametrize(("windows", "path"), [(False, "bin/python"), (True, "Scripts/python.exe")])
-def test_programs_of_the_environment(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch, windows: bool, path: str) -> None:
-    monkeypatch.setattr(launcher, "WINDOWS", windows)
-    assert launcher.script("python") == launcher.VENV / path
-
-
 def test_stamp_comes_back_and_anything_else_is_no_stamp(launcher: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "stamp.json"
     assert launcher.read_stamp(path) == {}
@@ -125,13 +119,6 @@ def test_what_is_left_to_do(launcher: ModuleType, change: dict[str, str], extras
     assert launcher.todo({}, made_from, extras) == "rebuild"
 
 
-def test_second_call_does_nothing(launcher: ModuleType, machine: Machine) -> None:
-    launcher.set_up(NONE)
-    assert machine.steps == ["venv", "uv", "install"]
-    launcher.set_up(NONE)
-    assert machine.steps == ["venv", "uv", "install"]
-
-
 def test_extras_are_added_and_kept(launcher: ModuleType, machine: Machine) -> None:
     launcher.set_up(NONE)
     launcher.set_up(TEST)
@@ -155,14 +142,6 @@ def test_interrupted_set_up_is_begun_again(launcher: ModuleType, machine: Machin
     machine.commands.clear()
     launcher.set_up(NONE)
     assert machine.steps == ["venv", "uv", "install"]
-
-
-def test_update_that_fails_leaves_no_stamp(launcher: ModuleType, machine: Machine) -> None:
-    launcher.set_up(NONE)
-    machine.fail_at = "install"
-    with pytest.raises(launcher.SetUpError):
-        launcher.set_up(TEST)
-    assert not (launcher.VENV / "lmeasure-set-up.json").exists()
 
 
 def replace_by_a_file(folder: Path) -> None:
@@ -194,13 +173,6 @@ def test_uv_is_used_when_there(launcher: ModuleType, machine: Machine, monkeypat
     assert "--without-pip" in environment
     assert installation[:4] == ["/opt/uv", "pip", "install", "--python"]
     assert installation[-2:] == ["--editable", f"{launcher.ROOT}[test]"]
-
-
-def test_environment_without_a_python_does_not_work(launcher: ModuleType) -> None:
-    assert not launcher.works()
-    launcher.script("python").parent.mkdir(parents=True)
-    launcher.script("python").touch()
-    assert not launcher.works()
 
 
 def test_failure_is_one_line(launcher: ModuleType, machine: Machine) -> None:

@@ -124,26 +124,6 @@ def test_where_the_gradient_vanishes_the_determinant_bends_as_is_told(size_mm: f
     assert found.topology == "cone"
 
 
-def test_curvature_that_may_be_rounding_is_none() -> None:
-    """A third pair beside a line makes the curvature as small as it is near: to a millionth of the rim's cube it is told."""
-    rim = singularity.rim_mm(mechanism(8, pairs_on_a_line=3)[1])
-
-    def curved(shift: float) -> float:
-        base, body, pose = mechanism(8, pairs_on_a_line=3)
-        base[5] += shift * np.array([0.3, -0.5, 0.8])
-        unit = np.repeat([1.0 / size, 1.0], 3)
-        return float(np.abs(singularity.second_rates(base, body, pose) * np.outer(unit, unit)).max()) * size**2
-
-    size = 1.7 * rim
-    for part, determined in ((0.75, False), (1.35, True)):
-        base, body, pose = mechanism(8, pairs_on_a_line=3)
-        base[5] += part * 1e-6 * rim**3 / curved(1.0) * np.array([0.3, -0.5, 0.8])
-        found = singularity.neighbourhood(base, body, pose, size)
-        assert found.twists.shape == (6, 6)
-        assert found.bend.any() == determined
-        assert found.bend.shape == (6,)
-
-
 def lost_twist(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatArray:
     """(omega; v) of size one turn, that no link sees."""
     M = singularity.link_rows(base, body, pose)[0]

@@ -171,37 +171,3 @@ def test_limits_of_every_orientation_stand_one_behind_the_other() -> None:
     assert found.shape == (2, 3, 2 * len(one.names)) == (2, 3, len(both.names))
     np.testing.assert_allclose(found[..., : len(one.names)], one.values(POSES), rtol=1e-9, atol=1e-12)
     assert both.values(AT).shape == (len(both.names),)
-
-
-@pytest.mark.parametrize(("m", "determinant"), [(6, 0.0), (6, 0.5), (6, 2.0), (8, 0.0)])
-@pytest.mark.parametrize("limit_rad", [None, LIMIT])
-def test_every_limit_has_a_name(m: int, determinant: float, limit_rad: float | None) -> None:
-    bounds = Bounds(BASE[:m], BODY[:m], AT, limit_rad, (300.0, 1900.0), determinant=determinant)
-    assert bounds.values(AT).shape == (len(bounds.names),)
-    assert ("determinant" in bounds.names) == (determinant > 0.0)
-
-
-def test_limits_are_those_of_a_model_of_a_thousandth_of_the_size() -> None:
-    """A determinant of rows with unit directions is a volume: its least value, then below 1 mm^3, is kept too."""
-    start = abs(by_inverses([0, 1, 2, 3, 4, 5], AT, None)[0])
-    small = np.r_[np.full(3, 1e-3), np.ones(4)]
-    whole = Bounds(BASE[:6], BODY[:6], AT, LIMIT, (300.0, 1900.0), 0.4 * start)
-    model = Bounds(BASE[:6] / 1e3, BODY[:6] / 1e3, AT * small, LIMIT, (0.3, 1.9), 0.4e-9 * start)
-    assert 0.4e-9 * start < 1.0
-    assert model.names == whole.names
-    np.testing.assert_allclose(model.values(POSES * small), whole.values(POSES), rtol=1e-9, atol=1e-12)
-    with pytest.raises(StructureError, match="8 links have no determinant"):
-        Bounds(BASE / 1e3, BODY / 1e3, AT * small, LIMIT, (0.3, 1.9), 0.4e-9 * start)
-
-
-def test_rates_of_many_poses_are_those_of_each() -> None:
-    bounds, ways = Bounds(BASE[:6], BODY[:6], AT, LIMIT, (300.0, 1900.0)), np.eye(6) * np.repeat([1e-3, 1.0], 3)[:, None]
-    values, rates = bounds.with_rates(POSES, ways)
-    for i in range(2):
-        for k in range(3):
-            one, of_one = bounds.with_rates(POSES[i, k], ways)
-            np.testing.assert_allclose(values[i, k], one, rtol=1e-12)
-            np.testing.assert_allclose(rates[i, k], of_one, rtol=1e-6, atol=1e-12)
-            h = 1e-2
-            ends = [bounds.values(se3.displaced(POSES[i, k], sign * h * ways)) for sign in (1.0, -1.0)]
-            np.testing.assert_allclose(rates[i, k], ((ends[0] - ends[1]) / (2.0 * h)).T, rtol=1e-3, atol=1e-7)

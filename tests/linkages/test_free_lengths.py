@@ -36,7 +36,7 @@ def test_the_determinant_is_a_product_of_three_volumes(structure: Structure) -> 
         assert product == pytest.approx(np.prod(six), rel=1e-9)
 
 
-@pytest.mark.parametrize("structure", SOLVED, ids=lambda s: s.notation)
+@pytest.mark.parametrize("structure", SOLVED[::2], ids=lambda s: s.notation)
 def test_what_tetrahedra_prove_holds_for_draws(structure: Structure) -> None:
     """Boxes that reach over a fold are never proved, small ones around a good assembly are; where it is proved, every draw stands."""
     base, platform, lengths, k = high(structure)
@@ -55,7 +55,7 @@ def test_what_tetrahedra_prove_holds_for_draws(structure: Structure) -> None:
     assert not determined[-1]
 
 
-@pytest.mark.parametrize("structure", [s for s in structures() if s.degenerate is None][::4], ids=lambda s: s.notation)
+@pytest.mark.parametrize("structure", [s for s in structures() if s.degenerate is None][::8], ids=lambda s: s.notation)
 def test_what_is_proved_around_a_pose_holds_for_draws(structure: Structure) -> None:
     base, platform, poses = rig(structure, 1, poses=30)
     best = int(np.argmin([singularity.hold(base, platform, pose).mm_per_mm for pose in poses]))

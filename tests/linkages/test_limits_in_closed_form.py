@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation, Slerp
 from lmeasure.core import FloatArray, StructureError, se3
 from lmeasure.linkages import Bounds, Slice, boundary, detour, detours, first_met, rim_mm, workspace
 from lmeasure.linkages.detours import at, led
-from lmeasure.linkages.workspace import _onto
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 BODY = np.array([(0, -90, 10), (120, 0, -20), (0, 150, 0), (-30, -80, 40), (60, 20, -50), (-100, 40, 0)], dtype=float)
@@ -83,14 +82,6 @@ def test_a_ring_narrower_than_a_400th_of_the_reach_may_be_stepped_over(inner: fl
 
 
 # Newton's method
-
-
-def test_a_place_that_newton_s_method_goes_round_and_round_is_none() -> None:
-    """x^3 - 2x + 2 has one root, -1.76929; from 0 the method goes to 1, from there to 0, and so on (and from near them)."""
-    cubic = limits(across(lambda x, y: x**3 - 2.0 * x + 2.0))
-    found = _onto(cubic, PLANE, np.array([(-2.0, 0.5), (0.0, 0.5), (1.0, -0.5)]), np.zeros(3, np.intp))
-    np.testing.assert_allclose(found[0], [-1.7692923542386314, 0.5], atol=1e-9)
-    assert np.isnan(found[1:]).all()
 
 
 # boundaries
@@ -247,23 +238,6 @@ def test_places_are_put_between_until_lines_are_near_enough(within_mm: float | N
     assert len(found.limit) == len(found.places)
 
 
-def hole(x: float, y: float) -> Limit:
-    """As wide as the places that are looked at beside a step of 5 mm are apart."""
-    return across(lambda a, b: (a - x) ** 2 + (b - y) ** 2 - 0.14**2)
-
-
-def test_places_are_put_between_so_many_times_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each time one between any two of a circle; how far off lines are is told of the places that are given."""
-    of = [boundary(limits(within(10.0)), PLANE, np.array([1.0, 0.2]), 1.5, within_mm=1e9)]
-    for halvings in (1, 2):
-        monkeypatch.setattr(workspace, "HALVINGS", halvings)
-        of.append(boundary(limits(within(10.0)), PLANE, np.array([1.0, 0.2]), 1.5, within_mm=1e-9))
-    assert [len(found.places) for found in of] == [len(of[0].places) * k for k in (1, 2, 4)]
-    for found in of:
-        chord = np.linalg.norm(np.diff(found.places, axis=0, append=found.places[:1]), axis=1).max()
-        assert found.off_mm == pytest.approx(10.0 - np.sqrt(100.0 - chord**2 / 4.0), rel=2e-3)
-
-
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize(("low", "high"), [(-0.35, 0.87), (1.9, 3.4), (-2.9, -0.4)])
 def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, low: float, high: float) -> None:
@@ -282,59 +256,10 @@ def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, l
             workspace._around(limits(everywhere), PLANE, corner, tangent, way, 0.5)
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
-@pytest.mark.parametrize(("low", "high"), [(0.2, 1.1), (1.9, 2.6), (-2.9, -2.0), (-1.2, -0.4)])
-def test_of_two_sectors_that_meet_in_a_corner_the_boundary_goes_on_along_the_one_walked(way: float, low: float, high: float) -> None:
-    both = across(lambda x, y: (np.cos(low) * (y + 4.0) - np.sin(low) * (x - 3.0)) * (np.sin(high) * (x - 3.0) - np.cos(high) * (y + 4.0)))
-    corner, (came, goes) = np.array([3.0, -4.0]), (high, low) if way > 0 else (low, high)
-    tangent = -np.array([np.cos(came), np.sin(came)])
-    place, along, *_ = workspace._around(limits(both), PLANE, corner, tangent, way, 0.5)
-    np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
-    np.testing.assert_allclose(place, corner + 0.5 * along, atol=1e-8)
-
-
 def test_a_boundary_of_too_many_points_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workspace, "MOST", 30)
     with pytest.raises(StructureError, match=r"30 points of 1.5 mm are not all of it: take a longer step"):
         boundary(limits(within(10.0)), PLANE, np.array([1.0, 0.0]), 1.5)
-
-
-def test_a_boundary_of_just_the_most_points_is_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    bounds, way = limits(within(10.0)), np.array([1.0, 0.0])
-    most = len(boundary(bounds, PLANE, way, 1.5, within_mm=10.0).places)
-    monkeypatch.setattr(workspace, "MOST", most)
-    assert boundary(bounds, PLANE, way, 1.5, within_mm=10.0).closed
-    monkeypatch.setattr(workspace, "MOST", most - 1)
-    with pytest.raises(StructureError, match=f"{most - 1} points of 1.5 mm are not all of it"):
-        boundary(bounds, PLANE, way, 1.5)
-
-
-def test_a_step_that_ends_where_nothing_is_known_is_halved() -> None:
-    """Cables that have no length a little beyond the limit: along the tangent one gets there soon."""
-    bounds = limits(across(lambda x, y: np.where(np.hypot(x, y) < 10.1, 10.0 - np.hypot(x, y), np.nan)))
-    found = boundary(bounds, PLANE, np.array([1.0, 0.0]), 5.0)
-    assert found.closed
-    assert found.area_mm2 == pytest.approx(100.0 * np.pi, rel=1e-4)
-
-
-@pytest.mark.parametrize(("height", "taken"), [(0.46, True), (0.6, False)])
-def test_a_place_farther_from_a_line_than_half_its_length_is_not_put_there(height: float, taken: bool) -> None:
-    """The upper part of an ellipse, from a fifth of its half axis on, over a line: its top is so much of the line away."""
-    wide = 10.0 * np.sqrt(0.96)
-    upper = 2.0 * wide * height / 0.8
-    ellipse = limits(across(lambda x, y: 1.0 - (x / 10.0) ** 2 - (y / upper) ** 2))
-    ends = np.array([(wide, 0.2 * upper), (-wide, 0.2 * upper)])
-    found = workspace._filled(ellipse, PLANE, ends, np.zeros(2, np.intp), closed=False, within_mm=1e-3)
-    assert (len(found.places) > 2) == taken
-    assert (found.off_mm <= 1e-3) == taken
-
-
-def test_places_between_are_put_in_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workspace, "HALVINGS", 1)
-    arc = within(10.0)
-    ends = 10.0 * np.array([(1.0, 0.0), (np.cos(0.8), np.sin(0.8))])
-    found = workspace._filled(limits(arc), PLANE, ends, np.zeros(2, np.intp), closed=False, within_mm=1e-6)
-    np.testing.assert_allclose(np.arctan2(*found.places.T[::-1]), [0.0, 0.4, 0.8], atol=1e-6)
 
 
 def test_a_limit_that_is_broken_and_has_no_slope_is_infinitely_far() -> None:
@@ -349,37 +274,6 @@ def test_a_limit_that_is_broken_and_has_no_slope_is_infinitely_far() -> None:
         0,
         1,
     ]
-
-
-def test_in_a_hall_places_and_corners_are_found_as_in_a_cell() -> None:
-    """A window of 4 m: what is on a limit stays there, and a corner of two circles is as exact as places are."""
-    hall = Slice(PLANE.origin, ACROSS, 4000.0)
-    bounds = limits(within(3000.0), within(3000.0, 2000.0, 500.0))
-    around, first = np.linspace(0.1, 6.0, 40), np.zeros(40, np.intp)
-    on = _onto(bounds, hall, 3000.0 * np.column_stack([np.cos(around), np.sin(around)]), first)
-    np.testing.assert_allclose(np.linalg.norm(_onto(bounds, hall, on, first), axis=1), 3000.0, rtol=1e-12)
-    for start in ((600.0, 3000.0), (1500.0, -2600.0)):
-        corner = workspace._corner(bounds, hall, np.array(start), 0, 1)
-        assert corner is not None
-        np.testing.assert_allclose(np.linalg.norm([corner, corner - (2000.0, 500.0)], axis=1), 3000.0, rtol=1e-11)
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_a_corner_is_one_in_any_unit_of_its_limits(unit: float) -> None:
-    bounds = limits(across(lambda x, y: unit * (4.0 - x - 0.2 * y)), across(lambda x, y: unit * (6.0 - y)))
-    corner = workspace._corner(bounds, PLANE, np.array([3.0, 5.0]), 0, 1)
-    assert corner is not None
-    np.testing.assert_allclose(corner, [2.8, 6.0], atol=1e-8)
-    parallel = limits(across(lambda x, y: unit * (4.0 - x)), across(lambda x, y: unit * (5.0 - x)))
-    assert workspace._corner(parallel, PLANE, np.array([3.0, 5.0]), 0, 1) is None
-
-
-def test_a_wall_thinner_than_a_step_is_walked_around() -> None:
-    """On its other side one passes by the place where one began, at less than half a step."""
-    wall = across(lambda x, y: ((x - 5.0) / 0.19) ** 2 + (y / 8.0) ** 2 - 1.0)
-    found = boundary(limits(wall), PLANE, np.array([1.0, 0.0]), 1.0)
-    assert found.closed
-    assert found.area_mm2 == pytest.approx(np.pi * 0.19 * 8.0, abs=32.0 * 4e-4)
 
 
 def test_a_walk_that_comes_to_a_cliff_ends_with_a_word() -> None:
@@ -398,13 +292,6 @@ def test_around_a_corner_of_a_third_of_a_degree_one_finds_its_other_edge(way: fl
     _, along, which, _ = workspace._around(limits(lower, upper), PLANE, corner, -np.array([np.cos(came), np.sin(came)]), way, 0.5)
     np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
     assert which == (0 if way > 0 else 1)
-
-
-def test_where_all_is_inside_around_a_place_there_is_no_edge_to_go_on_along() -> None:
-    """A pillar narrower than the circle in which one looks around."""
-    pillar = across(lambda x, y: np.hypot(x - 3.0, y + 4.0) - 0.3)
-    with pytest.raises(StructureError, match="boundary: cannot be followed beyond 3, -4 mm"):
-        workspace._around(limits(pillar), PLANE, np.array([3.0, -4.0]), np.array([1.0, 0.0]), 1.0, 0.5)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -597,16 +484,6 @@ def test_the_nearest_pose_of_a_bent_limit_is_straight_out() -> None:
     np.testing.assert_allclose(led(pillar, turned(30.0, 40.0, 7.0, 0.1)), turned(60.0, 80.0, 7.0, 0.1), atol=1e-6)
     flattened = limits(lambda p: np.arctan((p[..., 0] - 200.0) / 30.0))
     np.testing.assert_allclose(led(flattened, HERE), turned(200.0, 0.0, 0.0, 0.0), atol=1e-6)
-
-
-def test_the_nearest_pose_is_found_where_a_limit_is_known_to_its_thirteenth_digit() -> None:
-    """As of cables over pulleys: differences over a millionth of a millimetre would tell nothing."""
-
-    def rough(p: FloatArray) -> FloatArray:
-        x, y, z = np.moveaxis(p[..., :3], -1, 0)
-        return np.asarray((0.6 * x + 0.8 * y - 100.0) / 100.0 + 1e-13 * np.sin(1e7 * (x + 2.0 * y + 3.0 * z)))
-
-    np.testing.assert_allclose(led(limits(rough), HERE)[:3], [60.0, 80.0, 0.0], atol=1e-5)
 
 
 @pytest.mark.parametrize(("missed", "determined"), [(0.9e-7, False), (1.2e-7, True)])

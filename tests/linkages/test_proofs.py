@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lmeasure.core import ComplexArray, FloatArray
-from lmeasure.linkages import Structure, architecture, class_of, krawczyk as certified, parse, somov_malyshev, study_quadric
+from lmeasure.linkages import Structure, architecture, krawczyk as certified, study_quadric
 from lmeasure.linkages.krawczyk import Proved
 
 ROUNDING = 5e-15
@@ -155,22 +155,6 @@ def test_why_a_structure_determines_no_pose(links: list[tuple[int, int]], reason
     structure = Structure(tuple(links))
     assert structure.degenerate == reason
     assert (structure.placements is None) or reason is None
-
-
-def test_names_of_structures_count_points_and_links() -> None:
-    (one,) = parse("L-2211-321:ab-ac-a-b")
-    assert (one.class_name, one.koliskor, one.notation) == ("L-2211-321", "S4323", "L-2211-321:ab-ac-a-b")
-    platform, base = np.arange(24.0).reshape(8, 3), np.arange(30.0, 54.0).reshape(8, 3)
-    platform[[1, 2, 5]], base[[7, 3]] = platform[0], base[6]
-    assert class_of(base, platform) == "L-41111-311111"
-
-
-@pytest.mark.parametrize(
-    ("rods", "merged", "fingers", "links", "expected"),
-    [(0, 0, True, 8, (6, 0)), (0, 0, False, 8, (6, 8)), (5, 2, False, 7, (6, 10)), (2, 1, True, 5, (6, 0)), (0, 0, False, 5, (6, 5))],
-)
-def test_freedoms_of_other_numbers_of_links(rods: int, merged: int, fingers: bool, links: int, expected: tuple[int, int]) -> None:
-    assert somov_malyshev(rods, merged, fingers, links) == expected
 
 
 # rigs that are singular everywhere

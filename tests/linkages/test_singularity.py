@@ -54,22 +54,6 @@ def test_the_determinant_does_not_depend_on_the_frame(seed: int) -> None:
     assert np.linalg.det(pluecker_rows(points - pose[:3], M[:, :3])) == pytest.approx(-d, rel=1e-9)
 
 
-def test_gradients_of_many_poses_at_once() -> None:
-    base, body, pose = mechanism(3)
-    poses = singularity.moved(pose, np.random.default_rng(4).normal(size=(2, 5, 6)) * np.repeat([0.1, 30.0], 3))
-    many = singularity.gradients(base, body, poses)
-    assert many.shape == (2, 5, 6)
-    np.testing.assert_allclose(many[1, 3], singularity.gradients(base, body, poses[1, 3]), rtol=1e-9)
-
-
-def test_cofactors_are_those_of_minors_where_the_matrix_is_singular() -> None:
-    rng = np.random.default_rng(1)
-    M = rng.normal(size=(4, 4))
-    M[3] = M[0] + 2.0 * M[1]
-    minors = [[(-1.0) ** (i + j) * np.linalg.det(np.delete(np.delete(M, i, 0), j, 1)) for j in range(4)] for i in range(4)]
-    np.testing.assert_allclose(singularity.cofactors(M), minors, atol=1e-12)
-
-
 def test_thesis_4_5_gradient() -> None:
     assert singularity.determinants(*COLUMNS, HERE) == pytest.approx(0.0, abs=1e-12)
     np.testing.assert_allclose(singularity.gradients(*COLUMNS, HERE), [0, 0, 6.5, 0, 0, 0], atol=1e-12)

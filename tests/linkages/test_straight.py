@@ -86,8 +86,8 @@ def test_dietmaiers_forty() -> None:
     np.testing.assert_allclose(lengths_at(base, platform, found.poses), np.tile(lengths, (40, 1)), atol=1e-13)
 
 
-@pytest.mark.parametrize("structure", SOLVABLE, ids=lambda s: s.notation)
-def test_every_structure_has_all_its_assemblies(structure: Structure) -> None:
+@pytest.mark.parametrize("structure", SOLVABLE[::2], ids=lambda s: s.notation)
+def test_every_second_structure_has_all_its_assemblies(structure: Structure) -> None:
     base, platform, (pose,) = rig(structure, 12)
     lengths = lengths_at(base, platform, pose)
     found = straight_links.assemblies(base, platform, lengths)
@@ -147,12 +147,6 @@ def test_links_that_hold_no_pose_have_no_assemblies_and_none_are_proved() -> Non
     base, platform, (pose,) = rig(structure, 4)
     found = straight_links.assemblies(base, platform, lengths_at(base, platform, pose))
     assert (len(found.poses), found.complex_found, found.complex_expected, found.status) == (0, 0, 0, straight_links.NOT_PROVED)
-
-
-def test_lengths_that_cannot_be_have_none() -> None:
-    base, platform, (pose,) = rig(parse("L-222-111111")[0], 4)
-    found = straight_links.assemblies(base, platform, np.r_[lengths_at(base, platform, pose)[:5], 1e-3])
-    assert (len(found.poses), found.status) == (0, straight_links.ALL)
 
 
 def test_where_assemblies_meet_nothing_is_proved_and_the_pose_is_listed() -> None:

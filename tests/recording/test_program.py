@@ -9,65 +9,7 @@ import pytest
 from lmeasure.core import FileFormatError
 from lmeasure.recording import read_program, write_program
 
-WHOLE = """
-schema = "lmeasure.program/1"
-name = "cube"
-angles = "kuka-abc"
-load_kg = 5.0
-
-[[pose]]
-name = "P1"
-position_mm = [0, 0, 0]
-quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
-cycles = 2
-windows_s = [[1.0, 2.0], [5.0, 6.0]]
-approaches = ["x", "y"]
-units = ["robot 1", "robot 2"]
-settling_s = [[0.0, 2.0], [4.0, 6.0]]
-limit_band_mm = 0.1
-
-[[pose]]
-name = "P2"
-position_mm = [100.0, 0.0, 0.0]
-quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
-windows_s = [[3.0, 4.0]]
-
-[[path]]
-name = "weld"
-kind = "linear"
-start_mm = [0.0, 0.0, 0.0]
-end_mm = [100.0, 0.0, 0.0]
-speed_mm_s = 50.0
-weave_stroke_mm = 5.0
-weave_distance_mm = 10.0
-quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
-end_quaternion_xyzw = [0.0, 0.0, 1.0, 0.0]
-windows_s = [[10.0, 13.0]]
-
-[[distance]]
-from = "P1"
-to = "P2"
-
-[[drift]]
-pose = "P1"
-group = 10
-
-[[posing]]
-from = "P1"
-to = "P2"
-windows_s = [[2.0, 4.0]]
-
-[[compliance]]
-pose = "P1"
-windows_s = [[20.0, 21.0], [22.0, 23.0]]
-force_n = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]
-
-[[tolerance]]
-characteristic = "AP_p"
-pose = "P1"
-upper = 0.5
-rule = "guarded"
-"""
+WHOLE = (Path(__file__).parent / "inputs" / "program.toml").read_text(encoding="utf-8")
 
 
 def test_everything_a_program_can_say(tmp_path: Path) -> None:

@@ -189,43 +189,7 @@ def test_drums_that_are_alike_are_told_in_one_line() -> None:
     assert [line.partition(" tangent")[0] for line in determined] == ["B1, B3:", "B2:"]
 
 
-COMMENTED = """# my rig
-schema = "lmeasure.rig/1" # of the cell
-name = "demo"
-assumed = ["B1.axial_offset_mm", "P1"] # to be measured
-
-[[observation_point]]
-name = "B1" # over the door
-position_mm = [0, 0, 2000] # tape, 5 mm
-guide_alpha_deg = 50
-guide_beta_deg = 10
-pulley_radius_mm = 20
-# no drum yet
-
-[[observation_point]]
-name = "B2"
-position_mm = [500, 0, 2000]
-guide_alpha_deg = 50
-guide_beta_deg = 10
-pulley_radius_mm = 20
-[observation_point.drum]
-# of the old kind
-counts_per_revolution = 4096
-count_length_mm = 0.02
-groove_pitch_mm = 1.0
-tangent_length_mm = 150.0
-axial_offset_mm = 20.0
-count_sign = -1 # wired so
-
-[tool]
-P1 = [0, 0, 0]
-
-[[cable]]
-name = "c1"
-channel = "ch1"
-from = "B1"
-to = "P1"
-"""
+COMMENTED = (Path(__file__).parent / "inputs" / "commented-rig.toml").read_text(encoding="utf-8")
 
 
 def test_a_rig_without_drums_gets_them_and_keeps_its_comments(tmp_path: Path) -> None:

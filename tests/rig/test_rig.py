@@ -13,66 +13,7 @@ import pytest
 from lmeasure.core import FileFormatError, RigError
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 
-RIG = """
-schema = "lmeasure.rig/1"
-unstated = "exact"
-name = "demo"
-assumed = ["B1.pulley_radius_mm", "B2.groove_pitch_mm", "P1"]
-
-[[observation_point]]
-name = "B1"
-position_mm = [159.05, -1642.2, 1381.81]
-guide_alpha_deg = 47.0
-guide_beta_deg = 183.0
-pulley_radius_mm = 20.0
-u_position_mm = 30.0
-[observation_point.drum]
-counts_per_revolution = 6000
-count_length_mm = 0.012
-groove_pitch_mm = 1.0
-tangent_length_mm = 180.0
-axial_offset_mm = 25.0
-counter_bits = 32
-
-[[observation_point]]
-name = "B2"
-position_mm = [0, 1642, 1381]
-guide_alpha_deg = 30
-guide_beta_deg = -10
-pulley_radius_mm = 0
-[observation_point.drum]
-counts_per_revolution = 4096
-count_length_mm = 0.02
-groove_pitch_mm = -1.5
-tangent_length_mm = 0
-axial_offset_mm = -25.0
-count_sign = -1
-scale = 0.5
-
-[tool]
-P1 = [14.58, -14.58, 5.75]
-P2 = [100, 0, 0]
-P3 = [0, 100, 0]
-
-[[cable]]
-name = "c1"
-channel = "ch1"
-from = "B1"
-to = "P1"
-
-[[cable]]
-name = "c2"
-channel = "ch2"
-from = "B2"
-to = "P2"
-
-[[cable]]
-name = "c3"
-channel = "ch1"
-from = "B1"
-to = "P3"
-pass = 2
-"""
+RIG = (Path(__file__).parent / "inputs" / "rig.toml").read_text(encoding="utf-8")
 
 
 def data() -> dict[str, Any]:

@@ -1,43 +1,11 @@
 """Targets that a program changes while it runs, or tells in several frames, are left as they are, with the reason."""
 
+from pathlib import Path
+
 import numpy as np
 from programs import FANUC, listed
 
-KRL_CHANGED = """\
-DEF MAIN( )
-BAS(#BASE,1)
-$TOOL=TOOL_DATA[1]
-LIN PLAIN
-SPL SPLINED
-COPY = PLAIN
-CHANGED.Z = CHANGED.Z + 5
-LIN CHANGED
-GIVE(GIVEN)
-LIN GIVEN
-IF $IN[1] THEN
-  BAS(#BASE,2)
-  LIN INSIDE
-ENDIF
-LIN BEHIND
-BAS(#BASE,1)
-WHILE $IN[2]
-  LIN LOOPED
-  BAS(#BASE,2)
-ENDWHILE
-BAS(#BASE,1)
-SUB( )
-LIN AFTER
-$TOOL.Z = 130
-LIN TOOLED
-END
-DEF SUB( )
-LIN CALLED
-BAS(#BASE,3)
-END
-DEF GIVE(P :IN)
-LIN P
-END
-"""
+KRL_CHANGED = (Path(__file__).parent / "programs" / "small" / "changed.src").read_text(encoding="utf-8")
 KRL_NAMES = "PLAIN", "SPLINED", "CHANGED", "GIVEN", "INSIDE", "BEHIND", "LOOPED", "CALLED", "AFTER", "TOOLED"
 RAPID_LAST = "[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 RAPID_CHANGED = (
@@ -48,25 +16,7 @@ RAPID_CHANGED = (
     + "  wA.uframe.trans.x:=350;\n  MoveL pMoved,v100,fine,tool0\\WObj:=wA;\nENDPROC\nENDMODULE\n"
 )
 FANUC_CHANGED = FANUC.replace(":J P[1] 100% FINE    ;\n", ":J P[1] 100% FINE    ;\n  99:  P[2]=P[1]    ;\n")
-UR_CHANGED = """\
-def main():
-  a_p = p[0.7, 0.0, 0.3, 0.0, 3.1, 0.0]
-  b_p = p[0.7, 0.1, 0.3, 0.0, 3.1, 0.0]
-  b_p[2] = 0.4
-  set_tcp(p[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
-  movel(a_p)
-  movel(b_p)
-  if x > 1:
-    set_tcp(p[0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
-  else:
-    other()
-  end
-  movel(p[0.7, 0.2, 0.3, 0.0, 3.1, 0.0])
-end
-def other():
-  movel(p[0.7, 0.3, 0.3, 0.0, 3.1, 0.0])
-end
-"""
+UR_CHANGED = (Path(__file__).parent / "programs" / "small" / "changed.script").read_text(encoding="utf-8")
 
 
 def test_what_a_krl_program_changes_or_tells_in_several_frames_is_left() -> None:

@@ -191,7 +191,7 @@ def test_seven_axes_move_as_little_as_may_be() -> None:
         assert abs(still @ (done.joints - q)) < 0.05 * np.linalg.norm(done.joints - q) + 1e-7
 
 
-@pytest.mark.parametrize("name", ["gough", "rotopod", "crank-platform", "three-prr", "four-chains"])
+@pytest.mark.parametrize("name", ["gough", "crank-platform", "four-chains"])
 def test_parallel_robots_are_corrected_on_their_assembly(name: str) -> None:
     nominal: RobotModel = any_shipped(name).model
     found = built(nominal, 8, mm=0.05)

@@ -162,7 +162,6 @@ def test_the_real_arm_is_predicted_as_well_as_by_outside_fits() -> None:
     ("slip", "code", "said"),
     [
         (slips._other_way(2), "sign", "joint_3 counts the other way"),
-        (slips._turns_times(np.pi / 180), "units", "radians where their columns say degrees"),
         (slips._robot_times(1.0, np.pi / 180), "units", "angles are radians"),
         (slips._values_swapped(1, 2), "swapped", "joint_2 and joint_3 are swapped"),
         (slips._robot_times(1e-3, 1.0), "units", "lengths are metres"),

@@ -53,19 +53,6 @@ def built(robot: Parallel, rng: np.random.Generator) -> Parallel:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_forward_is_the_inverse_of_the_inverse(name: str) -> None:
-    robot = shipped(name).model
-    joints = some_joints(robot, 40, np.random.default_rng(1))
-    assert len(joints) >= 8
-    poses = robot.forward(joints)
-    assert np.abs(robot.residuals(poses, joints)).max() < 1e-9
-    assert own_roots(robot, poses) == pytest.approx(joints, abs=1e-9)
-    for pose, q in zip(poses[:3], joints, strict=False):
-        assert np.abs(robot.inverse(pose) - q).max(axis=1).min() < 1e-9
-    assert np.isnan(robot.forward(joints[:1] + 1e4)).all()
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_derivatives_of_parallel_robots_are_differences(name: str) -> None:
     rng = np.random.default_rng(2)
     robot = built(shipped(name).model, rng)

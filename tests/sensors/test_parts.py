@@ -6,7 +6,6 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-import scipy.optimize
 
 from lmeasure.calibration import Campaign, Model, unknowns_of
 from lmeasure.core import CalibrationError, RigError, se3
@@ -81,21 +80,6 @@ def test_derivatives_are_those_of_differences(counted_from: str, free: tuple[int
         difference = (model.residuals(theta + step) - model.residuals(theta - step)) / (2.0 * h)
         # left out: how the cable of a count changes with the drum, times the play
         assert np.abs(J[:, i] - difference).max() <= 1e-4 * max(np.abs(J[:, i]).max(), 1e-2), i
-
-
-def test_a_groove_beside_its_axis_swings_as_a_castor() -> None:
-    """Of a groove whose plane is d beside the swivel axis the cable is shortest where it is turned by d/(R (1 - cos phi))."""
-    R, q, p, d = 20.0, 300.0, 700.0, 0.1
-
-    def length(turn: float) -> float:
-        inner, beside = p * np.cos(turn), p * np.sin(turn) - d
-        far = np.hypot(q, inner - R)
-        wrapped = np.arctan2(q, R - inner) - np.arccos(R / far)
-        return R * wrapped + float(np.sqrt(far**2 - R**2 + beside**2))
-
-    found = scipy.optimize.minimize_scalar(length, bounds=(-0.1, 0.1), method="bounded", options={"xatol": 1e-9}).x
-    phi = np.arctan2(q, R - p) - np.arccos(R / np.hypot(q, p - R))
-    assert found == pytest.approx(d / (R * (1.0 - np.cos(phi))), rel=0.01)
 
 
 def test_play_lags_behind_what_turns_it() -> None:

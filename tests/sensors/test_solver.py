@@ -266,16 +266,6 @@ def test_a_motion_that_is_seen_little_is_determined_all_the_same() -> None:
     np.testing.assert_allclose(found, np.diag(1.0 / (seen * np.repeat([200.0, 1.0], 3))), rtol=1e-6)
 
 
-def test_no_step_turns_by_more_than_half_a_radian() -> None:
-    """Towards a pose turned by 1.2 rad about an axis: two whole steps, and the rest."""
-    channels, axis = plain(*np.ones(6)), np.array([0.6, 0.0, 0.8])
-    truth = se3.displaced(HOME, np.r_[1.2 * axis, np.zeros(3)])
-    found = solve_poses(channels, np.stack([o.predict(truth[None], np.empty(0)) for o in channels], axis=1), HOME)
-    np.testing.assert_allclose(found.poses[0], truth, atol=1e-12)
-    turned = np.linalg.norm(se3.displacement(np.concatenate(channels[0].asked[1:5]), np.tile(HOME, (4, 1)))[:, :3], axis=1)
-    np.testing.assert_allclose(turned, [0.0, 0.5, 1.0, 1.2], atol=1e-9)
-
-
 class Far:
     """A straight cable whose rig is a hundred times as large."""
 

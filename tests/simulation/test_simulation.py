@@ -83,23 +83,7 @@ def test_counts_are_whole_zero_at_the_start_and_noise_has_its_size() -> None:
     np.testing.assert_allclose(noisy.std(axis=0), math.sqrt(100 + 1 / 12), rtol=0.05)
 
 
-SCENARIO = """
-schema = "lmeasure.scenario/1"
-seed = 7
-rate_hz = 200.0
-noise_mm = 0.02
-[motion]
-speed_mm_s = 800.0
-cycles = 2
-[[waypoint]]
-position_mm = [200.0, 100.0, -50.0]
-[[waypoint]]
-position_mm = [-150.0, 200.0, 150.0]
-quaternion_xyzw = [0.0, 0.1, 0.0, 0.99498743710662]
-[reference_poses]
-count = 5
-u_position_mm = 0.05
-"""
+SCENARIO = (Path(__file__).parent / "inputs" / "scenario.toml").read_text(encoding="utf-8")
 
 
 def test_a_scenario_becomes_a_run_folder_with_the_truth_beside_it(tmp_path: Path) -> None:

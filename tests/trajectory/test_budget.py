@@ -1,7 +1,6 @@
 """The budget of a run: what samples share and what they do not, against what real reconstructions scatter by."""
 
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,8 @@ from lmeasure.accuracy.zone import covariance_factor
 from lmeasure.core import FileFormatError, TrajectoryError
 from lmeasure.recording import Run, read_run, write_run
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.sensors import Lengths, counts_from_poses, lengths_from_counts
-from lmeasure.trajectory import Budget, RunModel, align, read_trajectory, reconstruct, reconstruction_of, write_trajectory
+from lmeasure.sensors import counts_from_poses, lengths_from_counts
+from lmeasure.trajectory import Budget, RunModel, read_trajectory, reconstruct, reconstruction_of, write_trajectory
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.uncertainty.sources import PassClock
 
@@ -165,40 +164,6 @@ def test_an_uncertainty_of_the_start_that_is_none_is_refused(tmp_path: Path, val
     (tmp_path / "run.toml").write_text(text.replace("[start]", f"[start]\nu_position_mm = {shown}"))
     with pytest.raises(FileFormatError, match=r"run.toml:\d+: start.u_position_mm: "):
         read_run(tmp_path)
-
-
-@pytest.mark.parametrize("timed", [False, True])
-def test_a_run_aligned_once_gives_the_same_digits(monkeypatch: pytest.MonkeyPatch, timed: bool) -> None:
-    """Its lengths are worked out once, speeds only where the time of a count is uncertain."""
-    run = replace(record(cell(), *motion(50)), u_start=U_START)
-    if timed:
-        first = run.passes[0]
-        u_time = np.full(len(first.time_s), 1e-4)
-        run = replace(run, passes=(replace(first, u_time_s=u_time),))
-    asked = np.array([0, 7, 8, len(run.passes[0].time_s) - 1])
-    expected, whole = reconstruct(run), covariances(reconstruct(run), run)
-    calls: list[str] = []
-    speed = vars(Lengths)["speed_mm_s"].func
-
-    def lengths(given: Run) -> Lengths:
-        calls.append("lengths")
-        return lengths_from_counts(given)
-
-    def speeds(given: Lengths) -> FloatArray:
-        calls.append("speed")
-        return np.asarray(speed(given))
-
-    monkeypatch.setattr("lmeasure.trajectory.time.passes.lengths_from_counts", lengths)
-    own = cached_property(speeds)
-    own.__set_name__(Lengths, "speed_mm_s")
-    monkeypatch.setattr(Lengths, "speed_mm_s", own)
-    aligned = align(run)
-    found = reconstruct(aligned, covariances=False)
-    part = covariances(found, aligned, asked)
-    np.testing.assert_array_equal(found.poses, expected.poses)
-    np.testing.assert_array_equal(part.random, whole.random[asked])
-    np.testing.assert_array_equal(part.factors, whole.factors[asked])
-    assert calls == ["lengths"] + ["speed"] * timed
 
 
 @pytest.mark.parametrize(

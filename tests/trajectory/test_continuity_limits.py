@@ -256,29 +256,3 @@ def test_a_channel_that_never_moves_holds_nothing() -> None:
     mm[30:, 0] += 4.0
     (step,) = found_in(time_s, mm).breaks
     assert (step.cable, step.before_s) == (0, time_s[29])
-
-
-def took_back(old: Break, new: Break, acceleration_mm_s2: float) -> bool:
-    """Whether the second break of a channel takes back the first, where the motion accelerates so."""
-    finder = ContinuityFinder(RIG)
-    finder._accelerations[0] = acceleration_mm_s2
-    return finder._took_back(old, new)
-
-
-@pytest.mark.parametrize(("off", "back"), [(0.999999, True), (1.000001, False), (-0.999999, True), (-1.000001, False)])
-def test_a_channel_that_stopped_is_back_where_its_speeds_would_have_brought_it(off: float, back: bool) -> None:
-    """It stopped at 10 mm from 300 mm/s and goes on 40 ms later at 200 mm/s: the mean brings it to 20 mm, within what slips, a change of
-    acceleration in the middle and the step's own uncertainty, which are half of the step at most."""
-    known = 0.2 + 2.0 * 500.0 * 0.04**2 / 4.0 + 0.3
-    old = Break(1, 1.0, 1.01, np.nan, np.nan, (10.0, 10.0), (300.0, 0.0))
-    new = Break(1, 1.03, 1.04, 9.0, 0.3, (10.5, 20.0 + off * known), (0.0, 200.0))
-    assert took_back(old, new, 500.0) is back
-    for part, too in ((1.000001, True), (0.999999, False)):
-        assert took_back(old, replace(new, length_mm=(10.5, 20.0), by_mm=-2.0 * part * known), 500.0) is too
-
-
-@pytest.mark.parametrize(("left", "back"), [(0.4999999, True), (0.5000001, False)])
-def test_a_step_is_taken_back_to_within_what_both_are_known_to(left: float, back: bool) -> None:
-    old, new = Break(2, 1.0, 1.01, 7.0, 0.2), Break(2, 1.03, 1.04, -7.0 + left, 0.3)
-    assert took_back(old, new, 500.0) is back
-    assert took_back(replace(old, by_mm=-7.0), replace(new, by_mm=7.0 - left), 500.0) is back

@@ -7,7 +7,7 @@ import pytest
 from cells import FloatArray, cell, motion, record
 
 from lmeasure.core import Status
-from lmeasure.recording import Counts, Recorded, Run
+from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
 from lmeasure.text import message
@@ -15,7 +15,6 @@ from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, Stood
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
 from lmeasure.trajectory.faults.rest_evidence import Rests, doubts_of, unseen_steps
 
-COUNT_MM = 0.012
 NO_RESTS = Rests(np.empty(0), np.empty(0), np.empty((0, 6)))
 
 
@@ -221,25 +220,3 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
         assert str(unseen_steps(cell(), still)).endswith("(0.1 mm) and more are seen, the rounding of the counts being the limit")
     (stepped,) = doubts_of(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes
     assert "+100 counts" in str(stepped)
-
-
-@pytest.mark.parametrize(
-    ("clock_s", "code", "said"), [((4.0, 5.0, 6.0), "clock.stepped", "4, 5, 6"), ((4.0, 5.0, 6.0, 7.0), "clock.stepped.often", "4, 5, 6")]
-)
-def test_three_steps_of_the_clock_are_told_by_their_times(clock_s: tuple[float, ...], code: str, said: str) -> None:
-    (note,) = doubts_of(cell(), found(clock_s=clock_s), NO_RESTS).notes
-    assert note.code == code
-    assert said in str(note)
-    assert "7" not in str(note)
-
-
-def test_notes_say_the_same_in_russian_by_their_codes_and_by_the_texts_of_earlier_files() -> None:
-    away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
-    of = found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan), away=away, clock_s=(4.0, 5.0), stood=(Stood(3, 6.0, np.inf),))
-    determined = doubts_of(cell(), of, NO_RESTS), doubts_of(cell(), found(at(2, 3.0)), resting((1.0, PLACE), (6.0, PLACE)))
-    notes = [*determined[0].notes, *determined[1].notes, unseen_steps(cell(), found(least_mm=1.01))]
-    notes += Recorded(2, early=True, why="no bus", faults={"overflow": 3}).notes()
-    codes = {"origin.again", "origin.back", "origin.left", "channel.elsewhere", "channel.stands", "clock.stepped", "steps.seen.slow"}
-    assert {n.code for n in notes} > codes
-    for note in notes:
-        assert note.text("ru") != str(note)

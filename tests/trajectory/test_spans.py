@@ -55,18 +55,3 @@ def test_doubts_end_where_the_definition_says() -> None:
         assert found == by_definition(time_s, alarms.tolist(), error, u), seed
         several += len(found) > 1
     assert several > 10
-
-
-def test_by_hand() -> None:
-    """An error of 0.1 mm in epochs 10 to 19 of a hundred a second, known to 0.01 mm, with one alarm; then where it is hardly known."""
-    time_s, error, u = np.arange(60) / 100.0, np.zeros((60, 1)), np.full((60, 1), 0.01)
-    error[10:20] = 0.1
-    assert spans(time_s, np.array([15]), error, u) == [(10, 19)]
-    # half of the error is five of these: what is known less well than to a fifth of it says nothing
-    u[5:10], u[20:30] = 0.0201, 0.0199
-    assert spans(time_s, np.array([15]), error, u) == [(5, 19)]
-    # two of eleven may disagree, four may not
-    error[[22, 25, 33]] = 0.05
-    assert spans(time_s, np.array([15]), error, u) == [(5, 19)]
-    error[[21, 23]] = 0.05
-    assert spans(time_s, np.array([15]), error, u) == [(5, 23)]

@@ -6,7 +6,6 @@ import pytest
 from lmeasure.core import FloatArray
 from lmeasure.trajectory.faults.continuity import (
     BINS,
-    STEP_MM,
     Break,
     Candidates,
     counted_sizes,
@@ -85,41 +84,6 @@ def test_steps_are_the_median_of_both_continuations_and_nothing(stride: int, kno
     assert found > 20
 
 
-def test_too_few_samples_show_no_step() -> None:
-    for n in (3, 4):
-        time_s, mm = np.linspace(0.0, INTERVAL_S * (n - 1), n), np.zeros((n, 1))
-        mm[n // 2 :] = 9.0
-        assert len(steps_seen(time_s, mm, mm.T.copy(), 0, stride=1, count_mm=np.array([0.01]), off_s=np.zeros(n - 1))) == n - 3
-        assert steps_seen(time_s, mm, mm.T.copy(), 0, stride=2, count_mm=np.array([0.01]), off_s=np.zeros(n - 1)) == []
-
-
-@pytest.mark.parametrize(("stride", "n"), [(stride, n) for stride in (1, 2, 3) for n in range(1, 3 * stride + 1)])
-def test_a_step_has_two_continuations(stride: int, n: int) -> None:
-    """As long as there is none behind it, or before it, nothing is said."""
-    time_s, mm = INTERVAL_S * np.arange(n, dtype=np.float64), np.where(np.arange(n) < n // 2, 0.0, 9.0)[:, None]
-    assert steps_seen(time_s, mm, mm.T.copy(), 0, stride=stride, count_mm=np.array([0.01]), off_s=np.zeros(max(n - 1, 0))) == []
-
-
-@pytest.mark.parametrize("by_mm", [-10.0, -5.0, -3.3333333333, -1.0, 1.0, 5.0])
-def test_a_step_against_the_motion_is_as_large_as_any(by_mm: float) -> None:
-    """A cable that runs by 10 mm a sample, and another that is not there for a while, of which nothing is said."""
-    n = 40
-    time_s, mm = INTERVAL_S * np.arange(n, dtype=np.float64), np.column_stack([10.0 * np.arange(n), np.zeros(n)])
-    mm[20:, 0] += by_mm
-    mm[15:25, 1] = np.nan
-    (one,) = steps_seen(time_s, mm, mm.T.copy(), 0, stride=1, count_mm=np.array([0.01, 0.01]), off_s=np.zeros(n - 1))
-    assert one.before_s.tolist() == [time_s[19]]
-    np.testing.assert_allclose(one.by, [[by_mm, 0.0]], atol=1e-9)
-
-
-def test_a_step_as_large_as_what_may_slip_is_none() -> None:
-    for by, seen in ((STEP_MM + 0.02 - 1e-9, False), (STEP_MM + 0.02 + 1e-9, True)):
-        mm = np.where(np.arange(8) > 3, by, 0.0)[:, None]
-        assert (
-            bool(steps_seen(np.linspace(0.0, 0.07, 8), mm, mm.T.copy(), 0, stride=1, count_mm=np.array([0.01]), off_s=np.zeros(7))) is seen
-        )
-
-
 def test_intervals_are_off_unless_rows_lack() -> None:
     steps = np.array([1.0, 1.01, 2.0, 1.99, 2.019, 2.021, 1.3, 0.7, 0.2, 2.4, 2.6, 7.0])
     expected = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.021, 0.3, 0.3, 0.8, 1.4, 0.0, 0.0])
@@ -165,12 +129,3 @@ def test_of_two_cables_each_has_the_other_and_one_alone_none() -> None:
     two = np.array([[1.0, 5.0], [np.nan, 2.0], [3.0, 3.0]])
     np.testing.assert_array_equal(others_largest(two), [[5.0, 1.0], [2.0, 0.0], [3.0, 3.0]])
     np.testing.assert_array_equal(others_largest(two[:, :1]), np.zeros((3, 1)))
-
-
-def test_a_step_of_just_what_rounding_and_a_slip_may_make_is_none() -> None:
-    count_mm, time_s = np.array([0.125]), np.array([0.0, 0.25, 0.5, 0.75])
-    most = STEP_MM + 2.0 * 0.125
-    for step, seen in ((most, 0), (float(np.nextafter(most, 1.0)), 1)):
-        mm = np.array([0.0, 0.0, step, step])[:, None]
-        found = steps_seen(time_s, mm, np.ascontiguousarray(mm.T), 0, stride=1, count_mm=count_mm, off_s=np.zeros(4))
-        assert len(found) == seen

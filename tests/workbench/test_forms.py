@@ -50,7 +50,7 @@ def test_a_form_and_its_command_line_say_the_same(name: str) -> None:
     options = list(options_of(load(name).settings))
     model = load(name).settings
 
-    @settings(max_examples=25)
+    @settings(max_examples=10)
     @given(st.data())
     def holds(data: Any) -> None:
         chosen = data.draw(st.lists(st.sampled_from(options), unique=True, max_size=4))
