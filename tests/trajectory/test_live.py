@@ -63,13 +63,13 @@ def test_drums_and_swivels_live_are_the_same_run() -> None:
 def test_from_power_on_live_is_what_the_run_so_far_tells() -> None:
     """Nobody stated a start, and encoders miss samples: where the run is learned the pose is that of `reconstruct`; and what the whole run
     told is followed sample by sample as at once."""
-    run = first_of(read_run(AUTHORITY / "swivel-run"), 120)
-    for first, last, channel in ((60, 75, 7), (80, 110, 10), (100, 115, 2)):
+    run = first_of(read_run(AUTHORITY / "swivel-run"), 100)
+    for first, last, channel in ((60, 75, 7), (70, 95, 10), (85, 95, 2)):
         run.passes[0].recorded[first:last, channel] = np.nan
     found = followed(LivePose(run.rig, None), run)
     assert {s.status for s in found[:49]} == {START_UNKNOWN}
     assert {s.status for s in found[49:]} == {"ok"}
-    for n in (50, 120):
+    for n in (50, 100):
         at_once = reconstruct(first_of(run, n))
         assert (at_once.status == 0).all()
         np.testing.assert_allclose(found[n - 1].pose, at_once.poses[-1], rtol=0, atol=1e-9)
