@@ -19,9 +19,7 @@ _SEALED = [
 _CHANNELS = [
     "tests/sensors/test_kinds.py",
     "tests/sensors/test_parameters.py",
-    "tests/sensors/test_solver.py",
     "tests/sensors/test_encoders.py",
-    "tests/sensors/test_runs_of_sensors.py",
 ]
 _OF_ESTIMATION = "release gauge least_squares judging robust_loss groups_left_out rival_explanations"
 _ESTIMATED = [f"tests/estimation/test_{name}.py" for name in _OF_ESTIMATION.split()]
@@ -83,7 +81,7 @@ CORE = {
     "estimation/information.py": ["tests/estimation/test_exchange.py"],
     "estimation/observability.py": ["tests/estimation/test_observability.py"],
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
-    "sensors/channels.py": [*_CHANNELS, "tests/sensors/test_fast_paths.py", "tests/sensors/test_any_sensor.py"],
+    "sensors/channels.py": [*_CHANNELS, "tests/sensors/test_fast_paths.py"],
     "sensors/wrap.py": _CHANNELS,
     "rig/parameters.py": ["tests/sensors/test_parameters.py"],
     "sensors/imperfect_parts.py": ["tests/sensors/test_parts.py", "tests/sensors/test_parts_of_unlike_cables.py"],
