@@ -16,11 +16,7 @@ _SEALED = [
     "-k",
     "method_3 or test_evaluation or test_instants or test_iso_tests or corners_cut or at_its_corner or of_a_stroke",
 ]
-_CHANNELS = [
-    "tests/sensors/test_kinds.py",
-    "tests/sensors/test_parameters.py",
-    "tests/sensors/test_encoders.py",
-]
+_CHANNELS = ["tests/sensors/test_kinds.py", "tests/sensors/test_parameters.py", "tests/sensors/test_encoders.py"]
 _OF_ESTIMATION = "release gauge least_squares judging robust_loss groups_left_out rival_explanations"
 _ESTIMATED = [f"tests/estimation/test_{name}.py" for name in _OF_ESTIMATION.split()]
 _STRAIGHT = ["tests/linkages/test_straight.py", "-k", "not forty and not monodromy"]
