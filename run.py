@@ -259,6 +259,8 @@ def hand_over(command: list[str]) -> NoReturn:
     program = script(command[0])
     environment = os.environ | {"VIRTUAL_ENV": str(VENV), "PATH": f"{program.parent}{os.pathsep}{os.environ.get('PATH', '')}"}
     environment.pop("PYTHONHOME", None)
+    if command[0] == "lmeasure":  # as the lines `next: ...` name it
+        environment["LMEASURE_PROGRAM"] = "python3 run.py"
     line = [str(program), *command[1:]]
     if not WINDOWS:
         os.execve(program, line, environment)

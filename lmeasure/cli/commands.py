@@ -13,21 +13,23 @@ from annotated_types import Ge, Le
 
 from lmeasure.cli import events, machine
 from lmeasure.cli.help import Command
-from lmeasure.cli.progress import FACES, Face, reported_compiling, with_bar
+from lmeasure.cli.progress import FACES, SILENT, Face, quietly, reported_compiling, with_bar
 from lmeasure.cli.text import rendered
 from lmeasure.core import LMeasureError, SettingsError
-from lmeasure.workflows import Written, fields_of, flag_of, load, rows_of_numbers, said_of, written
+from lmeasure.text import message
+from lmeasure.workflows import Written, fields_of, flag_of, former_options, load, other_flags, rows_of_numbers, said_of, written
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
-JSON = inspect.Parameter(
-    "as_json",
-    inspect.Parameter.KEYWORD_ONLY,
-    default=False,
-    annotation=Annotated[bool, typer.Option(machine.FLAG, help="Print the result, or the error, as JSON.")],
-)
-"""Of every command."""
+    from lmeasure.workflows import Result
+
+OF_ALL = {
+    "as_json": ((machine.FLAG,), "Print the result, or the error, as JSON."),
+    "quiet": (("--quiet", "-q"), "Print errors only."),
+    "verbose": (("--verbose", "-v"), "Print all numbers of the result and every written file too."),
+}
+"""Flags and help of the options that every command has."""
 
 
 def command(name: str) -> Any:
@@ -36,13 +38,13 @@ def command(name: str) -> Any:
     face: Face = FACES.get(name, with_bar)
 
     def invoke(**given: Any) -> None:
-        as_json = given.pop(JSON.name)
+        as_json, quiet, verbose = (given.pop(name) for name in OF_ALL)
         try:
             # what was not typed is None, or empty where an option may be repeated
             settings = workflow.settings.model_validate({key: value for key, value in given.items() if value is not None and value != []})
             # a face talks to a person: beside JSON, on standard error
             with events.tied(name), reported_compiling(), contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-                result = face(workflow, settings)
+                result = (quietly if quiet and face in SILENT else face)(workflow, settings)
         except SettingsError as error:
             field = workflow.settings.model_fields.get(error.option)
             raise typer.BadParameter(error.text, param_hint=error.option if field is None else flag_of(error.option, field)) from None
@@ -57,22 +59,39 @@ def command(name: str) -> Any:
             if result.failure:
                 typer.echo(f"lmeasure: {' '.join(result.failure.split())}", err=True)
             raise typer.Exit(1 if result.failure else result.exit_code)
-        for line in result.summary:
-            typer.echo(rendered(line))
+        if not quiet:
+            _print(result, verbose)
         if result.failure:
             raise LMeasureError(result.failure)
         if result.exit_code:
             raise typer.Exit(result.exit_code)
 
-    options = [*(parameter(key, field) for key, field in fields_of(workflow.settings).items()), JSON]
+    options = [parameter(key, field) for key, field in fields_of(workflow.settings).items()]
+    options += [
+        inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, typer.Option(*flags, help=text)])
+        for key, (flags, text) in OF_ALL.items()
+    ]
     invoke.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
     invoke.__annotations__ = {o.name: o.annotation for o in options}
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     made: Callable[..., None] = invoke
     alone.command(name, help=workflow.help, cls=Command)(made)
     out: Any = typer.main.get_command(alone)
-    out.rows = rows_of_numbers(workflow.settings)
+    out.rows, out.former = rows_of_numbers(workflow.settings), former_options(workflow.settings)
     return out
+
+
+def _print(result: "Result[Any]", verbose: bool) -> None:
+    """Print the summary and the next command; where they are verbose, all numbers and files too."""
+    for line in result.summary:
+        typer.echo(rendered(line))
+    for name, value in result.figures.items() if verbose else ():
+        typer.echo(f"{name}: {value:.9g}")
+    for path in result.files if verbose else ():
+        typer.echo(rendered(message("line.written", files=path)))
+    if result.next and not result.failure:
+        # a document on standard output stays alone
+        typer.echo(rendered(message("workflow.next", command=result.next)), err=result.summary == (result.made,))
 
 
 def place_holder(form: Written) -> str | None:
@@ -102,9 +121,9 @@ def parameter(name: str, field: "FieldInfo") -> inspect.Parameter:
     if "positional" in said:
         declared = typer.Argument(**about)
     else:
-        short = [said["short"]] if "short" in said else []
-        declared = typer.Option(flag_of(name, field), *short, rich_help_panel=said.get("panel"), **about)
-    kind = list[form.kind] if form.repeated else form.kind  # type: ignore[name-defined]
+        declared = typer.Option(flag_of(name, field), *other_flags(name, field), rich_help_panel=said.get("panel"), **about)
+    # a folder is known by the slash at the end of its name, which a Path has no more
+    kind = list[form.kind] if form.repeated else str if name == "out" else form.kind  # type: ignore[name-defined]
     required = inspect.Parameter.empty if field.is_required() else form.default
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=required, annotation=Annotated[kind | None if form.optional else kind, declared]

@@ -61,15 +61,17 @@ class _InWords:
 
 
 class Command(_InWords, TyperCommand):
-    """A command whose help is in the reader's language, its options in their groups; `rows` are those that take rows of numbers."""
+    """A command whose help is in the reader's language, its options in their groups; `rows` are those that take rows of numbers,
+    `former` the options that are an argument now."""
 
     rows: Mapping[str, int | None] = MappingProxyType({})
+    former: frozenset[str] = frozenset()
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """The words that were typed; numbers in a row may have blanks between them."""
-        from lmeasure.workflows import with_commas
+        from lmeasure.workflows import as_arguments, with_commas
 
-        return super().parse_args(ctx, with_commas(args, self.rows))
+        return super().parse_args(ctx, as_arguments(with_commas(args, self.rows), self.former))
 
 
 class Group(_InWords, TyperGroup):
@@ -100,7 +102,9 @@ def wrong_use(error: typer.TyperException) -> str:
 
 def in_plain_words(error: typer.TyperException) -> str:
     """The parser's message; of a value that it could not take, what the value must be and what it is."""
-    cause = error.__cause__
+    cause, param = error.__cause__, getattr(error, "param", None)
+    if getattr(param, "param_type_name", "") == "option" and not getattr(error, "param_hint", None):
+        error.param_hint = f"'{param.opts[0]}'"  # type: ignore[attr-defined,union-attr]
     if isinstance(error, typer.BadParameter) and isinstance(cause, ValueError) and hasattr(cause, "errors"):
         from lmeasure.io import complaint
 

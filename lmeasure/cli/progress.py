@@ -27,6 +27,11 @@ def with_bar(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
         return workflow.run(settings, heeded(progress))
 
 
+def quietly(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """Run without a word."""
+    return workflow.run(settings, heeded(lambda fraction, text: None))
+
+
 def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
     """Under the table of a recording, where it is asked for."""
     if not settings.live:
@@ -162,6 +167,10 @@ FACES: dict[str, Face] = {
     "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(rendered(text))),
 }
 """Of commands that show something else than a bar."""
+
+
+SILENT = (with_bar, with_stages)
+"""Faces that only show progress."""
 
 
 @contextmanager

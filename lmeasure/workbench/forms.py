@@ -13,12 +13,12 @@ from typing import Any
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import LARGEST_NAME
 from lmeasure.workbench.project import OutsideError, Project, inside
-from lmeasure.workflows import Option, Writing, command_line, load, options_of, said_of
+from lmeasure.workflows import Option, Writing, as_arguments, command_line, former_options, load, options_of, said_of
 
 HIDDEN = {"scheduler"}
 """Options that would make this machine ask another one."""
-INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}}
-"""Options beside which another asks for the same: `start`."""
+INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}, "zone": {"tilt_rad"}}
+"""Options beside which another asks for the same."""
 NOT_HERE = {"view", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
 ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
@@ -271,7 +271,7 @@ def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
     off = {option.flag.partition("/")[2]: option for option in options if "/" in option.flag}
     places = [o for o in options if "positional" in said_of(load(command).settings.model_fields[o.name])]
     out: dict[str, Any] = {option.name: "on" for option in options if option.kind == "flag" and option.default == "on"}
-    rest, plain = list(words[1:]), False
+    rest, plain = as_arguments(words[1:], former_options(load(command).settings)), False
     while rest:
         word = rest.pop(0)
         name, mark, value = word.partition("=")

@@ -2,10 +2,13 @@ from .flow import Progress as Progress, Result as Result
 from .options import (
     Option as Option,
     Written as Written,
+    as_arguments as as_arguments,
     command_line as command_line,
     fields_of as fields_of,
     flag_of as flag_of,
+    former_options as former_options,
     options_of as options_of,
+    other_flags as other_flags,
     rows_of_numbers as rows_of_numbers,
     with_commas as with_commas,
     written as written,

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from lmeasure.core import CalibrationError, SettingsError
 from lmeasure.text import message, of_terminal
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure calibrate` is asked; options of the fit are those of `lmeasure.CalibrationSettings`."""
 
+    NEXT: ClassVar[str] = "zone {out}/rig.toml --report {out} --out {out}/zone.nc"
     folder: Annotated[
         Path,
         option(

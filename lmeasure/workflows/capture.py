@@ -3,9 +3,9 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol
 
-from lmeasure.core import CancelledError, pasted
+from lmeasure.core import CancelledError
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
@@ -37,6 +37,7 @@ class Keys(Protocol):
 class Settings(Asked):
     """What `lmeasure capture` is asked."""
 
+    NEXT: ClassVar[str] = "calibrate {out} --out calibrated"
     rig: Annotated[Path, option("rig.toml, nominal; its [can] table says which frames carry the counters.", metavar="RIG", positional=True)]
     poses: Annotated[Path, option("Poses to go through, as `plan-poses` writes them.", metavar="planned.csv")]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
@@ -194,9 +195,7 @@ def _result(session: "Session", ended: str) -> "Result[CaptureFolder]":
         failure = message("workflow.capture_ended", folder=folder.path, pose=session.goal)
     elif closure is not None and closure.lost:
         failure = message("workflow.capture_closure", folder=folder.path, channels=tuple(closure.lost))
-    elif session.goal is None:
-        lines.append(message("workflow.next", command=f"lmeasure calibrate {pasted(folder.path)} --out calibrated"))
-    else:
+    elif session.goal is not None:
         lines.append(message("workflow.same_command_goes"))
     there = tuple(sorted(path for path in folder.path.rglob("*") if path.is_file()))
     return Result(folder, tuple(lines), figures, tuple(folder.notes), failure=failure, files=there)

@@ -1,7 +1,7 @@
 """From a measurement to a certificate a third party can recompute."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import OtherTrajectoryError, SettingsError
 from lmeasure.text import Say, of_terminal
@@ -14,6 +14,7 @@ CHOICES = "What is certified"
 class Settings(Writing):
     """What `lmeasure certify` is asked; what is certified is chosen as in `lmeasure.CertificationSettings`."""
 
+    NEXT: ClassVar[str] = "verify {out}"
     trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
     program: Annotated[Path, option("Commanded poses and paths with their windows.", metavar="program.toml")]
     out: Annotated[Path, option("Folder to write; --force replaces an earlier certificate.", metavar="DIR")]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from lmeasure.core import LMeasureError
 from lmeasure.text import joined, message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import Paths, Writing, option
+from lmeasure.workflows.settings import RIG, Paths, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Ask, Check
@@ -15,12 +15,18 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure check` is asked."""
 
-    rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
+    rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, ...", metavar="INTERFACE:CHANNEL")]
     passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     turns: Annotated[bool, option("Count a turn of each drum too.", flag="--turns/--no-turns")] = True
-    write: Annotated[Path | None, option("Write the rig with channels and signs as they are to this file.", metavar="RIG.toml")] = None
+    write: Annotated[
+        Path | None, option("Rig to write, with channels and signs as they are.", flag="--out", metavar="RIG.toml", also=("--write",))
+    ] = None
+
+    def following(self) -> str:
+        """Return the command that plans reference poses."""
+        return then("plan-poses {rig} --poses 12 --box=-300:300,-300:300,-300:300 --out planned.csv", rig=self.write or self.rig)
 
     def paths(self) -> Paths:
         """A corrected rig, of a rig."""

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.core import SettingsError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, START, Distances, Paths, Start, Writing, option
+from lmeasure.workflows.settings import LANGUAGE, START, Distances, Paths, Start, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.procedures import Checked, Closure
+
+CALIBRATE_AGAIN = "plan-poses {rig} --poses 12 --box=-300:300,-300:300,-300:300 --out planned.csv"
 
 
 class Settings(Writing):
@@ -37,6 +39,10 @@ class Settings(Writing):
     false_alarm_percent: Annotated[float, option("How many checks of a sound instrument may fail.", ge=0.001, le=50.0, unit="%")] = 1.0
     trend: Annotated[Path | None, option("Table to which this check is appended; its page draws all of it.", metavar="FILE.csv")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
+
+    def following(self) -> str:
+        """Return the command that reconstructs the run."""
+        return then("reconstruct {run} --out {run}/trajectory.parquet", run=self.run)
 
     def paths(self) -> Paths:
         """A record and a page from a run."""
@@ -97,6 +103,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
         (*lines, verdict_text(found), written, *appended_to),
         {f"{kind}_mm": value for kind, value in worst.items()},
         () if found.passed else (verdict_text(found),),
+        next="" if found.passed else then(CALIBRATE_AGAIN, rig=settings.rig or settings.run / "rig.toml"),
     )
 
 

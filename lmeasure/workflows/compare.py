@@ -1,14 +1,14 @@
 """Certificates of one robot over time, or of robots of one type; two calibrations of one rig."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from lmeasure.core import SettingsError
+from lmeasure.core import SettingsError, pasted
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option
+from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Comparison as Moved
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure compare` is asked."""
 
+    OUT_FILE: ClassVar[str] = "comparison.json"
     certificates: Annotated[
         tuple[Path, ...],
         Field(min_length=1),
@@ -37,6 +38,12 @@ class Settings(Writing):
         option("corrections.json of `lmeasure correct`: what identification left is listed with what limits the robot.", metavar="FILE"),
     ] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
+
+    def following(self) -> str:
+        """Return the command that draws the comparison, or opens it."""
+        if self.page is not None:
+            return then("verify {first}", first=self.certificates[0])
+        return then(f"compare {' '.join(map(pasted, self.certificates))} --page comparison.html")
 
     def paths(self) -> Paths:
         """A comparison from certificates."""

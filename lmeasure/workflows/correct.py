@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure correct` is asked."""
 
+    NEXT: ClassVar[str] = "compare before after --corrections {out}/corrections.json --page comparison.html"
     programs: Annotated[
         tuple[Path, ...],
         Field(min_length=1),

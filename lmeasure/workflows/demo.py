@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import pasted
 from lmeasure.text import message
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure demo` is asked."""
 
+    NEXT: ClassVar[str] = "workbench my-cell"
     out: Annotated[
         Path | None, option("Folder for all files; a new one without it, lmeasure-demo or lmeasure-robot-demo.", metavar="DIR")
     ] = None

@@ -1,7 +1,7 @@
 """From what a mechanic measures on the drums to the rig file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure drum` is asked."""
 
+    NEXT: ClassVar[str] = "scan"
+    OUT_FILE: ClassVar[str] = "measured.toml"
     measurements: Annotated[
         Path, option("What was measured, a drum table per observation point (docs/drum.md).", metavar="MEASUREMENTS.toml", positional=True)
     ]

@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import FileFormatError
 from lmeasure.text import message
@@ -19,6 +19,7 @@ LEAST = 7
 class Settings(Writing):
     """What `lmeasure dyads` is asked."""
 
+    NEXT: ClassVar[str] = "structure rig.toml --report structure"
     poses: Annotated[Path, option("Poses of the body: x_mm, y_mm, z_mm, qx, qy, qz, qw.", metavar="POSES", positional=True)]
     out: Annotated[Path, option("Folder for links.csv, minimax.csv and misses.csv.", metavar="DIR")]
     links: Annotated[int, option("How many links; five leave one freedom.", ge=1, le=6)] = 5

@@ -39,7 +39,7 @@ def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
 class Result(Generic[Made]):
     """What a workflow gives: what was made, what a person is given of it, line by line, with figures by name and warnings for those who do
     not read lines, and the files written. failure: why what was made is not what was asked for, though it is kept; exit_code: as a
-    command's."""
+    command's; next: the command to type next."""
 
     made: Made
     summary: tuple[str, ...]
@@ -48,6 +48,7 @@ class Result(Generic[Made]):
     files: tuple[Path, ...] = ()
     failure: str = ""
     exit_code: int = 0
+    next: str = ""
 
 
 def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable[Concatenate[Given, More], Result[Made]]:
@@ -65,6 +66,7 @@ def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable
             warnings=(*map(_plain, result.warnings), *unlikely),
             failure=_plain(result.failure),
             files=tuple(dict.fromkeys((*written, *result.files))),
+            next=result.next or settings.following(),
         )
 
     return cast(Callable[Concatenate[Given, More], Result[Made]], run)

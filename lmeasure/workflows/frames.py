@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from lmeasure.core import RobotError, SettingsError
 from lmeasure.text import message
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure frames` is asked."""
 
+    NEXT: ClassVar[str] = "correct program.csv --identified identified --out corrected"
+    OUT_FILE: ClassVar[str] = "frames.json"
     robot: Annotated[
         Path, option("Poses of the flange in the robot's base: pose, x_mm, y_mm, z_mm, angles or quaternions.", metavar="FILE")
     ]

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import RobotError, SettingsError
 from lmeasure.text import message, of_terminal
@@ -20,6 +20,7 @@ BASE_LINK = option("Link of a .urdf that is the controller's base; the chain beg
 class Settings(Writing):
     """What `lmeasure identify` is asked."""
 
+    NEXT: ClassVar[str] = "correct program.csv --identified {out} --out corrected"
     robot: Annotated[
         str, option("The nominal robot: a name (such as ur5, generic7, gough), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")
     ]

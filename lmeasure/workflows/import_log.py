@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from lmeasure.core import SettingsError, pasted
 from lmeasure.text import composed, message
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option
+from lmeasure.workflows.settings import RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Imported, Scan
@@ -41,6 +41,13 @@ class Settings(Writing):
         if not self.scan and self.out is None:
             raise SettingsError("out", "is missing")
         return self
+
+    def following(self) -> str:
+        """Return the command that reconstructs the motion, or reads the log by a rig."""
+        if self.out is None or self.scan:
+            return then("import {log} --rig rig.toml --out run", log=self.logs[0])
+        known = self.start is not None or self.position_mm is not None
+        return then("reconstruct {out} --out {out}/trajectory.parquet" + ("" if known else " --start X,Y,Z,O,A,T"), out=self.out)
 
     def paths(self) -> Paths:
         """A run folder from logs, a rig, a start and a DBC file."""

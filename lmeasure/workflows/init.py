@@ -5,10 +5,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.core import SettingsError, pasted
+from lmeasure.core import SettingsError
 from lmeasure.text import composed, message
 from lmeasure.workflows.flow import Progress, Result, inside, silent, sizes_of, workflow
-from lmeasure.workflows.settings import Paths, Writing, option
+from lmeasure.workflows.settings import Paths, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.rig import Rig
@@ -38,6 +38,10 @@ class Settings(Writing):
         str | None, option("Shape to begin with; without it questions are asked.", metavar="NAME", words="lmeasure.templates:TEMPLATES")
     ] = None
     list: Annotated[bool, option("Only list the templates.", flag="--list")] = False
+
+    def following(self) -> str:
+        """Return the command that lists the adapters of this machine, or writes a rig."""
+        return then("init my-cell --template six-cables" if self.list else "scan")
 
     def paths(self) -> Paths:
         """A rig, and what goes with it."""
@@ -77,12 +81,12 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     reported = [composed("{file}: {text}", file=str(main), text=template.text)]
     if rig.assumed:
         reported.append(message("workflows.values_guesses_stand_list", count=len(rig.assumed)))
-    measures, measured = main.with_name("drums.toml"), main.with_name("measured.toml")
-    command = f"lmeasure drum {pasted(measures)} --rig {pasted(main)} --out {pasted(measured)}"
-    reported.append(message("workflow.next_measure_drums_docs", command=command))
+    measures, to = main.with_name("drums.toml"), main.with_name("measured.toml")
     reported += [message("line.note", text=text) for text in sizes_of([main])]
     figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
-    return Result(rig, tuple(reported), figures)
+    # a rig alone has no drums.toml to be filled in
+    following = then("zone {rig} --out zone.nc", rig=main) if alone else then("drum {a} --rig {b} --out {c}", a=measures, b=main, c=to)
+    return Result(rig, tuple(reported), figures, next=following)
 
 
 def _write(texts: Mapping[Path, str]) -> None:

@@ -1,7 +1,7 @@
 """A key to sign certificates with."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
@@ -11,6 +11,8 @@ from lmeasure.workflows.settings import Paths, Writing, option
 class Settings(Writing):
     """What `lmeasure key` is asked."""
 
+    NEXT: ClassVar[str] = "certify trajectory.parquet --program program.toml --key {out} --out certificate"
+    OUT_FILE: ClassVar[str] = "key.pem"
     out: Annotated[Path, option("Private key to write; the public one becomes FILE.pub.", metavar="FILE")]
 
     def paths(self) -> Paths:

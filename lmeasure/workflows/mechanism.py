@@ -3,12 +3,12 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import FileFormatError, GeometryError, SettingsError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Paths, Point, Quaternion, Range, Recording, Writing, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Paths, Point, Quaternion, Range, Recording, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray
@@ -22,6 +22,7 @@ KINDS = Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"]
 class Settings(Writing):
     """What `lmeasure mechanism` is asked."""
 
+    OUT_FILE: ClassVar[str] = "mechanism.json"
     robot: Annotated[
         str,
         option(
@@ -46,6 +47,12 @@ class Settings(Writing):
     report: Annotated[Path | None, option("Write mechanism.html, with pictures, into this folder.", metavar="DIR")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None
+
+    def following(self) -> str:
+        """Return the command that draws the mechanism, or plans poses for its calibration."""
+        if self.report is None:
+            return then("mechanism {robot} --report mechanism", robot=self.robot)
+        return then("plan-poses --robot {robot} --poses 30 --out planned.csv", robot=self.robot)
 
     def paths(self) -> Paths:
         """A description, a page, a recording and a table from a robot."""

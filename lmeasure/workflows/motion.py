@@ -1,7 +1,7 @@
 """Velocity, acceleration and jerk of a trajectory."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import SettingsError, TrajectoryError
 from lmeasure.text import message
@@ -31,6 +31,8 @@ FASTEST_MM_S = 1e5
 class Settings(Writing):
     """What `lmeasure motion` is asked."""
 
+    NEXT: ClassVar[str] = "report {trajectory} --out report"
+    OUT_FILE: ClassVar[str] = "motion.parquet"
     trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
     out: Annotated[Path, option("Motion to write, .parquet or .csv.")]
     columns: Annotated[str, COLUMNS] = ""

@@ -1,7 +1,7 @@
 """How the options of settings are written down as texts: on a command line, in a form, in a request. One place for every face."""
 
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
@@ -109,6 +109,33 @@ def flag_of(name: str, field: "FieldInfo") -> str:
     """The option as it is typed; an argument by its place-holder."""
     said = said_of(field)
     return str(said["metavar"] if "positional" in said else said.get("flag", f"--{name.replace('_', '-')}"))
+
+
+SHORT = {"--out": "-o", "--force": "-f"}
+
+
+def other_flags(name: str, field: "FieldInfo") -> list[str]:
+    """Return the other flags of an option, or of an argument that was an option."""
+    short = SHORT.get(flag_of(name, field))
+    return [*([short] if short else []), *said_of(field).get("also", ())]
+
+
+def former_options(settings: "type[Asked]") -> frozenset[str]:
+    """Return the options that are arguments of the command now."""
+    return frozenset(
+        flag for name, field in settings.model_fields.items() if "positional" in said_of(field) for flag in other_flags(name, field)
+    )
+
+
+def as_arguments(words: Sequence[str], former: Iterable[str]) -> list[str]:
+    """Return the words of a command line without the flags of these options, so that their values are arguments: `--rig FILE` as FILE."""
+    out: list[str] = []
+    for i, word in enumerate(words):
+        if word == "--":
+            return [*out, *words[i:]]
+        flag, equals, value = word.partition("=")
+        out += [word] if flag not in former else [value] if equals else []
+    return out
 
 
 def limits_of(field: "FieldInfo") -> tuple[float | None, float | None]:

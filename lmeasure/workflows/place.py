@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import RERUN, Paths, Recording, Writing, option
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure place` is asked."""
 
+    NEXT: ClassVar[str] = "zone {out}/rig.toml --out {out}/zone.nc"
     rig: Annotated[Path, option("The rig as it is, or a first sketch of it.", metavar="RIG.toml", positional=True)]
     task: Annotated[Path, option("Task, mounting boxes, keep-outs, tolerance.", metavar="PLACEMENT.toml")]
     out: Annotated[Path, option("Folder for rig.toml and placement.json.", metavar="DIR")]

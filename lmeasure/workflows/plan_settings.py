@@ -1,10 +1,23 @@
 """What `lmeasure plan-poses` is asked, of a rig and of a robot."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from lmeasure.workflows.flow import inside, present
-from lmeasure.workflows.settings import BOX, RERUN, Box, Names, Numbers, Paths, Recording, UnitQuaternion, WholeNumbers, Writing, option
+from lmeasure.workflows.settings import (
+    BOX,
+    RERUN,
+    Box,
+    Names,
+    Numbers,
+    Paths,
+    Recording,
+    UnitQuaternion,
+    WholeNumbers,
+    Writing,
+    option,
+    then,
+)
 
 LIMITS = "What a cable allows"
 ROBOT = "Poses of a robot"
@@ -17,6 +30,7 @@ OPTIONS = ("free", "candidates", "columns", "keep_out", "zone", "base", "tool", 
 class Settings(Writing):
     """What `lmeasure plan-poses` is asked."""
 
+    OUT_FILE: ClassVar[str] = "planned.csv"
     rig: Annotated[
         Path | None,
         option(
@@ -79,6 +93,12 @@ class Settings(Writing):
         str | None, option("Link of a .urdf that is the controller's base; the chain begins there.", metavar="LINK", panel=ROBOT)
     ] = None
     rerun: Annotated[Recording | None, RERUN] = None
+
+    def following(self) -> str:
+        """Return the command that goes through the poses, or evaluates them."""
+        if self.robot is not None:
+            return then("identify --robot {robot} --measurements measured.csv --out identified", robot=self.robot)
+        return then("capture {rig} --poses {out} --bus socketcan:can0 --out campaign", rig=self.rig, out=self.out)
 
     def paths(self) -> Paths:
         """Planned poses from a rig, and from the campaign that they extend."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import CancelledError, GeometryError, LMeasureError, SettingsError
 from lmeasure.text import message
@@ -25,6 +25,7 @@ SILENT_S = 0.5
 class Settings(Asked):
     """What `lmeasure play` is asked."""
 
+    NEXT: ClassVar[str] = "init my-cell"
     rig: Annotated[Path, option("rig.toml: what a person has measured of the cell.", metavar="RIG", positional=True)]
     bus: Annotated[str, option("Where it speaks: a bus that other programs of this machine reach.", metavar="INTERFACE:CHANNEL")] = GROUP
     poses: Annotated[Path | None, option("Poses that the robot can be sent to.", metavar="planned.csv")] = None

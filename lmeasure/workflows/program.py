@@ -6,7 +6,20 @@ from typing import TYPE_CHECKING, Annotated
 from lmeasure.core import SettingsError
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import COLUMNS, Names, Numbers, Pair, Paths, Quaternion, Writing, known_convention, notes_of_file, option
+from lmeasure.workflows.settings import (
+    COLUMNS,
+    Edges,
+    Names,
+    Numbers,
+    Pair,
+    Paths,
+    Quaternion,
+    Writing,
+    known_convention,
+    notes_of_file,
+    option,
+    then,
+)
 
 if TYPE_CHECKING:
     from lmeasure.iso9283 import Cube
@@ -21,9 +34,9 @@ class Settings(Writing):
 
     out: Annotated[Path, option("Folder for program.toml, commands.csv and robodk.csv.", metavar="DIR")]
     zone: Annotated[Path | None, option("Take the largest cube in this accuracy zone instead of a box.", metavar="FILE.nc")] = None
-    x: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
-    y: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
-    z: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
+    x: Annotated[Edges | None, option(EDGES, metavar="START:STOP[:STEP]", unit="mm")] = None
+    y: Annotated[Edges | None, option(EDGES, metavar="START:STOP[:STEP]", unit="mm")] = None
+    z: Annotated[Edges | None, option(EDGES, metavar="START:STOP[:STEP]", unit="mm")] = None
     plane: Annotated[str, option("Diagonal plane of the cube that holds P1 to P5 and the paths.")] = "C1-C2-C7-C8"
     quaternion: Annotated[Quaternion, option("Orientation of the tool, base_from_tool.", metavar="x,y,z,w")] = (0.0, 0.0, 0.0, 1.0)
     tests: Annotated[
@@ -61,6 +74,12 @@ class Settings(Writing):
     limit_deg: Annotated[float, option("With --correct: largest pressure angle.", panel=KEPT, within=(0.0, 90.0))] = 60.0
     length_mm: Annotated[Pair | None, option("With --correct: cable lengths.", metavar="MIN:MAX", panel=KEPT)] = None
     drift_hours: Annotated[float, option("How long the drift test lasts.", unit="h")] = 8.0
+
+    def following(self) -> str:
+        """Return the command that records the program, or certifies by it."""
+        if self.ran is None:
+            return then("record rig.toml --bus socketcan:can0 --out run")
+        return then("certify {ran} --program {out}/program.toml --out certificate", ran=self.ran, out=self.out)
 
     def paths(self) -> Paths:
         """A program, perhaps from a zone. With --ran, program.toml gets its windows in its place and is no output."""

@@ -2,7 +2,7 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
 from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure reconstruct` is asked."""
 
+    NEXT: ClassVar[str] = "report {out} --out report"
+    OUT_FILE: ClassVar[str] = "trajectory.parquet"
     run: Annotated[Path, option("Run folder: run.toml, rig.toml and the counts of each pass.", metavar="RUN", positional=True)]
     out: Annotated[Path, option("Trajectory to write: .parquet, .csv, .tum for the poses alone, .mcap for ROS 2.")]
     rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own.")] = None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from lmeasure.core import CancelledError, GeometryError, RigError, TrajectoryError
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
+from lmeasure.workflows.settings import RERUN, RIG, START, Paths, Recording, Start, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Progress as State, Recording as Recorded, Samples
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure record` is asked."""
 
-    rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
+    rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
     out: Annotated[Path, option("Run folder to write.", metavar="RUN")]
     seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
@@ -31,6 +31,10 @@ class Settings(Writing):
     fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
     live: Annotated[bool, option("Show counts, speeds, the pose, faults and latency while recording; --rerun grows then too.")] = False
     rerun: Annotated[Recording | None, RERUN] = None
+
+    def following(self) -> str:
+        """Return the command that reconstructs the motion."""
+        return then("reconstruct {out} --out {out}/trajectory.parquet" + ("" if self.start else " --start X,Y,Z,O,A,T"), out=self.out)
 
     def paths(self) -> Paths:
         """The recording to look at. That of the bus needs a folder without a run: nothing in it is ever written over."""

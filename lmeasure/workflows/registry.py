@@ -43,7 +43,6 @@ JOBS: dict[str, dict[str, str]] = {
             "has moved if they do not close."
         ),
         "zone": "Map where every pressure angle stays within the limit, and the 95 % radius of the measured position.",
-        "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
     },
     "Measure a motion": {
         "watch": "Watch what comes over a bus: counts, speeds, faults and the pose, before anything is recorded.",
@@ -73,9 +72,12 @@ JOBS: dict[str, dict[str, str]] = {
         "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
         "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
         "correct": "Correct a robot's program by an identification: its targets are rewritten, all else stays byte for byte.",
+        "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
+    },
+    "Theory of mechanisms": {
+        "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
         "mechanism": "Study a mechanism: joints at a pose, how near it is to a singular one, its workspace, its pictures.",
         "dyads": "Find links between ball joints for poses that a body shall take, by least squares and by minimax.",
-        "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
     },
 }
 """Commands by the job that they belong to, in the order in which they are listed, with their help."""

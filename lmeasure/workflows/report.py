@@ -20,6 +20,7 @@ from lmeasure.workflows.settings import (
     notes_of_file,
     option,
     stated_beside,
+    then,
 )
 
 if TYPE_CHECKING:
@@ -48,6 +49,12 @@ class Settings(Writing):
     angles: Annotated[str | None, ANGLES] = None
     align: Annotated[Path | None, ALIGN] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
+
+    def following(self) -> str:
+        """Return the command that certifies a robot by the trajectory, or reconstructs that."""
+        if self.measured.is_dir():
+            return then("reconstruct {run} --out {run}/trajectory.parquet", run=self.measured)
+        return then("certify {trajectory} --program program.toml --out certificate", trajectory=self.measured)
 
     def paths(self) -> Paths:
         """A page from a run or a trajectory."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from lmeasure.core import CancelledError, SettingsError
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, option
+from lmeasure.workflows.settings import Asked, Paths, option, then
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Spoken
@@ -19,6 +19,10 @@ class Settings(Asked):
     seconds: Annotated[float, option("How long to listen.", ge=0.1, le=3600, unit="s")] = 5.0
     bit_rate: Annotated[int | None, option("Of the bus, where the adapter needs it.", ge=1, unit="bit/s")] = None
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+
+    def following(self) -> str:
+        """Return the command that tests what was heard, or listens."""
+        return then("scan --bus socketcan:can0") if self.bus is None else then("check rig.toml --bus {bus}", bus=self.bus)
 
     def paths(self) -> Paths:
         """It writes nothing."""
@@ -40,7 +44,8 @@ def run(
         notes = tuple(message("workflows.driver_did_not_answer", name=name) for name in unanswered)
         lines = tuple(one.line() for one in found) or (message("workflow.no_adapter_found_interfaces"),)
         made = [{"bus": one.bus, "options": list(one.options), "about": one.about} for one in found]
-        return Result(made, (*lines, *notes), {"adapters": float(len(found))}, notes)
+        following = then("scan --bus {bus}", bus=found[0].bus) if found else ""
+        return Result(made, (*lines, *notes), {"adapters": float(len(found))}, notes, next=following)
     ended = False
 
     def reported(seconds: float, spoken: "tuple[Spoken, ...]") -> None:

@@ -1,7 +1,7 @@
 """The JSON Schemas of the files that a person writes."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
@@ -11,6 +11,8 @@ from lmeasure.workflows.settings import Paths, Writing, option
 class Settings(Writing):
     """What `lmeasure schema` is asked."""
 
+    OUT_FILE: ClassVar[str] = "schema.json"
+    NEXT: ClassVar[str] = "init my-cell"
     name: Annotated[
         str | None,
         option("Which file's; without it they are listed.", metavar="NAME", positional=True, words="lmeasure.io.schemas:FILE_KINDS"),

@@ -1,12 +1,13 @@
 """What a command is asked: frozen models that say unit, range and help of every option once, for command lines, forms and scripts."""
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -17,12 +18,13 @@ from pydantic import (
     GetCoreSchemaHandler,
     ModelWrapValidatorHandler,
     ValidationError,
+    field_validator,
     model_validator,
 )
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
-from lmeasure.core import SettingsError
+from lmeasure.core import SettingsError, pasted
 from lmeasure.io import complaints
 from lmeasure.text import message
 
@@ -48,10 +50,16 @@ class Asked(BaseModel):
     """What a command is asked. SettingsError, in one line, for an option that is missing, unknown, or out of its range."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    NEXT: ClassVar[str] = ""
+    """Words of the command to type next, with the names of options in braces for their values."""
 
     def paths(self) -> Paths:
         """Return what the command may write and what it reads, for the rule of `lmeasure.workflows.outputs`."""
         return Paths()
+
+    def following(self) -> str:
+        """Return the command to type next, unless the result names another."""
+        return then(self.NEXT, **dict(self))
 
     @model_validator(mode="wrap")
     @classmethod
@@ -78,7 +86,7 @@ def option(
     text: str,
     *,
     flag: str | None = None,
-    short: str | None = None,
+    also: tuple[str, ...] = (),
     metavar: str | None = None,
     panel: str | None = None,
     unit: str | None = None,
@@ -88,12 +96,30 @@ def option(
     positional: bool = False,
     words: str | None = None,
 ) -> Any:
-    """What is said of an option beside its type and default: help; flag, else `--` and its name; short, a second flag such as -f; metavar;
-    the panel or group of a form that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage
-    itself checks; words: where the names are that it may be, as module:NAME, for who completes what is typed."""
+    """Return the field of an option.
+
+    Parameters
+    ----------
+    text
+        Help.
+    flag
+        Option as it is typed; by default `--` and the name.
+    also
+        Other flags for it, such as the former option of an argument.
+    panel
+        Group in the help, and in a form.
+    unit
+        Unit; by default that in which the name ends.
+    ge, le
+        Range, both ends included.
+    within
+        Range that the stage itself checks.
+    words
+        Names that it may be, as module:NAME, for completion.
+    """
     extra: dict[str, Any] = {
         "flag": flag,
-        "short": short,
+        "also": also or None,
         "metavar": metavar,
         "panel": panel,
         "unit": unit,
@@ -105,10 +131,27 @@ def option(
     return Field(description=text, ge=ge, le=le, json_schema_extra={key: value for key, value in extra.items() if value is not None})
 
 
+def then(words: str, **values: object) -> str:
+    """Return a command line to copy: the words with values in braces, which are quoted where a shell needs it."""
+    filled = words.format(**{name: pasted(value) for name, value in values.items()})
+    return f"{os.environ.get('LMEASURE_PROGRAM', 'lmeasure')} {filled}" if filled else ""
+
+
 class Writing(Asked):
     """Settings of a command that writes files."""
 
-    force: Annotated[bool, option("Replace files that exist; inputs and recordings never.", flag="--force", short="-f")] = False
+    OUT_FILE: ClassVar[str] = ""
+    """Name of the file that --out names, where the command writes one; empty where --out is a folder."""
+
+    force: Annotated[bool, option("Replace files that exist; inputs and recordings never.", flag="--force")] = False
+
+    @field_validator("out", mode="before", check_fields=False)
+    @classmethod
+    def _file_in_folder(cls, value: Any) -> Any:
+        """Return the file in a folder: `--out results/` of a command that writes one file."""
+        if cls.OUT_FILE and isinstance(value, str | Path) and (str(value).endswith(("/", os.sep)) or Path(value).is_dir()):
+            return Path(value) / cls.OUT_FILE
+        return value
 
 
 def unit_of(name: str, field: FieldInfo) -> str:
@@ -190,6 +233,16 @@ class Spans(Separated):
         return tuple(Separated(":", count=2).parsed(span) for span in spans)
 
 
+@dataclass(frozen=True)
+class Ends(Separated):
+    """Marks the ends of a range, which may be written with its step, as other commands take it."""
+
+    def parsed(self, value: Any) -> Any:
+        """The two ends of a text."""
+        ends, _, step = value.rpartition(self.mark) if isinstance(value, str) and value.count(self.mark) == 2 else (value, "", "")
+        return super().parsed(ends if not step or super().parsed(f"0:{step}") else value)
+
+
 def _recording(path: Path) -> Path:
     if path.suffix.lower() != ".rrd":
         raise ValueError(f"{str(path)!r} does not end in .rrd")
@@ -237,6 +290,8 @@ Distances = Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(
 """NAME1,NAME2,mm,u with ';' between several."""
 Range = Annotated[tuple[float, float, float], Separated(":", count=3)]
 """start:stop:step, both ends included."""
+Edges = Annotated[tuple[float, float], Ends(":", count=2)]
+"""start:stop, or start:stop:step, whose step is of no use here."""
 Pair = Annotated[tuple[float, float], Separated(":", count=2)]
 Box = Annotated[tuple[tuple[float, float], tuple[float, float], tuple[float, float]], Spans(",")]
 """Low and high along X, Y and Z."""
@@ -250,6 +305,7 @@ Recording = Annotated[Path, AfterValidator(_recording)]
 Start = Annotated[str, AfterValidator(_six_or_seven), Pose()]
 """A pose as text, or a file that has it."""
 LANGUAGE = option("Language of what is to be read: en or ru; default that of the terminal (LANG).")
+RIG = option("rig.toml; its [can] table says which frames carry the counters.", metavar="RIG", positional=True, also=("--rig",))
 RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")
 TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, Motive, Nexus, .mcap."
 COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")

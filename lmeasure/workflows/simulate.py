@@ -1,7 +1,7 @@
 """From a scenario to a run folder with the truth beside it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure simulate` is asked."""
 
+    NEXT: ClassVar[str] = "reconstruct {out} --out {out}/trajectory.parquet"
     scenario: Annotated[Path, option("scenario.toml: rig, motion, noise, reference poses.", metavar="SCENARIO", positional=True)]
     out: Annotated[Path, option("Folder to write: a run folder, truth.parquet, calibration/.", metavar="RUN")]
     rerun: Annotated[Recording | None, RERUN] = None

@@ -3,12 +3,12 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import FileFormatError, SettingsError, StructureError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, Writing, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray
@@ -22,6 +22,7 @@ MOST_LEVELS = 50
 class Settings(Writing):
     """What `lmeasure structure` is asked."""
 
+    OUT_FILE: ClassVar[str] = "structure.json"
     file: Annotated[
         Path | None,
         option("rig.toml, robot.toml of a platform, or a table of points and links (docs/files.md).", metavar="FILE", positional=True),
@@ -69,6 +70,12 @@ class Settings(Writing):
     report: Annotated[Path | None, option("Write structure.html, with drawings, into this folder.", metavar="DIR")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None
+
+    def following(self) -> str:
+        """Return the command that draws the structure, or maps the zone of a rig."""
+        if self.file is None:
+            return then("structure rig.toml --report structure")
+        return then("structure {file} --report structure" if self.report is None else "zone {file} --out zone.nc", file=self.file)
 
     def paths(self) -> Paths:
         """A description, its page and recording from a rig or a table."""

@@ -2,7 +2,7 @@
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
 from lmeasure.workflows.settings import Asked, option
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 class Settings(Asked):
     """What `lmeasure verify` is asked."""
 
+    NEXT: ClassVar[str] = "compare {bundle} earlier-certificate --page comparison.html"
     bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True)]
     public_key: Annotated[Path | None, option("The signature must be by the owner of this key.", metavar="FILE")] = None
 

@@ -3,7 +3,7 @@
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, option
@@ -12,6 +12,7 @@ from lmeasure.workflows.settings import Asked, option
 class Settings(Asked):
     """What `lmeasure view` is asked."""
 
+    NEXT: ClassVar[str] = "workbench my-cell"
     recording: Annotated[Path, option("Recording that a stage wrote with --rerun, or the demo.", metavar="FILE.rrd", positional=True)]
     web: Annotated[
         bool, option("Serve rerun's web viewer to browsers of this machine, which needs no display here; Ctrl-C ends it.", flag="--web")

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import CancelledError
 from lmeasure.text import count_of, message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.record import pose_watch
-from lmeasure.workflows.settings import START, Asked, Paths, Start, option
+from lmeasure.workflows.settings import RIG, START, Asked, Paths, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Progress as State, Samples
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 class Settings(Asked):
     """What `lmeasure watch` is asked."""
 
-    rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
+    NEXT: ClassVar[str] = "record {rig} --bus {bus} --out run"
+    rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
     seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
     start: Annotated[Start | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, ClassVar, Literal, Protocol
 
 from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
@@ -28,6 +28,7 @@ class Serve(Protocol):
 class Settings(Asked):
     """What `lmeasure workbench` is asked."""
 
+    NEXT: ClassVar[str] = "workbench {folder}"
     folder: Annotated[Path, option("Project folder; made where it is not there.", metavar="FOLDER", positional=True)] = Path()
     within: Annotated[Path | None, option("Folder of projects: Home begins others in it, and opens them.", metavar="FOLDER")] = None
     port: Annotated[int, option("Port of 127.0.0.1; 0 takes a free one.", ge=0, le=65535)] = 0

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from lmeasure.core import AccuracyError, SettingsError
 from lmeasure.text import message, of_terminal
@@ -25,6 +25,8 @@ MORE_THAN_0 = (0.0, math.inf)
 class Settings(Writing):
     """What `lmeasure zone` is asked; see `lmeasure.accuracy.limits.Limits` for the limits and `accuracy.zone.Scan` for the computing."""
 
+    NEXT: ClassVar[str] = "program --zone {out} --out program"
+    OUT_FILE: ClassVar[str] = "zone.nc"
     rig: Annotated[Path, option("The rig; a linked calibration enters the uncertainty.", metavar="RIG.toml", positional=True)]
     out: Annotated[Path, option("netCDF file to write.")]
     x: Annotated[
@@ -33,7 +35,8 @@ class Settings(Writing):
     ] = None
     y: Annotated[Range | None, option("The same along Y.", metavar=RANGE, unit="mm")] = None
     z: Annotated[Range | None, option("The same along Z.", metavar=RANGE, unit="mm")] = None
-    tilt_rad: Annotated[float, option("Largest component of the rotation vector [rad].", within=(0.0, math.pi))] = 0.0
+    tilt_deg: Annotated[float, option("Largest component of the rotation vector.", within=(0.0, 180.0))] = 0.0
+    tilt_rad: Annotated[float, option("The same in radians, in place of --tilt-deg.", within=(0.0, math.pi))] = 0.0
     tilt_steps: Annotated[int, option("Equal steps from -tilt to +tilt; 1 means no tilt.", ge=1)] = 3
     quaternion: Annotated[UnitQuaternion | None, option("Orientation that is tilted.", metavar="X,Y,Z,W")] = None
     o: Annotated[Range | None, option("Angle O of the thesis [deg], with --a and --t, instead of tilts.", metavar=RANGE, unit="deg")] = None
@@ -173,11 +176,13 @@ def _rotations(settings: Settings) -> "Rotation":
     missing = next((name for name, span in angles.items() if span is None), None)
     if settings.o is None and settings.a is None and settings.t is None:
         middle = None if settings.quaternion is None else Rotation.from_quat(settings.quaternion)
-        return tilts(settings.tilt_rad, settings.tilt_steps, middle)
+        if settings.tilt_deg and settings.tilt_rad:
+            raise SettingsError("tilt_rad", "is given, and so is --tilt-deg; one of them states the tilt")
+        return tilts(settings.tilt_rad or math.radians(settings.tilt_deg), settings.tilt_steps, middle)
     if missing is not None:
         raise SettingsError(missing, "give --o, --a and --t together")
-    if settings.tilt_rad or settings.quaternion:
-        raise SettingsError("tilt_rad", "give either --o, --a and --t or --tilt-rad and --quaternion")
+    if settings.tilt_deg or settings.tilt_rad or settings.quaternion:
+        raise SettingsError("tilt_deg", "give either --o, --a and --t or --tilt-deg and --quaternion")
     values = [_axis(name, span) for name, span in angles.items() if span is not None]
     if math.prod(map(len, values)) > MAX_ORIENTATIONS:
         raise SettingsError("o", f"more than {MAX_ORIENTATIONS} orientations")
