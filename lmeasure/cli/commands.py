@@ -13,7 +13,7 @@ from annotated_types import Ge, Le
 
 from lmeasure.cli import events, machine
 from lmeasure.cli.help import Command
-from lmeasure.cli.progress import FACES, SILENT, Face, quietly, reported_compiling, with_bar
+from lmeasure.cli.progress import FACES, SILENT, Face, opens_pages, quietly, reported_compiling, with_bar
 from lmeasure.cli.text import rendered
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.text import message
@@ -61,6 +61,10 @@ def command(name: str) -> Any:
             raise typer.Exit(1 if result.failure else result.exit_code)
         if not quiet:
             _print(result, verbose)
+        if result.page is not None and not quiet and opens_pages(settings):
+            import webbrowser
+
+            webbrowser.open(result.page.resolve().as_uri())
         if result.failure:
             raise LMeasureError(result.failure)
         if result.exit_code:

@@ -1,13 +1,15 @@
 """What a person sees while a command works: a bar that vanishes, stages that stay, a table of a recording, questions."""
 
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lmeasure.cli import events
+from lmeasure.cli import events, machine
 from lmeasure.cli.interrupts import heeded
 from lmeasure.cli.terminal import TypedLines, columns, fitted, state_line
 from lmeasure.cli.text import rendered, stage, word
@@ -106,6 +108,20 @@ def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
         return workflow.run(settings, say=say, keys=keys)
 
 
+def opens_pages(settings: "Any") -> bool:
+    """Return whether the page of a command is opened in a browser: on a terminal, unless nobody wants it."""
+    on_terminal = sys.stdout is not None and sys.stdout.isatty()
+    return bool(getattr(settings, "browser", False)) and on_terminal and not events.asked() and not machine.asked()
+
+
+def inspecting(workflow: "Workflow", settings: "Any") -> "Result[Any]":
+    """Show a bar; a page that nobody named is written aside, where it is opened."""
+    name = next(name for name in ("report", "out") if name in type(settings).model_fields)
+    if opens_pages(settings) and getattr(settings, name) is None and getattr(settings, "scan", True):
+        settings = settings.model_copy(update={name: Path(tempfile.mkdtemp(prefix="lmeasure-")) / "inspect.html"})
+    return with_bar(workflow, settings)
+
+
 def listening(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
     """Under a progress bar, and for other programs with who speaks."""
     with bar(workflow.name) as progress:
@@ -150,6 +166,8 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 
         raise LMeasureError(f"the workbench needs {error.name}, which is not installed: {how_to_install('workbench')}") from error
 
+    if settings.browser and not opens_pages(settings):
+        settings = settings.model_copy(update={"browser": False})
     return workflow.run(settings, lambda fraction, address: typer.echo(word("cli.workbench_at", address=address)), serve=serve)
 
 
@@ -157,7 +175,9 @@ Face = Callable[["Workflow", Any], "Result[Any]"]
 FACES: dict[str, Face] = {
     "capture": capturing,
     "check": questions,
+    "import": inspecting,
     "init": beginning,
+    "inspect": inspecting,
     "play": playing,
     "scan": listening,
     "demo": with_stages,
@@ -169,7 +189,7 @@ FACES: dict[str, Face] = {
 """Of commands that show something else than a bar."""
 
 
-SILENT = (with_bar, with_stages)
+SILENT = (with_bar, with_stages, inspecting)
 """Faces that only show progress."""
 
 

@@ -17,6 +17,7 @@ from plotly.graph_objects import Figure as Figure
 from plotly.subplots import make_subplots
 
 from lmeasure.accuracy import Placed
+from lmeasure.acquisition import Scan
 from lmeasure.calibration import Calibration, Plan
 from lmeasure.certificate import Certificate
 from lmeasure.core import FloatArray, LMeasureError
@@ -80,6 +81,7 @@ def _in_a_notebook() -> bool:
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 STEP_MM = 5.0
 MOST_POINTS = 20_000
+MOST_PANELS = 24
 AXES = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
 
 
@@ -176,6 +178,22 @@ def _over_time(passes: Sequence[tuple[FloatArray, Sequence[str], FloatArray]], u
     return figure.update_layout(height=max(420, 280 * len(passes)), margin={"t": 20})
 
 
+def scans_figure(scans: Sequence[Scan]) -> go.Figure:
+    """Draw counts over time of everything in logs that moves as a counter does, a panel for each; logs are drawn one upon the other."""
+    found = [(scan, carried, one) for scan in scans for carried in scan.carried for one in carried.counters]
+    panels = list(dict.fromkeys((carried.name, one.first, one.size) for _, carried, one in found))[:MOST_PANELS]
+    titles = [f"{name}, bytes {first}-{first + size - 1}" for name, first, size in panels]
+    figure = make_subplots(max(len(panels), 1), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=0.3 / max(len(panels), 1))
+    for scan, carried, one in found:
+        at = carried.name, one.first, one.size
+        if at in panels:
+            step = max(1, -(-len(one.values) // MOST_POINTS))
+            line = {"x": carried.time_s[::step] - scan.begins_s, "y": one.values[::step], "mode": "lines", "showlegend": False}
+            figure.add_scatter(**line, name=html.label(scan.path.name), row=panels.index(at) + 1, col=1)
+    figure.update_xaxes(title_text="time, s", row=max(len(panels), 1), col=1)
+    return figure.update_layout(height=max(300, 170 * len(panels)), margin={"t": 30})
+
+
 def _program(program: Program, rig: Rig | None) -> go.Figure:
     figure = _space()
     places = np.array([p.position_mm for p in program.pose]).reshape(-1, 3)
@@ -216,6 +234,7 @@ DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
         [(lengths.time_s, lengths.cables, lengths.change_mm)], f"change of length, mm{'; of angles, rad' if lengths.encoders else ''}"
     ),
     Simulated: _simulated,
+    Scan: lambda scan, rig: scans_figure((scan,)),
     Run: lambda run, rig: _over_time([(c.time_s, c.channels, c.recorded) for c in run.passes], "counts"),
     Calibration: lambda calibration, rig: residuals_figure(calibration.record, calibration.rig),
     CalibrationRecord: lambda record, rig: residuals_figure(record, rig),

@@ -39,7 +39,7 @@ def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
 class Result(Generic[Made]):
     """What a workflow gives: what was made, what a person is given of it, line by line, with figures by name and warnings for those who do
     not read lines, and the files written. failure: why what was made is not what was asked for, though it is kept; exit_code: as a
-    command's; next: the command to type next."""
+    command's; next: the command to type next; page: a page to open."""
 
     made: Made
     summary: tuple[str, ...]
@@ -49,6 +49,7 @@ class Result(Generic[Made]):
     failure: str = ""
     exit_code: int = 0
     next: str = ""
+    page: Path | None = None
 
 
 def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable[Concatenate[Given, More], Result[Made]]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure frames` is asked."""
 
-    NEXT: ClassVar[str] = "correct program.csv --identified identified --out corrected"
+    NEXT: ClassVar[str] = "inspect {out}"
     OUT_FILE: ClassVar[str] = "frames.json"
     robot: Annotated[
         Path, option("Poses of the flange in the robot's base: pose, x_mm, y_mm, z_mm, angles or quaternions.", metavar="FILE")

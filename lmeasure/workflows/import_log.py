@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Self
 from pydantic import Field, model_validator
 
 from lmeasure.core import SettingsError, pasted
-from lmeasure.text import composed, message
+from lmeasure.text import composed, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option, then
+from lmeasure.workflows.settings import BROWSER, RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Imported, Scan
@@ -26,6 +26,8 @@ class Settings(Writing):
     rig: Annotated[Path | None, option("rig.toml; its [can] table says which frames carry the counters.")] = None
     out: Annotated[Path | None, option("Run folder to write.", metavar="RUN")] = None
     scan: Annotated[bool, option("List what the logs hold, and guess at the [can] table; nothing is written.", flag="--scan")] = False
+    report: Annotated[Path | None, option("With --scan: page to write, with counts over time.", metavar="FILE.html")] = None
+    browser: Annotated[bool, BROWSER] = True
     start: Annotated[Start | None, option(f"Start pose: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     position_mm: Annotated[Point | None, option("Start position, with --quaternion-xyzw in place of --start.", metavar="X,Y,Z")] = None
     quaternion_xyzw: Annotated[Quaternion | None, option("Start orientation.", metavar="X,Y,Z,W")] = None
@@ -40,6 +42,8 @@ class Settings(Writing):
             raise SettingsError("rig", f"is missing; without one `lmeasure import {pasted(self.logs[0])} --scan` lists what the log holds")
         if not self.scan and self.out is None:
             raise SettingsError("out", "is missing")
+        if self.report is not None and not self.scan:
+            raise SettingsError("report", "goes with --scan")
         return self
 
     def following(self) -> str:
@@ -52,12 +56,12 @@ class Settings(Writing):
     def paths(self) -> Paths:
         """A run folder from logs, a rig, a start and a DBC file."""
         if self.out is None:
-            return Paths(present(self.rerun), (*self.logs, *present(self.rig, self.dbc)))
+            return Paths(present(self.rerun, self.report), (*self.logs, *present(self.rig, self.dbc)))
         start = () if self.start is None or not Path(self.start).is_file() else (Path(self.start),)
         ends = (".parquet" if self.parquet else ".csv", ".events.csv")
         passes = inside(self.out, *(f"pass{n}{end}" for n in range(1, len(self.logs) + 1) for end in ends))
         run = inside(self.out, "run.toml", "rig.toml", "calibration.json")
-        return Paths((*run, *passes, *present(self.rerun)), (*self.logs, *start, *present(self.rig, self.dbc)))
+        return Paths((*run, *passes, *present(self.rerun, self.report)), (*self.logs, *start, *present(self.rig, self.dbc)))
 
 
 @workflow
@@ -109,7 +113,13 @@ def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple
     lines = [line for scan in found for line in scan.lines()]
     counters = sum(len(c.counters) for scan in found for c in scan.carried)
     notes = tuple(composed("{file}: {note}", file=str(scan.path), note=note) for scan in found for note in scan.notes)
-    return Result(found, tuple(lines), {"identifiers": float(sum(len(s.carried) for s in found)), "counter_like": float(counters)}, notes)
+    figures = {"identifiers": float(sum(len(s.carried) for s in found)), "counter_like": float(counters)}
+    if settings.report is not None:
+        from lmeasure.report import scans_figure, write_inspection_page
+
+        what = message("inspect.logs", files=tuple(str(log) for log in settings.logs), counters=counters)
+        write_inspection_page(settings.report, settings.logs[0].name, what, lines, scans_figure(found), of_terminal())
+    return Result(found, tuple(lines), figures, notes, page=settings.report)
 
 
 def _start(settings: Settings) -> "StatedStart | None":

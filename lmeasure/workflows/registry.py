@@ -55,6 +55,7 @@ JOBS: dict[str, dict[str, str]] = {
         "reconstruct": "Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method.",
         "motion": "Smooth a trajectory by local cubics and write velocity, acceleration and jerk with their uncertainties.",
         "report": "Draw the page of a trajectory: where it went, how well that is known, what was left out, and how fast it was.",
+        "inspect": "Show any file of lmeasure, or a log of a known format, in a page: what it is, and a picture of it.",
         "view": "Open a recording in the rerun viewer, or in a browser: the rig in space, and every figure over time.",
     },
     "Test a robot": {

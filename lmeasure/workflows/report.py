@@ -66,6 +66,11 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     """Read or reconstruct the trajectory and write its page."""
+    return write_report(settings, settings.out / "trajectory.html", progress)
+
+
+def write_report(settings: Settings, page: Path, progress: Progress) -> "Result[Along]":
+    """Read or reconstruct the trajectory and write this page."""
     from lmeasure.accuracy import along
     from lmeasure.api import explained
     from lmeasure.io import files
@@ -97,7 +102,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     progress(0.6, "report")
     found = along(trajectory)
     inputs = [(path.name, files.sha256(path)) for path in sources]
-    page = settings.out / "trajectory.html"
     name = settings.measured.resolve().name
     write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language or of_terminal())
     progress(1.0, "report")

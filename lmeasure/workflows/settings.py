@@ -306,6 +306,7 @@ Start = Annotated[str, AfterValidator(_six_or_seven), Pose()]
 """A pose as text, or a file that has it."""
 LANGUAGE = option("Language of what is to be read: en or ru; default that of the terminal (LANG).")
 RIG = option("rig.toml; its [can] table says which frames carry the counters.", metavar="RIG", positional=True, also=("--rig",))
+BROWSER = option("Open the page in this machine's browser, if standard output is a terminal.", flag="--browser/--no-browser")
 RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")
 TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, Motive, Nexus, .mcap."
 COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")

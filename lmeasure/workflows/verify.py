@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 class Settings(Asked):
     """What `lmeasure verify` is asked."""
 
-    NEXT: ClassVar[str] = "compare {bundle} earlier-certificate --page comparison.html"
+    NEXT: ClassVar[str] = "inspect {bundle}"
     bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True)]
     public_key: Annotated[Path | None, option("The signature must be by the owner of this key.", metavar="FILE")] = None
 

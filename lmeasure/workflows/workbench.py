@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Protocol
 
 from lmeasure.core import SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, option
+from lmeasure.workflows.settings import BROWSER, Asked, option
 
 
 class Serve(Protocol):
@@ -32,7 +32,7 @@ class Settings(Asked):
     folder: Annotated[Path, option("Project folder; made where it is not there.", metavar="FOLDER", positional=True)] = Path()
     within: Annotated[Path | None, option("Folder of projects: Home begins others in it, and opens them.", metavar="FOLDER")] = None
     port: Annotated[int, option("Port of 127.0.0.1; 0 takes a free one.", ge=0, le=65535)] = 0
-    browser: Annotated[bool, option("Open the page in this machine's browser.", flag="--browser/--no-browser")] = True
+    browser: Annotated[bool, BROWSER] = True
     language: Annotated[Literal["en", "ru"], option("Of what jobs print; pages follow the browser.")] = "en"
 
 

@@ -5,7 +5,7 @@ bytes are taken for a counter when its steps, the range gone round, stay a small
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +44,8 @@ class Field:
     least: int
     most: int
     step: int
+    values: IntArray = field(default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False)
+    """(n,) whole counts of the frames that were looked at."""
 
     @property
     def text(self) -> str:
@@ -68,6 +70,8 @@ class Carried:
     others: tuple[str, ...]
     answers: int | None = None
     """It answers every n-th SYNC; None of what does not answer."""
+    time_s: FloatArray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+    """(n,) times of the frames that were looked at."""
 
     @property
     def name(self) -> str:
@@ -107,11 +111,11 @@ class Scan:
             return []
         timing = ['timing = "free"'] if self.sync is None else ['timing = "sync"', f"sync_id = {self.sync.identifier:#x}"]
         lines = ["[can]", 'decoder = "raw"', *timing]
-        for number, (carried, field) in enumerate(found, 1):
-            bits = 32 if field.size == 4 else 8 * field.size
+        for number, (carried, one) in enumerate(found, 1):
+            bits = 32 if one.size == 4 else 8 * one.size
             lines += ["", "[[can.channel]]", f'channel = "ch{number}"', f"id = {carried.identifier:#x}"]
             lines += ["extended = true"] * carried.extended
-            lines += [f"byte_offset = {field.first}", f"bits = {bits}", f'byte_order = "{field.order}"']
+            lines += [f"byte_offset = {one.first}", f"bits = {bits}", f'byte_order = "{one.order}"']
             if self.sync is not None and carried.answers != 1:
                 answers = (
                     "does not answer the SYNC"
@@ -261,9 +265,10 @@ def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:
     size = min(seen.lengths)
     data = np.vstack([part[:, :size] for part in seen.data])
     counters = _counters(data) if len(data) >= LEAST else ()
+    time_s = np.concatenate([part for _, part in seen.at])
     covered = {b for c in counters for b in range(c.first, c.first + c.size)}
     others = tuple(text for b in range(size) if b not in covered and (text := _movement(b, data[:, b])))
-    return Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others)
+    return Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others, time_s=time_s)
 
 
 def _counters(data: Bytes) -> tuple[Field, ...]:
@@ -273,9 +278,9 @@ def _counters(data: Bytes) -> tuple[Field, ...]:
         one for first, size, order in places if first + size <= data.shape[1] if (one := _counter(data, first, size, order)) is not None
     ]
     found: list[Field] = []
-    for _, field in sorted(fits, key=lambda fit: (-fit[0], -fit[1].size, fit[1].first)):
-        if all(field.first >= f.first + f.size or f.first >= field.first + field.size for f in found):
-            found.append(field)
+    for _, taken in sorted(fits, key=lambda fit: (-fit[0], -fit[1].size, fit[1].first)):
+        if all(taken.first >= f.first + f.size or f.first >= taken.first + taken.size for f in found):
+            found.append(taken)
     return tuple(sorted(found, key=lambda f: f.first))
 
 
@@ -295,7 +300,7 @@ def _counter(data: Bytes, first: int, size: int, order: str) -> tuple[int, Field
     if np.mean(np.abs(steps) > SMALL * span) > FEW or len(np.unique(steps)) == 1 or rough > 2 * least + 2:
         return None
     whole = value[0] + np.concatenate([[0], np.cumsum(steps)]) - (span if value[0] >= span // 2 else 0)
-    return int(moves[-1]), Field(first, size, order, int(whole.min()), int(whole.max()), int(np.abs(steps).max()))
+    return int(moves[-1]), Field(first, size, order, int(whole.min()), int(whole.max()), int(np.abs(steps).max()), whole)
 
 
 def _steps(value: IntArray, span: int) -> IntArray:

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,14 +53,14 @@ def test_a_command_names_the_one_to_type_next(name: str) -> None:
 
 
 def test_out_of_one_file_may_be_a_folder(tmp_path: Path) -> None:
-    settings = load("zone").settings
+    settings: Any = load("zone").settings
     for out in (str(tmp_path), f"{tmp_path}/new/"):
         assert settings.model_validate({"rig": "rig.toml", "out": out}).out == Path(out) / "zone.nc"
     assert settings.model_validate({"rig": "rig.toml", "out": f"{tmp_path}/new"}).out == tmp_path / "new"
 
 
 def test_the_cube_of_a_program_takes_the_ranges_of_a_zone() -> None:
-    settings = load("program").settings
+    settings: Any = load("program").settings
     assert settings.model_validate({"out": "p", "x": "-10:20:5"}).x == (-10.0, 20.0)
     with pytest.raises(SettingsError, match="is not two numbers"):
         settings.model_validate({"out": "p", "x": "-10:20:x"})

@@ -1,0 +1,276 @@
+"""Any file of ours, or of a known log format, in a page."""
+
+import json
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from lmeasure.core import FileFormatError, LMeasureError
+from lmeasure.text import Message, message, of_terminal
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
+from lmeasure.workflows.settings import BROWSER, LANGUAGE, Paths, Writing, option, then
+
+
+class Settings(Writing):
+    """What `lmeasure inspect` is asked."""
+
+    OUT_FILE: ClassVar[str] = "inspect.html"
+
+    file: Annotated[
+        Path, option("Log, run folder, trajectory, zone, certificate, calibration, rig.toml, ...", metavar="FILE", positional=True)
+    ]
+    out: Annotated[
+        Path | None, option("Page to write; on a terminal a page opens without it too.", metavar="FILE.html", also=("--report",))
+    ] = None
+    browser: Annotated[bool, BROWSER] = True
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
+
+    def following(self) -> str:
+        """Return the command that begins with a rig of one's own; kinds of files have others."""
+        return then("init my-cell")
+
+    def paths(self) -> Paths:
+        """A page from a file or folder."""
+        return Paths(present(self.out), in_run_folder(self.file) if self.file.is_dir() else (self.file,))
+
+
+class Content(NamedTuple):
+    """What a file holds: its kind in one line, the noun to draw, remarks, numbers, and words of the command to type next."""
+
+    what: Message
+    noun: Any = None
+    lines: tuple[str, ...] = ()
+    figures: dict[str, float] = {}  # noqa: RUF012 - never changed
+    next: str = ""
+
+
+@workflow
+def run(settings: Settings, progress: Progress = silent) -> Result[None]:
+    """Say what a file is, and write its page where one is wanted."""
+    path = settings.file
+    progress(0.0, "read")
+    read, path = _reader(path)
+    content = read(path, progress)
+    if settings.out is not None:
+        _write_page(settings.out, path, content, settings, progress)
+    written = () if settings.out is None else (message("line.written", files=settings.out),)
+    following = then(content.next, file=path, folder=path if path.is_dir() else path.parent) if content.next else ""
+    return Result(None, (content.what, *written), content.figures, next=following, page=settings.out)
+
+
+def _write_page(out: Path, path: Path, content: Content, settings: Settings, progress: Progress) -> None:
+    """Write the page of a trajectory by its own report, of anything else its picture and remarks."""
+    from lmeasure.report import figure_of, write_inspection_page
+    from lmeasure.trajectory import Trajectory
+    from lmeasure.workflows.report import Settings as Report, write_report
+
+    if isinstance(content.noun, Trajectory) or content.next.startswith("reconstruct {folder} --out"):
+        with suppress(LMeasureError):  # a run without a start has no trajectory, and its counts are drawn
+            write_report(Report(measured=path, out=out.parent, language=settings.language), out, progress)
+            return
+    figure = None if content.noun is None else figure_of(content.noun)
+    write_inspection_page(out, path.resolve().name, content.what, content.lines, figure, settings.language or of_terminal())
+
+
+Reader = Callable[[Path, Progress], Content]
+
+
+def _reader(path: Path) -> tuple[Reader, Path]:
+    """Return what reads a file or folder, and the path that it reads; FileFormatError for what lmeasure does not know."""
+    if not path.exists():
+        raise FileFormatError(f"{path}: is not there")
+    if path.is_dir():
+        for name, reader in FOLDERS.items():
+            if (path / name).is_file():
+                return reader, path
+        raise FileFormatError(f"{path}: is no folder of lmeasure: it has none of {', '.join(FOLDERS)}")
+    if path.name in FOLDERS:
+        return FOLDERS[path.name], path.parent
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        return _toml, path
+    return SUFFIXES.get(suffix, _measured), path
+
+
+def _run(path: Path, progress: Progress) -> Content:
+    from lmeasure.recording import read_run
+
+    run = read_run(path)
+    samples = sum(len(one.time_s) for one in run.passes)
+    seconds = max(float(one.time_s[-1] - one.time_s[0]) for one in run.passes)
+    known = run.start is not None
+    values = {"file": path, "passes": len(run.passes), "samples": samples, "seconds": seconds}
+    code = "inspect.run" if known else "inspect.run_without_start"
+    following = "reconstruct {folder} --out {folder}/trajectory.parquet"
+    return Content(
+        message(code, **values), run, (), {"samples": float(samples)}, following if known else f"{following} --start X,Y,Z,O,A,T"
+    )
+
+
+def _certificate(path: Path, progress: Progress) -> Content:
+    from lmeasure.certificate import Certificate, opened_zip
+
+    with tempfile.TemporaryDirectory() as scratch:
+        if path.is_dir():
+            found = Certificate.read(path)
+        else:
+            with opened_zip(path, Path(scratch)) as folder:
+                found = Certificate.read(folder)
+    rows = found.content["characteristics"]
+    lines = [
+        "  ".join(str(row[key]) for key in ("name", "pose", "path", "value", "u95", "unit") if row.get(key) is not None) for row in rows
+    ]
+    what = message("inspect.certificate", file=path, id=found.content["id"], characteristics=len(rows))
+    return Content(what, found, tuple(lines), {"characteristics": float(len(rows))}, "verify {file}")
+
+
+def _calibration(path: Path, progress: Progress) -> Content:
+    from lmeasure.rig import read_calibration_record
+
+    record = read_calibration_record(path / "calibration.json")
+    rms = float(record.noise["residual_rms_mm"])
+    what = message("inspect.calibration", file=path, parameters=len(record.parameters), mm=rms)
+    lines = (*(f"{p.name}: {p.value:.6g}, u {p.u:.2g}" for p in record.parameters), *(f"{w.code}: {w.text}" for w in record.warnings))
+    return Content(what, record, lines, {"residual_rms_mm": rms}, "zone {folder}/rig.toml --out zone.nc")
+
+
+def _identification(path: Path, progress: Progress) -> Content:
+    content = _document(path / "identified.json")
+    rows = [f"{p['name']}: {p['value']} {p.get('unit', '')}".rstrip() for p in content.get("parameters", ())]
+    what = message("inspect.identification", file=path, parameters=len(rows))
+    return Content(what, None, tuple(rows), {}, "correct program.csv --identified {folder} --out corrected")
+
+
+def _campaign(path: Path, progress: Progress) -> Content:
+    from lmeasure.calibration import read_campaign
+
+    campaign = read_campaign(path)
+    what = message("inspect.campaign", file=path, poses=len(campaign.poses))
+    return Content(what, campaign.poses, (), {"poses": float(len(campaign.poses))}, "calibrate {folder} --out calibrated")
+
+
+def _toml(path: Path, progress: Progress) -> Content:
+    from lmeasure.io import read_toml
+    from lmeasure.recording import read_program
+    from lmeasure.rig import read_linked_rig
+    from lmeasure.robots import read_robot
+
+    kind = str(read_toml(path).get("schema", "")).removeprefix("lmeasure.").split("/")[0]
+    if kind == "rig":
+        rig, calibration = read_linked_rig(path)
+        code = "inspect.rig" if calibration is None else "inspect.rig_calibrated"
+        what = message(code, file=path, name=rig.name, cables=len(rig.cable), points=len(rig.observation_point))
+        return Content(what, rig, (), {"cables": float(len(rig.cable))}, "zone {file} --out zone.nc")
+    if kind == "program":
+        program = read_program(path)
+        what = message("inspect.program", file=path, poses=len(program.pose), paths=len(program.path))
+        return Content(what, program, (), {"poses": float(len(program.pose))}, "record rig.toml --bus socketcan:can0 --out run")
+    if kind == "robot":
+        robot = read_robot(path)
+        what = message("inspect.robot", file=path, name=robot.name)
+        return Content(what, None, (), {}, "mechanism {file} --report mechanism")
+    if kind not in DOCUMENTS:
+        raise _unknown(path)
+    return Content(message("inspect.document", file=path, kind=kind), None, tuple(path.read_text(encoding="utf-8").splitlines()))
+
+
+def _zone(path: Path, progress: Progress) -> Content:
+    from lmeasure.accuracy import read_zone, summary
+
+    zone = read_zone(path)
+    volume = float(zone.attrs["zone_volume_mm3"])
+    what = message("inspect.zone", file=path, volume=1e-9 * volume)
+    return Content(what, zone, tuple(summary(zone).splitlines()), {"zone_volume_mm3": volume}, "program --zone {file} --out program")
+
+
+def _recording(path: Path, progress: Progress) -> Content:
+    from lmeasure.io import read_regular
+
+    if read_regular(path, 1 << 40)[:3] != b"RRF":
+        raise _unknown(path)
+    return Content(message("inspect.recording", file=path), None, (), {}, "view {file}")
+
+
+def _json(path: Path, progress: Progress) -> Content:
+    content = _document(path)
+    kind = str(content.get("schema", "")) if isinstance(content, dict) else ""
+    if not kind.startswith("lmeasure."):
+        raise _unknown(path)
+    lines = json.dumps(content, indent=1, ensure_ascii=False).splitlines()
+    return Content(message("inspect.document", file=path, kind=kind.removeprefix("lmeasure.").split("/")[0]), None, tuple(lines))
+
+
+def _measured(path: Path, progress: Progress) -> Content:
+    """Read a log, a trajectory, a table of counts, or one of poses, whichever it is."""
+    from lmeasure.acquisition import log_suffixes
+    from lmeasure.core import CONVENTIONS
+    from lmeasure.recording import read_counts, read_poses
+    from lmeasure.trajectory import read_trajectory
+
+    suffix = path.suffix.lower()
+    if suffix in log_suffixes() or suffix == ".gz":
+        with suppress(LMeasureError):
+            return _log(path, progress)
+    if suffix in (".csv", ".parquet", ".tum", ".mcap", ".trc", ".txt", ".tsv"):
+        with suppress(LMeasureError):
+            trajectory = read_trajectory(path)
+            posed = int((trajectory.status == 0).sum())
+            values = {"file": path, "samples": len(trajectory.time_s), "posed": posed}
+            figures = {"samples": float(len(trajectory.time_s)), "with_a_pose": float(posed)}
+            return Content(
+                message("inspect.trajectory", **values), trajectory, (), figures,
+                "certify {file} --program program.toml --out certificate",
+            )  # fmt: skip
+    if suffix in (".csv", ".parquet"):
+        with suppress(LMeasureError):
+            counts = read_counts(path)
+            what = message("inspect.counts", file=path, channels=tuple(counts.channels), samples=len(counts.time_s))
+            return Content(what, counts, (), {"samples": float(len(counts.time_s))})
+    if suffix == ".csv":
+        for angles in CONVENTIONS:
+            with suppress(LMeasureError):
+                poses = read_poses(path, angles, positions_alone=True)
+                what = message("inspect.poses", file=path, poses=len(poses))
+                following = "capture rig.toml --poses {file} --bus socketcan:can0 --out campaign"
+                return Content(what, poses, (), {"poses": float(len(poses))}, following)
+    raise _unknown(path)
+
+
+def _log(path: Path, progress: Progress) -> Content:
+    from lmeasure.acquisition import scan_log
+
+    scan = scan_log(path, steps(progress, "bytes"))
+    counters = sum(len(c.counters) for c in scan.carried)
+    frames = sum(c.frames for c in scan.carried)
+    what = message("inspect.log", file=path, dialect=scan.dialect, frames=frames, seconds=scan.lasts_s, counters=counters)
+    figures = {"frames": float(frames), "counter_like": float(counters)}
+    return Content(what, scan, tuple(scan.lines()), figures, "import {file} --rig rig.toml --out run")
+
+
+def _document(path: Path) -> Any:
+    """Return the content of a .json file; FileFormatError where it is none."""
+    from lmeasure.io import read_regular
+
+    try:
+        return json.loads(read_regular(path, 10**8))
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path}: is not JSON: {error}") from None
+
+
+def _unknown(path: Path) -> FileFormatError:
+    return FileFormatError(f"{path}: is no file of lmeasure, and no log, trajectory or table of counts or poses that it reads")
+
+
+FOLDERS: dict[str, Reader] = {
+    "run.toml": _run,
+    "certificate.json": _certificate,
+    "calibration.json": _calibration,
+    "identified.json": _identification,
+    "reference_poses.csv": _campaign,
+}
+"""Files that make a folder what it is."""
+SUFFIXES: dict[str, Reader] = {".nc": _zone, ".json": _json, ".rrd": _recording, ".zip": _certificate}
+DOCUMENTS = ("structure", "scenario", "placement", "details", "report", "drum")
+"""Kinds of .toml files that are shown as they are."""
