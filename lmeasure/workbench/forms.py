@@ -13,13 +13,13 @@ from typing import Any
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import LARGEST_NAME
 from lmeasure.workbench.project import OutsideError, Project, inside
-from lmeasure.workflows import Option, Writing, as_arguments, command_line, former_options, load, options_of, said_of
+from lmeasure.workflows import Option, Writing, as_arguments, command_line, former_options, load, options_of, other_flags, said_of
 
-HIDDEN = {"scheduler"}
-"""Options that would make this machine ask another one."""
+HIDDEN = {"scheduler", "browser"}
+"""Options that would make this machine ask another one, or open a window."""
 INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}, "zone": {"tilt_rad"}}
 """Options beside which another asks for the same."""
-NOT_HERE = {"view", "schema", "workbench"}
+NOT_HERE = {"inspect", "view", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
 ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
 """What a page always asks for."""
@@ -268,6 +268,8 @@ def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
     """What a job's command line says, as the fields of its form: the way back of `asked`."""
     options = options_of(load(command).settings)
     flags = {option.flag.partition("/")[0]: option for option in options}
+    model = load(command).settings.model_fields
+    flags |= {flag: option for option in options for flag in other_flags(option.name, model[option.name])}
     off = {option.flag.partition("/")[2]: option for option in options if "/" in option.flag}
     places = [o for o in options if "positional" in said_of(load(command).settings.model_fields[o.name])]
     out: dict[str, Any] = {option.name: "on" for option in options if option.kind == "flag" and option.default == "on"}
@@ -281,7 +283,7 @@ def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
             _place(out, places, word)
         elif word in off:
             out.pop(off[word].name, None)
-        elif word.startswith("--") and name in flags:
+        elif name in flags:
             option = flags[name]
             text = "on" if option.kind == "flag" else value if mark else rest.pop(0) if rest else ""
             if option.kind == "list":

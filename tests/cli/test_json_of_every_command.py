@@ -42,6 +42,7 @@ QUICK = (
     "structure run/rig.toml --position-mm 0,0,0 --quaternion 0,0,0,1",
     "program --out program --x 0:500 --y 0:500 --z 0:500 --tests pose",
     "mechanism rotopod --out m.json",
+    "inspect drive.log --out log.html",
     "frames --robot plan/planned.csv --measured plan/planned.csv --out frames.json",
     "dyads plan/planned.csv --links 1 --starts 5 --out links",
     "capture plan/rig.toml --poses plan/planned.csv --bus replay:plan/drive.log --fast --by rest --out campaign",

@@ -166,9 +166,11 @@ def test_a_recording_is_never_replaced(name: str, desk: Path) -> None:
 @pytest.mark.parametrize("kind", ["folder", "pipe"])
 def test_what_is_no_file_is_never_replaced(kind: str, desk: Path) -> None:
     path = desk / "out" / "rig.json"
-    path.mkdir() if kind == "folder" else os.mkfifo(path)
+    # into a folder goes a file of the command's own name
+    path, kind = (path / "schema.json", "a folder") if kind == "folder" else (path, "no regular file")
+    path.mkdir(parents=True) if kind == "a folder" else os.mkfifo(path)
     code, said = run("schema", "rig", "--out", "out/rig.json", "--force")
-    assert (code, said.partition(", where")[0]) == (2, f"out/rig.json: is {'a folder' if kind == 'folder' else 'no regular file'}")
+    assert (code, said.partition(", where")[0]) == (2, f"{path.relative_to(desk)}: is {kind}")
 
 
 def test_a_link_that_leads_nowhere_is_replaced_itself(desk: Path) -> None:

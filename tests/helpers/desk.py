@@ -26,6 +26,7 @@ SHORT = {
     "reconstruct tum": "reconstruct run --out OUT/t.tum",
     "reconstruct mcap": "reconstruct run --out OUT/t.mcap",
     "zone": f"zone run/rig.toml {GRID} --out OUT/zone.nc --report OUT/page",
+    "inspect": "inspect run/rig.toml --out OUT/page.html",
     "program": "program --out OUT/program --x 0:500 --y 0:500 --z 0:500 --tests pose",
     "certify": f"{CERTIFY} --out OUT/c --zip",
     "mechanism": "mechanism rotopod --out OUT/m.json",

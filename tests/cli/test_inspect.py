@@ -1,0 +1,86 @@
+"""`inspect` says what a file is, draws it where a page is wanted, and refuses what it does not know."""
+
+import os
+import pty
+import struct
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lmeasure.acquisition import scan_log
+from lmeasure.cli.app import app
+from lmeasure.cli.progress import opens_pages
+from lmeasure.core import LMeasureError
+from lmeasure.workflows import load
+
+TESTS = Path(__file__).parents[1]
+RUN = TESTS / "authorities" / "truth" / "cell-run"
+SEALED = TESTS / "authorities" / "sealed" / "with-run"
+
+
+def candump(path: Path, counts: list[int]) -> Path:
+    """Write a log of one counter, a frame each 10 ms."""
+    data = (struct.pack("<i", count).hex().upper() for count in counts)
+    path.write_text("".join(f"({10 + 0.01 * i:.6f}) can0 201#{one}\n" for i, one in enumerate(data)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("path", "line", "following"),
+    [
+        (RUN, "run folder, 1 pass(es), 2000 samples in 1.999 s", "reconstruct"),
+        (RUN / "rig.toml", "6 cables from 6 observation points, not calibrated", "zone"),
+        (SEALED, "52 characteristics; not verified here", "verify"),
+        (SEALED / "inputs" / "program.toml", "test program, ", "record"),
+        (SEALED / "inputs" / "trajectory.parquet", "trajectory, ", "certify"),
+    ],
+)
+def test_a_file_is_named_in_one_line_with_what_to_do_next(path: Path, line: str, following: str) -> None:
+    done = CliRunner().invoke(app, ["inspect", str(path)])
+    assert done.exit_code == 0
+    first, second = done.output.splitlines()
+    assert first.startswith(f"{path}: ")
+    assert line in first
+    assert second.startswith(f"next: lmeasure {following} ")
+
+
+def test_the_page_of_a_log_draws_its_counts_over_time(tmp_path: Path) -> None:
+    """The counts by their own formula: they go round a quarter of a circle and back."""
+    counts = [round(5000 * (i / 100) * (2 - i / 100)) for i in range(200)]
+    log = candump(tmp_path / "drive.log", counts)
+    for words in (["inspect", str(log), "--out"], ["import", str(log), "--scan", "--report"]):
+        page = tmp_path / f"{words[0]}.html"
+        done = CliRunner().invoke(app, [*words, str(page)])
+        assert done.exit_code == 0
+        assert "201, bytes 0-3" in page.read_text(encoding="utf-8")
+    (one,) = scan_log(log).carried
+    (counter,) = one.counters
+    assert counter.values.tolist() == counts
+    assert one.time_s[[0, -1]].tolist() == pytest.approx([10.0, 11.99])
+
+
+@pytest.mark.parametrize("content", ["# words\n", "[project]\nname = 'x'\n", '{"schema": "other/1"}'])
+@pytest.mark.parametrize("name", ["some.toml", "some.json", "some.csv", "some.xyz"])
+def test_an_unknown_file_is_refused_in_one_line(name: str, content: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    done = CliRunner().invoke(app, ["inspect", str(path), "--out", str(tmp_path / "page.html")])
+    assert isinstance(done.exception, LMeasureError)
+    assert len(done.exception.lines) == 1
+    assert str(path) in done.exception.lines[0]
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_browser_opens_only_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = load("inspect").settings
+    asked, refused = settings.model_validate({"file": "x"}), settings.model_validate({"file": "x", "browser": False})
+    monkeypatch.setattr("sys.argv", ["lmeasure", "inspect", "x"])
+    ends = pty.openpty()
+    with os.fdopen(ends[1], "w") as terminal, Path(os.devnull).open("w") as nowhere:
+        monkeypatch.setattr("sys.stdout", terminal)
+        on_terminal = opens_pages(asked), opens_pages(refused)
+        monkeypatch.setattr("sys.stdout", nowhere)
+        elsewhere = opens_pages(asked)
+    os.close(ends[0])
+    assert (on_terminal, elsewhere) == ((True, False), False)
