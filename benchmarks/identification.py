@@ -7,7 +7,6 @@ not seen. Simulated robots: 0.3 mm and 0.5 mrad on every parameter of the links,
 the same unknowns, residuals and start, with a numerical Jacobian. --write keeps the tables in results/identification.md.
 """
 
-import argparse
 import os
 import platform
 import time
@@ -24,6 +23,7 @@ import scipy.optimize
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from study import options, show
 
 from lmeasure.core import se3
 from lmeasure.robots import (
@@ -50,7 +50,6 @@ from lmeasure.robots.robot import shipped
 
 FloatArray = NDArray[np.float64]
 DATA = Path(__file__).parents[1] / "datasets" / "ur5" / "grid.csv"
-RESULTS = Path(__file__).parent / "results" / "identification.md"
 FREE: dict[str, tuple[str, ...] | None] = {
     "links": ("links",),
     "links and harmonics": ("links", "harmonics"),
@@ -323,11 +322,10 @@ def asked_for(robots: int) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options(__doc__)
     parser.add_argument("--robots", type=int, default=10)
     parser.add_argument("--repeated", type=int, default=200, help="robots that are read several times")
     parser.add_argument("--parts", default="", help="numbers of the tables, from 1, all by default")
-    parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
     rows = real()
     tables: dict[str, Callable[[], list[str]]] = {
@@ -346,8 +344,7 @@ def main() -> None:
         f"# Identification of robots\n\n`python benchmarks/identification.py --robots {asked.robots} --write`, seed {SEED}, one thread; "
         f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}.\n"
     )
-    if asked.write:
-        RESULTS.write_text(head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), encoding="utf-8")
+    show(asked, head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), "identification")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ best of all. CPU time is that of one core, so that other work on the machine doe
 results/placement.md.
 """
 
-import argparse
 import platform
 import time
 from pathlib import Path
@@ -18,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution, minimize
+from study import options, show
 
 from lmeasure.accuracy import Placement, place, read_placement
 from lmeasure.accuracy.placement import Search, mounting_draws
@@ -27,7 +27,6 @@ FloatArray = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "datasets" / "thesis-5.7"
-RESULTS = Path(__file__).parent / "results" / "placement.md"
 ALLOWED_S = 60.0
 SEEDS = (0, 1, 2)
 
@@ -84,10 +83,9 @@ def _simplex(x: FloatArray) -> FloatArray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = options(__doc__)
     parser.add_argument("--seconds", type=float, default=120.0, help="CPU time of a long run")
     parser.add_argument("--runs", type=int, default=10)
-    parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
     rig, wanted = read_rig(DATA / "sketch.toml"), read_placement(DATA / "placement.toml")
     place(rig, wanted, generations=1)  # compile
@@ -111,10 +109,9 @@ def main() -> None:
         f"Best of all: {best:.3f} deg. " + " ".join(f"Seed {s}: {100 * (u / best - 1):+.2f} %." for s, u in zip(SEEDS, users, strict=True)),
     ]
     print(lines[-1])
-    if asked.write:
-        machine = f"{platform.processor() or platform.machine()}, Python {platform.python_version()}, {time.strftime('%Y-%m-%d')}"
-        head = f"# Placement: `place` against long runs\n\n`python benchmarks/placement.py --write`; {machine}.\n\n"
-        RESULTS.write_text(head + "\n".join(lines) + "\n")
+    machine = f"{platform.processor() or platform.machine()}, Python {platform.python_version()}, {time.strftime('%Y-%m-%d')}"
+    head = f"# Placement: `place` against long runs\n\n`python benchmarks/placement.py --write`; {machine}.\n\n"
+    show(asked, head + "\n".join(lines), "placement")
 
 
 if __name__ == "__main__":

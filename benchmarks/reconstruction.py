@@ -8,7 +8,6 @@ best of several, and commands by theirs, so that other work on the machine does 
 file to file: 36 million samples are ten hours at 1 kHz. --write keeps the table in results/reconstruction.md.
 """
 
-import argparse
 import os
 import platform
 import resource
@@ -27,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from study import options, show
 
 from lmeasure.io import files
 from lmeasure.kernels import cable, lanes, lanes_redundant, least_squares as least, screw
@@ -38,7 +38,6 @@ from lmeasure.trajectory import LivePose
 
 FloatArray = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results" / "reconstruction.md"
 NOISE_MM = 0.02
 SAMPLES = 200_000
 DIVIDER_BOUND = 33e6  # Newton steps per second and core, divisions alone
@@ -326,10 +325,9 @@ def commands(lines: list[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--long", type=int, metavar="SAMPLES", help="also a log of as many samples, such as 36000000")
     parser.add_argument("--only", choices=("redundant", "latency"), nargs="*", help="these parts alone")
-    parser.add_argument("--write", action="store_true", help="keep the table in benchmarks/results")
     arguments = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -339,11 +337,7 @@ def main() -> None:
         parts[name](lines)
     if arguments.long:
         long_log(lines, arguments.long)
-    text = "\n".join(lines)
-    print(text)
-    if arguments.write:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(text)
+    show(arguments, "\n".join(lines), "reconstruction")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ both. Times are the processor's, of which the median of the rounds is taken. Fig
 difference relative to the largest value of the same column. --write keeps the table in results/side_by_side.md.
 """
 
-import argparse
 import json
 import os
 import platform
@@ -24,8 +23,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from study import options, show
 
-RESULTS = Path(__file__).parent / "results" / "side_by_side.md"
 TRUTH = Path(__file__).parent.parent / "tests" / "authorities" / "truth"
 BOX = ["--x", "-300:300:10", "--y", "-300:300:10", "--z", "-300:300:20", "--tilt-rad", "0.3", "--tilt-steps", "3"]
 PREPARE = """
@@ -70,12 +69,11 @@ PASSED = {0, 3}
 
 def main() -> None:
     """Measure, print, and keep when asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options(__doc__)
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--only", nargs="*", default=list(JOBS))
-    parser.add_argument("--write", action="store_true", help=f"keep the table in {RESULTS.name}")
     args = parser.parse_args()
     trees = [args.before.resolve(), args.after.resolve()]
     with tempfile.TemporaryDirectory() as folder:
@@ -97,9 +95,7 @@ def main() -> None:
         *rows,
         "",
     ]
-    print("\n".join(lines))
-    if args.write:
-        RESULTS.write_text("\n".join(lines), encoding="utf-8", newline="\n")
+    show(args, "\n".join(lines), "side_by_side")
 
 
 def prepare(out: Path, tree: Path) -> None:

@@ -7,7 +7,6 @@ cache that is empty at first: the difference is what compiling takes; the compil
 --write keeps the table in results/startup.md.
 """
 
-import argparse
 import os
 import platform
 import statistics
@@ -17,7 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
-RESULTS = Path(__file__).parent / "results" / "startup.md"
+from study import options, show
+
 REPEATS = 7
 DEMO = """
 import sys, time
@@ -68,9 +68,7 @@ def processor_seconds(command: list[str]) -> float:
 
 def main() -> None:
     """Measure, print, and keep when asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help=f"keep the table in {RESULTS.name}")
-    write = parser.parse_args().write
+    asked = options(__doc__).parse_args()
     command = [sys.executable, "-m", "lmeasure", "--help"]
     empty = [sys.executable, "-c", "pass"]
     bare, helped = seconds(empty), seconds(command)
@@ -101,10 +99,7 @@ def main() -> None:
         f"| functions compiled | {compiled[0]:.0f} | | {compiled[1]:.0f} | |",
         "",
     ]
-    print("\n".join(lines))
-    if write:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text("\n".join(lines), encoding="utf-8", newline="\n")
+    show(asked, "\n".join(lines), "startup")
 
 
 if __name__ == "__main__":

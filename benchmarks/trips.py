@@ -14,7 +14,6 @@ Functions of the lowest layers (`LOWEST`), which receive arrays and texts instea
 --table compares another state of the sources (`git worktree add BEFORE COMMIT`) with this one; --write keeps the table in results/trips.md.
 """
 
-import argparse
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
@@ -22,9 +21,10 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 
+from study import options, show
+
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 PACKAGE = Path(__file__).parents[1] / "lmeasure"
-RESULTS = Path(__file__).parent / "results" / "trips.md"
 LOWEST = {"core", "kernels", "text", "linkages", "lcoordinate", "arrays", "catalogue", "causes", "errors", "findings", "interpolation"}
 LOWEST |= {"roots", "saying", "se3", "status", "written"}
 """Packages, and modules of the root before there were packages."""
@@ -400,19 +400,15 @@ def table(before: Path) -> str:
 
 def main() -> None:
     """Print the counts of one trip, or the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("start", nargs="?", default="lmeasure.workflows.reconstruct:run")
     parser.add_argument("--value", help="parameter that is the value")
     parser.add_argument("--package", type=Path, default=PACKAGE)
     parser.add_argument("--list", action="store_true", help="print the stays")
     parser.add_argument("--table", type=Path, metavar="BEFORE", help="folder of the sources to compare with")
-    parser.add_argument("--write", action="store_true", help=f"keep the table in {RESULTS.name}")
     args = parser.parse_args()
     if args.table is not None:
-        text = table(args.table)
-        print(text)
-        if args.write:
-            RESULTS.write_text(f"# Trips of one value\n\n`python benchmarks/trips.py --table BEFORE --write`\n\n{text}\n", encoding="utf-8")
+        show(args, f"# Trips of one value\n\n`python benchmarks/trips.py --table BEFORE --write`\n\n{table(args.table)}", "trips")
         return
     way = trip(args.start, args.value, args.package)
     print("files {}, stays {}, returns {}".format(*way.counts))
