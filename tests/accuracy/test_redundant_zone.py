@@ -207,15 +207,9 @@ def test_more_than_six_cables_have_no_assembly_to_keep() -> None:
 def test_where_eight_cables_do_not_determine_the_pose_they_say_so() -> None:
     """Straight cables that all point at the base's origin see no turn about it."""
     ways = [
-        (1, 0.2, 0.1),
-        (-0.3, 1, 0.2),
-        (0.1, -0.4, 1),
-        (-1, 0.3, -0.5),
-        (0.5, -1, 0.4),
-        (0.6, 0.5, -1),
-        (-0.7, -0.6, 0.8),
+        (1, 0.2, 0.1), (-0.3, 1, 0.2), (0.1, -0.4, 1), (-1, 0.3, -0.5), (0.5, -1, 0.4), (0.6, 0.5, -1), (-0.7, -0.6, 0.8),
         (0.9, 0.8, 0.7),
-    ]
+    ]  # fmt: skip
     points = [point(f"B{i}", 1200 * np.array(way)) for i, way in enumerate(ways)]
     tool = {f"P{i}": 100 * np.array(way) for i, way in enumerate(ways)}
     star = rig(points, tool, [(f"B{i}", f"P{i}") for i in range(8)])

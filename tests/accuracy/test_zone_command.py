@@ -98,18 +98,11 @@ def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        ["--x", "0:10:3"],
-        ["--x", "0:10"],
-        ["--x", "a:b:c"],
-        ["--quaternion", "1,1,0,0"],
-        ["--length-mm", "700"],
-        ["--o", "0:0:1"],
-        ["--tilt-steps", "0"],
-        ["--x", "0:1e300:1e299"],
-        ["--tilt-rad", "0.1", "--o", "0:0:1", "--a", "0:0:1", "--t", "0:0:1"],
+        ["--x", "0:10:3"], ["--x", "0:10"], ["--x", "a:b:c"], ["--quaternion", "1,1,0,0"], ["--length-mm", "700"], ["--o", "0:0:1"],
+        ["--tilt-steps", "0"], ["--x", "0:1e300:1e299"], ["--tilt-rad", "0.1", "--o", "0:0:1", "--a", "0:0:1", "--t", "0:0:1"],
         ["--o", "0:100:1", "--a", "0:100:1", "--t", "0:100:1"],
     ],
-)
+)  # fmt: skip
 def test_wrong_usage_is_exit_2_and_writes_nothing(rig_file: Path, wrong: list[str]) -> None:
     out = rig_file.with_name("zone.nc")
     result = CliRunner().invoke(app, ["zone", str(rig_file), *box("0:0:1"), "--out", str(out), *wrong])
@@ -123,18 +116,8 @@ def test_every_limit_and_way_of_computing_by_options(rig_file: Path) -> None:
         'schema = "lmeasure.bodies/1"\n[[body]]\nname = "column"\nfrom_mm = [600, 0, -500]\nto_mm = [600, 0, 900]\nradius_mm = 80\n'
     )
     arguments = [
-        "zone",
-        str(rig_file),
-        *box("-200:200:100"),
-        "--tilt-rad",
-        "0.2",
-        "--limit-deg",
-        "85",
-        "--u95-mm",
-        "5",
-        "--wrap-deg",
-        "300",
-    ]
+        "zone", str(rig_file), *box("-200:200:100"), "--tilt-rad", "0.2", "--limit-deg", "85", "--u95-mm", "5", "--wrap-deg", "300",
+    ]  # fmt: skip
     arguments += ["--u95-rotation-deg", "2", "--u95-attachment-mm", "8", "--clearance-mm", "5", "--bodies", str(folder / "bodies.toml")]
     arguments += ["--singularity", "0.001", "--one-assembly", "--length-mm", "200:3000", "--refine", "0.05", "--workers", "1"]
     arguments += ["--checkpoint", str(folder / "kept"), "--out", str(folder / "zone.nc")]

@@ -91,21 +91,10 @@ def test_the_mapping_is_read_from_the_devices(lead: int, tmp_path: Path) -> None
     np.testing.assert_array_equal(counts.recorded, [[row(k, 5) - 5000, row(k, 9)] for k in range(100)])
     said = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]["devices"]
     assert said[1] == {
-        "channel": "ch2",
-        "node": 9,
-        "device_type": 0x20196,
-        "vendor": 0x1234,
-        "product": 77,
-        "revision": 3,
-        "serial": 9009,
-        "units_per_revolution": 6000,
-        "total_range": 36000,
-        "cyclic_timer_ms": 0,
-        "heartbeat_ms": 0,
-        "error_register": 0,
-        "cob_id": 0x289,
+        "channel": "ch2", "node": 9, "device_type": 0x20196, "vendor": 0x1234, "product": 77, "revision": 3, "serial": 9009,
+        "units_per_revolution": 6000, "total_range": 36000, "cyclic_timer_ms": 0, "heartbeat_ms": 0, "error_register": 0, "cob_id": 0x289,
         "bits": 32,
-    }
+    }  # fmt: skip
     assert recording.faults == {}
 
 

@@ -159,26 +159,15 @@ def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     poses_alone = program.model_copy(update={"path": ()})
     links = lm.analyse_structure(rig, np.array([0.0, 0, 0, 0, 0, 0, 1]), workspace=Workspace("xy", reach_mm=300.0, limit_deg=40.0))
     return {
-        "made": made,
-        "rig": rig,
-        "poses": calibration.campaign.poses,
-        "counts": made.run.run.passes[0],
-        "run": made.run.run,
-        "lengths": lm.lengths_from_counts(made.run.run),
-        "calibration": calibration,
-        "record": calibration.record,
-        "trajectory": trajectory,
-        "zone": lm.zone(calibration, AXIS, AXIS, np.array([0.0]), u95_mm=1.0, full=True),
+        "made": made, "rig": rig, "poses": calibration.campaign.poses, "counts": made.run.run.passes[0], "run": made.run.run,
+        "lengths": lm.lengths_from_counts(made.run.run), "calibration": calibration, "record": calibration.record,
+        "trajectory": trajectory, "zone": lm.zone(calibration, AXIS, AXIS, np.array([0.0]), u95_mm=1.0, full=True),
         "plan": lm.plan_poses(rig, poses=2, box=[(-100.0, 100.0)] * 3, tilt_deg=5.0, solve=("position",), further=0),
-        "placed": lm.place(rig, wanted, generations=1),
-        "program": program,
-        "identified": identified,
-        "corrected": corrected(),
-        "described": links,
-        "boundary": links.boundary,
+        "placed": lm.place(rig, wanted, generations=1), "program": program, "identified": identified, "corrected": corrected(),
+        "described": links, "boundary": links.boundary,
         "evaluation": lm.evaluate(trajectory, poses_alone, run=made, rig=calibration, trials=100),
         "certificate": lm.certify(trajectory, poses_alone, folder, run=made, rig=calibration, trials=100),
-    }
+    }  # fmt: skip
 
 
 def test_every_object_is_drawn_and_shown(nouns: dict[str, Any]) -> None:

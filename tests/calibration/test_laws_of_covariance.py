@@ -221,17 +221,10 @@ def test_dimensions_err_alike_in_all_equations() -> None:
 
 
 WARM = {
-    "cable_expansion_per_k": 1.6e-5,
-    "u_cable_expansion_per_k": 2e-6,
-    "cable_stiffness_n": 9000.0,
-    "u_cable_stiffness_n": 90.0,
-    "cable_tension_n": 6.0,
-    "cable_tension_n_per_m": 0.5,
-    "u_cable_tension_n": 0.3,
-    "cable_mass_kg_per_m": 4e-3,
-    "u_cable_mass_kg_per_m": 1e-4,
-    "guide_length_mm": 300.0,
-}
+    "cable_expansion_per_k": 1.6e-5, "u_cable_expansion_per_k": 2e-6, "cable_stiffness_n": 9000.0, "u_cable_stiffness_n": 90.0,
+    "cable_tension_n": 6.0, "cable_tension_n_per_m": 0.5, "u_cable_tension_n": 0.3, "cable_mass_kg_per_m": 4e-3,
+    "u_cable_mass_kg_per_m": 1e-4, "guide_length_mm": 300.0,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("friction_n", [0.0, 0.2])

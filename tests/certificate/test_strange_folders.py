@@ -63,14 +63,8 @@ def test_files_that_are_no_certificate(tmp_path: Path) -> None:
 
 def test_compare_looks_into_every_entry() -> None:
     figure: dict[str, Any] = {
-        "name": "AP_p",
-        "pose": "P1",
-        "value": 1.0,
-        "u95": 0.1,
-        "unit": "mm",
-        "capable": True,
-        "conformity": {"upper": 2.0},
-    }
+        "name": "AP_p", "pose": "P1", "value": 1.0, "u95": 0.1, "unit": "mm", "capable": True, "conformity": {"upper": 2.0},
+    }  # fmt: skip
     base: dict[str, Any] = {"characteristics": [figure], "excluded": [], "notes": []}
     base |= {"figures_sha256": digest({key: base.get(key) for key in FIGURES})}
     stated = base | {"id": identification(base)}

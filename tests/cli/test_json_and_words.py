@@ -137,15 +137,11 @@ def test_options_stand_in_their_groups() -> None:
 @pytest.mark.parametrize(
     ("environment", "expected"),
     [
-        ({}, "en"),
-        ({"LANG": "ru_RU.UTF-8"}, "ru"),
-        ({"LANG": "ru_RU.UTF-8", "LC_ALL": "C"}, "en"),
-        ({"LANG": "en_GB.UTF-8", "LC_MESSAGES": "ru_RU"}, "ru"),
-        ({"LANGUAGE": "de:ru:en", "LANG": "de_DE"}, "ru"),
-        ({"LC_ALL": "", "LANG": "ru"}, "ru"),
-        ({"LANG": "de_DE.UTF-8"}, "en"),
+        ({}, "en"), ({"LANG": "ru_RU.UTF-8"}, "ru"), ({"LANG": "ru_RU.UTF-8", "LC_ALL": "C"}, "en"),
+        ({"LANG": "en_GB.UTF-8", "LC_MESSAGES": "ru_RU"}, "ru"), ({"LANGUAGE": "de:ru:en", "LANG": "de_DE"}, "ru"),
+        ({"LC_ALL": "", "LANG": "ru"}, "ru"), ({"LANG": "de_DE.UTF-8"}, "en"),
     ],
-)
+)  # fmt: skip
 def test_the_language_is_that_of_the_environment(environment: dict[str, str], expected: str) -> None:
     assert language(environment) == expected
 

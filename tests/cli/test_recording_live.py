@@ -114,15 +114,8 @@ def test_a_rig_that_cannot_tell_a_pose_live_says_why(tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", rig_from_dict(six | {"cable": six["cable"][:5]}))
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     words = [
-        "record",
-        "--rig",
-        tmp_path / "rig.toml",
-        "--bus",
-        f"simulated:{tmp_path / 'scenario.toml'}",
-        "--out",
-        tmp_path / "run",
-        "--live",
-    ]
+        "record", "--rig", tmp_path / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run", "--live",
+    ]  # fmt: skip
     done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1"]])
     assert done.exit_code == 0, done.output
     assert "no pose: rig" in done.stderr

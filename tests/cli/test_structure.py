@@ -117,20 +117,13 @@ def test_a_file_that_is_wrong_is_one_line(run, tmp_path: Path, change, words: st
 @pytest.mark.parametrize(
     "words",
     [
-        [],
-        ["s.toml", "--list"],
-        ["--list", "--position-mm", "0,0,0"],
-        ["s.toml", "--quaternion", "0,0,0,1"],
-        ["s.toml", "--position-mm", "1,2"],
-        ["s.toml", "--to-mm", "1,2,3"],
-        ["s.toml", "--boundary", "xz"],
+        [], ["s.toml", "--list"], ["--list", "--position-mm", "0,0,0"], ["s.toml", "--quaternion", "0,0,0,1"],
+        ["s.toml", "--position-mm", "1,2"], ["s.toml", "--to-mm", "1,2,3"], ["s.toml", "--boundary", "xz"],
         ["s.toml", "--position-mm", "1,2,3", "--levels", "0:1:1"],
         ["s.toml", "--position-mm", "1,2,3", "--boundary", "xz", "--levels", "1:0:1"],
-        ["s.toml", "--position-mm", "1,2,3", "--boundary", "zx"],
-        ["--list", "--design"],
-        ["--list", "--lengths-mm", "1,2,3,4,5,6"],
+        ["s.toml", "--position-mm", "1,2,3", "--boundary", "zx"], ["--list", "--design"], ["--list", "--lengths-mm", "1,2,3,4,5,6"],
     ],
-)
+)  # fmt: skip
 def test_wrong_use_has_exit_code_2(run, tmp_path: Path, words: list[str]) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "s.toml").write_text(text(LINKS))
     assert run(*words)[0] == 2

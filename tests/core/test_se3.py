@@ -197,14 +197,10 @@ BINARY: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
     "displaced": lambda poses, other: se3.displaced(poses, other[..., :6] / METRE),
 }
 UNARY: dict[str, Callable[[FloatArray], FloatArray]] = {
-    "inverse": se3.inverse,
-    "matrices": se3.matrices,
-    "log": se3.log,
-    "adjoint": se3.adjoint,
-    "exp": lambda poses: se3.exp(poses[..., :6] / METRE),
-    "at_points": lambda poses: se3.at_points(poses[..., :3]),
+    "inverse": se3.inverse, "matrices": se3.matrices, "log": se3.log, "adjoint": se3.adjoint,
+    "exp": lambda poses: se3.exp(poses[..., :6] / METRE), "at_points": lambda poses: se3.at_points(poses[..., :3]),
     "left_jacobians": lambda poses: se3.left_jacobians(poses[..., 3:6]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BINARY)

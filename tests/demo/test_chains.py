@@ -67,25 +67,11 @@ def rms_length(vectors: FloatArray) -> float:
 def test_demo_leaves_the_folders_of_every_stage(ran: Ran) -> None:
     out = ran.out
     expected = {
-        "campaign/rig.toml",
-        "campaign/reference_poses.csv",
-        "campaign/counts.csv",
-        "campaign/true/rig.toml",
-        "campaign/true/reference_poses.csv",
-        "calibration/rig.toml",
-        "calibration/calibration.json",
-        "calibration/report.html",
-        "run/run.toml",
-        "run/rig.toml",
-        "run/calibration.json",
-        "run/pass1.csv",
-        "trajectory.parquet",
-        "truth.parquet",
-        "zone.nc",
-        "zone.html",
-        "demo.rrd",
-        "demo.json",
-    }
+        "campaign/rig.toml", "campaign/reference_poses.csv", "campaign/counts.csv", "campaign/true/rig.toml",
+        "campaign/true/reference_poses.csv", "calibration/rig.toml", "calibration/calibration.json", "calibration/report.html",
+        "run/run.toml", "run/rig.toml", "run/calibration.json", "run/pass1.csv", "trajectory.parquet", "truth.parquet", "zone.nc",
+        "zone.html", "demo.rrd", "demo.json",
+    }  # fmt: skip
     assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == expected
 
 
@@ -153,23 +139,10 @@ def rig_of(path: Path) -> dict[str, object]:
 def test_demo_recording_holds_all_stages(ran: Ran) -> None:
     entities = {chunk.entity_path for chunk in RrdReader(ran.out / "demo.rrd").stream()}
     assert {
-        "/world/rig/observation_points",
-        "/world/nominal/observation_points",
-        "/world/cables/c6",
-        "/world/tool",
-        "/world/path",
-        "/world/truth",
-        "/world/reference_poses",
-        "/world/zone/inside",
-        "/world/zone/outside",
-        "/residual_mm/c1",
-        "/calibration_residual_mm/ch1",
-        "/counts/pass1/ch1",
-        "/errors/x_mm",
-        "/u_position_mm/u_x_mm",
-        "/status",
-        "/notes",
-    } <= entities
+        "/world/rig/observation_points", "/world/nominal/observation_points", "/world/cables/c6", "/world/tool", "/world/path",
+        "/world/truth", "/world/reference_poses", "/world/zone/inside", "/world/zone/outside", "/residual_mm/c1",
+        "/calibration_residual_mm/ch1", "/counts/pass1/ch1", "/errors/x_mm", "/u_position_mm/u_x_mm", "/status", "/notes",
+    } <= entities  # fmt: skip
 
 
 def test_demo_needs_a_folder(tmp_path: Path) -> None:

@@ -33,14 +33,10 @@ def observation_point(name: str, position: tuple[float, float, float], bits: int
     x, y, z = position
     number = int(name[1:])
     drum = {
-        "counts_per_revolution": 6000,
-        "count_length_mm": 0.012,
-        "groove_pitch_mm": 0.8 + 0.1 * number,
-        "tangent_length_mm": 140.0 + 15.0 * number,
-        "axial_offset_mm": 20.0 + number,
-        "count_sign": 1 if number % 2 else -1,
+        "counts_per_revolution": 6000, "count_length_mm": 0.012, "groove_pitch_mm": 0.8 + 0.1 * number,
+        "tangent_length_mm": 140.0 + 15.0 * number, "axial_offset_mm": 20.0 + number, "count_sign": 1 if number % 2 else -1,
         "zero_exact": True,
-    }
+    }  # fmt: skip
     # u points along (-cos a sin b, -cos a cos b, sin a): towards the origin, turned by some degrees
     alpha = np.degrees(np.arctan2(-z, np.hypot(x, y))) + 8.0
     beta = np.degrees(np.arctan2(x, y)) - 5.0

@@ -55,21 +55,12 @@ def rows(log: Iterable[can.Message]) -> list[Row]:
     """Every field of the messages that carries a fact; the length is that of the data, of a remote frame the bytes asked for."""
     return [
         (
-            m.timestamp,
-            m.arbitration_id,
-            m.is_extended_id,
-            m.is_remote_frame,
-            m.is_error_frame,
-            m.is_fd,
-            m.bitrate_switch,
-            m.error_state_indicator,
-            m.is_rx,
-            m.dlc if m.is_remote_frame else len(m.data),
-            bytes(m.data),
+            m.timestamp, m.arbitration_id, m.is_extended_id, m.is_remote_frame, m.is_error_frame, m.is_fd, m.bitrate_switch,
+            m.error_state_indicator, m.is_rx, m.dlc if m.is_remote_frame else len(m.data), bytes(m.data),
             "0" if m.channel is None else str(m.channel),
         )
         for m in log
-    ]
+    ]  # fmt: skip
 
 
 def library_rows(path: Path, limit: int = 10**9) -> tuple[list[Row], bool]:

@@ -92,14 +92,9 @@ class Cable:
             i = "xyz".index(name[11])
             return replace(self, attachment=tuple(mp.mpf(v) + (step if c == i else 0) for c, v in enumerate(self.attachment)))
         key = {
-            "guide_alpha_rad": "alpha",
-            "guide_beta_rad": "beta",
-            "pulley_radius_mm": "radius",
-            "scale": "scale",
-            "tangent_length_mm": "tangent",
-            "axial_offset_mm": "axial",
-            "groove_pitch_mm": "pitch",
-        }[name]
+            "guide_alpha_rad": "alpha", "guide_beta_rad": "beta", "pulley_radius_mm": "radius", "scale": "scale",
+            "tangent_length_mm": "tangent", "axial_offset_mm": "axial", "groove_pitch_mm": "pitch",
+        }[name]  # fmt: skip
         return replace(self, **{key: mp.mpf(getattr(self, key)) + step})
 
 

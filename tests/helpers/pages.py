@@ -268,28 +268,13 @@ def _mechanism(out: Path, language: str) -> Path:
 
 
 PAGES: dict[str, Callable[[Path, str], Path]] = {
-    "calibration": _calibration,
-    "calibration-compared": _compared,
-    "calibration-by-itself": _by_itself,
-    "calibration-undetermined": _undetermined,
-    "calibration-refused": _refused,
-    "zone": _zone,
-    "zone-empty": _empty_zone,
-    "zone-reliability": _reliable_zone,
-    "trajectory": _trajectory,
-    "trajectory-doubted": _doubted_trajectory,
-    "trajectory-foreign": _foreign_trajectory,
-    "certificate": _certificate,
-    "certificate-in-full": _certificate_in_full,
-    "comparison": _comparison,
-    "check": _check,
-    "check-trend": _checks_of_years,
-    "structure": _structure,
-    "structures": _structures,
-    "mechanism": _mechanism,
-    "identification": _identification,
-    "correction": _correction,
-}
+    "calibration": _calibration, "calibration-compared": _compared, "calibration-by-itself": _by_itself,
+    "calibration-undetermined": _undetermined, "calibration-refused": _refused, "zone": _zone, "zone-empty": _empty_zone,
+    "zone-reliability": _reliable_zone, "trajectory": _trajectory, "trajectory-doubted": _doubted_trajectory,
+    "trajectory-foreign": _foreign_trajectory, "certificate": _certificate, "certificate-in-full": _certificate_in_full,
+    "comparison": _comparison, "check": _check, "check-trend": _checks_of_years, "structure": _structure, "structures": _structures,
+    "mechanism": _mechanism, "identification": _identification, "correction": _correction,
+}  # fmt: skip
 """Every kind of page, and what writes one into a folder in a language."""
 PDFS = ("zone.pdf", "certificate/certificate.pdf")
 """What may lie beside a page on paper."""

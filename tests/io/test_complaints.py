@@ -144,25 +144,11 @@ y = 2
 z = 1
 '''
 PLACES: dict[Keys, int] = {
-    ("schema",): 2,
-    ("text",): 4,
-    ("quoted.key",): 8,
-    ("a", "b", "c"): 9,
-    ("many",): 10,
-    ("many", 1, 0): 10,
-    ("first",): 15,
-    ("first", "value"): 16,
-    ("first", "inner"): 17,
-    ("first", "inner", "deep"): 18,
-    ("several", 0): 19,
-    ("several", 0, "name"): 20,
-    ("several", 0, "of", "x"): 22,
-    ("several", 1, "name"): 24,
-    ("several", 1, "parts", 0, "y"): 26,
-    ("several", 1, "parts", 1, "y"): 28,
-    ("several", 1, "missing"): 23,
-    ("spaced", "out", 0, "z"): 30,
-}
+    ("schema",): 2, ("text",): 4, ("quoted.key",): 8, ("a", "b", "c"): 9, ("many",): 10, ("many", 1, 0): 10, ("first",): 15,
+    ("first", "value"): 16, ("first", "inner"): 17, ("first", "inner", "deep"): 18, ("several", 0): 19, ("several", 0, "name"): 20,
+    ("several", 0, "of", "x"): 22, ("several", 1, "name"): 24, ("several", 1, "parts", 0, "y"): 26, ("several", 1, "parts", 1, "y"): 28,
+    ("several", 1, "missing"): 23, ("spaced", "out", 0, "z"): 30,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])

@@ -144,17 +144,13 @@ def test_parquet_cells(tmp_path: Path) -> None:
     pq.write_table(
         pa.table(
             {
-                "a": pa.array([1, None, 3], pa.int64()),
-                "b": pa.array([1.0, float("nan"), 3.0]),
-                "c": pa.array([True, False, True]),
-                "d": pa.array([1.0, float("inf"), 3.0]),
-                "e": pa.array([[1], [2], [3]]),
-                "f": pa.array(["1", "2", "x"]),
+                "a": pa.array([1, None, 3], pa.int64()), "b": pa.array([1.0, float("nan"), 3.0]), "c": pa.array([True, False, True]),
+                "d": pa.array([1.0, float("inf"), 3.0]), "e": pa.array([[1], [2], [3]]), "f": pa.array(["1", "2", "x"]),
                 "g": pa.array(["u", "v", "u"]).dictionary_encode(),
             }
         ),
         path,
-    )
+    )  # fmt: skip
     table = files.read_table(path)
     assert np.isnan(table.numbers("a", gaps=True)).tolist() == [False, True, False]
     assert np.isnan(table.numbers("b", gaps=True)).tolist() == [False, True, False], "in Parquet a missing float is often a NaN"

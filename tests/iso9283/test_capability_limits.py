@@ -25,20 +25,12 @@ def figure(name: str = "AP_x", value: float = 2.0, u95: float = 0.4, **more: Any
 @pytest.mark.parametrize(
     ("value", "simple", "guarded"),
     [
-        (1.0, "conforms", "not decided"),
-        (0.999, "does not conform", "not decided"),
-        (1.25, "conforms", "conforms"),
-        (1.249, "conforms", "not decided"),
-        (0.75, "does not conform", "not decided"),
-        (0.749, "does not conform", "does not conform"),
-        (3.0, "conforms", "not decided"),
-        (3.001, "does not conform", "not decided"),
-        (2.75, "conforms", "conforms"),
-        (2.751, "conforms", "not decided"),
-        (3.25, "does not conform", "not decided"),
-        (3.251, "does not conform", "does not conform"),
+        (1.0, "conforms", "not decided"), (0.999, "does not conform", "not decided"), (1.25, "conforms", "conforms"),
+        (1.249, "conforms", "not decided"), (0.75, "does not conform", "not decided"), (0.749, "does not conform", "does not conform"),
+        (3.0, "conforms", "not decided"), (3.001, "does not conform", "not decided"), (2.75, "conforms", "conforms"),
+        (2.751, "conforms", "not decided"), (3.25, "does not conform", "not decided"), (3.251, "does not conform", "does not conform"),
     ],
-)
+)  # fmt: skip
 def test_a_guard_band_of_u95_stands_on_both_sides_of_each_limit(value: float, simple: str, guarded: str) -> None:
     limits = tolerance(1.0, 3.0)
     assert conformity(value, 0.25, limits, "simple").verdict == simple

@@ -33,15 +33,9 @@ def test_worked_by_hand(name: str) -> None:
 def test_every_figure_has_an_example() -> None:
     helpers = {"wrapped", "barycentre", "three_deviations", "largest_distance", "distances", "largest_change", "rotation_accuracy"}
     helpers |= {
-        "rotation_repeatability",
-        "first_arrival",
-        "last_arrival",
-        "crossing",
-        "arrivals",
-        "departure",
-        "mean_over_cycles",
+        "rotation_repeatability", "first_arrival", "last_arrival", "crossing", "arrivals", "departure", "mean_over_cycles",
         "deviation_over_cycles",
-    }
+    }  # fmt: skip
     helpers |= {"length", "spread"}
     public = {
         name

@@ -37,18 +37,9 @@ def with_parameter(rows: FloatArray, j: int, name: str, step: float) -> FloatArr
     """The rig with one parameter of cable j changed; scale acts on the counts and is left to the caller."""
     out = rows.copy()
     column = {
-        "x_mm": 0,
-        "y_mm": 1,
-        "z_mm": 2,
-        "pulley_radius_mm": 6,
-        "attachment_x_mm": 7,
-        "attachment_y_mm": 8,
-        "attachment_z_mm": 9,
-        "tangent_length_mm": 10,
-        "axial_offset_mm": 11,
-        "guide_alpha_rad": 14,
-        "guide_beta_rad": 15,
-    }
+        "x_mm": 0, "y_mm": 1, "z_mm": 2, "pulley_radius_mm": 6, "attachment_x_mm": 7, "attachment_y_mm": 8, "attachment_z_mm": 9,
+        "tangent_length_mm": 10, "axial_offset_mm": 11, "guide_alpha_rad": 14, "guide_beta_rad": 15,
+    }  # fmt: skip
     if name == "groove_pitch_mm":
         out[j, 12] += step / out[j, 16]
     elif name != "scale":

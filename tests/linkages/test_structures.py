@@ -69,22 +69,13 @@ def test_the_criterion_of_4_1_as_corrected() -> None:
 @pytest.mark.parametrize(
     ("koliskor", "name", "solved"),
     [
-        ("S5423-11", "L-21111-3111", True),
-        ("S4423-01", "L-2211-3111", True),
-        ("S5433-10", "L-3111-3111", True),
-        ("S4433-10", "L-3111-3111", True),
-        ("S4532-11", "L-3111-21111", True),
-        ("S4432-01", "L-3111-2211", True),
-        ("S3631-11", "L-321-111111", True),
-        ("S3522-10", "L-321-21111", True),
-        ("S3532-00", "L-321-21111", True),
-        ("S4320-00", "L-2211-321", True),
-        ("S4334-10", "L-2211-321", True),
-        ("S4323-00VI", "L-2211-321", True),
-        ("S3333-00", "L-321-321", True),
-        ("S3323-00", "L-222-321", True),
+        ("S5423-11", "L-21111-3111", True), ("S4423-01", "L-2211-3111", True), ("S5433-10", "L-3111-3111", True),
+        ("S4433-10", "L-3111-3111", True), ("S4532-11", "L-3111-21111", True), ("S4432-01", "L-3111-2211", True),
+        ("S3631-11", "L-321-111111", True), ("S3522-10", "L-321-21111", True), ("S3532-00", "L-321-21111", True),
+        ("S4320-00", "L-2211-321", True), ("S4334-10", "L-2211-321", True), ("S4323-00VI", "L-2211-321", True),
+        ("S3333-00", "L-321-321", True), ("S3323-00", "L-222-321", True),
     ],
-)
+)  # fmt: skip
 def test_koliskors_notations_of_4_1(koliskor: str, name: str, solved: bool) -> None:
     found = parse(koliskor)
     assert {s.class_name for s in found} == {name}

@@ -16,19 +16,11 @@ def of_class(name: str) -> list[Variants]:
 @pytest.mark.parametrize(
     ("name", "arrangements", "moved"),
     [
-        ("L-222-321", 4, {3}),
-        ("L-222-3111", 4, {3, 2}),
-        ("L-321-111111", 2, {3, 0}),
-        ("L-222-111111", 2, {3, 0}),
-        ("L-2211-3111", 4, {2}),
-        ("L-3111-3111", 4, {2}),
-        ("L-2211-2211", 4, {2}),
-        ("L-3111-111111", 2, {2, 0}),
-        ("L-2211-111111", 2, {2, 0}),
-        ("L-21111-111111", 2, {1, 0}),
-        ("L-111111-111111", 0, {0}),
+        ("L-222-321", 4, {3}), ("L-222-3111", 4, {3, 2}), ("L-321-111111", 2, {3, 0}), ("L-222-111111", 2, {3, 0}),
+        ("L-2211-3111", 4, {2}), ("L-3111-3111", 4, {2}), ("L-2211-2211", 4, {2}), ("L-3111-111111", 2, {2, 0}),
+        ("L-2211-111111", 2, {2, 0}), ("L-21111-111111", 2, {1, 0}), ("L-111111-111111", 0, {0}),
     ],
-)
+)  # fmt: skip
 def test_drives_on_neighbouring_links(name: str, arrangements: int, moved: set[int]) -> None:
     """Table 2.3: four arrangements, two where one body has six points of its own, none of L-111111-111111; three drives or two moved."""
     for one in of_class(name):
@@ -39,19 +31,10 @@ def test_drives_on_neighbouring_links(name: str, arrangements: int, moved: set[i
 @pytest.mark.parametrize(
     ("name", "rods", "bent"),
     [
-        ("L-222-321", 3, 0),
-        ("L-321-321", 3, 0),
-        ("L-222-222", 3, 0),
-        ("L-321-3111", 4, 1),
-        ("L-321-21111", 5, 2),
-        ("L-222-21111", 5, 2),
-        ("L-321-111111", 6, 3),
-        ("L-222-111111", 6, 3),
-        ("L-2211-2211", 4, 0),
-        ("L-21111-111111", 6, 1),
-        ("L-111111-111111", 6, 0),
+        ("L-222-321", 3, 0), ("L-321-321", 3, 0), ("L-222-222", 3, 0), ("L-321-3111", 4, 1), ("L-321-21111", 5, 2), ("L-222-21111", 5, 2),
+        ("L-321-111111", 6, 3), ("L-222-111111", 6, 3), ("L-2211-2211", 4, 0), ("L-21111-111111", 6, 1), ("L-111111-111111", 6, 0),
     ],
-)
+)  # fmt: skip
 def test_rods_out_of_the_zone_of_the_drives(name: str, rods: int, bent: int) -> None:
     """Tables 2.4 and 2.5, the body with more points carried; the text's rods that cannot be straight are as many."""
     found = {max(one.rods(0), one.rods(1)) for one in of_class(name)}

@@ -66,15 +66,10 @@ def parameters(rig: Rig) -> dict[str, float]:
     """Some of the rig's values by the record's names."""
     point = rig.observation_point[1]
     return {
-        "B2.x_mm": point.position_mm[0],
-        "B2.z_mm": point.position_mm[2],
-        "B2.guide_alpha_deg": point.guide_alpha_deg,
-        "B2.guide_beta_deg": point.guide_beta_deg,
-        "B2.pulley_radius_mm": point.pulley_radius_mm,
-        "B2.scale": point.drum.scale,
-        "B2.groove_pitch_mm": point.drum.groove_pitch_mm,
-        "tool.P3.y_mm": rig.tool["P3"][1],
-    }
+        "B2.x_mm": point.position_mm[0], "B2.z_mm": point.position_mm[2], "B2.guide_alpha_deg": point.guide_alpha_deg,
+        "B2.guide_beta_deg": point.guide_beta_deg, "B2.pulley_radius_mm": point.pulley_radius_mm, "B2.scale": point.drum.scale,
+        "B2.groove_pitch_mm": point.drum.groove_pitch_mm, "tool.P3.y_mm": rig.tool["P3"][1],
+    }  # fmt: skip
 
 
 def record_of(rig: Rig, values: dict[str, float], name: str = "cell") -> CalibrationRecord:

@@ -20,16 +20,9 @@ from lmeasure.rig.drum_measurement import drum_uncertainty
 def values(**changes: Any) -> dict[str, Any]:
     """The example whose numbers were recomputed from the thesis: K0, t0, t1 and the rest are known to six digits."""
     out = {
-        "point": "B1",
-        "counts_per_revolution": 6000,
-        "groove_pitch_mm": 1.5,
-        "drum_radius_mm": 11.456669,
-        "fixed_pulley_radius_mm": 20.0,
-        "centre_distance_mm": 150.0,
-        "pulley_plane_mm": 40.0,
-        "cable_end_mm": 5.0,
-        "full_wind_counts": 60000.0,
-    } | changes
+        "point": "B1", "counts_per_revolution": 6000, "groove_pitch_mm": 1.5, "drum_radius_mm": 11.456669, "fixed_pulley_radius_mm": 20.0,
+        "centre_distance_mm": 150.0, "pulley_plane_mm": 40.0, "cable_end_mm": 5.0, "full_wind_counts": 60000.0,
+    } | changes  # fmt: skip
     return {key: value for key, value in out.items() if value is not None}
 
 
@@ -82,14 +75,9 @@ def test_the_radii_do_not_enter_the_offset() -> None:
 def test_uncertainties_against_difference_quotients(by: str) -> None:
     size = {"drum_radius_mm": 11.5} if by == "drum_radius_mm" else {"drum_radius_mm": None, "count_length_mm": 0.012}
     u = {
-        by: 0.05 if by == "drum_radius_mm" else 1e-5,
-        "groove_pitch_mm": 0.02,
-        "fixed_pulley_radius_mm": 0.1,
-        "centre_distance_mm": 0.5,
-        "pulley_plane_mm": 0.3,
-        "cable_end_mm": 0.2,
-        "full_wind_counts": 200.0,
-    }
+        by: 0.05 if by == "drum_radius_mm" else 1e-5, "groove_pitch_mm": 0.02, "fixed_pulley_radius_mm": 0.1, "centre_distance_mm": 0.5,
+        "pulley_plane_mm": 0.3, "cable_end_mm": 0.2, "full_wind_counts": 200.0,
+    }  # fmt: skip
     total = np.zeros(2)
     for key, width in u.items():
         ends = []

@@ -51,17 +51,10 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SerialRo
     done = CliRunner().invoke(
         app,
         [
-            "identify",
-            "--robot",
-            "generic6",
-            "--measurements",
-            str(folder / "m.csv"),
-            "--out",
-            str(folder / "id"),
-            "--u-position-mm",
+            "identify", "--robot", "generic6", "--measurements", str(folder / "m.csv"), "--out", str(folder / "id"), "--u-position-mm",
             "0.02",
         ],
-    )
+    )  # fmt: skip
     assert done.exit_code == 0, done.output
     return folder, true
 

@@ -20,16 +20,9 @@ from lmeasure.robots.robot import robot_from_dict
 
 FloatArray = NDArray[np.float64]
 NAMES = (
-    "rotopod",
-    "rotopod-cell",
-    "four-chains-cabin",
-    "four-chains",
-    "four-chains-arms",
-    "crank-platform",
-    "logos",
-    "seven-link",
+    "rotopod", "rotopod-cell", "four-chains-cabin", "four-chains", "four-chains-arms", "crank-platform", "logos", "seven-link",
     "three-prr",
-)
+)  # fmt: skip
 
 
 def shipped(name: str) -> ParallelFile:

@@ -24,18 +24,13 @@ def gantry() -> Robot:
     joints = [
         {"type": "prismatic", "alpha_deg": -90.0, "d_mm": 30.0, "min_mm": -500.0, "max_mm": 500.0, "pitch_mm": 20.0, "sin1_mm": 0.01},
         {
-            "type": "prismatic",
-            "alpha_deg": 88.0,
-            "a_mm": 50.0,
-            "theta_deg": 20.0,
-            "min_mm": 0.0,
-            "max_mm": 800.0,
+            "type": "prismatic", "alpha_deg": 88.0, "a_mm": 50.0, "theta_deg": 20.0, "min_mm": 0.0, "max_mm": 800.0,
             "compliance_mm_per_n": 1e-4,
         },
         {"type": "revolute", "a_mm": 300.0, "alpha_deg": 1.0, "beta_deg": 0.5, "sin2_deg": 0.02, "cos1_deg": 0.01, **turn},
         {"type": "revolute", "a_mm": 250.0, "alpha_deg": 70.0, "compliance_deg_per_nm": 0.002, "backlash_deg": 0.01, **turn},
         {"type": "revolute", "d_mm": 80.0, "scale": -1.001, "cos2_deg": 0.03, **turn},
-    ]
+    ]  # fmt: skip
     named = [{"name": f"j{i}"} | j for i, j in enumerate(joints, 1)]
     quaternion = [float(v) for v in Rotation.from_rotvec([0.1, 0.2, -0.3]).as_quat()]
     data = {

@@ -20,14 +20,9 @@ from lmeasure.trajectory import read_trajectory, reconstruct, reconstruct_stream
 FloatArray = NDArray[np.float64]
 
 CABLE: dict[str, float] = {
-    "cable_expansion_per_k": -1.2e-5,
-    "drum_expansion_per_k": 2.3e-5,
-    "guide_length_mm": 300.0,
-    "cable_stiffness_n": 9000.0,
-    "cable_mass_kg_per_m": 0.001,
-    "cable_tension_n": 6.0,
-    "cable_tension_n_per_m": 0.5,
-}
+    "cable_expansion_per_k": -1.2e-5, "drum_expansion_per_k": 2.3e-5, "guide_length_mm": 300.0, "cable_stiffness_n": 9000.0,
+    "cable_mass_kg_per_m": 0.001, "cable_tension_n": 6.0, "cable_tension_n_per_m": 0.5,
+}  # fmt: skip
 FRAME: dict[str, float] = {"frame_expansion_per_k": 1.2e-5}
 START = np.array([0.0, 0, 0, 0, 0, 0, 1])
 LEGS = [

@@ -255,15 +255,10 @@ def test_covariance_in_the_kernels_units_and_order() -> None:
     covariance[0, 1] = covariance[1, 0] = 0.3 * u[0] * u[1]
     record = CalibrationRecord.model_validate(
         {
-            "rig": "demo",
-            "parameters": [{"name": n, "value": 0.0, "u": x, "prior_u": 1.0} for n, x in zip(names, u, strict=True)],
-            "covariance": covariance.tolist(),
-            "residuals": [],
-            "equations": 4,
-            "unknowns": 4,
-            "rank": 4,
+            "rig": "demo", "parameters": [{"name": n, "value": 0.0, "u": x, "prior_u": 1.0} for n, x in zip(names, u, strict=True)],
+            "covariance": covariance.tolist(), "residuals": [], "equations": 4, "unknowns": 4, "rank": 4,
         }
-    )
+    )  # fmt: skip
     r = rig()
     flat = [(j, name) for j in range(3) for name in PARAMETERS]
     spelled = [n for row in parameter_names(r) for n in row]

@@ -109,21 +109,8 @@ def test_nothing_is_ever_written_over(tmp_path: Path) -> None:
 
 def test_questions_are_asked_where_no_template_is_named(tmp_path: Path) -> None:
     answers = [
-        "four",
-        "three-drums",
-        "cell 7",
-        "kuka-abc",
-        "4096",
-        "0.02",
-        "x",
-        "1.5",
-        "22.5",
-        "",
-        "100,200,300",
-        "1,2",
-        "7,8,9",
-        *[""] * 9,
-    ]
+        "four", "three-drums", "cell 7", "kuka-abc", "4096", "0.02", "x", "1.5", "22.5", "", "100,200,300", "1,2", "7,8,9", *[""] * 9,
+    ]  # fmt: skip
     made = CliRunner().invoke(app, ["init", str(tmp_path)], input="\n".join(answers))
     assert made.exit_code == 0, made.output
     assert "'four' is none of them" in made.output

@@ -188,15 +188,11 @@ def recorded(parameters: dict[str, float], rig: Rig) -> CalibrationRecord:
     """A record of independent parameters with these standard uncertainties."""
     return CalibrationRecord.model_validate(
         {
-            "rig": rig.name,
-            "parameters": [{"name": name, "value": 0.0, "u": u, "prior_u": 1.0} for name, u in parameters.items()],
-            "covariance": np.diag(np.square(list(parameters.values()))).tolist(),
-            "residuals": [],
-            "equations": 0,
-            "unknowns": len(parameters),
-            "rank": len(parameters),
+            "rig": rig.name, "parameters": [{"name": name, "value": 0.0, "u": u, "prior_u": 1.0} for name, u in parameters.items()],
+            "covariance": np.diag(np.square(list(parameters.values()))).tolist(), "residuals": [], "equations": 0,
+            "unknowns": len(parameters), "rank": len(parameters),
         }
-    )
+    )  # fmt: skip
 
 
 def test_a_well_known_angle_stays_beside_a_wide_prior() -> None:

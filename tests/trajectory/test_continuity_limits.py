@@ -52,16 +52,10 @@ def test_four_samples_tell_a_step(samples: int, seen: bool) -> None:
 @pytest.mark.parametrize(
     ("gaps", "enough"),
     [
-        ((0, 4), False),
-        ((1, 5), False),
-        ((2, 6), False),
-        ((3, 7), False),
-        ((4,), True),
-        ((1, 6), True),
-        ((0, 5), True),
+        ((0, 4), False), ((1, 5), False), ((2, 6), False), ((3, 7), False), ((4,), True), ((1, 6), True), ((0, 5), True),
         ((0, 1, 2, 3), True),
     ],
-)
+)  # fmt: skip
 def test_four_counts_on_end_are_needed_of_each_channel(gaps: tuple[int, ...], enough: bool) -> None:
     """Of three on end, whatever there is besides, nothing would have been seen."""
     time_s, mm = going(10.0, 8)

@@ -59,15 +59,9 @@ def test_the_counts_resolution_is_what_repeated_runs_scatter_by() -> None:
 
 
 CALIBRATED = {
-    "x_mm": 0.05,
-    "y_mm": 0.04,
-    "z_mm": 0.06,
-    "guide_alpha_deg": 0.02,
-    "guide_beta_deg": 0.03,
-    "pulley_radius_mm": 0.01,
-    "tangent_length_mm": 0.5,
-    "axial_offset_mm": 0.3,
-}
+    "x_mm": 0.05, "y_mm": 0.04, "z_mm": 0.06, "guide_alpha_deg": 0.02, "guide_beta_deg": 0.03, "pulley_radius_mm": 0.01,
+    "tangent_length_mm": 0.5, "axial_offset_mm": 0.3,
+}  # fmt: skip
 
 
 def _value(rig: Rig, name: str, key: str) -> float:
@@ -93,16 +87,10 @@ def calibrated() -> tuple[Rig, CalibrationRecord]:
     parameters = [{"name": n, "value": v, "u": float(s), "prior_u": 1.0} for n, v, s in zip(names, values, u, strict=True)]
     record_ = CalibrationRecord.model_validate(
         {
-            "schema": "lmeasure.calibration/1",
-            "rig": rig.name,
-            "parameters": parameters,
-            "covariance": covariance.tolist(),
-            "residuals": [],
-            "equations": 0,
-            "unknowns": len(names),
-            "rank": len(names),
+            "schema": "lmeasure.calibration/1", "rig": rig.name, "parameters": parameters, "covariance": covariance.tolist(),
+            "residuals": [], "equations": 0, "unknowns": len(names), "rank": len(names),
         }
-    )
+    )  # fmt: skip
     return rig, record_
 
 

@@ -96,18 +96,12 @@ def test_calibration_on_its_own_timeline(tmp_path: Path) -> None:
     poses = poses_from_rows(scattered_poses(4, (200.0,) * 3, 0.2, HOME, rng=np.random.default_rng(2)), ["a", "b", "c", "d"])
     record = CalibrationRecord.model_validate(
         {
-            "schema": "lmeasure.calibration/1",
-            "rig": "rig.toml",
-            "parameters": [],
-            "covariance": [],
-            "residuals": [{"pose": p, "channel": "ch2", "mm": 0.01 * i} for i, p in enumerate("bcd", 1)],
-            "equations": 18,
-            "unknowns": 30,
-            "rank": 18,
-            "unobservable": [{"point": "B1", "direction": {"B1.x_mm": 1.0}, "text": "moves along its line of sight"}],
+            "schema": "lmeasure.calibration/1", "rig": "rig.toml", "parameters": [], "covariance": [],
+            "residuals": [{"pose": p, "channel": "ch2", "mm": 0.01 * i} for i, p in enumerate("bcd", 1)], "equations": 18, "unknowns": 30,
+            "rank": 18, "unobservable": [{"point": "B1", "direction": {"B1.x_mm": 1.0}, "text": "moves along its line of sight"}],
             "warnings": [{"code": "underdetermined", "text": "three equations, five unknowns"}],
         }
-    )
+    )  # fmt: skip
     path = tmp_path / "calibration.rrd"
     write_recording(path, rig, nominal=cell_rig(2), reference=poses, record=record)
     numbers, translation = stored(path, "/world/tool", "Transform3D:translation", "pose")

@@ -102,20 +102,9 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
     half, deep = "\ud800", hostile.deep(900)
     names = (LONG, DIGITS, f"{LONG}/rig.toml", quote("\0"), "a%00b", "%ff%fe", "%ed%a0%80", "я" * 200, "/".join(["d"] * 3000))
     pages = (
-        "jobs/",
-        "raw/",
-        "look/",
-        "run/",
-        "start/",
-        "trajectory/",
-        "along/",
-        "export/",
-        "viewer/",
-        "projects/",
-        "api/jobs/",
-        "shown/x/",
+        "jobs/", "raw/", "look/", "run/", "start/", "trajectory/", "along/", "export/", "viewer/", "projects/", "api/jobs/", "shown/x/",
         "",
-    )
+    )  # fmt: skip
     questions = ("rig?file=", "scene?file=", "details?file=", "calibrations?old=x&new=", "?tour=", "run/zone?_form=1&rig=", "?code=")
     for name in names:
         for page in pages:
