@@ -31,14 +31,10 @@ def changed(rig: Rig, drum: dict[str, Any] | None = None, point: dict[str, Any] 
 
 def record(*names: str) -> CalibrationRecord:
     return CalibrationRecord(
-        rig="test",
-        parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
-        covariance=tuple(tuple(float(v) for v in row) for row in 0.01 * np.eye(len(names))),
-        residuals=(),
-        equations=100,
-        unknowns=len(names),
-        rank=len(names),
-    )
+        rig="test", parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        covariance=tuple(tuple(float(v) for v in row) for row in 0.01 * np.eye(len(names))), residuals=(), equations=100,
+        unknowns=len(names), rank=len(names),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -45,14 +45,10 @@ def record(rig: Rig) -> CalibrationRecord:
     draws = random.standard_normal((len(names), 7)) * 0.03
     covariance = draws @ draws.T + np.diag(random.uniform(1e-6, 1e-4, len(names)))
     return CalibrationRecord(
-        rig=rig.name,
-        parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
-        covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)),
-        residuals=(),
-        equations=100,
-        unknowns=len(names),
-        rank=len(names),
-    )
+        rig=rig.name, parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)), residuals=(), equations=100,
+        unknowns=len(names), rank=len(names),
+    )  # fmt: skip
 
 
 def statement(rig: Rig, calibration: CalibrationRecord | None, pose: np.ndarray) -> dict[str, float]:
@@ -233,13 +229,9 @@ def test_five_cables_are_still_refused() -> None:
     rig = cell(0, 8)
     with pytest.raises(RigError, match="has 5 cables; a pose is reconstructed from at least 6"):
         scan_zone(
-            rig.model_copy(update={"cable": rig.cable[3:]}),
-            None,
-            x=np.zeros(1),
-            y=np.zeros(1),
-            z=np.zeros(1),
+            rig.model_copy(update={"cable": rig.cable[3:]}), None, x=np.zeros(1), y=np.zeros(1), z=np.zeros(1),
             rotations=Rotation.identity(1),
-        )
+        )  # fmt: skip
 
 
 def test_a_program_is_held_against_the_zone_of_eight_cables() -> None:

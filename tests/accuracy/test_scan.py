@@ -39,18 +39,9 @@ def plan_of(rig: Rig, span: float = 400.0, step: float = 100.0, steps: int = 3) 
 
 def scalar(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     figures, flags = kernels.scan(
-        plan.cables,
-        plan.positions,
-        plan.quaternions,
-        plan.variance,
-        plan.weights,
-        plan.scales,
-        plan.factor,
-        plan.start,
-        plan.points,
-        plan.pairs,
-        plan.bodies,
-    )
+        plan.cables, plan.positions, plan.quaternions, plan.variance, plan.weights, plan.scales, plan.factor, plan.start, plan.points,
+        plan.pairs, plan.bodies,
+    )  # fmt: skip
     return figures, flags
 
 

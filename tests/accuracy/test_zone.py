@@ -67,14 +67,9 @@ def test_thesis_example_at_the_origin() -> None:
 def test_no_pose_of_the_published_rig_lies_within_60_degrees() -> None:
     zero = rotation_from_angles("puma-oat", [[0.0, 0.0, 0.0]])
     zone = scan_zone(
-        published(),
-        None,
-        x=axis(-750, 750, 150),
-        y=axis(-750, 750, 150),
-        z=axis(-300, 700, 100),
-        rotations=zero,
+        published(), None, x=axis(-750, 750, 150), y=axis(-750, 750, 150), z=axis(-300, 700, 100), rotations=zero,
         length_limits=(700.0, 2300.0),
-    )
+    )  # fmt: skip
     reachable = (zone["rejected_because"].values & (1 << REASONS.index("cable_too_long") | 1 << REASONS.index("cable_too_short"))) == 0
     assert reachable.sum() == 846
     assert zone["worst_pressure_angle_deg"].values[reachable].min() == pytest.approx(80.2, abs=0.05)
@@ -94,14 +89,10 @@ def record(rig: Rig, random: np.random.Generator) -> CalibrationRecord:
     draws = random.standard_normal((len(names), 2 * len(names))) * 0.02
     covariance = draws @ draws.T / len(names)
     return CalibrationRecord(
-        rig=rig.name,
-        parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
-        covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)),
-        residuals=(),
-        equations=100,
-        unknowns=len(names),
-        rank=len(names),
-    )
+        rig=rig.name, parameters=tuple(RecordedParameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)), residuals=(), equations=100,
+        unknowns=len(names), rank=len(names),
+    )  # fmt: skip
 
 
 def test_linked_calibration_enters_with_the_zero_pose() -> None:

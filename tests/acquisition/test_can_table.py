@@ -12,21 +12,14 @@ POINT = {
     "guide_beta_deg": 90.0,
     "pulley_radius_mm": 20.0,
     "drum": {
-        "counts_per_revolution": 6000,
-        "count_length_mm": 0.012,
-        "groove_pitch_mm": 1.0,
-        "tangent_length_mm": 180.0,
+        "counts_per_revolution": 6000, "count_length_mm": 0.012, "groove_pitch_mm": 1.0, "tangent_length_mm": 180.0,
         "axial_offset_mm": 25.0,
     },
-}
+}  # fmt: skip
 RIG: dict[str, Any] = {
-    "schema": "lmeasure.rig/1",
-    "unstated": "exact",
-    "name": "one",
-    "observation_point": [POINT],
-    "tool": {"P1": [0.0, 0.0, 0.0]},
+    "schema": "lmeasure.rig/1", "unstated": "exact", "name": "one", "observation_point": [POINT], "tool": {"P1": [0.0, 0.0, 0.0]},
     "cable": [{"name": "c1", "channel": "ch1", "from": "B1", "to": "P1"}],
-}
+}  # fmt: skip
 
 
 def with_can(**table: Any) -> Rig:

@@ -32,12 +32,9 @@ def field(first_bit: int, bits: int, order: Any = "little", signed: bool = True)
 
 @settings(deadline=None)  # the first call compiles
 @given(
-    st.binary(min_size=8, max_size=8),
-    st.integers(0, 6),
-    st.sampled_from([16, 24, 32, 64]),
-    st.sampled_from(["little", "big"]),
+    st.binary(min_size=8, max_size=8), st.integers(0, 6), st.sampled_from([16, 24, 32, 64]), st.sampled_from(["little", "big"]),
     st.booleans(),
-)
+)  # fmt: skip
 def test_whole_bytes_are_what_python_reads(data: bytes, offset: int, bits: int, order: Any, signed: bool) -> None:
     if offset + bits // 8 > 8:
         offset = 8 - bits // 8

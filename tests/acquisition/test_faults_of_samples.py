@@ -144,12 +144,8 @@ def test_what_devices_say_and_frames_that_do_not_fit_are_told_with_the_next_samp
     assert (said.sample, said.time_s, said.channel, said.kind) == (5, MOVING.time_s[5], "ch3", "emcy")
     # that of the SYNC before it
     assert (unfit.sample, unfit.time_s, unfit.channel, unfit.kind, unfit.text) == (
-        4,
-        MOVING.time_s[4],
-        "ch2",
-        "short_frame",
-        "fewer than 4 bytes",
-    )
+        4, MOVING.time_s[4], "ch2", "short_frame", "fewer than 4 bytes",
+    )  # fmt: skip
     before = new_assembler(RIG, FIELDS)
     before.feed(frames_from_messages([short], "kernel"), last=True)
     assert (before.events.kept[0].sample, before.events.kept[0].time_s) == (0, emergency.timestamp)

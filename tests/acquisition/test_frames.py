@@ -15,19 +15,12 @@ def messages(draw: st.DrawFn) -> can.Message:
     kind = draw(st.sampled_from(["data", "remote", "error", "fd"]))
     length = draw(st.sampled_from(FD_LENGTHS)) if kind == "fd" else draw(st.integers(0, 8))
     return can.Message(
-        timestamp=draw(st.floats(0, 1e9)),
-        arbitration_id=draw(st.integers(0, 2**29 - 1 if extended else 2**11 - 1)),
-        is_extended_id=extended,
-        is_remote_frame=kind == "remote",
-        is_error_frame=kind == "error",
-        is_fd=kind == "fd",
-        bitrate_switch=kind == "fd" and draw(st.booleans()),
-        error_state_indicator=kind == "fd" and draw(st.booleans()),
-        is_rx=draw(st.booleans()),
-        channel=draw(st.sampled_from(["can0", "can1", "0"])),
-        dlc=length,
+        timestamp=draw(st.floats(0, 1e9)), arbitration_id=draw(st.integers(0, 2**29 - 1 if extended else 2**11 - 1)),
+        is_extended_id=extended, is_remote_frame=kind == "remote", is_error_frame=kind == "error", is_fd=kind == "fd",
+        bitrate_switch=kind == "fd" and draw(st.booleans()), error_state_indicator=kind == "fd" and draw(st.booleans()),
+        is_rx=draw(st.booleans()), channel=draw(st.sampled_from(["can0", "can1", "0"])), dlc=length,
         data=None if kind == "remote" else draw(st.binary(min_size=length, max_size=length)),
-    )
+    )  # fmt: skip
 
 
 @settings(deadline=None)
@@ -53,19 +46,11 @@ def test_take_keeps_all_columns_together() -> None:
 def test_arrays_that_do_not_fit_are_refused() -> None:
     with pytest.raises(AcquisitionError, match="identifier has shape"):
         Frames(
-            np.zeros(2),
-            np.zeros(1, np.uint32),
-            np.zeros(2, np.uint8),
-            np.zeros(2, np.uint8),
-            np.zeros((2, 8), np.uint8),
+            np.zeros(2), np.zeros(1, np.uint32), np.zeros(2, np.uint8), np.zeros(2, np.uint8), np.zeros((2, 8), np.uint8),
             np.zeros(2, np.int16),
-        )
+        )  # fmt: skip
     with pytest.raises(AcquisitionError, match="data has shape"):
         Frames(
-            np.zeros(2),
-            np.zeros(2, np.uint32),
-            np.zeros(2, np.uint8),
-            np.zeros(2, np.uint8),
-            np.zeros((2, 7), np.uint8),
+            np.zeros(2), np.zeros(2, np.uint32), np.zeros(2, np.uint8), np.zeros(2, np.uint8), np.zeros((2, 7), np.uint8),
             np.zeros(2, np.int16),
-        )
+        )  # fmt: skip

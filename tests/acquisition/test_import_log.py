@@ -109,16 +109,9 @@ def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
     assert entry["sha256"] == {"drive.blf": files.sha256(path)}
     assert entry["received"] == 1600
     again = lmeasure(
-        "import",
-        path,
-        "--rig",
-        tmp_path / "run" / "rig.toml",
-        "--out",
-        tmp_path / "again",
-        "--start",
-        tmp_path / "run" / "run.toml",
+        "import", path, "--rig", tmp_path / "run" / "rig.toml", "--out", tmp_path / "again", "--start", tmp_path / "run" / "run.toml",
         "--parquet",
-    )
+    )  # fmt: skip
     assert again.returncode == 0, again.stderr
     assert np.array_equal(read_run(tmp_path / "again").passes[0].recorded, run.passes[0].recorded)
 

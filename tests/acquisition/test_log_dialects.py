@@ -86,12 +86,9 @@ def test_trc_1_2_and_errors_of_the_adapter(tmp_path: Path) -> None:
     )
     found, report = read_rows(path)
     assert [(f[1], f[REMOTE], f[LENGTH], f[DATA], f[BUS]) for f in found] == [
-        (0x300, False, 7, b"\0\0\0\0\4\0\0", "1"),
-        (0x400, False, 2, b"\0\1", "2"),
-        (0x004, False, 8, b"\0\x0c\0\0\0\0\0\0", "1"),
-        (0x288, False, 8, b"\0\0\x80\x19\0\0\x08\x08", "1"),
-        (0x100, True, 3, b"", "1"),
-    ]
+        (0x300, False, 7, b"\0\0\0\0\4\0\0", "1"), (0x400, False, 2, b"\0\1", "2"), (0x004, False, 8, b"\0\x0c\0\0\0\0\0\0", "1"),
+        (0x288, False, 8, b"\0\0\x80\x19\0\0\x08\x08", "1"), (0x100, True, 3, b"", "1"),
+    ]  # fmt: skip
     assert report.notes() == []
     path.write_text(
         ";$FILEVERSION=2.1\n;$STARTTIME=41766.46\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n 1 1.0 DT 1 0300 Rx - 1 05\n"

@@ -130,12 +130,9 @@ def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     rig = lm.read_rig(CELL / "rig.toml")
     at = {"P1": [30.0, 0.0, 10.0], "P2": [-30.0, 20.0, 0.0]}
     made = lm.simulate(
-        rig=rig,
-        rate_hz=50.0,
-        waypoint=[{"position_mm": p} for p in at.values()],
-        motion={"cycles": 3, "dwell_s": 0.8},
+        rig=rig, rate_hz=50.0, waypoint=[{"position_mm": p} for p in at.values()], motion={"cycles": 3, "dwell_s": 0.8},
         reference_poses={"count": 8, "u_position_mm": 0.02, "u_rotation_deg": 0.01},
-    )
+    )  # fmt: skip
     assert made.run is not None
     calibration = lm.calibrate(made, solve=("position",))
     # held by mypy, which sees through the lazy names

@@ -145,17 +145,10 @@ def test_residuals_are_what_strings_on_discs_do_not_close_by(shift: float) -> No
         drum, zero = point.drum, int(campaign.zero[j])
         one = oracles.Cable(
             base=(point.position_mm[0] + shift, point.position_mm[1] + shift, point.position_mm[2] + shift),
-            alpha=np.radians(point.guide_alpha_deg),
-            beta=np.radians(point.guide_beta_deg),
-            radius=point.pulley_radius_mm,
-            attachment=rig.tool[cable.to_point],
-            tangent=drum.tangent_length_mm,
-            axial=drum.axial_offset_mm,
-            pitch=drum.groove_pitch_mm,
-            counts_per_revolution=drum.counts_per_revolution,
-            count_length=drum.count_length_mm,
-            scale=drum.scale + shift * 1e-3,
-        )
+            alpha=np.radians(point.guide_alpha_deg), beta=np.radians(point.guide_beta_deg), radius=point.pulley_radius_mm,
+            attachment=rig.tool[cable.to_point], tangent=drum.tangent_length_mm, axial=drum.axial_offset_mm, pitch=drum.groove_pitch_mm,
+            counts_per_revolution=drum.counts_per_revolution, count_length=drum.count_length_mm, scale=drum.scale + shift * 1e-3,
+        )  # fmt: skip
         ends = (oracles.misclosure(one, rows[k], campaign.counts[k, j] * drum.scale) for k in (i, zero))
         here, begun = ends
         expected.append(float(here - begun))

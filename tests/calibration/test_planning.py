@@ -110,16 +110,10 @@ def test_all_that_recorded_poses_share_counts_in_full() -> None:
     names = tuple(str(i) for i in range(len(reference)))
     poses = Poses(names, first[reference], sigma[:, 3:].mean(axis=1), sigma[:, :3].mean(axis=1), C)
     recorded = Campaign(
-        rig,
-        poses,
-        rig.cable,
-        np.zeros((len(reference), 6)),
-        np.array([0, 2, 0, 0, 2, 0]),
-        dwell_variance=rng.uniform(0.01, 1 / 12, (len(reference), 6)),
-        zero_variance=rng.uniform(0.0, 0.05, 6),
-        reference=reference,
+        rig, poses, rig.cable, np.zeros((len(reference), 6)), np.array([0, 2, 0, 0, 2, 0]),
+        dwell_variance=rng.uniform(0.01, 1 / 12, (len(reference), 6)), zero_variance=rng.uniform(0.0, 0.05, 6), reference=reference,
         u_visit=np.tile(visit, (len(reference), 1)),
-    )
+    )  # fmt: skip
     recorded.counts[4, 1] = recorded.counts[9, 3] = np.nan
     instrument = Instrument(rig, rig.cable, ("position", "guide"), sigma_of(0.05, 2e-4), visit=visit)
     before, zeros = instrument.recorded(recorded)

@@ -37,14 +37,9 @@ def campaign_of(order: list[int], rows: FloatArray, stated: FloatArray, u_mm: fl
     every = np.rint(counts_from_poses(RIG, rows[order], rows[order[0]])) if counts is None else counts
     poses = Poses(names, stated[reference], np.full(len(place), u_mm), np.zeros(len(place)))
     return Campaign(
-        RIG,
-        poses,
-        RIG.cable,
-        every[place],
-        np.zeros(6, np.int64),
-        reference=reference,
+        RIG, poses, RIG.cable, every[place], np.zeros(6, np.int64), reference=reference,
         counted=np.repeat(np.array(place)[:, None], 6, axis=1),
-    )
+    )  # fmt: skip
 
 
 def poses_of(count: int, seed: int) -> FloatArray:

@@ -32,15 +32,12 @@ def swivelled(seed: int = 1, *, leaning: bool = False, absolute: bool = True, u_
     zero = {} if u_zero_deg is None or not absolute else {"u_zero_deg": u_zero_deg}
     data["swivel"] = [
         {
-            "point": f"B{i + 1}",
-            "channel": f"sw{i + 1}",
-            "counts_per_revolution": 131072,
-            "absolute": absolute,
+            "point": f"B{i + 1}", "channel": f"sw{i + 1}", "counts_per_revolution": 131072, "absolute": absolute,
             "count_sign": 1 - 2 * (i % 2),
         }
         | ({"zero_deg": float(rng.uniform(-180, 180))} | zero if absolute else {})
         for i in range(6)
-    ]
+    ]  # fmt: skip
     if leaning:
         axes = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
         data["inclination"] = [

@@ -279,12 +279,9 @@ def covered(pdf: bytes) -> bytes:
 
 
 KERNELS = (
-    "OPENBLAS_CORETYPE=Prescott",
-    "OPENBLAS_CORETYPE=Sandybridge",
-    "OPENBLAS_CORETYPE=Nehalem",
-    "NUMBA_CPU_NAME=generic",
+    "OPENBLAS_CORETYPE=Prescott", "OPENBLAS_CORETYPE=Sandybridge", "OPENBLAS_CORETYPE=Nehalem", "NUMBA_CPU_NAME=generic",
     "OPENBLAS_NUM_THREADS=2",
-)
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("kernel", [KERNELS[0], *(pytest.param(kernel, marks=pytest.mark.slow) for kernel in KERNELS[1:])])

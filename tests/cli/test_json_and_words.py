@@ -101,12 +101,8 @@ def test_what_is_no_number_and_a_failure_in_json() -> None:
     made = machine.of_result("zone", Result(None, ("a", ""), {"volume": float("nan")}, failure="too few", files=(Path("z.nc"),)))
     reported = json.loads(machine.written(made))
     assert (reported["exit_code"], reported["error"], reported["figures"], reported["summary"], reported["files"]) == (
-        1,
-        "too few",
-        {"volume": None},
-        ["a"],
-        ["z.nc"],
-    )
+        1, "too few", {"volume": None}, ["a"], ["z.nc"],
+    )  # fmt: skip
     assert not machine.asked(["zone", "--", "--json"])
 
 

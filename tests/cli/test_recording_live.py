@@ -38,16 +38,9 @@ position_mm = [60.0, -40.0, 30.0]
 
 
 SOME = Progress(
-    seconds=2.0,
-    frames=1400,
-    samples=200,
-    faults={"gap": 3, "wrap": 1},
-    channels=("ch1", "ch2"),
-    counts=np.array([1234.0, np.nan]),
-    rates=np.array([-500.0, np.nan]),
-    speeds_mm_s=np.array([-6.0, np.nan]),
-    latency_s=0.0123,
-)
+    seconds=2.0, frames=1400, samples=200, faults={"gap": 3, "wrap": 1}, channels=("ch1", "ch2"), counts=np.array([1234.0, np.nan]),
+    rates=np.array([-500.0, np.nan]), speeds_mm_s=np.array([-6.0, np.nan]), latency_s=0.0123,
+)  # fmt: skip
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 

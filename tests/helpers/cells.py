@@ -16,13 +16,9 @@ from lmeasure.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 
 POINTS = {
-    "B1": (-754.1, 292.9, 833.2),
-    "B2": (1354.3, -63.4, 411.5),
-    "B3": (401.6, -807.4, 1198.9),
-    "B4": (110.0, -1283.6, -477.8),
-    "B5": (537.0, -1183.0, 1360.0),
-    "B6": (1312.0, 1347.0, 689.0),
-}
+    "B1": (-754.1, 292.9, 833.2), "B2": (1354.3, -63.4, 411.5), "B3": (401.6, -807.4, 1198.9), "B4": (110.0, -1283.6, -477.8),
+    "B5": (537.0, -1183.0, 1360.0), "B6": (1312.0, 1347.0, 689.0),
+}  # fmt: skip
 TOOL = {"P1": [0.0, 150.0, 0.0], "P2": [-130.0, -75.0, 10.0], "P3": [130.0, -75.0, -10.0]}
 PAIRS = (("B1", "P1"), ("B2", "P1"), ("B3", "P2"), ("B4", "P2"), ("B5", "P3"), ("B6", "P3"))
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -41,13 +37,9 @@ def observation_point(name: str, position: tuple[float, float, float], bits: int
     alpha = np.degrees(np.arctan2(-z, np.hypot(x, y))) + 8.0
     beta = np.degrees(np.arctan2(x, y)) - 5.0
     return {
-        "name": name,
-        "position_mm": position,
-        "guide_alpha_deg": float(alpha),
-        "guide_beta_deg": float(beta),
-        "pulley_radius_mm": 14.0 + 2.0 * number,
-        "drum": drum | ({"counter_bits": bits} if bits else {}),
-    }
+        "name": name, "position_mm": position, "guide_alpha_deg": float(alpha), "guide_beta_deg": float(beta),
+        "pulley_radius_mm": 14.0 + 2.0 * number, "drum": drum | ({"counter_bits": bits} if bits else {}),
+    }  # fmt: skip
 
 
 def cell(bits: int | None = 32, **changes: Any) -> Rig:

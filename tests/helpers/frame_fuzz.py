@@ -45,12 +45,8 @@ def mutated(frames: Frames, rng: np.random.Generator) -> Frames:
         return rng.random(n) < share
 
     identifier, flags, length, data, time_s = (
-        frames.identifier.copy(),
-        frames.flags.copy(),
-        frames.length.copy(),
-        frames.data.copy(),
-        frames.time_s.copy(),
-    )
+        frames.identifier.copy(), frames.flags.copy(), frames.length.copy(), frames.data.copy(), frames.time_s.copy(),
+    )  # fmt: skip
     hit = some(0.02)
     identifier[hit] = rng.integers(0, 2**11, hit.sum())
     hit = some(0.02)

@@ -258,14 +258,9 @@ def engineer(page: Page, reported: Reported, project: Path) -> Path:
     done(page)
     onward(page, "/run/certify")
     begun(
-        page,
-        "certify",
-        key="lab.key",
-        out="certificates/first",
-        trajectory="trajectory.parquet",
-        run="cell/run",
+        page, "certify", key="lab.key", out="certificates/first", trajectory="trajectory.parquet", run="cell/run",
         program="cell/program.toml",
-    )
+    )  # fmt: skip
     done(page)
     reported("a certificate, signed", page)
     onward(page, "/run/verify")

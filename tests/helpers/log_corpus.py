@@ -24,12 +24,9 @@ def messages(count: int, seed: int, *, fd: bool = True, channels: tuple[int | st
         extended = bool(rng.integers(2))
         kind = rng.choice(["data", "remote", "error", "fd"], p=[0.7, 0.1, 0.05, 0.15])
         common: dict[str, Any] = {
-            "timestamp": round(time, 6),
-            "channel": channels[int(rng.integers(len(channels)))],
-            "arbitration_id": int(rng.integers(2**29 if extended else 2**11)),
-            "is_extended_id": extended,
-            "is_rx": bool(rng.integers(2)),
-        }
+            "timestamp": round(time, 6), "channel": channels[int(rng.integers(len(channels)))],
+            "arbitration_id": int(rng.integers(2**29 if extended else 2**11)), "is_extended_id": extended, "is_rx": bool(rng.integers(2)),
+        }  # fmt: skip
         if kind == "remote":
             out.append(can.Message(**common, is_remote_frame=True, dlc=int(rng.integers(9))))
         elif kind == "error":

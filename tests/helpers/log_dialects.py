@@ -40,12 +40,9 @@ def screen(log: list[can.Message], way: str = "a", extra: bool = False, text: bo
     lines, before = [], log[0].timestamp
     for m in log:
         stamp = {
-            "a": f"{m.timestamp:017.6f}",
-            "z": f"{m.timestamp - log[0].timestamp:010.6f}",
-            "d": f"{m.timestamp - before:010.6f}",
-            "A": datetime.fromtimestamp(m.timestamp).strftime("%Y-%m-%d %H:%M:%S.%f"),
-            "": "",
-        }[way]
+            "a": f"{m.timestamp:017.6f}", "z": f"{m.timestamp - log[0].timestamp:010.6f}", "d": f"{m.timestamp - before:010.6f}",
+            "A": datetime.fromtimestamp(m.timestamp).strftime("%Y-%m-%d %H:%M:%S.%f"), "": "",
+        }[way]  # fmt: skip
         before = m.timestamp
         flags = f"{'RX' if m.is_rx else 'TX'} {'B' if m.bitrate_switch else '-'} {'E' if m.error_state_indicator else '-'}  " * extra
         identifier = f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:03X}"

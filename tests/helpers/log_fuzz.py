@@ -30,23 +30,16 @@ DBC = (Path(__file__).parent / "six-counters.dbc").read_text(encoding="utf-8")
 def six_cables(table: dict[str, object] | None = None) -> Rig:
     """A rig of six cables; by default with the encoders' own default frames."""
     drum = {
-        "counts_per_revolution": 6000,
-        "count_length_mm": 0.012,
-        "groove_pitch_mm": 1.0,
-        "tangent_length_mm": 180.0,
+        "counts_per_revolution": 6000, "count_length_mm": 0.012, "groove_pitch_mm": 1.0, "tangent_length_mm": 180.0,
         "axial_offset_mm": 25.0,
-    }
+    }  # fmt: skip
     points = [
         {
-            "name": f"B{i}",
-            "position_mm": [500.0 * (i % 3), -1500.0 + 300.0 * i, 1400.0],
-            "guide_alpha_deg": 47.0,
-            "guide_beta_deg": 30.0 * i,
-            "pulley_radius_mm": 20.0,
-            "drum": drum if table else {**drum, "counter_bits": 32},
+            "name": f"B{i}", "position_mm": [500.0 * (i % 3), -1500.0 + 300.0 * i, 1400.0], "guide_alpha_deg": 47.0,
+            "guide_beta_deg": 30.0 * i, "pulley_radius_mm": 20.0, "drum": drum if table else {**drum, "counter_bits": 32},
         }
         for i in range(1, 7)
-    ]
+    ]  # fmt: skip
     cables = [{"name": f"c{i}", "channel": f"ch{i}", "from": f"B{i}", "to": f"P{i % 3}"} for i in range(1, 7)]
     tool = {"P0": [14.0, -14.0, 5.0], "P1": [-20.0, 3.0, 5.0], "P2": [3.0, 20.0, -5.0]}
     data: dict[str, object] = {"schema": "lmeasure.rig/1", "name": "six", "observation_point": points, "tool": tool, "cable": cables}

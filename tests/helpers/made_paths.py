@@ -14,13 +14,9 @@ FloatArray = NDArray[np.float64]
 EXACT = StatedErrors()
 LINE = {"name": "line", "kind": "linear", "start_mm": (0.0, 0.0, 0.0), "end_mm": (300.0, 400.0, 0.0), "speed_mm_s": 250.0}
 CIRCLE = {
-    "name": "circle",
-    "kind": "circular",
-    "centre_mm": (10.0, 20.0, 30.0),
-    "normal": (0.0, 0.0, 2.0),
-    "radius_mm": 100.0,
+    "name": "circle", "kind": "circular", "centre_mm": (10.0, 20.0, 30.0), "normal": (0.0, 0.0, 2.0), "radius_mm": 100.0,
     "start_mm": (110.0, 20.0, 35.0),
-}
+}  # fmt: skip
 SQUARE = {
     "name": "square",
     "kind": "rectangular",

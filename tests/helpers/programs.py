@@ -8,13 +8,9 @@ from lmeasure.robot_programs import Dialect, Listing, Source, dialect_of
 
 FOLDER = Path(__file__).parents[1] / "robot_programs" / "programs"
 WHOLE = {
-    "krl": ("tend.src", "tend.dat"),
-    "rapid": ("Polish.mod",),
-    "fanuc": ("DECK.LS",),
-    "ur-script": ("palletise.script",),
-    "csv": ("targets.csv",),
-    "robodk": ("robodk.csv",),
-}
+    "krl": ("tend.src", "tend.dat"), "rapid": ("Polish.mod",), "fanuc": ("DECK.LS",), "ur-script": ("palletise.script",),
+    "csv": ("targets.csv",), "robodk": ("robodk.csv",),
+}  # fmt: skip
 SMALL = {"krl": ("pick.src", "pick.dat"), "rapid": ("cell.mod",), "fanuc": ("pick.ls",), "ur-script": ("pick.script",)}
 ALL = {name: tuple((file, (FOLDER / "small" / file).read_text(encoding="utf-8")) for file in files) for name, files in SMALL.items()}
 (_, KRL_SOURCE), (_, KRL_DATA) = ALL["krl"]

@@ -105,14 +105,10 @@ def _point(name: str, rng: np.random.Generator, zero_exact: bool) -> dict[str, o
         "guide_beta_deg": float(np.degrees(np.arctan2(place[0], place[1]))) + rng.uniform(-15, 15),
         "pulley_radius_mm": rng.uniform(12, 30),
         "drum": {
-            "counts_per_revolution": 6000,
-            "count_length_mm": COUNT_MM,
-            "groove_pitch_mm": rng.uniform(0.8, 1.6),
-            "tangent_length_mm": rng.uniform(130, 240),
-            "axial_offset_mm": rng.uniform(20, 30),
-            "zero_exact": zero_exact,
+            "counts_per_revolution": 6000, "count_length_mm": COUNT_MM, "groove_pitch_mm": rng.uniform(0.8, 1.6),
+            "tangent_length_mm": rng.uniform(130, 240), "axial_offset_mm": rng.uniform(20, 30), "zero_exact": zero_exact,
         },
-    }
+    }  # fmt: skip
 
 
 def true_values(drawn: Drawn, names: list[str]) -> FloatArray:

@@ -204,17 +204,9 @@ def draw(seed: int, flaws: Flaws, cables: int = 6) -> RealRig:
         phase=flaws.phase,
     )
     return RealRig(
-        base,
-        alpha,
-        beta,
-        rng.uniform(15.0, 30.0, cables),
-        rng.uniform(130.0, 240.0, cables),
-        rng.uniform(20.0, 30.0, cables),
-        rng.uniform(0.8, 1.6, cables),
-        tool,
-        tied,
-        drawn,
-    )
+        base, alpha, beta, rng.uniform(15.0, 30.0, cables), rng.uniform(130.0, 240.0, cables), rng.uniform(20.0, 30.0, cables),
+        rng.uniform(0.8, 1.6, cables), tool, tied, drawn,
+    )  # fmt: skip
 
 
 def _conditioned(base: FloatArray, arms: FloatArray, poses: FloatArray) -> bool:

@@ -46,16 +46,11 @@ def cell(seed: int = 0) -> list[oracles.Cable]:
         u /= np.linalg.norm(u)
         out.append(
             oracles.Cable(
-                base=tuple(base.tolist()),
-                alpha=math.asin(u[2]),
-                beta=math.atan2(-u[0], -u[1]),
-                radius=float(g.uniform(12, 30)),
-                attachment=tuple(attachment.tolist()),
-                tangent=float(g.uniform(150, 250)),
-                axial=float(g.uniform(15, 35)),
+                base=tuple(base.tolist()), alpha=math.asin(u[2]), beta=math.atan2(-u[0], -u[1]), radius=float(g.uniform(12, 30)),
+                attachment=tuple(attachment.tolist()), tangent=float(g.uniform(150, 250)), axial=float(g.uniform(15, 35)),
                 pitch=float(g.uniform(0.8, 1.6)),
             )
-        )
+        )  # fmt: skip
     return out
 
 

@@ -14,20 +14,13 @@ PUBLISHED_CABLES = (("B1", "P1"), ("B1", "P2"), ("B2", "P2"), ("B2", "P3"), ("B3
 
 def point(name: str, position: Any, radius: float = 0.0, alpha: float = 45.0, beta: float = 180.0, **drum: Any) -> dict[str, Any]:
     values = {
-        "counts_per_revolution": 6000,
-        "count_length_mm": 0.0125,
-        "groove_pitch_mm": 1.0,
-        "tangent_length_mm": 180.0,
+        "counts_per_revolution": 6000, "count_length_mm": 0.0125, "groove_pitch_mm": 1.0, "tangent_length_mm": 180.0,
         "axial_offset_mm": 25.0,
-    }
+    }  # fmt: skip
     return {
-        "name": name,
-        "position_mm": [float(v) for v in position],
-        "guide_alpha_deg": alpha,
-        "guide_beta_deg": beta,
-        "pulley_radius_mm": radius,
-        "drum": values | drum,
-    }
+        "name": name, "position_mm": [float(v) for v in position], "guide_alpha_deg": alpha, "guide_beta_deg": beta,
+        "pulley_radius_mm": radius, "drum": values | drum,
+    }  # fmt: skip
 
 
 def rig(points: list[dict[str, Any]], tool: Any, pairs: Any, name: str = "test") -> Rig:
@@ -54,14 +47,11 @@ def cell(seed: int = 0, cables: int = 6) -> Rig:
     directions = np.array([[1, 0, 0.6], [-0.5, 0.87, 0.6], [-0.5, -0.87, 0.6], [-1, 0, -0.5], [0.5, -0.87, -0.5], [0.5, 0.87, -0.5]])
     points = [
         point(
-            f"B{i + 1}",
-            1300 * d + random.uniform(-150, 150, 3),
-            radius=float(random.uniform(12, 30)),
-            alpha=float(random.uniform(20, 70)),
-            beta=float(np.degrees(np.arctan2(d[0], d[1])) + random.uniform(-20, 20)),
+            f"B{i + 1}", 1300 * d + random.uniform(-150, 150, 3), radius=float(random.uniform(12, 30)),
+            alpha=float(random.uniform(20, 70)), beta=float(np.degrees(np.arctan2(d[0], d[1])) + random.uniform(-20, 20)),
         )
         for i, d in enumerate(directions)
-    ]
+    ]  # fmt: skip
     turn = np.radians([90, 210, 330])
     tool = {f"P{i + 1}": (150 * np.cos(a), 150 * np.sin(a), 10.0 * i) for i, a in enumerate(turn)}
     more = [(-200.0, -300.0, 1400.0), (1100.0, -900.0, -500.0), (-900.0, 1100.0, 300.0)][: cables - 6]

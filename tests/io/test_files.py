@@ -111,14 +111,10 @@ def test_what_is_no_table(tmp_path: Path, content: bytes, line: str) -> None:
 @pytest.mark.parametrize(
     "content",
     [
-        b"\xef\xbb\xbf" + HEAD + b"0,1,2\n",
-        HEAD.replace(b"\n", b"\r\n") + b"0,1,2\r\n",
-        HEAD + b'0," 1 ","2"\n',
-        b"\xef\xbb\xbftime_s;ch1;ch2\r\n0,0;1;2\r\n",
-        b"time_s;ch1;ch2\n0.0;1;2,0\n",
-        b"time_s\tch1\tch2\n0\t1\t2\n",
+        b"\xef\xbb\xbf" + HEAD + b"0,1,2\n", HEAD.replace(b"\n", b"\r\n") + b"0,1,2\r\n", HEAD + b'0," 1 ","2"\n',
+        b"\xef\xbb\xbftime_s;ch1;ch2\r\n0,0;1;2\r\n", b"time_s;ch1;ch2\n0.0;1;2,0\n", b"time_s\tch1\tch2\n0\t1\t2\n",
     ],
-)
+)  # fmt: skip
 def test_what_a_spreadsheet_writes_is_read(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "t.csv"
     path.write_bytes(content)

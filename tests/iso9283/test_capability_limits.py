@@ -52,13 +52,10 @@ def test_a_tolerance_may_state_its_own_rule() -> None:
 @pytest.mark.parametrize(
     ("value", "limits", "limit"),
     [
-        (-2.0, None, 0.5),
-        (0.2, tolerance(-3.0, 5.0), 1.0),
-        (-8.0, tolerance(-3.0, 5.0), 2.0),
-        (0.2, tolerance(upper=6.0), 0.75),
+        (-2.0, None, 0.5), (0.2, tolerance(-3.0, 5.0), 1.0), (-8.0, tolerance(-3.0, 5.0), 2.0), (0.2, tolerance(upper=6.0), 0.75),
         (0.2, tolerance(-6.0), 0.75),
     ],
-)
+)  # fmt: skip
 def test_a_value_may_be_stated_to_a_part_of_it_or_of_half_its_tolerance(value: float, limits: Tolerance | None, limit: float) -> None:
     assert limit_of(value, limits, 0.25) == pytest.approx(limit)
 
@@ -120,12 +117,9 @@ def test_a_component_takes_the_verdict_of_its_vector() -> None:
     assert list(found) == ["AP_p", "AP_x", "AP_y", "AP_z", "AV"]
     verdicts = {name: (c.capable, c.limit_u95, c.capable_alone) for name, c in found.items()}
     assert verdicts == {
-        "AP_p": (True, 1.0, None),
-        "AP_x": (True, 1.0, False),
-        "AP_y": (True, 2.0, False),
-        "AP_z": (True, 1.0, True),
+        "AP_p": (True, 1.0, None), "AP_x": (True, 1.0, False), "AP_y": (True, 2.0, False), "AP_z": (True, 1.0, True),
         "AV": (True, 1.0, None),
-    }
+    }  # fmt: skip
     assert found["AP_x"].note == found["AP_z"].note == message("verdict.of_vector", vector="AP_p")
     assert found["AP_y"].note is None
     # of an instrument too coarse for the vector none is stated

@@ -55,14 +55,10 @@ def test_capable_and_the_verdict_of_the_vector() -> None:
 @pytest.mark.parametrize(
     ("rule", "upper", "verdict"),
     [
-        ("simple", 0.31, "conforms"),
-        ("simple", 0.29, "does not conform"),
-        ("guarded", 0.31, "not decided"),
-        ("guarded", 0.29, "not decided"),
-        ("guarded", 0.35, "conforms"),
-        ("guarded", 0.25, "does not conform"),
+        ("simple", 0.31, "conforms"), ("simple", 0.29, "does not conform"), ("guarded", 0.31, "not decided"),
+        ("guarded", 0.29, "not decided"), ("guarded", 0.35, "conforms"), ("guarded", 0.25, "does not conform"),
     ],
-)
+)  # fmt: skip
 def test_conformity(rule: str, upper: float, verdict: str) -> None:
     trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.0)
     shared = np.zeros((6, 3))

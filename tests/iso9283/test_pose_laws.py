@@ -80,12 +80,9 @@ def rates_at(rotation: Rotation) -> FloatArray:
 
 
 GROUPED = {
-    "all alike": [0] * 6,
-    "two directions": [0, 1, 0, 1, 1, 0, 1, 0],
-    "three of them, unlike in number": [0, 0, 1, 2, 2, 1, 2, 0, 2],
-    "one alone": [0, 0, 1, 0],
-    "each alone": [0, 1, 2],
-}
+    "all alike": [0] * 6, "two directions": [0, 1, 0, 1, 1, 0, 1, 0], "three of them, unlike in number": [0, 0, 1, 2, 2, 1, 2, 0, 2],
+    "one alone": [0, 0, 1, 0], "each alone": [0, 1, 2],
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("scale", [0.3, 1.0, 3.0])

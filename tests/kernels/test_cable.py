@@ -31,17 +31,11 @@ def random_cables(seed: int, number: int, radius: float | None = None) -> Iterat
         # the generators draw every wrap from nearly none to nearly a full turn: the guide points anywhere
         pose = np.r_[g.uniform(-400, 400, 3), q / np.linalg.norm(q)]
         c = oracles.Cable(
-            base=tuple(base.tolist()),
-            alpha=float(g.uniform(-1.5, 1.5)),
-            beta=float(g.uniform(-3, 3)),
-            radius=float(g.uniform(5, 40)) if radius is None else radius,
-            attachment=tuple(g.uniform(-150, 150, 3).tolist()),
-            tangent=float(g.uniform(0, 300)),
-            axial=float(g.uniform(-80, 80)),
-            pitch=float(g.uniform(-3, 3)),
-            count_length=float(g.uniform(0.005, 0.02)),
-            scale=float(g.choice([0.5, 1.0, 2.0])),
-        )
+            base=tuple(base.tolist()), alpha=float(g.uniform(-1.5, 1.5)), beta=float(g.uniform(-3, 3)),
+            radius=float(g.uniform(5, 40)) if radius is None else radius, attachment=tuple(g.uniform(-150, 150, 3).tolist()),
+            tangent=float(g.uniform(0, 300)), axial=float(g.uniform(-80, 80)), pitch=float(g.uniform(-3, 3)),
+            count_length=float(g.uniform(0.005, 0.02)), scale=float(g.choice([0.5, 1.0, 2.0])),
+        )  # fmt: skip
         yield c, pose, float(g.uniform(-90_000, 90_000))
 
 

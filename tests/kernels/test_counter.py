@@ -124,14 +124,10 @@ def test_limits_of_what_a_counter_shows() -> None:
 
 @settings(max_examples=400, deadline=None, derandomize=True)
 @given(
-    steps=st.lists(st.tuples(st.integers(-5, 5), st.sampled_from([0.0, 1.0, 2.0])), min_size=0, max_size=5),
-    start=st.integers(-4, 4),
-    full=st.sampled_from([0, 6, 8]),
-    most=st.sampled_from([2.0, 3.0, 5.0]),
-    zero=st.integers(0, 2),
-    least=st.integers(0, 3),
+    steps=st.lists(st.tuples(st.integers(-5, 5), st.sampled_from([0.0, 1.0, 2.0])), min_size=0, max_size=5), start=st.integers(-4, 4),
+    full=st.sampled_from([0, 6, 8]), most=st.sampled_from([2.0, 3.0, 5.0]), zero=st.integers(0, 2), least=st.integers(0, 3),
     longest=st.sampled_from([1.5, np.inf]),
-)
+)  # fmt: skip
 def test_a_counter_to_which_nothing_happens_runs_on(
     steps: list[tuple[int, float]], start: int, full: int, most: float, zero: int, least: int, longest: float
 ) -> None:

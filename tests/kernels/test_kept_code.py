@@ -71,12 +71,9 @@ print("hits", sum(rests.stats.cache_hits.values()), "misses", sum(rests.stats.ca
 
 def one(folder: Path, **environment: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", ONE],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(folder)} | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+        [sys.executable, "-W", "error", "-c", ONE], env=os.environ | {"NUMBA_CACHE_DIR": str(folder)} | environment, capture_output=True,
+        text=True, check=True,
+    )  # fmt: skip
     assert done.stderr == ""
     return done.stdout.strip()
 

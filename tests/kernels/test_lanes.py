@@ -343,15 +343,12 @@ def test_few_samples_are_stepped_until_nothing_is_left(rows: FloatArray, off_mm:
 @pytest.mark.parametrize(
     ("row", "value", "safe"),
     [
-        (lanes.RESIDUAL, 0.9 * screw.TOLERANCE_MM, True),
-        (lanes.RESIDUAL, 1.1 * screw.TOLERANCE_MM, False),
-        (lanes.DETERMINANT, -1e-6, True),
-        (lanes.DETERMINANT, 1e-6, False),
-        (lanes.DETERMINANT, 0.0, False),
+        (lanes.RESIDUAL, 0.9 * screw.TOLERANCE_MM, True), (lanes.RESIDUAL, 1.1 * screw.TOLERANCE_MM, False),
+        (lanes.DETERMINANT, -1e-6, True), (lanes.DETERMINANT, 1e-6, False), (lanes.DETERMINANT, 0.0, False),
         (lanes.DETERMINANT, np.nan, False),
     ],
     ids=str,
-)
+)  # fmt: skip
 def test_few_samples_that_are_far_off_or_on_the_other_side_are_not_taken(row: int, value: float, safe: bool, lane: int) -> None:
     tile = np.zeros((lanes.TILE_ROWS, lanes.WIDTH))
     tile[lanes.DETERMINANT] = -0.3

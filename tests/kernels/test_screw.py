@@ -20,22 +20,14 @@ NANOMETRE = 1e-6  # mm
 NANORADIAN = 1e-9
 # Thesis Rashoyan 2021, 4.4: a platform of three points on six legs of length 2, unit lengths throughout
 SIX_LEGS = (
-    ((0, 3, 0), (0, 1, 0)),
-    ((-2, 1, 0), (0, 1, 0)),
-    ((0, 1, -2), (0, 1, 0)),
-    ((1, 0, -2), (1, 0, 0)),
-    ((3, 0, 0), (1, 0, 0)),
+    ((0, 3, 0), (0, 1, 0)), ((-2, 1, 0), (0, 1, 0)), ((0, 1, -2), (0, 1, 0)), ((1, 0, -2), (1, 0, 0)), ((3, 0, 0), (1, 0, 0)),
     ((-1, 0, -2), (-1, 0, 0)),
-)
+)  # fmt: skip
 # Thesis Table 5.1, with the pairing of legs to platform points that its figures imply
 TABLE_5_1 = (
-    ((3, -4.5, 0), (3, -3, 3)),
-    ((4, -0.5, 0), (3, -3, 3)),
-    ((2, -1.5, 0), (3, -3, 3)),
-    ((3, 1, 0), (2, 1, 3)),
-    ((2, 1, 0), (2, 1, 3)),
+    ((3, -4.5, 0), (3, -3, 3)), ((4, -0.5, 0), (3, -3, 3)), ((2, -1.5, 0), (3, -3, 3)), ((3, 1, 0), (2, 1, 3)), ((2, 1, 0), (2, 1, 3)),
     ((0, -2, 0), (0, -2, 3)),
-)
+)  # fmt: skip
 
 
 def legs(table: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]) -> FloatArray:

@@ -106,13 +106,10 @@ def test_stamp_comes_back_and_anything_else_is_no_stamp(launcher: ModuleType, tm
 @pytest.mark.parametrize(
     ("change", "extras", "left"),
     [
-        ({}, NONE, "nothing"),
-        ({}, TEST, "install"),
-        ({"pyproject": "other"}, NONE, "install"),
-        ({"python": "3.99.0"}, NONE, "rebuild"),
+        ({}, NONE, "nothing"), ({}, TEST, "install"), ({"pyproject": "other"}, NONE, "install"), ({"python": "3.99.0"}, NONE, "rebuild"),
         ({"folder": "/elsewhere"}, NONE, "rebuild"),
     ],
-)
+)  # fmt: skip
 def test_what_is_left_to_do(launcher: ModuleType, change: dict[str, str], extras: frozenset[str], left: str) -> None:
     made_from = launcher.identity()
     assert launcher.todo({**made_from, "extras": []}, {**made_from, **change}, extras) == left

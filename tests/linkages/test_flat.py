@@ -22,12 +22,9 @@ def volume(edges: dict[str, float]) -> float:
     """Square of 6 V by the Cayley-Menger determinant of X, Y, P, Q; negative where there is no such tetrahedron."""
     d = {k: v**2 for k, v in edges.items()}
     rows = [
-        [0, 1, 1, 1, 1],
-        [1, 0, d["xy"], d["px"], d["qx"]],
-        [1, d["xy"], 0, d["py"], d["qy"]],
-        [1, d["px"], d["py"], 0, d["pq"]],
+        [0, 1, 1, 1, 1], [1, 0, d["xy"], d["px"], d["qx"]], [1, d["xy"], 0, d["py"], d["qy"]], [1, d["px"], d["py"], 0, d["pq"]],
         [1, d["qx"], d["qy"], d["pq"], 0],
-    ]
+    ]  # fmt: skip
     return float(np.linalg.det(np.array(rows, dtype=float))) / 8.0
 
 

@@ -313,14 +313,10 @@ def test_a_rate_is_believed_whatever_the_pieces(piece: int) -> None:
 @pytest.mark.parametrize(
     ("values", "whole"),
     [
-        ([0.0, -5.0], True),
-        ([2.0**53 - 1.0, 1.0], True),
-        ([1.0 - 2.0**53, 1.0], True),
-        ([2.0**53, 1.0], False),
-        ([0.0, 0.5], False),
+        ([0.0, -5.0], True), ([2.0**53 - 1.0, 1.0], True), ([1.0 - 2.0**53, 1.0], True), ([2.0**53, 1.0], False), ([0.0, 0.5], False),
         ([np.nan, 1.0], False),
     ],
-)
+)  # fmt: skip
 def test_counts_are_integers_as_far_as_these_are_told_apart(values: list[float], whole: bool) -> None:
     """Beyond 2^53 a float stands for several."""
     column = Counts(times(2), ("ch1",), np.array(values)[:, None]).columns()["ch1"]

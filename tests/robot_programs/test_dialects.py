@@ -116,13 +116,8 @@ def test_what_fanuc_moves_to() -> None:
         in_the_robot(dialect, listing, "P[5]"), wpr(440, -52.5, 300, -179.9, 0.5, 50) @ np.linalg.inv(grip), atol=1e-9
     )
     assert next(t for t in listing.targets if t.name == "P[1]").flags == {
-        "flip": 0,
-        "up": 1,
-        "front": 1,
-        "turn1": 0,
-        "turn2": 0,
-        "turn3": 0,
-    }
+        "flip": 0, "up": 1, "front": 1, "turn1": 0, "turn2": 0, "turn3": 0,
+    }  # fmt: skip
     said = [str(u) for u in listing.unread]
     for part in ("L PR[7]: a position that is computed", "P[3]: is moved to with OFFSET", "P[7]: no motion goes to it", "P[8]: not taught"):
         assert any(part in line for line in said), (part, said)

@@ -53,18 +53,9 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     asked = f"name,{names},target\na,10,15,-20,30,40,-25,tool\nb,10,15,-20,30,40,-25,ball\n"
     (out.parent / "asked.csv").write_text(asked, encoding="utf-8")
     said = ran(
-        "identify",
-        "--robot",
-        case / "arm.urdf",
-        "--measurements",
-        case / "measured.csv",
-        "--out",
-        out,
-        "--free",
-        "links",
-        "--predict",
+        "identify", "--robot", case / "arm.urdf", "--measurements", case / "measured.csv", "--out", out, "--free", "links", "--predict",
         out.parent / "asked.csv",
-    )
+    )  # fmt: skip
     assert "of the .urdf: base 'base_link' (--base-link), flange 'tool0' (--tip)" in said
     assert "warning predict: target 'ball' was not measured (measured: tool): 1 rows left out" in said
     return out
@@ -81,17 +72,9 @@ def test_one_unknown_target_is_named_and_the_others_are_predicted(identified: Pa
 def test_the_flange_of_a_urdf_is_that_of_its_programs(identified: Path, tmp_path: Path) -> None:
     case = CASES / "urdf-flange-lost"
     ran(
-        "correct",
-        case / "same.ls",
-        "--identified",
-        identified,
-        "--frames",
-        case / "frames.toml",
-        "--near",
-        "10,15,-20,30,40,-25",
-        "--out",
-        tmp_path / "c",
-    )
+        "correct", case / "same.ls", "--identified", identified, "--frames", case / "frames.toml", "--near", "10,15,-20,30,40,-25",
+        "--out", tmp_path / "c",
+    )  # fmt: skip
     by_joints, by_pose = (t["corrected_values"] for t in json.loads((tmp_path / "c" / "corrections.json").read_text())["targets"])
     np.testing.assert_allclose(by_joints, [10, 14.94, -19.95, 30, 39.96, -25], atol=2e-3)
     want = flange([10, 14.94, -19.95, 30, 39.96, -25])
@@ -123,20 +106,9 @@ def test_a_mimic_joint_elsewhere_and_a_tool_on_the_flange(tmp_path: Path) -> Non
     table["A1"] = np.radians(table["A1"])
     table.to_csv(tmp_path / "given.csv", index=False)
     ran(
-        "plan-poses",
-        "--robot",
-        robot,
-        "--poses",
-        "5",
-        "--tool",
-        "30,0,100",
-        "--candidates",
-        tmp_path / "given.csv",
-        "--columns",
-        "name=1,a1=A1[rad]",
-        "--out",
-        tmp_path / "few.csv",
-    )
+        "plan-poses", "--robot", robot, "--poses", "5", "--tool", "30,0,100", "--candidates", tmp_path / "given.csv", "--columns",
+        "name=1,a1=A1[rad]", "--out", tmp_path / "few.csv",
+    )  # fmt: skip
     assert set(pd.read_csv(tmp_path / "few.csv")["name"]) <= set(joints["name"])
 
 

@@ -102,15 +102,9 @@ def test_any_number_of_cables(seed: int, m: int, radius: float | None, missing: 
     reference = follow(channels, changes, HOME)
     flags = np.full(200, int(Status.GAP))
     found = least_squares.follow_least_squares(
-        rows,
-        HOME,
-        span_lengths(rows, HOME[None])[0],
-        least_squares.new_state(HOME, m),
-        changes,
-        flags,
-        np.full(m, COUNT_MM / np.sqrt(12.0)),
-        ALL,
-    )
+        rows, HOME, span_lengths(rows, HOME[None])[0], least_squares.new_state(HOME, m), changes, flags,
+        np.full(m, COUNT_MM / np.sqrt(12.0)), ALL,
+    )  # fmt: skip
     assume(not (reference.angle > np.radians(80.0)).any())
     assert_same(found, reference)
     np.testing.assert_allclose(found[5], reference.chi2, rtol=1e-6, atol=1e-6)

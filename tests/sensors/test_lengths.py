@@ -50,19 +50,12 @@ def oracle_cables(of: Rig) -> list[oracles.Cable]:
         p = of.point(c.from_point)
         out.append(
             oracles.Cable(
-                base=p.position_mm,
-                alpha=math.radians(p.guide_alpha_deg),
-                beta=math.radians(p.guide_beta_deg),
-                radius=p.pulley_radius_mm,
-                attachment=of.tool[c.to_point],
-                tangent=p.drum.tangent_length_mm,
-                axial=p.drum.axial_offset_mm,
-                pitch=p.drum.groove_pitch_mm,
-                counts_per_revolution=p.drum.counts_per_revolution,
-                count_length=p.drum.count_length_mm,
+                base=p.position_mm, alpha=math.radians(p.guide_alpha_deg), beta=math.radians(p.guide_beta_deg), radius=p.pulley_radius_mm,
+                attachment=of.tool[c.to_point], tangent=p.drum.tangent_length_mm, axial=p.drum.axial_offset_mm,
+                pitch=p.drum.groove_pitch_mm, counts_per_revolution=p.drum.counts_per_revolution, count_length=p.drum.count_length_mm,
                 scale=p.drum.scale,
             )
-        )
+        )  # fmt: skip
     return out
 
 

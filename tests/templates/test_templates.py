@@ -39,13 +39,8 @@ def test_what_an_error_costs_by_solving_with_a_wrong_file(name: str) -> None:
     r = np.random.default_rng(3)
     poses = se3.pose(r.uniform(-300, 300, (12, 3)), Rotation.from_rotvec(r.uniform(-0.2, 0.2, (12, 3))))
     names: tuple[str, ...] = (
-        "B1.x_mm",
-        "B2.z_mm",
-        "B1.guide_alpha_deg",
-        "B3.guide_beta_deg",
-        "B2.pulley_radius_mm",
-        "B1.tangent_length_mm",
-    )
+        "B1.x_mm", "B2.z_mm", "B1.guide_alpha_deg", "B3.guide_beta_deg", "B2.pulley_radius_mm", "B1.tangent_length_mm",
+    )  # fmt: skip
     names += ("B3.axial_offset_mm", "B1.groove_pitch_mm", "B2.scale", "tool.P1.y_mm")
     linear = position_errors(rig, START, poses, names)
     for i, one in enumerate(names):

@@ -114,13 +114,10 @@ def record_of(rig: Rig, temperature_c: float | None) -> CalibrationRecord:
 @pytest.mark.parametrize(
     ("of_run", "of_record", "determined"),
     [
-        (None, None, "5 K since zeroing"),
-        (25.0, None, "5 K since zeroing"),
-        (None, 21.0, "5 K since zeroing, calibrated at 21.0 deg C"),
-        (25.0, 20.0, "up to 5.0 K off the calibration's 20.0 deg C"),
-        (20.2, 20.0, None),
+        (None, None, "5 K since zeroing"), (25.0, None, "5 K since zeroing"), (None, 21.0, "5 K since zeroing, calibrated at 21.0 deg C"),
+        (25.0, 20.0, "up to 5.0 K off the calibration's 20.0 deg C"), (20.2, 20.0, None),
     ],
-)
+)  # fmt: skip
 def test_temperature_that_is_not_stated_or_differs_is_flagged(
     of_run: float | None, of_record: float | None, determined: str | None
 ) -> None:

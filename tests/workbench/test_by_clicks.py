@@ -44,13 +44,8 @@ def test_every_page_at_every_width(language: str, tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", two_cables())
     some_files_of_the_demo(tmp_path)
     more = (
-        "/trajectory/cell/trajectory.parquet",
-        "/look/cell/certificate",
-        "/look/cell/run",
-        "/start/cell/run",
-        "/run/certify",
-        "/run/zone",
-    )
+        "/trajectory/cell/trajectory.parquet", "/look/cell/certificate", "/look/cell/run", "/start/cell/run", "/run/certify", "/run/zone",
+    )  # fmt: skip
     with served(tmp_path) as address, opened(address) as page:
         assert looked_at(page, entered(page), {language: (390, 1024, 1400, 2560, 3840)}, (*PAGES, *more)) == []
 

@@ -58,16 +58,9 @@ def main() -> None:
             raise RuntimeError(f"pose {i}: residual {np.abs(solution.fun).max():.1e} mm")
         found[i] = solution.x
     np.savez_compressed(
-        Path(__file__).with_name("poses.npz"),
-        base_mm=base,
-        alpha_rad=alpha,
-        beta_rad=beta,
-        radius_mm=radius,
-        attachment_mm=attachment,
-        lengths_mm=given,
-        position_mm=found[:, :3],
-        rotation_vector_rad=found[:, 3:],
-    )
+        Path(__file__).with_name("poses.npz"), base_mm=base, alpha_rad=alpha, beta_rad=beta, radius_mm=radius, attachment_mm=attachment,
+        lengths_mm=given, position_mm=found[:, :3], rotation_vector_rad=found[:, 3:],
+    )  # fmt: skip
 
 
 if __name__ == "__main__":
