@@ -21,7 +21,7 @@ from lmeasure.recording import read_program
 SHORT = Tests(
     tests=("pose", "approach", "stabilisation", "path", "reorientation", "posing", "compliance"),
     speeds_percent=(100.0,), loads_kg=(20.0,), dwell_s=0.45, settle_s=0.3, limit_band_mm=0.05, angles="fanuc-wpr",
-    cycles={"pose": 5, "approach": 2, "stabilisation": 2, "path": 2, "reorientation": 2, "posing": 2, "compliance": 2},
+    cycles={"pose": 8, "approach": 2, "stabilisation": 2, "path": 2, "reorientation": 2, "posing": 2, "compliance": 2},
 )  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def test_every_stage_leaves_its_files(done: RobotDemo, out: Path, reported: list
     for path in done.look:
         assert path.exists(), path
     program = read_program(out / "program.toml")
-    assert [len(p.windows_s) for p in program.pose if p.name == "P3"] == [5]
+    assert [len(p.windows_s) for p in program.pose if p.name == "P3"] == [8]
     table = files.read_table(out / "characteristics.csv")
     assert len(table) == len(done.held)
     mark = json.loads((out / "demo.json").read_text())
