@@ -27,7 +27,7 @@ from clicks import entered  # noqa: E402
 from lmeasure.recording import read_counts  # noqa: E402
 from lmeasure.rig import write_rig  # noqa: E402
 from lmeasure.simulation import cell_rig  # noqa: E402
-from lmeasure.workbench.forms import own_bus  # noqa: E402
+from lmeasure.workflows import own_bus  # noqa: E402
 
 EVERY_S = 5.0
 COLUMNS = ("seconds", "frame_to_screen_ms", "server_mb", "recorder_mb", "browser_mb", "scripts_mb")

@@ -75,7 +75,10 @@ class TypedLines:
     """
 
     def __init__(self) -> None:
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._lines: queue.SimpleQueue[tuple[str, float]] = queue.SimpleQueue()
+        self._by_person = events.asked()
+        self.waited_s = 0.0
+        """How long the last lines had waited, where a person typed them; a script may type ahead [s]."""
         self._ended = self.gone = False
         self._before: list[Any] | None = None
         self._reader: threading.Thread | None = None
@@ -85,9 +88,11 @@ class TypedLines:
         """Those since the last question."""
         if self._reader is None:
             self._begin()
-        ended, out = self._ended, []
+        ended, out, self.waited_s = self._ended, [], 0.0
         while not self._lines.empty():
-            out.append(self._lines.get())
+            line, at = self._lines.get()
+            out.append(line)
+            self.waited_s = max(self.waited_s, time.monotonic() - at) if self._by_person else 0.0
         self.gone = ended
         return out
 
@@ -99,7 +104,7 @@ class TypedLines:
                 raise typer.Abort
             time.sleep(0.05)
         for later in lines[1:]:
-            self._lines.put(later)
+            self._lines.put((later, time.monotonic()))
         return lines[0]
 
     def close(self) -> None:
@@ -117,14 +122,14 @@ class TypedLines:
             own[3] &= ~(termios.ECHO | termios.ICANON)  # Ctrl-C is still Ctrl-C
             own[6][termios.VMIN], own[6][termios.VTIME] = 1, 0
             termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, own)
-            read = self._read_letters
+            read, self._by_person = self._read_letters, True
         self._reader = threading.Thread(target=read, daemon=True)
         self._reader.start()
 
     def _read_lines(self) -> None:
         if sys.stdin is not None:
             for line in sys.stdin:
-                self._lines.put(line.rstrip("\n"))
+                self._lines.put((line.rstrip("\n"), time.monotonic()))
         self._ended = True
 
     def _read_letters(self) -> None:
@@ -137,7 +142,7 @@ class TypedLines:
                 continue
             for letter in text:
                 if letter in "\r\n":
-                    self._lines.put(self.pending)
+                    self._lines.put((self.pending, time.monotonic()))
                     self.pending = ""
                 elif letter in "\x7f\b":
                     self.pending = self.pending[:-1]

@@ -26,10 +26,6 @@ def known(jobs: Jobs) -> dict[str, str]:
 
 
 def _bus(job: Job) -> str:
-    """The bus of a job's command line, as it was or by default."""
+    """The bus of a job's command line."""
     given = forms.of_words(job.command, job.words)
-    if job.command == "play":
-        from lmeasure.workflows import GROUP
-
-        return str(given.get("bus") or GROUP)
     return str(given.get("bus", ""))

@@ -1,6 +1,5 @@
 """Forms of commands: their fields from the models of their settings, and what was filled in as a checked command line."""
 
-import hashlib
 import json
 import os
 import re
@@ -13,7 +12,7 @@ from typing import Any
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import LARGEST_NAME
 from lmeasure.workbench.project import OutsideError, Project, inside
-from lmeasure.workflows import Option, Writing, as_arguments, command_line, former_options, load, options_of, other_flags, said_of
+from lmeasure.workflows import Option, Writing, as_arguments, command_line, former_options, load, options_of, other_flags, own_bus, said_of
 
 HIDDEN = {"scheduler", "browser"}
 """Options that would make this machine ask another one, or open a window."""
@@ -170,12 +169,6 @@ def suggested(command: str, name: str, project: Project) -> str:
         number += 1
         free = path.with_name(f"{path.stem}-{number}{path.suffix}")
     return free.as_posix()
-
-
-def own_bus(folder: Path) -> str:
-    """A bus of this machine on which a project's simulated cell speaks, and no other project's."""
-    reported = hashlib.sha256(str(folder.resolve()).encode()).digest()
-    return f"udp_multicast:239.74.{1 + reported[0] % 250}.{1 + reported[1] % 250}"
 
 
 def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from .options import (
     with_commas as with_commas,
     written as written,
 )
-from .play import GROUP as GROUP
+from .play import own_bus as own_bus
 from .registry import (
     COMMANDS as COMMANDS,
     JOBS as JOBS,

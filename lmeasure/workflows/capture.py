@@ -152,11 +152,15 @@ def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | N
         nonlocal asked_to_end, samples, since
         if state.samples > samples:
             samples, since = state.samples, time.monotonic()
+        behind = link.source.behind_s
+        if link.source.timestamp_source in ("kernel", "host"):  # another clock's stamps tell no latency
+            behind = max(behind, state.latency_s or 0.0)
         for line in keys.typed() if keys is not None else ():
-            session.command(line)
+            session.behind_s = behind
+            session.command(line, getattr(keys, "waited_s", 0.0))
         if keys is not None and keys.gone:
             session.keys_are_gone()
-        session.look(state.events, time.monotonic() - since)
+        session.look(state.events, time.monotonic() - since, behind)
         if show is not None:
             show(session)
         try:

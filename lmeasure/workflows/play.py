@@ -1,5 +1,7 @@
 """A simulated cell that speaks on a bus and does what it is given."""
 
+import getpass
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -15,11 +17,16 @@ if TYPE_CHECKING:
     from lmeasure.rig import Rig
 
 BUILT = "How the cell differs from its rig"
-GROUP = "udp_multicast:239.74.163.2"
 AT_ONCE_S = 0.02
 """Rows that are made at once, and how long a line waits at most."""
 SILENT_S = 0.5
 """How long nobody may be heard there before."""
+
+
+def own_bus(folder: Path) -> str:
+    """Return a bus of this machine for the simulated cell of a user's folder, so that two cells do not hear each other."""
+    digest = hashlib.sha256(f"{getpass.getuser()}:{folder.resolve()}".encode()).digest()
+    return f"udp_multicast:239.74.{1 + digest[0] % 250}.{1 + digest[1] % 250}"
 
 
 class Settings(Asked):
@@ -27,7 +34,10 @@ class Settings(Asked):
 
     NEXT: ClassVar[str] = "init my-cell"
     rig: Annotated[Path, option("rig.toml: what a person has measured of the cell.", metavar="RIG", positional=True)]
-    bus: Annotated[str, option("Where it speaks: a bus that other programs of this machine reach.", metavar="INTERFACE:CHANNEL")] = GROUP
+    bus: Annotated[
+        str | None,
+        option("Bus of this machine on which it speaks; by default one of your own for this folder.", metavar="INTERFACE:CHANNEL"),
+    ] = None
     poses: Annotated[Path | None, option("Poses that the robot can be sent to.", metavar="planned.csv")] = None
     commands: Annotated[
         Path | None, option("Commands for `run`, as `program` writes them; else a motion of six stops.", metavar="commands.csv")
@@ -66,24 +76,20 @@ def run(
     from lmeasure.acquisition import Pace, bus_opener, counter_fields, options_from_text, play
     from lmeasure.rig import read_rig
 
-    rig = read_rig(settings.rig)
+    rig, name = read_rig(settings.rig), settings.bus or own_bus(settings.rig.parent)
     cell = _cell(settings, rig, progress)
     fields = counter_fields(rig, settings.passage, settings.rig.parent)
-    open_bus = bus_opener(settings.bus, rig.can_table.bit_rate, options_from_text(settings.bus_option))
+    open_bus = bus_opener(name, rig.can_table.bit_rate, options_from_text(settings.bus_option))
     try:
         bus = open_bus()
     except Exception as error:  # each driver has its own way to say that there is no such device
-        raise LMeasureError(f"{settings.bus}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
+        raise LMeasureError(f"{name}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
     if bus.recv(SILENT_S) is not None:
         bus.shutdown()
-        raise LMeasureError(f"{settings.bus}: somebody speaks there already, such as another simulated cell; end it, or choose another bus")
+        raise LMeasureError(f"{name}: somebody speaks there already, such as another simulated cell; end it, or choose another bus")
     rows, pace = 0, Pace(settings.rate_hz)
     at_once = max(1, round(AT_ONCE_S * settings.rate_hz))
-    say(
-        message(
-            "workflows.speaks_samples_s", rig=rig.name, bus=settings.bus, rate=settings.rate_hz, channels=tuple(f.channel for f in fields)
-        )
-    )
+    say(message("workflows.speaks_samples_s", rig=rig.name, bus=name, rate=settings.rate_hz, channels=tuple(f.channel for f in fields)))
     try:
         while not (keys is not None and keys.gone):
             for line in keys.typed() if keys is not None else ():

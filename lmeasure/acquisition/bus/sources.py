@@ -106,6 +106,10 @@ class Source(Protocol):
     timestamp_source: TimestampSource
     bit_rate: int | None
 
+    @property
+    def behind_s(self) -> float:
+        """How long the oldest frame that was not taken yet has waited [s]."""
+
     def receive(self, timeout_s: float) -> Frames | None:
         """Frames that came within the time, perhaps none; None when there will be no more. AcquisitionError when the source is lost."""
 
@@ -225,6 +229,13 @@ class BusSource:
                 self._notices.append(Notice("bus_off", text))
                 return
 
+    @property
+    def behind_s(self) -> float:
+        """How long the oldest frame that was not taken yet has waited [s]."""
+        with contextlib.suppress(IndexError):  # the thread that reads only adds
+            return time.monotonic() - self._arrived[0][1]
+        return 0.0
+
     def notices(self) -> list[Notice]:
         """What happened to the bus since the last question."""
         return [self._notices.popleft() for _ in range(len(self._notices))]
@@ -309,6 +320,7 @@ class ReplaySource:
     """A log file as if it happened now, in its own time or as fast as it is asked for."""
 
     bit_rate: int | None = None
+    behind_s: float = 0.0
     timestamp_source: TimestampSource = "log"
 
     def __init__(self, path: Path, *, paced: bool) -> None:

@@ -1,7 +1,9 @@
 """Whether the robot stands still, found by its counts as they come, and the samples of the rest it is in."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +26,8 @@ TOGETHER = 0.5
 PART_UNSEEN = 0.25
 """Of a dwell that is read: without samples for longer it is not, unless UNSEEN median intervals are longer."""
 UNSEEN = 2.5
+NEWEST = 200
+"""Samples from which a median interval is taken."""
 HOLE = 1.5
 """Median intervals: farther apart, samples do not tell a leap."""
 
@@ -44,6 +48,63 @@ class Leap:
     time_s: float
 
 
+class _Piece(NamedTuple):
+    """Samples that came together: number of the first, how many they are, and extremes (m,) of their counts."""
+
+    first: int
+    rows: int
+    least: FloatArray
+    most: FloatArray
+
+
+def _extremes(counts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.fmin.reduce(counts), np.fmax.reduce(counts)
+
+
+def _median(values: FloatArray) -> float:
+    """Return the upper median; np.median takes ten times as long for a few values."""
+    return float(np.partition(values, len(values) // 2)[len(values) // 2])
+
+
+class _Rows:
+    """Samples with m channels that are numbered as they come: new ones are added, old ones forgotten, and none is copied each time."""
+
+    def __init__(self, channels: int) -> None:
+        self._time_s, self._counts = np.empty(256), np.empty((256, channels))
+        self._before = self._begin = self._end = 0
+
+    def add(self, samples: Samples) -> int:
+        """Add samples; return the number of the first."""
+        count, kept = len(samples.time_s), self._end - self._begin
+        if self._end + count > len(self._time_s):
+            size = max(2 * (kept + count), 256)
+            time_s, counts = np.empty(size), np.empty((size, self._counts.shape[1]))
+            time_s[:kept], counts[:kept] = self.all.time_s, self.all.recorded
+            self._before, self._begin, self._end = self._before + self._begin, 0, kept
+            self._time_s, self._counts = time_s, counts
+        first, self._end = self._end, self._end + count
+        self._time_s[first : self._end], self._counts[first : self._end] = samples.time_s, samples.recorded
+        return self._before + first
+
+    def begin(self, number: int) -> None:
+        """Forget samples before this one."""
+        self._begin = number - self._before
+
+    def part(self, first: int, rows: int) -> Samples:
+        """Return so many samples from a number on."""
+        part = slice(first - self._before, first - self._before + rows)
+        return Samples(self._time_s[part], self._counts[part])
+
+    def time_of(self, number: int) -> float:
+        """Return the time of a sample [s]."""
+        return float(self._time_s[number - self._before])
+
+    @property
+    def all(self) -> Samples:
+        """All samples that are kept."""
+        return Samples(self._time_s[self._begin : self._end], self._counts[self._begin : self._end])
+
+
 class Rest:
     """The rest that the newest samples belong to: their times (n,) and counts (n, m), none while the robot moves.
 
@@ -54,7 +115,9 @@ class Rest:
 
     def __init__(self, channels: tuple[str, ...], band: FloatArray, modulus: FloatArray) -> None:
         self.channels, self._band, self._gone_on = channels, band, GoneOn(modulus)
-        self.time_s, self.counts = np.empty(0), np.empty((0, len(channels)))
+        self._rows = _Rows(len(channels))
+        self._pieces: deque[_Piece] = deque()
+        self._least, self._most = np.full((2, len(channels)), np.nan)
         self.begun_s = self.since_s = self.now_s = np.nan
         self._seen_s, self._speed = np.full(len(channels), -np.inf), np.zeros(len(channels))
         self._tail = Samples(self.time_s, self.counts)
@@ -71,15 +134,48 @@ class Rest:
         last = samples.time_s[len(there) - 1 - np.argmax(there[::-1], axis=0)]
         self._seen_s = np.where(there.any(axis=0), last, self._seen_s)
         self._tail = self._look_for_leaps(joined([self._tail, samples]))
-        whole = joined([Samples(self.time_s, self.counts), samples])
-        # extremes of all that is behind each sample only grow backwards; an empty cell neither moves nor stands
-        behind = whole.recorded[::-1]
-        extent = np.nan_to_num(np.fmax.accumulate(behind) - np.fmin.accumulate(behind))[::-1]
-        moved = int((extent > self._band).any(axis=1).sum())
-        if moved or np.isnan(self.since_s):
-            self.since_s = float(whole.time_s[moved])
-        first = max(moved, int(np.searchsorted(whole.time_s, self.now_s - LONGEST_S)))
-        self.time_s, self.counts = whole.time_s[first:], whole.recorded[first:]
+        piece = _Piece(self._rows.add(samples), len(samples.time_s), *_extremes(samples.recorded))
+        self._pieces.append(piece)
+        self._least, self._most = np.fmin(self._least, piece.least), np.fmax(self._most, piece.most)
+        if np.isnan(self.since_s):
+            self.since_s = float(samples.time_s[0])
+        if (self._most - self._least > self._band).any():
+            self._let_go_of_motion()
+        while self._rows.time_of(self._pieces[0].first + self._pieces[0].rows - 1) < self.now_s - LONGEST_S:
+            self._pieces.popleft()
+        self._rows.begin(self._pieces[0].first)
+
+    def _let_go_of_motion(self) -> None:
+        """Keep the newest samples within the band. An empty cell neither moves nor stands."""
+        pieces = list(self._pieces)[::-1]
+        # extremes of all that is behind a sample only grow backwards: the first piece that leaves the band is looked at by samples
+        least = np.fmin.accumulate([p.least for p in pieces])
+        most = np.fmax.accumulate([p.most for p in pieces])
+        outside = np.flatnonzero((most - least > self._band).any(axis=1))
+        if len(outside):
+            k = int(outside[0])
+            piece = pieces[k]
+            rows = self._rows.part(piece.first, piece.rows).recorded[::-1]
+            behind = np.vstack([most[k - 1 : k], least[k - 1 : k], rows]) if k else rows
+            extent = (np.fmax.accumulate(behind) - np.fmin.accumulate(behind))[len(behind) - len(rows) :]
+            kept = int((~(extent > self._band).any(axis=1)).sum())
+            self._pieces = deque(pieces[:k][::-1])
+            if kept:
+                self._pieces.appendleft(_Piece(piece.first + piece.rows - kept, kept, *_extremes(rows[:kept])))
+            if kept < piece.rows:
+                self.since_s = self._rows.time_of(self._pieces[0].first)
+        self._least = np.fmin.reduce([p.least for p in self._pieces])
+        self._most = np.fmax.reduce([p.most for p in self._pieces])
+
+    @property
+    def time_s(self) -> FloatArray:
+        """(n,) times of the samples of the rest."""
+        return self._rows.all.time_s
+
+    @property
+    def counts(self) -> FloatArray:
+        """(n, m) counts of the rest."""
+        return self._rows.all.recorded
 
     def _look_for_leaps(self, piece: Samples) -> Samples:
         """Steps that have one before and one behind them; the samples with which those of the next piece are looked at."""
@@ -90,11 +186,16 @@ class Rest:
             step, pause = np.diff(piece.recorded, axis=0), np.diff(piece.time_s)
             size = np.abs(step)
             beside = np.maximum(np.maximum(size[:-2], size[2:]), 1.0)
-            leaps = (size[1:-1] > np.maximum(LEAP * beside, 2.0 * self._band)) & (pause[1:-1] < HOLE * np.median(pause))[:, None]
+            leaps = (size[1:-1] > np.maximum(LEAP * beside, 2.0 * self._band)) & (pause[1:-1] < HOLE * _median(pause))[:, None]
             leaps &= (leaps.mean(axis=1) <= TOGETHER)[:, None]
             for row, j in np.argwhere(leaps):
                 self._leaps.append(Leap(self.channels[j], float(step[row + 1, j]), float(piece.time_s[row + 2])))
         return Samples(piece.time_s[-3:], piece.recorded[-3:])
+
+    @property
+    def middle(self) -> FloatArray:
+        """(m,) counts in the middle of the rest's extremes."""
+        return (self._least + self._most) / 2.0
 
     def leaps(self) -> list[Leap]:
         """Those since the last question."""
@@ -108,11 +209,11 @@ class Rest:
 
     def seen_throughout(self, seconds: float) -> bool:
         """Whether samples came all along the last seconds of the rest: in a hole the robot may have been elsewhere."""
-        intervals = np.diff(self.time_s)
+        intervals = np.diff(self.time_s[-NEWEST:])
         if not len(intervals):
             return False
         longest = np.diff(np.concatenate([[self.now_s - seconds], self.last(seconds).time_s])).max()
-        return bool(longest <= max(PART_UNSEEN * seconds, UNSEEN * np.median(intervals)))
+        return bool(longest <= max(PART_UNSEEN * seconds, UNSEEN * _median(intervals)))
 
     @property
     def silent(self) -> tuple[str, ...]:

@@ -137,7 +137,9 @@ WHOLE_PART = 0.5
 MOVES_S = 0.1
 """A rest is no rest before that."""
 IDLE_S = 1.0
-PIECE_S = 0.02
+LATE_S = 2.0
+"""By which what is typed and the counts may be apart."""
+PIECE_S = 0.05
 LOSSES = {"jump": "capture.loss.jump", "reset": "capture.loss.reset", "lost_wrap": "capture.loss.silent", "stall": "capture.loss.stall"}
 """Faults of a recording after which a channel's count is not believed."""
 ORIGIN_LOST = ("reset", "lost_wrap")
@@ -166,6 +168,8 @@ class Session:
         self.poses = folder.poses
         self.skipped: set[str] = set()
         self._wanted, self._idle = False, False
+        self.behind_s = 0.0
+        """How old the newest sample is where more wait [s]."""
         self._asked_s = self._held_s = -np.inf
         self.trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
         self._seen_events = 0
@@ -204,9 +208,13 @@ class Session:
         """The samples of the recording, in their order; they are looked at when `look` tells what was wrong with them."""
         self._pending.append(samples)
 
-    def command(self, line: str) -> None:
-        """A line that a person, or a script, has typed."""
+    def command(self, line: str, waited_s: float = 0.0) -> None:
+        """A line that a person, or a script, has typed; waited_s is how long ago [s]."""
         word, _, rest = line.strip().partition(" ")
+        apart = max(self.behind_s, waited_s)
+        if word in ("", "take") and apart > LATE_S:  # the counts are of another moment than that in which it was typed
+            self._refuse(message("capture.late", seconds=apart))
+            return
         actions: dict[str, Callable[[], None]] = {
             "": self._take,
             "take": self._take,
@@ -225,9 +233,13 @@ class Session:
         else:
             self._say(message("capture.no_command", strip=line.strip(), help=message("capture.help")))
 
-    def look(self, events: Sequence[Event], idle_s: float = 0.0) -> None:
-        """Decide on what has come; events are all faults of the recording so far, idle_s is since when no sample came [s]."""
+    def look(self, events: Sequence[Event], idle_s: float = 0.0, behind_s: float = 0.0) -> None:
+        """Decide on what has come; events are all faults of the recording so far, idle_s is since when no sample came [s], behind_s how old
+        the newest sample is where more wait [s]."""
         self._note_faults(events)
+        if behind_s > LATE_S >= self.behind_s:
+            self._say(message("capture.behind", seconds=behind_s))
+        self.behind_s = behind_s
         if idle_s > IDLE_S and not self._idle:  # once, also where nobody asks for a reading
             self._say(message("capture.no_counts_come_from"))
         self._idle = idle_s > IDLE_S
@@ -247,12 +259,12 @@ class Session:
         if self.finished or self.goal is None:
             return
         still = self.rest.lasts_s >= self.settings.settle_s + self.settings.dwell_s and not self._idle
-        still = still and self.rest.seen_throughout(self.settings.dwell_s)
         if self._wanted and self.rest.since_s > self._asked_s:
             self._refuse(message("capture.robot_moved_during_dwell"))
         elif still and not self.trust.whole and self.folder.of_pass:
-            self._hold_against_readings()
-        elif still and (self._wanted or self._may_read_by_itself()):
+            if self.rest.seen_throughout(self.settings.dwell_s):
+                self._hold_against_readings()
+        elif still and (self._wanted or self._away_from_last()) and self._is_due():
             self._read()
 
     def keys_are_gone(self) -> None:
@@ -352,6 +364,17 @@ class Session:
             return message("procedures.pose_was_read_last", pose=self.goal)
         return ""
 
+    def _is_due(self) -> bool:
+        """Whether the rest is whole, and somebody or the rest itself wants the reading."""
+        return self.rest.seen_throughout(self.settings.dwell_s) and (self._wanted or self._may_read_by_itself())
+
+    def _away_from_last(self) -> bool:
+        """Whether this rest is elsewhere than the last reading, and nothing was said of it yet."""
+        if not self.folder.of_pass or self.rest.silent:
+            return True
+        off = np.abs(folded(self.rest.middle - self.folder.of_pass[-1].mean, self.folder.modulus))
+        return self._held_s < self.rest.since_s and not bool((off <= AWAY * self._band).all())
+
     def _may_read_by_itself(self) -> bool:
         """Whether a rest alone is reason enough: a new one, where the pose is expected."""
         if self.settings.by == "key":
@@ -366,10 +389,6 @@ class Session:
             # nothing tells yet where the robot stands
             return self.settings.by == "rest" or not self.keys
         mean = np.nanmean(self.rest.counts, axis=0)
-        if (
-            np.abs(folded(mean - self.folder.of_pass[-1].mean, self.folder.modulus)) <= AWAY * self._band
-        ).all() or self._held_s >= self.rest.since_s:
-            return False
         assert self.goal is not None
         expected = self.progress.expected(self.goal, mean)
         if expected is None or not surprising(expected).any():
@@ -421,7 +440,6 @@ class Session:
     def _hold_against_readings(self) -> None:
         """Whether the counters stand, at this rest, as they did at a pose that has been read."""
         dwell = self.rest.last(self.settings.dwell_s).recorded
-        # a channel that is empty throughout will soon be silent, or comes again
         if self._held_s >= self.rest.since_s or not (self.rest.silent or np.isfinite(dwell).any(axis=0).all()):
             return
         self._held_s = self.rest.now_s
@@ -496,6 +514,8 @@ class Session:
         """The state of things in one line."""
         if self._idle:
             state = message("acquisition.no_counts")
+        elif self.behind_s > LATE_S:
+            state = message("capture.state.behind", seconds=self.behind_s)
         elif self.lost:
             state = message("capture.state.no_origin", channels=tuple(self.lost))
         elif self.rest.silent:
