@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -58,20 +58,32 @@ def feeding(what: str, counts: IntArray, rate_hz: float, options: Options, folde
         process.communicate()
 
 
+def after(ended: Callable[[], bool]) -> Callable[[], bool]:
+    """Return what is true 0.3 s after what sends has ended."""
+    at: list[float] = []
+
+    def stop() -> bool:
+        if not at and ended():
+            at.append(time.monotonic())
+        return bool(at) and time.monotonic() - at[0] > 0.3
+
+    return stop
+
+
 def record_all(rig: Rig, link: Link, process: Process, folder: Path) -> Recording:
     """Begin, and record until the encoders have ended and their last frame is in."""
     assert process.stdin is not None
     process.stdin.write("go\n")
     process.stdin.flush()
-    ended: list[float] = []
-
-    def stop() -> bool:
-        if not ended and process.poll() is not None:
-            ended.append(time.monotonic())
-        return bool(ended) and time.monotonic() - ended[0] > 0.3
-
     try:
-        return record(rig, link.source, link.fields, folder, devices=[d.identity() for d in link.devices], stop=stop)
+        return record(
+            rig,
+            link.source,
+            link.fields,
+            folder,
+            devices=[d.identity() for d in link.devices],
+            stop=after(lambda: process.poll() is not None),
+        )
     finally:
         link.source.close()
 
@@ -148,15 +160,8 @@ def test_slcan_on_a_serial_port(tmp_path: Path) -> None:
 
         thread = threading.Thread(target=feed)
         thread.start()
-        ended: list[float] = []
-
-        def stop() -> bool:
-            if not ended and not thread.is_alive():
-                ended.append(time.monotonic())
-            return bool(ended) and time.monotonic() - ended[0] > 0.3
-
         try:
-            recording = record(rig, link.source, link.fields, tmp_path / "run", stop=stop)
+            recording = record(rig, link.source, link.fields, tmp_path / "run", stop=after(lambda: not thread.is_alive()))
         finally:
             thread.join()
             link.source.close()

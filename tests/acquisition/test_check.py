@@ -318,16 +318,6 @@ def test_encoders_are_turned_and_told(faults: dict[str, Any], reported: list[str
         assert said == []
 
 
-def test_what_moves_is_shown_while_it_moves() -> None:
-    bench = Bench(wiring=[0, 4, 2, 3, 1, 5], turns=False)
-    try:
-        bench.check()
-    finally:
-        bench.close()
-    assert "mm: ch1 +100.0  ch2 +0.0" in " ".join(bench.shown)
-    assert any(text.startswith("ch5 moves, not ch2  mm: ") for text in bench.shown)
-
-
 def watched(*batches: tuple[int, int]) -> BusWatch:
     """A watch that has seen so many frames of each identifier; an identifier of -1: error frames."""
     watch = BusWatch(counter_fields(RIG), 0x80)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from log_corpus import START, Row, library_rows, messages, rows, write
 from log_dialects import gvret, screen, trc
+from read_logs import assert_as_the_library
 
 from lmeasure.acquisition import read_frames
 from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, ERROR_STATE, messages_from_frames
@@ -67,12 +68,7 @@ def test_trc_as_the_library_reads_it(tmp_path: Path, version: str) -> None:
     log = [m for m in messages(500, 2, fd=False, channels=(0, 1)) if not m.is_error_frame]
     path = tmp_path / "log.trc"
     path.write_text(trc(log, version, "N,O,T,B,I,d,R,L,D" if version == "2.1" else ""), newline="")
-    expected, whole = library_rows(path)
-    found, report = read_rows(path)
-    assert whole
-    assert found == expected
-    assert len(found) == len(log)
-    assert report.notes() == []
+    assert_as_the_library(path, len(log))
 
 
 def test_trc_1_2_and_errors_of_the_adapter(tmp_path: Path) -> None:

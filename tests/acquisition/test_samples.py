@@ -203,8 +203,8 @@ def test_a_long_pause_of_a_busy_host_does_not_pass_for_a_faster_sync() -> None:
     assert not assembler.events.tally
 
 
-@pytest.mark.parametrize("rate_hz", [175.0, 200.0, 500.0, 667.0, 1000.0])
-@pytest.mark.parametrize("tick_s", [0.004, 0.010, 0.016])
+@pytest.mark.parametrize("rate_hz", [175.0, 667.0, 1000.0])
+@pytest.mark.parametrize("tick_s", [0.004, 0.016])
 def test_an_adapter_that_hands_over_many_frames_at_once_makes_no_jumps(rate_hz: float, tick_s: float) -> None:
     """A serial adapter gives every 16 ms what came meanwhile: most SYNCs are stamped 0.14 ms after the last one."""
     counts = motion(RIG, 1800.0, rate_hz)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from log_corpus import library_rows
-from read_logs import ERROR_COLUMN, read_rows
+from read_logs import ERROR_COLUMN, assert_as_the_library, read_rows
 
 # ASC and candump as other programs write them ---------------------------------------------------------------------------------------
 
@@ -22,12 +22,7 @@ def test_asc_of_canoe(tmp_path: Path, base: str) -> None:
         if base == "dec"
         else text
     )
-    expected, whole = library_rows(path)
-    found, report = read_rows(path)
-    assert whole
-    assert found == expected
-    assert len(found) == 11
-    assert report.notes() == []
+    assert_as_the_library(path, 11)
 
 
 def test_a_blank_that_is_not_ascii_parts_words_too(tmp_path: Path) -> None:
@@ -78,12 +73,7 @@ CANDUMP = (
 def test_candump_of_can_utils(tmp_path: Path) -> None:
     path = tmp_path / "log.log"
     path.write_text(CANDUMP)
-    expected, whole = library_rows(path)
-    found, report = read_rows(path)
-    assert whole
-    assert found == expected
-    assert len(found) == 11
-    assert report.notes() == []
+    assert_as_the_library(path, 11)
 
 
 def test_candump_error_frames_of_every_class(tmp_path: Path) -> None:

@@ -14,8 +14,7 @@ from lmeasure.kernels.vector import ARCTANGENT, angle, dot
 FloatArray = NDArray[np.float64]
 
 
-@kernel
-def fused(values: FloatArray) -> FloatArray:
+def products(values: FloatArray) -> FloatArray:
     out = np.empty(len(values))
     for i in range(len(values)):
         v = values[i]
@@ -23,13 +22,7 @@ def fused(values: FloatArray) -> FloatArray:
     return out
 
 
-@strict_kernel
-def unfused(values: FloatArray) -> FloatArray:
-    out = np.empty(len(values))
-    for i in range(len(values)):
-        v = values[i]
-        out[i] = dot((v[0], v[1], v[2]), (v[3], v[4], v[5]))
-    return out
+fused, unfused = kernel(products), strict_kernel(products)
 
 
 @strict_kernel

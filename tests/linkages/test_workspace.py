@@ -87,7 +87,7 @@ def test_thesis_5_3_boundary_by_following() -> None:
     assert np.abs(opened.places[[0, -1]]).max(axis=1).min() > plane.reach_mm
 
 
-@pytest.mark.parametrize(("plane", "level", "reach"), [("xz", 0.25, 25.0), ("xy", -3.0, 8.0), ("yz", 1.5, 10.0)])
+@pytest.mark.parametrize(("plane", "level", "reach"), [("xz", 0.25, 25.0), ("xy", -3.0, 8.0)])
 def test_thesis_5_3_cell_has_both_its_edges_at_every_level(plane: str, level: float, reach: float) -> None:
     """The cell of the origin is z + 4 > |x - y|: its edges meet in a point with those of other cells, or never."""
     pieces, said = slices(Bounds(BASE, BODY, HERE, None), HERE, plane, [level], reach_mm=reach)

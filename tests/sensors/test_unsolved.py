@@ -22,7 +22,7 @@ from lmeasure.trajectory import covariances, reconstruct
 FloatArray = NDArray[np.float64]
 
 START = np.array([0.0, 0, 0, 0, 0, 0, 1])
-DRAWS = 40
+DRAWS = 24
 
 STATED: dict[str, tuple[dict[str, float], str]] = {
     "count length": ({"u_count_length_mm": 6e-6}, "drum"),
@@ -186,7 +186,6 @@ def test_errors_of_rigs_drawn_from_what_is_stated_are_what_is_stated(names: tupl
         squares["differences"] += difference @ np.linalg.solve(apart @ apart.T + budget.random.sum(axis=0), difference)
     for what, square in squares.items():
         p = scipy.stats.chi2.cdf(square, 6 * DRAWS)
-        print(names, what, square / (6 * DRAWS), p)
         assert 0.005 < p < 0.995, (what, square / (6 * DRAWS))
 
 

@@ -21,8 +21,8 @@ from lmeasure.trajectory import Budget, RunModel, read_trajectory, reconstruct, 
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.uncertainty.sources import PassClock
 
-TRIALS = 300  # a standard deviation of as many draws is known to 4 %
-RUNS = 150  # 6 %
+TRIALS = 200  # a standard deviation of as many draws is known to 5 %
+RUNS = 100  # 7 %
 U_START = (0.3, 0.001)
 AS_FILE = [3, 4, 5, 0, 1, 2]
 
