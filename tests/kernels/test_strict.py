@@ -14,7 +14,8 @@ from lmeasure.kernels.vector import ARCTANGENT, angle, dot
 FloatArray = NDArray[np.float64]
 
 
-def products(values: FloatArray) -> FloatArray:
+@kernel
+def fused(values: FloatArray) -> FloatArray:
     out = np.empty(len(values))
     for i in range(len(values)):
         v = values[i]
@@ -22,7 +23,13 @@ def products(values: FloatArray) -> FloatArray:
     return out
 
 
-fused, unfused = kernel(products), strict_kernel(products)
+@strict_kernel
+def unfused(values: FloatArray) -> FloatArray:
+    out = np.empty(len(values))
+    for i in range(len(values)):
+        v = values[i]
+        out[i] = dot((v[0], v[1], v[2]), (v[3], v[4], v[5]))
+    return out
 
 
 @strict_kernel
