@@ -26,19 +26,7 @@ from scipy.spatial.transform import Rotation
 from study import options, show
 
 from lmeasure.core import se3
-from lmeasure.robots import (
-    Measurements,
-    Settings,
-    any_shipped,
-    beyond,
-    freed,
-    held_out,
-    identify,
-    identify_with_choice,
-    predict,
-    to_plan,
-    worth_freeing,
-)
+from lmeasure.robots import Measurements, Settings, beyond, freed, held_out, identify, identify_with_choice, predict, to_plan, worth_freeing
 from lmeasure.robots.identification.initial_frames import find_frames
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.model_choice import FALSE_ALARM
@@ -56,7 +44,6 @@ FREE: dict[str, tuple[str, ...] | None] = {
     "what the measurements ask for": None,
 }
 DEGREE = np.radians(1.0)
-STRUCTURES = ("generic6", "generic7", "ur5", "puma560", "gough")
 SEED, FOLDS, PLANNED, SETS, PARTS, U_MM = 18, 5, 60, 20, 12, 0.02
 
 
@@ -197,83 +184,6 @@ def simulated(robots: int) -> list[str]:
     return lines
 
 
-def repeated(robots: int) -> list[str]:
-    """Robots whose joints repeat to some hundredths of a degree, read several times at each stay, with several targets on the flange."""
-    drawn: list[tuple[dict[str, str], float, float, int, bool]] = []
-    for k in range(robots):
-        rng = np.random.default_rng([SEED, 11, k])
-        name = STRUCTURES[k % len(STRUCTURES)]
-        nominal: Any = any_shipped(name).model
-        n, stays = len(nominal.joint_names), int(rng.integers(30, 61))
-        readings, targets = int(rng.integers(1, 11)), int(rng.integers(1, 5))
-        oriented, stated = bool(rng.integers(2)), bool(rng.integers(2))
-        u_mm, u_rad, repeats = (
-            10.0 ** rng.uniform(-3.0, -1.3),
-            np.radians(0.01),
-            rng.uniform(0.002, 0.02, n) * np.where(nominal.sliding, 1.0, DEGREE),
-        )
-        size = np.array([0.3 if p.unit == "mm" else 0.03 for p in nominal.parameters]) * [p.size for p in nominal.parameters]
-        true = nominal.moved(rng.normal(size=len(size)) * size * np.isin(np.arange(len(size)), freed(nominal, ("links",))))
-        base = se3.pose(rng.uniform(-2000, 2000, 3), Rotation.random(rng=rng))
-        seats = [se3.pose(rng.uniform(-150, 150, 3), Rotation.random(rng=rng)) for _ in range(targets)]
-        low, high = nominal.limits
-        middle = 0.5 * (low + high)
-        ends = [np.where(nominal.sliding, middle + side * 60.0, np.clip(limit, -2.5, 2.5)) for side, limit in ((-1.0, low), (1.0, high))]
-
-        def seen(
-            count: int, times: int, *, true: Any = true, base: Any = base, seats: Any = seats, ends: Any = ends, rng: Any = rng,
-            u: Any = (u_mm, u_rad), repeats: Any = repeats, oriented: bool = oriented, stated: bool = stated,
-        ) -> Measurements:  # fmt: skip
-            reported = rng.uniform(*ends, (count, len(ends[0])))
-            flange = se3.compose(base, true.forward(reported + rng.normal(size=reported.shape) * repeats))
-            # all readings of a target, target by target, stay by stay
-            poses = np.repeat(np.stack([se3.compose(flange, seat) for seat in seats], axis=1), times, axis=1).reshape(-1, 7)
-            poses = se3.displaced(poses, rng.normal(size=(len(poses), 6)) * np.repeat([u[1], u[0]], 3))
-            each = np.repeat(np.arange(len(seats)), times)
-            return measured(
-                np.repeat(reported, len(each), axis=0),
-                poses[:, :3],
-                poses[:, 3:] if oriented else None,
-                target=[f"T{t + 1}" for t in np.tile(each, count)],
-                u_position_mm=u[0] if stated else None,
-                u_rotation_rad=u[1] if stated and oriented else None,
-            )
-
-        found = identify_with_choice(nominal, seen(stays, readings))
-        held = held_out(found)
-        found = replace(found, misfit=1.0 if held is None else held.misfit, beyond=beyond(found))
-        later = seen(50, 1)
-        predicted = predict(found, later.joints, later.target_of)
-        inside = np.mean(np.linalg.norm(predicted.pose[:, :3] - later.position, axis=1) <= predicted.u95_mm)
-        kinds = {
-            "robot": name,
-            "readings": "1" if readings == 1 else "2 to 4" if readings < 5 else "5 to 10",
-            "targets": str(targets),
-            "orientation": "yes" if oriented else "no",
-            "u stated": "yes" if stated else "no",
-        }
-        drawn.append(
-            (
-                kinds,
-                100 * float(inside),
-                np.nan if held is None else 100 * held.within,
-                len(found.settings.free) - 1,
-                found.beyond.factor > 0.0,
-            )
-        )
-    lines = [
-        "| of | robots | unseen within u95, % | held out within u95, % | families freed | widened beyond |",
-        "|---|---|---|---|---|---|",
-    ]
-    groups = [("all", "all", drawn)]
-    groups += [(f"{key}: {v}", v, [d for d in drawn if d[0][key] == v]) for key in drawn[0][0] for v in sorted({d[0][key] for d in drawn})]
-    for title, _, of in groups:
-        inside, within = np.mean([d[1] for d in of]), np.nanmean([d[2] for d in of])
-        lines.append(f"| {title} | {len(of)} | {inside:.1f} | {within:.1f} | {sum(d[3] for d in of)} | {sum(d[4] for d in of)} |")
-        print(lines[-1], flush=True)
-    return lines
-
-
 def halves(rows: Measurements) -> list[str]:
     """The real robot, identified in one half of its workspace and predicted in the other."""
     halves = (
@@ -324,7 +234,6 @@ def asked_for(robots: int) -> list[str]:
 def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--robots", type=int, default=10)
-    parser.add_argument("--repeated", type=int, default=200, help="robots that are read several times")
     parser.add_argument("--parts", default="", help="numbers of the tables, from 1, all by default")
     asked = parser.parse_args()
     rows = real()
@@ -335,7 +244,6 @@ def main() -> None:
         "Speed": lambda: speed(rows),
         "What is not there and asked for": lambda: asked_for(asked.robots),
         "Simulated robots, 80 places of 0.02 mm": lambda: simulated(asked.robots),
-        "Simulated robots, several readings and targets": lambda: repeated(asked.repeated),
         "One half of the workspace from the other": lambda: halves(rows),
     }
     wanted = [int(n) for n in asked.parts.split(",") if n] or range(1, len(tables) + 1)
