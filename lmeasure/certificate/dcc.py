@@ -20,6 +20,260 @@ UNITS = {
     "mm": r"\milli\metre", "deg": r"\degree", "rad": r"\radian", "s": r"\second", "ms": r"\milli\second", "%": r"\percent", "Hz": r"\hertz",
     "mm/s": r"\milli\metre\second\tothe{-1}", "mm/N": r"\milli\metre\newton\tothe{-1}",
 }  # fmt: skip
+COUNTRIES = frozenset(
+    [
+        "AD",
+        "AE",
+        "AF",
+        "AG",
+        "AI",
+        "AL",
+        "AM",
+        "AO",
+        "AQ",
+        "AR",
+        "AS",
+        "AT",
+        "AU",
+        "AW",
+        "AX",
+        "AZ",
+        "BA",
+        "BB",
+        "BD",
+        "BE",
+        "BF",
+        "BG",
+        "BH",
+        "BI",
+        "BJ",
+        "BL",
+        "BM",
+        "BN",
+        "BO",
+        "BQ",
+        "BR",
+        "BS",
+        "BT",
+        "BV",
+        "BW",
+        "BY",
+        "BZ",
+        "CA",
+        "CC",
+        "CD",
+        "CF",
+        "CG",
+        "CH",
+        "CI",
+        "CK",
+        "CL",
+        "CM",
+        "CN",
+        "CO",
+        "CR",
+        "CU",
+        "CV",
+        "CW",
+        "CX",
+        "CY",
+        "CZ",
+        "DE",
+        "DJ",
+        "DK",
+        "DM",
+        "DO",
+        "DZ",
+        "EC",
+        "EE",
+        "EG",
+        "EH",
+        "ER",
+        "ES",
+        "ET",
+        "FI",
+        "FJ",
+        "FK",
+        "FM",
+        "FO",
+        "FR",
+        "GA",
+        "GB",
+        "GD",
+        "GE",
+        "GF",
+        "GG",
+        "GH",
+        "GI",
+        "GL",
+        "GM",
+        "GN",
+        "GP",
+        "GQ",
+        "GR",
+        "GS",
+        "GT",
+        "GU",
+        "GW",
+        "GY",
+        "HK",
+        "HM",
+        "HN",
+        "HR",
+        "HT",
+        "HU",
+        "ID",
+        "IE",
+        "IL",
+        "IM",
+        "IN",
+        "IO",
+        "IQ",
+        "IR",
+        "IS",
+        "IT",
+        "JE",
+        "JM",
+        "JO",
+        "JP",
+        "KE",
+        "KG",
+        "KH",
+        "KI",
+        "KM",
+        "KN",
+        "KP",
+        "KR",
+        "KW",
+        "KY",
+        "KZ",
+        "LA",
+        "LB",
+        "LC",
+        "LI",
+        "LK",
+        "LR",
+        "LS",
+        "LT",
+        "LU",
+        "LV",
+        "LY",
+        "MA",
+        "MC",
+        "MD",
+        "ME",
+        "MF",
+        "MG",
+        "MH",
+        "MK",
+        "ML",
+        "MM",
+        "MN",
+        "MO",
+        "MP",
+        "MQ",
+        "MR",
+        "MS",
+        "MT",
+        "MU",
+        "MV",
+        "MW",
+        "MX",
+        "MY",
+        "MZ",
+        "NA",
+        "NC",
+        "NE",
+        "NF",
+        "NG",
+        "NI",
+        "NL",
+        "NO",
+        "NP",
+        "NR",
+        "NU",
+        "NZ",
+        "OM",
+        "PA",
+        "PE",
+        "PF",
+        "PG",
+        "PH",
+        "PK",
+        "PL",
+        "PM",
+        "PN",
+        "PR",
+        "PS",
+        "PT",
+        "PW",
+        "PY",
+        "QA",
+        "RE",
+        "RO",
+        "RS",
+        "RU",
+        "RW",
+        "SA",
+        "SB",
+        "SC",
+        "SD",
+        "SE",
+        "SG",
+        "SH",
+        "SI",
+        "SJ",
+        "SK",
+        "SL",
+        "SM",
+        "SN",
+        "SO",
+        "SR",
+        "SS",
+        "ST",
+        "SV",
+        "SX",
+        "SY",
+        "SZ",
+        "TC",
+        "TD",
+        "TF",
+        "TG",
+        "TH",
+        "TJ",
+        "TK",
+        "TL",
+        "TM",
+        "TN",
+        "TO",
+        "TR",
+        "TT",
+        "TV",
+        "TW",
+        "TZ",
+        "UA",
+        "UG",
+        "UM",
+        "US",
+        "UY",
+        "UZ",
+        "VA",
+        "VC",
+        "VE",
+        "VG",
+        "VI",
+        "VN",
+        "VU",
+        "WF",
+        "WS",
+        "YE",
+        "YT",
+        "ZA",
+        "ZM",
+        "ZW",
+    ]
+)
+"""Codes of ISO 3166-1."""
 NOT_STATED = "not stated"
 NO_VERDICT = "without a stated uncertainty, and so without a verdict,"
 OWN = "en"
@@ -27,7 +281,19 @@ OWN = "en"
 
 
 def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
-    """The XML's bytes. With an XSD CertificationError names the first line that does not keep to it; FileFormatError an XSD unreadable."""
+    """Return the bytes of the XML.
+
+    Raises
+    ------
+    CertificationError
+        If no country is stated, or with the first line that does not keep to the XSD.
+    FileFormatError
+        If the XSD cannot be read.
+    """
+    country = certificate["details"].get("country")
+    if country not in COUNTRIES:
+        found = "country is missing" if country is None else f"country = {country!r} is no code"
+        raise CertificationError(f'details: {found}: a DCC needs that of the laboratory, two letters of ISO 3166-1 such as country = "DE"')
     root = etree.Element(f"{{{DCC}}}digitalCalibrationCertificate", nsmap={"dcc": DCC, "si": SI, "xsi": XSI})
     root.set("schemaVersion", VERSION)
     root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
@@ -38,9 +304,8 @@ def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
     methods = _add(result, "usedMethods")
     method = _add(methods, "usedMethod")
     _named(method, certificate["details"].get("method", "ISO 9283:1998"))
-    conditions = certificate["details"].get("conditions", {})
-    if conditions:
-        _conditions(_add(result, "influenceConditions"), conditions)
+    _software(_add(result, "usedSoftware"), certificate)
+    _conditions(_add(result, "influenceConditions"), certificate["details"].get("conditions") or {"text": NOT_STATED})
     _results(_add(result, "results"), certificate)
     content = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if xsd is not None:
@@ -93,11 +358,9 @@ def _administrative(root: Any, certificate: dict[str, Any]) -> None:
     details = certificate["details"]
     dates = details.get("dates", {})
     part = _add(root, "administrativeData")
-    software = _add(_add(part, "dccSoftware"), "software")
-    _named(software, "lmeasure", OWN)
-    _add(software, "release", certificate["environment"].get("lmeasure", NOT_STATED))
+    _software(_add(part, "dccSoftware"), certificate)
     core = _add(part, "coreData")
-    _add(core, "countryCodeISO3166_1", details.get("country", "ZZ"))
+    _add(core, "countryCodeISO3166_1", details["country"])
     _add(core, "usedLangCodeISO639_1", OWN)
     _add(core, "mandatoryLangCodeISO639_1", OWN)
     _add(core, "uniqueIdentifier", certificate["id"])
@@ -132,6 +395,14 @@ def _administrative(root: Any, certificate: dict[str, Any]) -> None:
         _add(person, "role", authoriser["role"])
     _party(_add(part, "customer"), details.get("customer", {}))
     _statements(_add(part, "statements"), details)
+
+
+def _software(parent: Any, certificate: dict[str, Any]) -> None:
+    """The program and its release, of which a DCC has three numbers behind a letter."""
+    software = _add(parent, "software")
+    _named(software, "lmeasure", OWN)
+    numbers = re.match(r"\d{1,3}(\.\d{1,3}){0,2}", certificate["environment"].get("lmeasure", ""))
+    _add(software, "release", f"v{numbers[0] if numbers else '0'}")
 
 
 def _identified(parent: Any, issuer: str, value: str, name: str) -> None:
@@ -183,7 +454,8 @@ def _conditions(parent: Any, conditions: dict[str, Any]) -> None:
     if "text" in conditions:
         condition = _add(parent, "influenceCondition")
         _named(condition, "conditions", OWN)
-        _content(_add(_add(condition, "data"), "text"), conditions["text"])
+        # a laboratory's own text has no language that we know; the DCC wants one
+        _content(_add(_add(condition, "data"), "text"), conditions["text"], OWN if conditions["text"] == NOT_STATED else None)
 
 
 def _results(parent: Any, certificate: dict[str, Any]) -> None:
@@ -203,8 +475,8 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
         _add(real, "si:value", _number(figure["value"]))
         _add(real, "si:unit", UNITS.get(figure["unit"], figure["unit"]))
         if stated:
-            expanded = _add(real, "si:expandedUnc")
-            _add(expanded, "si:uncertainty", _number(figure["u95"]))
+            expanded = _add(_add(real, "si:measurementUncertaintyUnivariate"), "si:expandedMU")
+            _add(expanded, "si:valueExpandedMU", _number(figure["u95"]))
             _add(expanded, "si:coverageFactor", _number(figure.get("coverage_factor") or 1.96))
             _add(expanded, "si:coverageProbability", "0.95")
         if figure.get("conformity"):

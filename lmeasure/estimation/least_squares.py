@@ -6,9 +6,13 @@ u_data = prior_u/s. A direction with s < 1 is one the data leave undetermined: t
 to act everywhere).
 """
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.linalg
 import scipy.optimize
+import scipy.stats
+from scipy.stats import qmc
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.estimation import elimination
@@ -17,6 +21,7 @@ from lmeasure.estimation.problem import Problem
 
 MAX_STEPS = 100
 ROUGH = 1e-6  # of an objective: where those of hypotheses are compared, which differ by far
+PLATEAU = 1e-6  # probability of residuals under which an optimum with directions that no residual determines is none
 FLOOR = 3.0  # standard uncertainties of the data, within which a step may also go along the valley
 
 
@@ -43,6 +48,27 @@ class Whitened:
     def whiten(self, columns: FloatArray) -> FloatArray:
         """(e, c) columns of errors of the residuals with unit covariance instead of V."""
         return np.asarray(self._W * columns if self._W.shape[1] == 1 else self._W @ columns)
+
+
+def fit_from_starts(problem: Problem, start: FloatArray, starts: int = 32, *, seed: int = 0) -> Fit:
+    """Return the optimum from a start (P,), and from others while it is a plateau: residuals that hardly change and are far too large.
+
+    Other starts lie about the nominal values, by turns within 1, 0.1, 0.01 and 0.001 of the priors' widths.
+    """
+    best = fit(problem, start)
+    normal = scipy.stats.norm.ppf(0.001 + 0.998 * qmc.Sobol(len(start), rng=seed).random(starts))
+    for i, z in enumerate(normal):
+        if not _plateau(best):
+            break
+        other = problem.parameters.nominal + problem.parameters.width * z * 10.0 ** -(i % 4)
+        if np.isfinite(problem.residuals(other)).all():
+            best = min(best, fit(problem, other), key=lambda found: found.objective)
+    return replace(best, converged=best.converged and not _plateau(best))
+
+
+def _plateau(found: Fit) -> bool:
+    lost = not found.known.all() and found.freedom > 0
+    return lost and bool(scipy.stats.chi2.sf(found.chi2, found.freedom) < PLATEAU)
 
 
 def fit(problem: Problem, start: FloatArray, prior_everywhere: bool = False, near: bool = False, *, roughly: bool = False) -> Fit:

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,8 +72,9 @@ def public(key: Path) -> Any:
 
 @pytest.fixture(scope="module")
 def signed(campaign: Path, key: Path) -> Path:
-    out = campaign / "signed"
-    write_certificate(out, inputs(campaign), CertificationSettings(), Choices(key=key, dcc=True, zipped=True))
+    out, details = campaign / "signed", campaign / "details.toml"
+    details.write_text('schema = "lmeasure.report/1"\ncountry = "DE"\n')
+    write_certificate(out, replace(inputs(campaign), details=details), CertificationSettings(), Choices(key=key, dcc=True, zipped=True))
     return out
 
 

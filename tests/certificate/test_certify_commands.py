@@ -31,9 +31,12 @@ def run(*arguments: str | Path) -> tuple[int, str]:
 
 def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     given = (campaign / "trajectory.parquet", "--run", campaign / "run", "--program", campaign / "program.toml")
-    key, out = tmp_path / "k.pem", tmp_path / "c"
+    key, out, details = tmp_path / "k.pem", tmp_path / "c", tmp_path / "details.toml"
+    details.write_text('schema = "lmeasure.report/1"\ncountry = "RU"\n')
     assert run("key", "--out", key)[0] == 0
-    code, text = run("certify", *given, "--out", out, "--key", key, "--zip", "--dcc", "--language", "ru", "--rule", "guarded")
+    code, text = run(
+        "certify", *given, "--out", out, "--key", key, "--zip", "--dcc", "--details", details, "--language", "ru", "--rule", "guarded"
+    )
     assert code == 0, text
     assert text.startswith("Протокол испытаний LM-")
     assert "\nхарактеристик 52: пригодно " in text
@@ -79,7 +82,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
         (("--still-mm", "nan"), 2, "--still-mm"),
         (("--details", "none.toml"), 1, "none.toml"),
         (("--key", "none.pem"), 1, "none.pem"),
-        (("--dcc", "--xsd", "none.xsd"), 1, "none.xsd"),
+        (("--dcc",), 1, "country is missing"),
         (("--run", "none"), 1, "none"),
     ],
 )

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dcclib.validation.schematron import SchematronValidator
 from lxml import etree
 
 from lmeasure.certificate import dcc_xml
@@ -24,7 +25,9 @@ def certificate(**details: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
+BARE = {"country": "DE"}
 FULL = {
+    "country": "CH",
     "method": "ISO 9283:1998, 30 cycles",
     "traceability": "tracker 123",
     "laboratory": {"name": HOSTILE, "address": "Street 1", "contact": "lab@example.org"},
@@ -40,25 +43,39 @@ FULL = {
 }
 
 
-@pytest.mark.parametrize("details", [{}, FULL], ids=["nothing stated", "everything stated"])
+@pytest.mark.parametrize("details", [BARE, FULL], ids=["nothing stated", "everything stated"])
 def test_it_keeps_to_the_schema_and_to_every_digit(details: dict[str, Any]) -> None:
     content = certificate(**details)
     tree = etree.fromstring(dcc_xml(content, XSD))
     assert tree.get("schemaVersion") == "3.3.0"
     assert [float(v) for v in tree.xpath("//dcc:result//si:value/text()", namespaces=NAMES)] == [0.1 + 0.2, 1e-17]
-    assert [float(v) for v in tree.xpath("//si:uncertainty/text()", namespaces=NAMES)] == [1.0 / 3.0, 0.5]
+    assert [float(v) for v in tree.xpath("//si:valueExpandedMU/text()", namespaces=NAMES)] == [1.0 / 3.0, 0.5]
     units = tree.xpath("//dcc:result//si:unit/text()", namespaces=NAMES)
     assert units == ["\\milli\\metre", "\\milli\\metre\\second\\tothe{-1}"]
     assert tree.xpath("//dcc:uniqueIdentifier/text()", namespaces=NAMES) == ["LM-1"]
     reported = " ".join(tree.xpath("//dcc:content/text()", namespaces=NAMES))
     assert "not capable" in reported
     assert "\\u{B} \\u{D800}" in reported
-    assert ("no accreditation is stated" in reported) == (not details)
+    assert ("no accreditation is stated" in reported) == (details is BARE)
+
+
+@pytest.mark.parametrize("details", [BARE, FULL], ids=["nothing stated", "everything stated"])
+def test_the_schematron_of_its_makers_accepts_it(details: dict[str, Any]) -> None:
+    """`dcclib` has PTB's own rules for DCC 3.3.0 beyond the XSD."""
+    reported = SchematronValidator.for_dcc().validate_str(dcc_xml(certificate(**details)).decode())
+    assert not reported.failed_assertions
+    assert [r.text for r in reported.successful_reports if r.role == "error"] == []
+
+
+@pytest.mark.parametrize("country", [{}, {"country": "ZZ"}], ids=["none", "ZZ"])
+def test_a_country_is_never_assumed(country: dict[str, str]) -> None:
+    with pytest.raises(LMeasureError, match="country"):
+        dcc_xml(certificate(**country))
 
 
 def test_it_says_no_more_than_is_known() -> None:
     """Neither where the test was done nor in which language the laboratory wrote; our own texts are English whatever the PDF is."""
-    bare, full = (etree.fromstring(dcc_xml(certificate(**d), XSD)) for d in ({}, FULL))
+    bare, full = (etree.fromstring(dcc_xml(certificate(**d), XSD)) for d in (BARE, FULL))
 
     def one(tree: Any, path: str) -> list[str]:
         return list(map(str, tree.xpath(path, namespaces=NAMES)))
@@ -78,7 +95,7 @@ def test_it_says_no_more_than_is_known() -> None:
      (0.51, "not decided", "conditionalFail")],
 )  # fmt: skip
 def test_conformity_is_there_with_its_limits_and_rule(value: float, verdict: str, status: str) -> None:
-    content = certificate()
+    content = certificate(**BARE)
     content["characteristics"][0] |= {
         "value": value, "conformity": {"lower": None, "upper": 0.5, "rule": "guarded", "verdict": verdict, "probability": 0.5},
     }  # fmt: skip
@@ -89,7 +106,7 @@ def test_conformity_is_there_with_its_limits_and_rule(value: float, verdict: str
 
 
 def test_what_does_not_keep_to_the_schema_is_one_line(tmp_path: Path) -> None:
-    content = certificate(dates={"measured_from": "in March"})
+    content = certificate(**BARE, dates={"measured_from": "in March"})
     dcc_xml(content)
     with pytest.raises(LMeasureError, match=r"small\.xsd: the DCC does not keep to it: line \d+") as caught:
         dcc_xml(content, XSD)

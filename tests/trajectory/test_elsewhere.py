@@ -227,7 +227,7 @@ def test_certificates_of_other_instruments(ours: tuple[Trajectory, dict[str, obj
     assert (tmp_path / "bare" / "inputs" / "trajectory.csv").read_bytes() == (tmp_path / "seen.csv").read_bytes()
     assert "no verdict" in (tmp_path / "bare" / "report.html").read_text()
     assert run(["verify", str(tmp_path / "bare")]) == 0
-    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, *U[:2], "--dcc", "--out", str(tmp_path / "determined")]) == 0
+    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, *U[:2], "--out", str(tmp_path / "determined")]) == 0
     determined = {c["name"]: c for c in json.loads((tmp_path / "determined" / "certificate.json").read_text())["characteristics"]}
     assert determined["AP_p"]["value"] == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), abs=0.02)
     assert determined["AP_p"]["capable"]
