@@ -87,7 +87,7 @@ def copy(signed: Path, tmp_path: Path) -> Path:
 def test_what_a_folder_holds(signed: Path, campaign: Path) -> None:
     assert found_files(signed) == {
         "certificate.json", "certificate.pdf", "certificate.xml", "report.html", MANIFEST, SIGNATURE, "inputs/trajectory.parquet",
-        "inputs/program.toml", "inputs/run/run.toml", "inputs/run/rig.toml", "inputs/run/pass1.csv",
+        "inputs/details.toml", "inputs/program.toml", "inputs/run/run.toml", "inputs/run/rig.toml", "inputs/run/pass1.csv",
     }  # fmt: skip
     for name in ("run.toml", "rig.toml", "pass1.csv"):
         assert (signed / "inputs" / "run" / name).read_bytes() == (campaign / "run" / name).read_bytes()
