@@ -53,11 +53,11 @@ def draw(number: int) -> Drawn:
     seats = [se3.pose(rng.uniform(-150, 150, 3), Rotation.random(rng=rng)) for _ in range(targets)]
     low, high = nominal.limits
     middle = 0.5 * (low + high)
-    ends = [np.where(nominal.sliding, middle + side * 60.0, np.clip(limit, -2.5, 2.5)) for side, limit in ((-1.0, low), (1.0, high))]
+    first, last = (np.where(nominal.sliding, middle + side * 60.0, np.clip(end, -2.5, 2.5)) for side, end in ((-1.0, low), (1.0, high)))
 
     def seen(count: int, times: int) -> Any:
         """Return readings of all targets at new stays, stay by stay, all readings of a target one after another."""
-        reported = rng.uniform(*ends, (count, n))
+        reported = rng.uniform(first, last, (count, n))
         flange = se3.compose(base, true.forward(reported + rng.normal(size=reported.shape) * repeats))
         poses = np.repeat(np.stack([se3.compose(flange, seat) for seat in seats], axis=1), times, axis=1).reshape(-1, 7)
         poses = se3.displaced(poses, rng.normal(size=(len(poses), 6)) * np.repeat([u_rad, u_mm], 3))

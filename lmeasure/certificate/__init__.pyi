@@ -17,9 +17,18 @@ from .compare import (
     lines as lines,
 )
 from .content import certificate as certificate, now as now
-from .dcc import dcc_xml as dcc_xml
+from .dcc import Dcc as Dcc, dcc_xml as dcc_xml, read_dcc as read_dcc
 from .details import SCHEMA as SCHEMA, Details as Details
 from .inputs import Inputs as Inputs, Measured as Measured, measure as measure
+from .laboratories import (
+    Consensus as Consensus,
+    Laboratory as Laboratory,
+    as_json as as_json,
+    compare_laboratories as compare_laboratories,
+    consensus as consensus,
+    laboratory_lines as laboratory_lines,
+    read_laboratory as read_laboratory,
+)
 from .pictures import (
     Target as Target,
     magnification as magnification,

@@ -3,13 +3,16 @@
 The schema belongs to its makers and is not part of this program: the XML is held against the XSD file the user names.
 """
 
+import datetime
+import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lxml import etree
 
-from lmeasure.core import CertificationError
+from lmeasure.core import CertificationError, FileFormatError
 from lmeasure.io import files
 
 DCC = "https://ptb.de/dcc"
@@ -254,3 +257,84 @@ def _conformity(parent: Any, figure: dict[str, Any]) -> None:
 def _number(value: float) -> str:
     """Shortest text that reads back to the same double."""
     return repr(float(value))
+
+
+@dataclass(frozen=True)
+class DccResult:
+    """A result: its name, value and unit, and its standard uncertainty, None where there is none."""
+
+    name: str
+    value: float
+    unit: str
+    u: float | None
+
+
+@dataclass(frozen=True)
+class Dcc:
+    """A digital calibration certificate, as far as others build on it."""
+
+    identifier: str
+    laboratory: str
+    item: str
+    performed: datetime.date | None
+    """Last day of the calibration."""
+    results: tuple[DccResult, ...]
+
+
+def read_dcc(path: Path) -> Dcc:
+    """Read a DCC of version 2 or 3 of any program.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no DCC, or a number in it is none.
+    """
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        root = etree.fromstring(files.read_bytes(path), parser)
+    except etree.XMLSyntaxError as error:
+        raise FileFormatError(f"{path}: cannot be read as XML: {str(error).splitlines()[0]}") from None
+    if root.tag != f"{{{DCC}}}digitalCalibrationCertificate":
+        raise FileFormatError(f"{path}: is no DCC: it begins with {etree.QName(root).localname}")
+
+    def text(at: Any, where: str) -> str:
+        return " ".join("".join(one.itertext()).strip() for one in at.iterfind(where, {"dcc": DCC, "si": SI})).strip()
+
+    def number(at: Any, where: str) -> float | None:
+        found = text(at, where)
+        if not found:
+            return None
+        try:
+            value = float(found)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            line = at.sourceline
+            raise FileFormatError(f"{path}:{line}: {etree.QName(at).localname}: {found[:40]!r} is no number")
+        return value
+
+    core, day = "dcc:administrativeData/dcc:coreData/dcc:", None
+    if ended := text(root, f"{core}endPerformanceDate"):
+        try:
+            day = datetime.date.fromisoformat(ended)
+        except ValueError:
+            raise FileFormatError(f"{path}: endPerformanceDate: {ended[:40]!r} is no date") from None
+    results = []
+    for result in root.iterfind(".//dcc:result", {"dcc": DCC}):
+        for real in result.iterfind(".//si:real", {"si": SI}):
+            value = number(real, "si:value")
+            if value is None:
+                continue
+            expanded = number(real, ".//si:valueExpandedMU") or number(real, "si:expandedUnc/si:uncertainty")
+            factor = number(real, ".//si:coverageFactor") or 2.0
+            u = number(real, ".//si:valueStandardMU") if expanded is None else expanded / factor
+            unit = text(real, "si:unit")
+            known = next((short for short, long in UNITS.items() if long == unit), unit)
+            results.append(DccResult(text(result, "dcc:name/dcc:content"), value, known, u))
+    return Dcc(
+        identifier=text(root, f"{core}uniqueIdentifier"),
+        laboratory=text(root, "dcc:administrativeData/dcc:calibrationLaboratory/dcc:contact/dcc:name/dcc:content"),
+        item=text(root, "dcc:administrativeData/dcc:items/dcc:item/dcc:name/dcc:content"),
+        performed=day,
+        results=tuple(results),
+    )

@@ -1,7 +1,7 @@
 """Certificates of one robot over time, or of robots of one type; two calibrations of one rig."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -12,7 +12,7 @@ from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Comparison as Moved
-    from lmeasure.certificate import Comparison
+    from lmeasure.certificate import Comparison, Consensus
 
 
 class Settings(Writing):
@@ -37,11 +37,18 @@ class Settings(Writing):
         Path | None,
         option("corrections.json of `lmeasure correct`: what identification left is listed with what limits the robot.", metavar="FILE"),
     ] = None
+    between: Annotated[
+        bool, option("Compare the results of several laboratories for one robot: consensus, degrees of equivalence, E_n. Also takes DCCs.")
+    ] = False
+    common_u: Annotated[float, Field(ge=0), option("Standard uncertainty that all laboratories share, in the unit of the results.")] = 0.0
+    artefact_u: Annotated[
+        float, Field(ge=0), option("Standard uncertainty by which the robot differs between the measurements, in the unit of the results.")
+    ] = 0.0
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def following(self) -> str:
         """Return the command that draws the comparison, or opens it."""
-        if self.page is not None:
+        if self.page is not None or self.between:
             return then("verify {first}", first=self.certificates[0])
         return then(f"compare {' '.join(map(pasted, self.certificates))} --page comparison.html")
 
@@ -52,8 +59,12 @@ class Settings(Writing):
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison | Moved]":
+def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     """Compare, and write the figures where they are asked for."""
+    if settings.between:
+        return _laboratories(settings)
+    if stray := next((name for name in ("common_u", "artefact_u") if getattr(settings, name)), None):
+        raise SettingsError(stray, "goes with --between")
     if any(_is_calibration(path) for path in settings.certificates):
         return _calibrations(settings)
     from lmeasure.certificate import CERTIFICATE, as_dict, canonical, compare_certificates, improvement, lines, read_certificate
@@ -87,6 +98,23 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison |
     figures |= {"largest_shift_mm": max(shifts)} if shifts else {}
     figures |= {"largest_exchangeability_mm": max(e.value_mm for e in found.exchangeability)} if found.exchangeability else {}
     return Result(found, tuple(reported), figures)
+
+
+def _laboratories(settings: Settings) -> "Result[tuple[Consensus, ...]]":
+    """Compare laboratories."""
+    from lmeasure.certificate import as_json, canonical, compare_laboratories, laboratory_lines, read_laboratory
+    from lmeasure.io import files
+
+    if stray := next((name for name in ("page", "corrections") if getattr(settings, name) is not None), None):
+        raise SettingsError(stray, "does not go with --between")
+    laboratories = [read_laboratory(path) for path in settings.certificates]
+    found = compare_laboratories(laboratories, common=settings.common_u, artefact=settings.artefact_u)
+    if settings.out is not None:
+        files.write_text(settings.out, canonical(as_json(found)).decode("utf-8"))
+    apart = {e.laboratory for one in found for e in one.laboratories if abs(e.e_n) > 1.0}
+    figures = {"laboratories": float(len(laboratories)), "results": float(len(found)), "apart": float(len(apart))}
+    figures["largest_e_n"] = max(abs(e.e_n) for one in found for e in one.laboratories)
+    return Result(found, tuple(laboratory_lines(found)), figures)
 
 
 def _is_calibration(path: Path) -> bool:

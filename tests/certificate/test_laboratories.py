@@ -1,0 +1,126 @@
+"""Results of several laboratories, against published values and a few lines of NumPy."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import test_dcc
+from hypothesis import given, settings, strategies as st
+from typer.testing import CliRunner, Result
+
+from lmeasure.certificate import consensus, dcc_xml, read_dcc
+from lmeasure.cli.app import app
+from lmeasure.core import LMeasureError
+
+# values of G [1e-11 m^3/(kg s^2)] of CODATA 2010 (Mohr, Taylor, Newell, Rev. Mod. Phys. 84 (2012), table XVII), whose Birge ratio is 4.58
+GRAVITY = (6.67248, 6.6729, 6.67398, 6.674255, 6.67559, 6.67422, 6.67387, 6.67222, 6.67425, 6.67349, 6.67234)
+U_GRAVITY = (43e-5, 50e-5, 70e-5, 9.2e-5, 27e-5, 98e-5, 27e-5, 87e-5, 12e-5, 18e-5, 14e-5)
+# BCG vaccine against tuberculosis, 13 trials (Colditz and others, JAMA 271 (1994)): ill and healthy of the vaccinated, then of the others;
+# Q = 152.23, between-study variance 0.3088, log risk ratio -0.7141 with standard error 0.1787 by DerSimonian and Laird
+TRIALS = np.array(
+    [
+        (4, 119, 11, 128), (6, 300, 29, 274), (3, 228, 11, 209), (62, 13536, 248, 12619), (33, 5036, 47, 5761), (180, 1361, 372, 1079),
+        (8, 2537, 10, 619), (505, 87886, 499, 87892), (29, 7470, 45, 7232), (17, 1699, 65, 1600), (186, 50448, 141, 27197),
+        (5, 2493, 3, 2338), (27, 16886, 29, 17825),
+    ],
+    dtype=float,
+)  # fmt: skip
+
+
+def labels(n: int) -> list[str]:
+    return [f"L{i}" for i in range(n)]
+
+
+def test_the_birge_ratio_of_a_published_set() -> None:
+    found = consensus("G", "", labels(11), np.array(GRAVITY), np.array(U_GRAVITY))
+    assert found.birge == pytest.approx(4.58, abs=0.005)
+
+
+def test_random_effects_of_a_published_set() -> None:
+    a, b, c, d = TRIALS.T
+    x, u = np.log(a / (a + b) / (c / (c + d))), np.sqrt(1 / a - 1 / (a + b) + 1 / c - 1 / (c + d))
+    found = consensus("log risk ratio", "", labels(13), x, u)
+    assert found.q == pytest.approx(152.2330, abs=1e-4)
+    assert found.between**2 == pytest.approx(0.3088, abs=5e-5)
+    assert found.random_effects == pytest.approx((-0.7141, 0.1787), abs=5e-5)
+    # of two that contradict each other none is blamed
+    two = consensus("x", "", labels(2), np.array([0.0, 1.0]), np.array([0.1, 0.1]))
+    assert (two.method, two.outlying, two.value) == ("random effects", (), 0.5)
+
+
+def test_a_laboratory_that_stands_apart_is_named() -> None:
+    x, u = np.array([1.00, 1.02, 0.99, 1.30]), np.array([0.02, 0.02, 0.02, 0.02])
+    found = consensus("AP_p P1", "mm", labels(4), x, u)
+    assert found.outlying == ("L3",)
+    assert found.value == pytest.approx(1.0033, abs=1e-4)
+    (apart,) = (e for e in found.laboratories if not e.in_mean)
+    assert apart.u_difference == pytest.approx(0.02 * np.sqrt(1 + 1 / 3))
+    assert apart.e_n == pytest.approx(0.29667 / (2 * 0.023094), abs=1e-3)
+    # the robot itself may have changed as much
+    assert consensus("AP_p P1", "mm", labels(4), x, u, artefact=0.2).outlying == ()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(3, 8), st.integers(0, 2**32 - 1))
+def test_differences_have_the_covariance_of_least_squares(n: int, seed: int) -> None:
+    """Of n results with a common error, by the whole covariance matrix; laboratories that agree."""
+    rng = np.random.default_rng(seed)
+    common, u = 0.3, rng.uniform(0.5, 2.0, n)
+    x = 5.0 + 1e-3 * rng.normal(size=n)
+    found = consensus("x", "", labels(n), x, u, common=common)
+    V = np.diag(u**2 - common**2) + common**2
+    weights = np.linalg.solve(V, np.ones(n)) / np.linalg.solve(V, np.ones(n)).sum()
+    H = np.eye(n) - np.outer(np.ones(n), weights)
+    assert found.value == pytest.approx(weights @ x)
+    assert found.u == pytest.approx(np.sqrt(weights @ V @ weights))
+    assert [e.u_difference for e in found.laboratories] == pytest.approx(np.sqrt(np.diag(H @ V @ H.T)))
+
+
+def by_command(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["compare", "--between", *map(str, arguments)])
+
+
+def certificate(name: str, value: float) -> dict[str, Any]:
+    content = test_dcc.certificate(country="DE", laboratory={"name": name})
+    content["characteristics"][0] |= {"pose": "P1", "value": value, "u95": 0.02, "coverage_factor": 2.0}
+    return content
+
+
+@pytest.fixture
+def dccs(tmp_path: Path) -> list[Path]:
+    """Certificates of four laboratories as DCCs; one of them differs."""
+    out = []
+    for name, value in (("A", 0.500), ("B", 0.505), ("C", 0.495), ("D", 0.600)):
+        out.append(tmp_path / f"{name}.xml")
+        out[-1].write_bytes(dcc_xml(certificate(name, value)))
+    return out
+
+
+def test_dccs_are_compared_by_command(dccs: list[Path], tmp_path: Path) -> None:
+    done = by_command(*dccs, "--out", tmp_path / "between.json")
+    assert done.exit_code == 0, done.output
+    assert "D differs by +0.1 mm: E_n = +4.33" in " ".join(done.output.split())
+    found = {one["name"]: one for one in json.loads((tmp_path / "between.json").read_text())["results"]}
+    assert found["AP_p P1"]["outlying"] == ["D"]
+    assert found["AP_p P1"]["value"] == pytest.approx(0.5)
+    assert found["FV line"]["outlying"] == []
+
+
+def test_what_cannot_be_compared_is_one_line(dccs: list[Path], tmp_path: Path) -> None:
+    (tmp_path / "no.xml").write_text("<a/>")
+    (tmp_path / "bad.xml").write_text(dccs[0].read_text().replace("<si:value>0.5<", "<si:value>half<"))
+    for paths, word in ((dccs[:1], "two or more"), ((dccs[0], dccs[0]), "'A'"), ((dccs[0], tmp_path / "no.xml"), "is no DCC")):
+        failed = by_command(*paths)
+        assert isinstance(failed.exception, LMeasureError)
+        assert word in str(failed.exception)
+    with pytest.raises(LMeasureError, match="is no number"):
+        read_dcc(tmp_path / "bad.xml")
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    (tmp_path / "c.xml").write_bytes(dcc_xml(certificate("A", 0.5)))
+    dcc = read_dcc(tmp_path / "c.xml")
+    assert (dcc.identifier, dcc.laboratory, str(dcc.performed)) == ("LM-1", "A", "2026-03-05")
+    assert [(r.name, r.value, r.unit, r.u) for r in dcc.results] == [("AP_p P1", 0.5, "mm", 0.01), ("FV line", 1e-17, "mm/s", 0.5 / 2.1)]
