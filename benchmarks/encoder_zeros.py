@@ -24,7 +24,7 @@ from lmeasure.core import LMeasureError, Status, se3
 from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.trajectory import covariances, reconstruct
+from lmeasure.trajectory import reconstruct
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 LASTS_S = {"about": 5.0, "none": 10.0}
@@ -85,14 +85,13 @@ def draw(number: int, start: str, level_deg: float) -> Drawn:
     run, poses = drawn_run(number, start, level_deg)
     try:
         found = reconstruct(run)
-        both = covariances(found, run)
     except LMeasureError:
         return Drawn(number, start, level_deg, 0.0)
     good = np.flatnonzero(found.status == Status.OK)
     if not len(good):
         return Drawn(number, start, level_deg, 0.0)
     k = good[len(good) // 2]
-    covariance = both.random[k] + both.factors[k] @ both.factors[k].T
+    covariance = found.random[k] + found.systematic[k]
     error = se3.displacement(found.poses[k : k + 1], poses[k : k + 1])[0]
     square, u_mm = float(error @ np.linalg.solve(covariance, error)), float(np.sqrt(np.trace(covariance[3:, 3:])))
     return Drawn(number, start, level_deg, len(good) / len(poses), square, u_mm)
