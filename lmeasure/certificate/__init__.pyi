@@ -1,5 +1,6 @@
 from .bundle import (
     CERTIFICATE as CERTIFICATE,
+    check_seal as check_seal,
     copy_into as copy_into,
     entries as entries,
     new_folder as new_folder,
@@ -40,7 +41,12 @@ from .pictures import (
 from .robot_improvement import Improvement as Improvement, improvement as improvement
 from .rounding import with_u95 as with_u95
 from .sealed import Certificate as Certificate
-from .signature import new_key as new_key, read_private_key as read_private_key, read_public_key as read_public_key
+from .signature import (
+    fingerprint as fingerprint,
+    new_key as new_key,
+    read_private_key as read_private_key,
+    read_public_key as read_public_key,
+)
 from .verification import (
     Printer as Printer,
     Verification as Verification,

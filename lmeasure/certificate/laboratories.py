@@ -144,14 +144,14 @@ def compare_laboratories(laboratories: Sequence[Laboratory], *, common: float = 
             raise CertificationError(f"{result}: is stated in {' and '.join(sorted(units))}")
         if len(stating) > 1:
             x, u = np.array([one.results[result][:2] for one in stating]).T
-            out.append(consensus(result, units.pop(), [one.name for one in stating], x, u, common=common, artefact=artefact))
+            out.append(consensus(result, [one.name for one in stating], x, u, unit=units.pop(), common=common, artefact=artefact))
     if not out:
         raise CertificationError(f"{', '.join(names)}: have no result in common")
     return tuple(out)
 
 
 def consensus(
-    result: str, unit: str, names: Sequence[str], x: FloatArray, u: FloatArray, *, common: float = 0.0, artefact: float = 0.0
+    result: str, names: Sequence[str], x: FloatArray, u: FloatArray, *, unit: str = "", common: float = 0.0, artefact: float = 0.0
 ) -> Consensus:
     """Return the consensus of results (n,) with standard uncertainties (n,); see the text of this module."""
     if (u <= common).any():

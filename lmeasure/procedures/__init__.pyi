@@ -12,4 +12,4 @@ from .intermediate_check.check import (
 from .intermediate_check.closures import Closure as Closure
 from .intermediate_check.explanation import explained as explained
 from .intermediate_check.moved_parts import Cause as Cause
-from .intermediate_check.trend import Trend as Trend, appended as appended, now as now
+from .intermediate_check.trend import COLUMNS as COLUMNS, Trend as Trend, appended as appended, now as now

@@ -34,32 +34,32 @@ def labels(n: int) -> list[str]:
 
 
 def test_the_birge_ratio_of_a_published_set() -> None:
-    found = consensus("G", "", labels(11), np.array(GRAVITY), np.array(U_GRAVITY))
+    found = consensus("G", labels(11), np.array(GRAVITY), np.array(U_GRAVITY))
     assert found.birge == pytest.approx(4.58, abs=0.005)
 
 
 def test_random_effects_of_a_published_set() -> None:
     a, b, c, d = TRIALS.T
     x, u = np.log(a / (a + b) / (c / (c + d))), np.sqrt(1 / a - 1 / (a + b) + 1 / c - 1 / (c + d))
-    found = consensus("log risk ratio", "", labels(13), x, u)
+    found = consensus("log risk ratio", labels(13), x, u)
     assert found.q == pytest.approx(152.2330, abs=1e-4)
     assert found.between**2 == pytest.approx(0.3088, abs=5e-5)
     assert found.random_effects == pytest.approx((-0.7141, 0.1787), abs=5e-5)
     # of two that contradict each other none is blamed
-    two = consensus("x", "", labels(2), np.array([0.0, 1.0]), np.array([0.1, 0.1]))
+    two = consensus("x", labels(2), np.array([0.0, 1.0]), np.array([0.1, 0.1]))
     assert (two.method, two.outlying, two.value) == ("random effects", (), 0.5)
 
 
 def test_a_laboratory_that_stands_apart_is_named() -> None:
     x, u = np.array([1.00, 1.02, 0.99, 1.30]), np.array([0.02, 0.02, 0.02, 0.02])
-    found = consensus("AP_p P1", "mm", labels(4), x, u)
+    found = consensus("AP_p P1", labels(4), x, u)
     assert found.outlying == ("L3",)
     assert found.value == pytest.approx(1.0033, abs=1e-4)
     (apart,) = (e for e in found.laboratories if not e.in_mean)
     assert apart.u_difference == pytest.approx(0.02 * np.sqrt(1 + 1 / 3))
     assert apart.e_n == pytest.approx(0.29667 / (2 * 0.023094), abs=1e-3)
     # the robot itself may have changed as much
-    assert consensus("AP_p P1", "mm", labels(4), x, u, artefact=0.2).outlying == ()
+    assert consensus("AP_p P1", labels(4), x, u, artefact=0.2).outlying == ()
 
 
 @settings(max_examples=25, deadline=None)
@@ -69,7 +69,7 @@ def test_differences_have_the_covariance_of_least_squares(n: int, seed: int) -> 
     rng = np.random.default_rng(seed)
     common, u = 0.3, rng.uniform(0.5, 2.0, n)
     x = 5.0 + 1e-3 * rng.normal(size=n)
-    found = consensus("x", "", labels(n), x, u, common=common)
+    found = consensus("x", labels(n), x, u, common=common)
     V = np.diag(u**2 - common**2) + common**2
     weights = np.linalg.solve(V, np.ones(n)) / np.linalg.solve(V, np.ones(n)).sum()
     H = np.eye(n) - np.outer(np.ones(n), weights)

@@ -1,0 +1,224 @@
+"""A register of calibrations, intermediate checks, certificates and references: append-only, each row chained to the row before.
+
+    hash of a row = SHA-256(hash of the row before, its content as canonical JSON, who added it and when)
+
+A row that was changed, removed or put between others breaks the chain from there on (`Register.faults`); the newest hash, written down
+elsewhere, shows that none was cut off the end. The database refuses changes too (triggers of SQLite). SQLAlchemy speaks to SQLite and to
+PostgreSQL, so that several machines may share a register.
+"""
+
+import datetime
+import hashlib
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure.core import CertificationError, FloatArray, LMeasureError, how_to_install
+from lmeasure.register.entries import Entry, Result
+
+try:
+    import sqlalchemy as sa
+except ModuleNotFoundError as error:
+    raise LMeasureError(f"a register needs SQLAlchemy: {how_to_install('database')}") from error
+
+FILE = "register.sqlite"
+VERSION = 1
+ORIGIN = "0" * 64
+"""The hash before the first row."""
+_meta = sa.MetaData()
+_entry = sa.Table(
+    "entry", _meta,
+    sa.Column("number", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("kind", sa.String(16), nullable=False, index=True),
+    sa.Column("digest", sa.String(64), nullable=False, unique=True),
+    sa.Column("path", sa.Text, nullable=False),
+    sa.Column("subject", sa.Text, nullable=False, index=True),
+    sa.Column("made", sa.String(10), nullable=False),
+    sa.Column("settings", sa.JSON, nullable=False),
+    sa.Column("added", sa.String(20), nullable=False),
+    sa.Column("who", sa.Text, nullable=False),
+    sa.Column("hash", sa.String(64), nullable=False),
+)  # fmt: skip
+_result = sa.Table(
+    "result", _meta,
+    sa.Column("entry", sa.ForeignKey("entry.number"), primary_key=True),
+    sa.Column("name", sa.Text, primary_key=True),
+    sa.Column("value", sa.Double, nullable=False),
+    sa.Column("u", sa.Double),
+    sa.Column("unit", sa.Text, nullable=False),
+    sa.Index("result_name", "name", "entry"),
+)  # fmt: skip
+_use = sa.Table(
+    "use", _meta,
+    sa.Column("entry", sa.ForeignKey("entry.number"), primary_key=True),
+    sa.Column("digest", sa.String(64), primary_key=True, index=True),
+)  # fmt: skip
+_version = sa.Table("version", _meta, sa.Column("number", sa.Integer, primary_key=True))
+
+
+class Register:
+    """A register in a folder, or behind a database's URL.
+
+    Parameters
+    ----------
+    place
+        Folder of the register, made if it is not there; or an SQLAlchemy URL such as `postgresql+psycopg://host/name`.
+
+    Raises
+    ------
+    CertificationError
+        If the database cannot be opened, or a newer program wrote it.
+    """
+
+    def __init__(self, place: Path | str) -> None:
+        url = str(place)
+        self.path = None if "://" in url else Path(place) / FILE
+        if self.path is not None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            url = f"sqlite:///{self.path}"
+        self.name = str(self.path or sa.make_url(url).render_as_string())
+        try:
+            self._engine = sa.create_engine(url)
+            if self.path is not None:
+                sa.event.listen(self._engine, "connect", _prepared)
+            with self._engine.begin() as connection:
+                _meta.create_all(connection)
+                found = connection.execute(sa.select(_version.c.number)).scalars().all()
+                if not found:
+                    connection.execute(_version.insert().values(number=VERSION))
+                if self.path is not None:
+                    for table in (_entry, _result, _use):
+                        for change in ("UPDATE", "DELETE"):
+                            name = f"{table.name}_{change.lower()}"
+                            text = f"CREATE TRIGGER IF NOT EXISTS {name} BEFORE {change} ON {table.name} "
+                            connection.execute(sa.text(text + "BEGIN SELECT RAISE(ABORT, 'a register is append-only'); END"))
+        except (sa.exc.SQLAlchemyError, ModuleNotFoundError) as error:
+            raise CertificationError(f"{self.name}: cannot be opened: {str(error).splitlines()[0]}") from None
+        if found and max(found) > VERSION:
+            raise CertificationError(f"{self.name}: is of version {max(found)}; this program knows {VERSION}: update lmeasure")
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._engine.dispose()
+
+    def add(self, entries: Iterable[Entry], who: str, now: datetime.datetime | None = None) -> tuple[Entry, ...]:
+        """Append documents, all or none; the ones that were added: a document that is there already is passed over."""
+        moment = (now or datetime.datetime.now(datetime.UTC)).strftime("%Y-%m-%dT%H:%M:%SZ")
+        added = []
+        with self._engine.begin() as connection:
+            if self.path is not None:
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            last = connection.execute(sa.select(_entry.c.number, _entry.c.hash).order_by(_entry.c.number.desc()).limit(1)).first()
+            number, before = (0, ORIGIN) if last is None else (last.number, last.hash)
+            for entry in entries:
+                if connection.execute(sa.select(_entry.c.number).where(_entry.c.digest == entry.digest)).first() is not None:
+                    continue
+                number, before = number + 1, _chained(before, entry, moment, who)
+                row = {"number": number, "kind": entry.kind, "digest": entry.digest, "path": entry.path, "subject": entry.subject}
+                row |= {"made": entry.made.isoformat(), "settings": dict(entry.settings), "added": moment, "who": who, "hash": before}
+                connection.execute(_entry.insert().values(**row))
+                results = [{"entry": number, "name": n, "value": r.value, "u": r.u, "unit": r.unit} for n, r in entry.results.items()]
+                if results:
+                    connection.execute(_result.insert(), results)
+                if entry.uses:
+                    connection.execute(_use.insert(), [{"entry": number, "digest": d} for d in dict.fromkeys(entry.uses)])
+                added.append(entry)
+        return tuple(added)
+
+    def entries(self, kind: str = "", subject: str = "") -> tuple[Entry, ...]:
+        """Return documents, oldest measurement first: all, of one kind, of one subject."""
+        chosen = sa.select(_entry).order_by(_entry.c.made, _entry.c.number)
+        chosen = chosen.where(_entry.c.kind == kind) if kind else chosen
+        chosen = chosen.where(_entry.c.subject == subject) if subject else chosen
+        with self._engine.connect() as connection:
+            return tuple(entry for _, entry in self._whole(connection, connection.execute(chosen).all()))
+
+    def series(self, subject: str, result: str, kind: str = "certificate") -> tuple[FloatArray, FloatArray, FloatArray, str]:
+        """Return days since 1970, values and standard uncertainties (NaN where none) of a result, (n,) each, oldest first, and its unit."""
+        columns = (_entry.c.made, _result.c.value, _result.c.u, _result.c.unit)
+        chosen = sa.select(*columns).join(_result, _result.c.entry == _entry.c.number).order_by(_entry.c.made, _entry.c.number)
+        chosen = chosen.where(_entry.c.subject == subject, _entry.c.kind == kind, _result.c.name == result)
+        with self._engine.connect() as connection:
+            rows = connection.execute(chosen).all()
+        units = {row.unit for row in rows}
+        if len(units) > 1:
+            raise CertificationError(f"{self.name}: {result} of {subject} is stated in {' and '.join(sorted(units))}")
+        days = np.array([datetime.date.fromisoformat(row.made).toordinal() - 719163 for row in rows], dtype=np.float64)
+        u = np.array([np.nan if row.u is None else row.u for row in rows])
+        return days, np.array([row.value for row in rows]), u, units.pop() if units else ""
+
+    def results(self, subject: str, kind: str = "certificate") -> tuple[str, ...]:
+        """Return the names of the results of a subject."""
+        chosen = sa.select(_result.c.name).join(_entry, _entry.c.number == _result.c.entry).distinct()
+        chosen = chosen.where(_entry.c.subject == subject, _entry.c.kind == kind).order_by(_result.c.name)
+        with self._engine.connect() as connection:
+            return tuple(connection.execute(chosen).scalars())
+
+    def recall(self, digest: str) -> tuple[Entry, ...]:
+        """Return the documents that depend on a document, directly or by others, oldest first."""
+        found: dict[int, Entry] = {}
+        with self._engine.connect() as connection:
+            left = [digest]
+            while left:
+                chosen = sa.select(_entry).join(_use, _use.c.entry == _entry.c.number).where(_use.c.digest.in_(left))
+                new = {n: e for n, e in self._whole(connection, connection.execute(chosen).all()) if n not in found}
+                found |= new
+                left = [entry.digest for entry in new.values()]
+        return tuple(found[n] for n in sorted(found))
+
+    def faults(self) -> tuple[str, ...]:
+        """Return what is wrong with the chain: one line for each row that is not as it was added."""
+        out, before, wanted = [], ORIGIN, 1
+        with self._engine.connect() as connection:
+            rows = connection.execute(sa.select(_entry).order_by(_entry.c.number)).all()
+            for row, (number, entry) in zip(rows, self._whole(connection, rows), strict=True):
+                if number != wanted:
+                    out.append(f"{self.name}: rows {wanted} to {number - 1} are missing")
+                if _chained(before, entry, row.added, row.who) != row.hash:
+                    out.append(f"{self.name}: row {number} ({entry.kind} of {entry.subject}, {entry.made}) is not as it was added")
+                before, wanted = row.hash, number + 1
+        return tuple(out)
+
+    @property
+    def newest(self) -> str:
+        """The hash of the newest row: written down elsewhere, it proves that no row was cut off."""
+        with self._engine.connect() as connection:
+            return connection.execute(sa.select(_entry.c.hash).order_by(_entry.c.number.desc()).limit(1)).scalar() or ORIGIN
+
+    def backup(self, path: Path) -> None:
+        """Write a copy of an SQLite register while others use it."""
+        if self.path is None:
+            raise CertificationError(f"{self.name}: is no file: back it up with its database's own tools")
+        with closing(sqlite3.connect(self.path)) as source, closing(sqlite3.connect(path)) as target:
+            source.backup(target)
+
+    def _whole(self, connection: Any, rows: Sequence[Any]) -> Iterator[tuple[int, Entry]]:
+        """Yield rows with their results and uses."""
+        numbers = [row.number for row in rows]
+        results: dict[int, dict[str, Result]] = {}
+        uses: dict[int, list[str]] = {}
+        for part in (numbers[i : i + 10_000] for i in range(0, len(numbers), 10_000)):
+            span = (min(part), max(part))
+            for r in connection.execute(sa.select(_result).where(_result.c.entry.between(*span))):
+                results.setdefault(r.entry, {})[r.name] = Result(r.value, r.u, r.unit)
+            for r in connection.execute(sa.select(_use).where(_use.c.entry.between(*span))):
+                uses.setdefault(r.entry, []).append(r.digest)
+        for row in rows:
+            made, used = datetime.date.fromisoformat(row.made), tuple(uses.get(row.number, ()))
+            yield row.number, Entry(row.kind, row.digest, row.path, row.subject, made, results.get(row.number, {}), used, row.settings)
+
+
+def _prepared(connection: Any, record: Any) -> None:
+    """Set up a connection of SQLite: a log beside the file, so that readers do not wait; foreign keys are checked."""
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA foreign_keys = ON")
+    connection.execute("PRAGMA busy_timeout = 10000")
+
+
+def _chained(before: str, entry: Entry, added: str, who: str) -> str:
+    content = b"\n".join((before.encode(), entry.as_json(), added.encode(), who.encode()))
+    return hashlib.sha256(content).hexdigest()

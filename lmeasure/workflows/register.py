@@ -1,0 +1,173 @@
+"""A register of calibrations, checks and certificates over years."""
+
+import datetime
+import getpass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from lmeasure.core import CertificationError, SettingsError
+from lmeasure.text import message
+from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
+from lmeasure.workflows.settings import Paths, Writing, option
+
+if TYPE_CHECKING:
+    from lmeasure.register import Due, Entry, Register
+    from lmeasure.text import Message
+
+
+class Settings(Writing):
+    """What `lmeasure register` is asked."""
+
+    register_dir: Annotated[Path, option("Folder of the register; it is made if it does not exist.", metavar="DIR", positional=True)]
+    add: Annotated[
+        tuple[Path, ...], option("Add certificates, calibrations, files of checks, or DCCs of reference instruments.", metavar="PATH")
+    ] = ()
+    who: Annotated[str, option("Name of the person who adds; default: the user of this computer.", metavar="NAME")] = ""
+    made: Annotated[datetime.date | None, option("Day of the measurement, if the document does not state it.", metavar="YYYY-MM-DD")] = None
+    verify: Annotated[bool, option("Check that no row was changed or removed since it was added.")] = False
+    recall: Annotated[Path | None, option("List the documents that depend on this calibration or reference.", metavar="PATH")] = None
+    subject: Annotated[str, option("Show the results of this robot, rig or reference instrument.", metavar="NAME")] = ""
+    result: Annotated[str, option("With --subject: show this result over time, with control charts and forecast.", metavar="NAME")] = ""
+    kind: Annotated[
+        Literal["certificate", "calibration", "check", "reference"], option("With --subject: kind of the documents that state the result.")
+    ] = "certificate"
+    baseline: Annotated[int, Field(ge=5), option("Number of first values that set up the control charts.")] = 10
+    export: Annotated[Path | None, option("Write all results as a table.", metavar="FILE.csv")] = None
+    backup: Annotated[Path | None, option("Write a copy of the register while others use it.", metavar="FILE.sqlite")] = None
+    database: Annotated[str, option("Keep the register in this database (SQLAlchemy URL), not in the folder.", metavar="URL")] = ""
+
+    def paths(self) -> Paths:
+        """A table and a copy; the register itself is continued."""
+        return Paths(present(self.export, self.backup), (*self.add, *present(self.recall)))
+
+
+@workflow
+def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, object]]":
+    """Add what is to be added, and answer what is asked."""
+    from lmeasure.register import Register, due, read_entries, read_limits
+
+    if settings.result and not settings.subject:
+        raise SettingsError("result", "goes with --subject")
+    limits = read_limits(settings.register_dir)
+    # nothing is added before all that is to be added has been read
+    entries = [entry for path in settings.add for entry in _signed(settings.register_dir, path, read_entries(path, settings.made))]
+    register = Register(settings.database or settings.register_dir)
+    try:
+        added = register.add(entries, settings.who or getpass.getuser())
+        progress(0.5, "register")
+        lines: list[Message] = [message("register.added", count=len(added), known=len(entries) - len(added))] if settings.add else []
+        faults = register.faults() if settings.verify else ()
+        if settings.verify and not faults:
+            lines.append(message("register.sound", newest=register.newest))
+        if settings.recall is not None:
+            lines += _recalled(register, settings.recall)
+        if settings.subject:
+            lines += _of_subject(register, settings)
+        waiting = due(register, limits)
+        every = register.entries()
+        kinds = [entry.kind for entry in every]
+        if not (settings.recall or settings.subject or settings.verify):
+            lines.append(message("register.holds", count=len(every), name=register.name, **{k: kinds.count(k) for k in _KINDS}))
+            lines += [_due_line(d, datetime.date.today()) for d in waiting]
+        if settings.export is not None:
+            _export(settings.export, every)
+        if settings.backup is not None:
+            register.backup(settings.backup)
+        made = {"newest": register.newest, "faults": list(faults), "due": [_due_json(d) for d in waiting]}
+    finally:
+        register.close()
+    figures = {"entries": float(len(every)), "added": float(len(added)), "faults": float(len(faults))}
+    figures["overdue"] = float(sum(d.day is not None and d.day <= datetime.date.today() for d in waiting))
+    return Result(made, tuple(lines), figures, failure="; ".join(faults))
+
+
+_KINDS = ("calibration", "check", "certificate", "reference")
+
+
+def _signed(folder: Path, path: Path, entries: "tuple[Entry, ...]") -> "tuple[Entry, ...]":
+    """Return the entries of a document; a certificate's only if an authorised key signed it, where the register's folder has keys."""
+    from lmeasure.certificate import check_seal, fingerprint, read_public_key
+
+    keys = sorted((folder / "keys").glob("*.pub"))
+    if keys and any(entry.kind == "certificate" for entry in entries):
+        seal = check_seal(path)
+        if seal.differences:
+            raise CertificationError(f"{path}: {seal.differences[0]}: a changed certificate is not registered")
+        if seal.signer not in {fingerprint(read_public_key(key)) for key in keys}:
+            signer = f"key {seal.signer}" if seal.signer else "nobody"
+            raise CertificationError(f"{path}: is signed by {signer}; the register accepts the keys in {folder / 'keys'}")
+    return entries
+
+
+def _recalled(register: "Register", path: Path) -> "list[Message]":
+    from lmeasure.register import digest_of, read_entries
+
+    digests = [entry.digest for entry in read_entries(path)] if path.is_dir() else [digest_of(path)]
+    found = [entry for digest in digests for entry in register.recall(digest)]
+    lines = [message("register.recalled", count=len(found), path=str(path))]
+    return lines + [message("register.entry", kind=e.kind, subject=e.subject, made=e.made.isoformat(), path=e.path) for e in found]
+
+
+def _of_subject(register: "Register", settings: Settings) -> "list[Message]":
+    """Return the results of a subject, or one of them over time."""
+    from lmeasure.register import control_charts, forecast
+
+    names = register.results(settings.subject, settings.kind)
+    if not names:
+        raise CertificationError(f"{register.name}: no {settings.kind} of {settings.subject!r} is registered")
+    if not settings.result:
+        return [message("register.results", subject=settings.subject, names=", ".join(names))]
+    if settings.result not in names:
+        raise CertificationError(f"{register.name}: {settings.subject} has no result {settings.result!r}; it has {', '.join(names)}")
+    days, values, u, unit = register.series(settings.subject, settings.result, settings.kind)
+    dates = [(datetime.date(1970, 1, 1) + datetime.timedelta(days=int(d))).isoformat() for d in days]
+    lines = [message("register.value", made=d, value=float(v), u=float(s), unit=unit) for d, v, s in zip(dates, values, u, strict=True)]
+    if len(values) >= settings.baseline:
+        for chart in control_charts(values, settings.baseline):
+            signals = ", ".join(dates[i] for i in chart.signals)
+            lines.append(message("register.signals" if signals else "register.in_control", chart=chart.name, dates=signals))
+    else:
+        lines.append(message("register.few_values", count=len(values), baseline=settings.baseline))
+    try:
+        ahead = forecast(days, values, u)
+    except CertificationError as error:
+        return [*lines, message("register.no_forecast", reason=str(error))]
+    low, high = ahead.interval(ahead.last + 365.25)
+    drift = {"drift": 365.25 * ahead.drift, "u": 365.25 * ahead.u_drift}
+    return [*lines, message("register.forecast", unit=unit, low=low, high=high, **drift)]
+
+
+def _due_line(due: "Due", today: datetime.date) -> "Message":
+    limit = due.limit
+    about = {"subject": limit.subject, "result": limit.result, "unit": due.unit, "risk": limit.risk_percent}
+    if due.day is None:
+        return message("register.never", **about)
+    code = "beyond" if due.beyond else "overdue" if due.day <= today else "due"
+    return message(f"register.{code}", **about, day=due.day.isoformat(), last=due.last)
+
+
+def _due_json(due: "Due") -> dict[str, object]:
+    day = None if due.day is None else due.day.isoformat()
+    about = {"subject": due.limit.subject, "result": due.limit.result, "day": day}
+    return about | {"last": due.last, "drift_per_year": due.drift, "beyond": due.beyond}
+
+
+def _export(path: Path, entries: "tuple[Entry, ...]") -> None:
+    import pandas as pd
+
+    from lmeasure.io import files
+
+    rows = [
+        (e.made.isoformat(), e.kind, _harmless(e.subject), _harmless(n), r.value, r.u, r.unit, e.digest)
+        for e in entries
+        for n, r in e.results.items()
+    ]
+    table = pd.DataFrame(rows, columns=["made", "kind", "subject", "result", "value", "u", "unit", "sha256"])
+    files.write_text(path, table.to_csv(index=False))
+
+
+def _harmless(text: str) -> str:
+    """Return a text that a spreadsheet takes for no formula."""
+    return f"'{text}" if text[:1] in "=+-@\t\r" else text

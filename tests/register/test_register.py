@@ -1,0 +1,191 @@
+"""The register by its command and face: what is added is found again, changes are noticed, drift and recall follow."""
+
+import datetime
+import json
+import multiprocessing
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lmeasure.certificate import canonical
+from lmeasure.cli.app import app
+from lmeasure.core import LMeasureError
+from lmeasure.register import Entry, Register, Result
+
+SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run"
+DAY = datetime.date(2026, 3, 1)
+
+
+def entry(number: int, kind: str = "certificate", uses: tuple[str, ...] = (), subject: str = "R-1", **results: float) -> Entry:
+    made = DAY + datetime.timedelta(days=number)
+    values = {name.replace("_P", "_p P"): Result(value, 0.01, "mm") for name, value in results.items()}
+    return Entry(kind, f"{number:064x}", f"/c/{number}", subject, made, values, uses)
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["register", *map(str, arguments)])
+    text = str(done.exception) if isinstance(done.exception, LMeasureError) else done.output
+    return (1 if isinstance(done.exception, LMeasureError) else done.exit_code), " ".join(text.split())
+
+
+@pytest.fixture
+def register(tmp_path: Path) -> Any:
+    one = Register(tmp_path / "reg")
+    yield one
+    one.close()
+
+
+def certificate_folder(folder: Path, value: float, day: str, calibration: str) -> Path:
+    """A certificate as far as a register reads it."""
+    folder.mkdir()
+    content = json.loads((SEALED / "certificate.json").read_text())
+    figure = {"name": "AP_p", "pose": "P1", "value": value, "unit": "mm", "u95": 0.02, "coverage_factor": 2.0, "capable": True}
+    details = {"item": {"serial": "0042"}, "dates": {"measured_to": day}}
+    used = [*content["inputs"], {"file": "inputs/run/calibration.json", "bytes": 1, "sha256": calibration}]
+    content |= {"details": content["details"] | details, "characteristics": [content["characteristics"][0] | figure], "inputs": used}
+    (folder / "certificate.json").write_bytes(canonical(content))
+    return folder
+
+
+def test_certificates_are_added_once_and_found(tmp_path: Path) -> None:
+    folders = [certificate_folder(tmp_path / f"c{i}", 0.5 + 0.01 * i, f"2026-0{i + 1}-15", "ab" * 32) for i in range(5)]
+    added = [word for folder in folders for word in ("--add", folder)]
+    code, text = run(tmp_path / "reg", *added, "--who", "A. Head")
+    assert (code, "5 added" in text, "5 certificates" in text) == (0, True, True), text
+    assert "0 added, 5 registered before" in run(tmp_path / "reg", *added)[1]
+    code, text = run(tmp_path / "reg", "--subject", "0042", "--result", "AP_p P1")
+    assert (code, text.count("± 0.01 mm"), "drift" in text) == (0, 5, True), text
+    code, text = run(tmp_path / "reg", "--export", tmp_path / "all.csv", "--backup", tmp_path / "copy.sqlite", "--json")
+    assert code == 0
+    assert (tmp_path / "all.csv").read_text().count("AP_p P1") == 5
+    with closing(sqlite3.connect(tmp_path / "copy.sqlite")) as copy:
+        assert copy.execute("select count(*) from entry").fetchone() == (5,)
+
+
+def test_what_is_no_document_adds_nothing(tmp_path: Path) -> None:
+    good = certificate_folder(tmp_path / "c", 0.5, "2026-01-15", "ab" * 32)
+    (tmp_path / "empty").mkdir()
+    code, text = run(tmp_path / "reg", "--add", good, "--add", tmp_path / "empty")
+    assert (code, "is no folder of a certificate" in text) == (1, True)
+    assert "0 documents" in run(tmp_path / "reg")[1]
+
+
+def test_an_unsigned_certificate_is_refused_where_keys_are_kept(tmp_path: Path) -> None:
+    good = certificate_folder(tmp_path / "c", 0.5, "2026-01-15", "ab" * 32)
+    (tmp_path / "reg" / "keys").mkdir(parents=True)
+    CliRunner().invoke(app, ["key", "--out", str(tmp_path / "lab.pem")])
+    (tmp_path / "lab.pem.pub").rename(tmp_path / "reg" / "keys" / "lab.pem.pub")
+    code, text = run(tmp_path / "reg", "--add", good)
+    assert (code, "is not registered" in text) == (1, True), text
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "update result set value = 0.4 where entry = 2",
+        "update entry set subject = 'R-2' where number = 2",
+        "update entry set made = '2020-01-01' where number = 2",
+        "update entry set who = 'B' where number = 2",
+        "delete from result where entry = 2",
+        "delete from entry where number = 2",
+        "update use set digest = 'x' where entry = 2",
+        "insert into result values (2, 'more', 1.0, null, 'mm')",
+    ],
+)
+def test_every_change_is_noticed(register: Register, change: str) -> None:
+    """The database refuses a change; whoever takes the triggers away is found by the chain. Only an insertion needs no trigger."""
+    register.add([entry(n, uses=("f" * 64,), AP_P1=0.5) for n in range(1, 5)], "A")
+    assert register.faults() == ()
+    with closing(sqlite3.connect(str(register.path))) as database:
+        if not change.startswith("insert"):
+            with pytest.raises(sqlite3.IntegrityError, match="append-only"):
+                database.execute(change)
+        for (name,) in database.execute("select name from sqlite_master where type = 'trigger'").fetchall():
+            database.execute(f"drop trigger {name}")
+        database.execute(change)
+        database.commit()
+    assert any("2" in fault for fault in register.faults())
+    code, text = run(Path(str(register.path)).parent, "--verify")
+    assert (code, "not as it was added" in text) == (1, True), text
+
+
+def test_recall_follows_every_use(register: Register) -> None:
+    calibration, check = entry(1, "calibration"), entry(2, "check", (f"{1:064x}",))
+    register.add(
+        [calibration, check, entry(3, uses=(check.digest,)), entry(4, uses=("e" * 64,)), entry(5, uses=(calibration.digest,))], "A"
+    )
+    assert [e.digest for e in register.recall(calibration.digest)] == [f"{n:064x}" for n in (2, 3, 5)]
+
+
+def test_the_next_calibration_is_due_when_the_drift_reaches_the_limit(register: Register, tmp_path: Path) -> None:
+    today = datetime.date.today()
+    drifting = [
+        Entry("certificate", f"{n:064x}", "", "R-1", today - datetime.timedelta(days=100 * (5 - n)),
+              {"AP_p P1": Result(0.5 + 0.02 * n, 1e-4, "mm")})
+        for n in range(6)
+    ]  # fmt: skip
+    register.add(drifting, "A")
+    (tmp_path / "reg" / "limits.toml").write_text(
+        'schema = "lmeasure.limits/1"\n[[limit]]\nsubject = "R-1"\nresult = "AP_p P1"\nupper = 0.64\n'
+        '[[limit]]\nsubject = "R-9"\nresult = "AP_p P1"\nupper = 0.64\n'
+    )
+    code, text = run(tmp_path / "reg", "--json")
+    assert code == 0, text
+    made = json.loads(text)["made"]["due"]
+    never, later = made
+    assert (never["subject"], never["day"]) == ("R-9", None)
+    # 0.60 today, 0.0002 a day: 200 days, less what the uncertain walk takes
+    assert 100 < (datetime.date.fromisoformat(later["day"]) - today).days <= 200
+    assert later["drift_per_year"][0] == pytest.approx(0.0731, rel=0.02)
+    (tmp_path / "reg" / "limits.toml").write_text('schema = "lmeasure.limits/1"\n[[limit]]\nsubject = "R-1"\nresult = "AP_p P1"\n')
+    code, text = run(tmp_path / "reg")
+    assert (code, "limits.toml" in text) == (1, True)
+
+
+def _append(folder: str, first: int) -> None:
+    one = Register(Path(folder))
+    for n in range(first, first + 20):
+        one.add([entry(n, AP_P1=0.5)], f"P{first}")
+    one.close()
+
+
+def test_two_processes_append_to_one_chain(register: Register) -> None:
+    folder = str(Path(str(register.path)).parent)
+    context = multiprocessing.get_context("spawn")
+    both = [context.Process(target=_append, args=(folder, first)) for first in (1, 100)]
+    for process in both:
+        process.start()
+    for process in both:
+        process.join(120)
+    assert [process.exitcode for process in both] == [0, 0]
+    assert len(register.entries()) == 40
+    assert register.faults() == ()
+
+
+def test_a_register_of_a_later_version_is_left_alone(register: Register, tmp_path: Path) -> None:
+    with closing(sqlite3.connect(str(register.path))) as database:
+        database.execute("insert into version values (2)")
+        database.commit()
+    with pytest.raises(LMeasureError, match="update lmeasure"):
+        Register(tmp_path / "reg")
+
+
+def test_what_is_no_database_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "register.sqlite").write_text("x" * 5000)
+    code, text = run(tmp_path)
+    assert (code, "cannot be opened" in text) == (1, True)
+    code, text = run(tmp_path, "--database", "nothing://x")
+    assert (code, "cannot be opened" in text) == (1, True)
+
+
+def test_many_certificates_are_found_at_once(register: Register) -> None:
+    """20,000 certificates of 200 robots: a robot's series by the index, whose plan has no scan of the table."""
+    register.add((entry(n, subject=f"R-{n % 200}", AP_P1=0.5) for n in range(20_000)), "A")
+    days, _, u, unit = register.series("R-7", "AP_p P1")
+    assert (len(days), unit) == (100, "mm")
+    assert np.isfinite(u).all()
