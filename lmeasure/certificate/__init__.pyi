@@ -46,6 +46,7 @@ from .signature import (
     new_key as new_key,
     read_private_key as read_private_key,
     read_public_key as read_public_key,
+    sign as sign,
 )
 from .verification import (
     Printer as Printer,

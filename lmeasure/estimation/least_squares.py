@@ -22,6 +22,7 @@ from lmeasure.estimation.problem import Problem
 MAX_STEPS = 100
 ROUGH = 1e-6  # of an objective: where those of hypotheses are compared, which differ by far
 PLATEAU = 1e-6  # probability of residuals under which an optimum with directions that no residual determines is none
+HUGE = 1e50
 FLOOR = 3.0  # standard uncertainties of the data, within which a step may also go along the valley
 
 
@@ -61,7 +62,8 @@ def fit_from_starts(problem: Problem, start: FloatArray, starts: int = 32, *, se
         if not _plateau(best):
             break
         other = problem.parameters.nominal + problem.parameters.width * z * 10.0 ** -(i % 4)
-        if np.isfinite(problem.residuals(other)).all():
+        # a start where the model overflows is none
+        if np.nan_to_num(np.abs(problem.residuals(other)), nan=np.inf).max() < HUGE:
             best = min(best, fit(problem, other), key=lambda found: found.objective)
     return replace(best, converged=best.converged and not _plateau(best))
 

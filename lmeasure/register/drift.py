@@ -91,12 +91,13 @@ def forecast(times: FloatArray, values: FloatArray, u: FloatArray) -> Forecast:
     walks = float(np.mean(u**2)) / float(np.mean(np.diff(np.unique(t)))) * np.geomspace(*WALKS, GRID)
 
     def fitted(q: float) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-        W = np.linalg.inv(np.diag(u**2) + q * shared)
-        information = A.T @ W @ A
-        line = np.linalg.solve(information, A.T @ W @ x)
+        W: FloatArray = np.linalg.inv(np.diag(u**2) + q * shared)
+        information: FloatArray = A.T @ W @ A
+        line: FloatArray = np.linalg.solve(information, A.T @ W @ x)
         left = x - A @ line
         log = 0.5 * (np.linalg.slogdet(W)[1] - np.linalg.slogdet(information)[1] - left @ W @ left)
-        return float(log), line, np.linalg.inv(information), W
+        C: FloatArray = np.linalg.inv(information)
+        return float(log), line, C, W
 
     fits = [fitted(q) for q in walks]
     logs = np.array([f[0] for f in fits])

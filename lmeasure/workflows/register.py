@@ -3,7 +3,7 @@
 import datetime
 import getpass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 class Settings(Writing):
     """What `lmeasure register` is asked."""
 
+    NEXT: ClassVar[str] = "register {register_dir} --add certificate"
     register_dir: Annotated[Path, option("Folder of the register; it is made if it does not exist.", metavar="DIR", positional=True)]
     add: Annotated[
         tuple[Path, ...], option("Add certificates, calibrations, files of checks, or DCCs of reference instruments.", metavar="PATH")

@@ -71,6 +71,7 @@ JOBS: dict[str, dict[str, str]] = {
             "Compare certificates, or two calibrations: what differs beyond the instrument's uncertainty, what has moved, exchangeability."
         ),
         "register": "Keep calibrations, checks and certificates over years: drift, control charts, next calibration, recall, audit trail.",
+        "qualify": "Qualify this installation before use (ISO/IEC 17025, 7.11): files, reference data, formulas, coverage, certificates.",
         "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
         "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
         "correct": "Correct a robot's program by an identification: its targets are rewritten, all else stays byte for byte.",
