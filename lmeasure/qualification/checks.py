@@ -46,7 +46,7 @@ def installed_files() -> Check:
     own = [f for f in listed if f.parts[0] == "lmeasure"]
     if not own:
         return Check("files", True, "a source tree: no digests are installed", "digests of a wheel, where there is one")
-    changed = [str(f) for f in own if not _has_digest(Path(str(f.locate())), f.hash.mode, f.hash.value)]
+    changed = [str(f) for f in own if f.hash is None or not _has_digest(Path(str(f.locate())), f.hash.mode, f.hash.value)]
     return Check("files", not changed, f"{len(own)} files, {len(changed)} changed {changed[:3]}", "no file changed")
 
 

@@ -91,12 +91,12 @@ def forecast(times: FloatArray, values: FloatArray, u: FloatArray) -> Forecast:
     walks = float(np.mean(u**2)) / float(np.mean(np.diff(np.unique(t)))) * np.geomspace(*WALKS, GRID)
 
     def fitted(q: float) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-        W: FloatArray = np.linalg.inv(np.diag(u**2) + q * shared)
+        W = np.asarray(np.linalg.inv(np.diag(u**2) + q * shared), dtype=np.float64)
         information: FloatArray = A.T @ W @ A
-        line: FloatArray = np.linalg.solve(information, A.T @ W @ x)
+        line = np.asarray(np.linalg.solve(information, A.T @ W @ x), dtype=np.float64)
         left = x - A @ line
         log = 0.5 * (np.linalg.slogdet(W)[1] - np.linalg.slogdet(information)[1] - left @ W @ left)
-        C: FloatArray = np.linalg.inv(information)
+        C = np.asarray(np.linalg.inv(information), dtype=np.float64)
         return float(log), line, C, W
 
     fits = [fitted(q) for q in walks]

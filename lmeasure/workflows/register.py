@@ -76,7 +76,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
             _export(settings.export, every)
         if settings.backup is not None:
             register.backup(settings.backup)
-        made = {"newest": register.newest, "faults": list(faults), "due": [_due_json(d) for d in waiting]}
+        made: dict[str, object] = {"newest": register.newest, "faults": list(faults), "due": [_due_json(d) for d in waiting]}
     finally:
         register.close()
     figures = {"entries": float(len(every)), "added": float(len(added)), "faults": float(len(faults))}
