@@ -1,20 +1,16 @@
 """A qualification: all checks, run on this machine, as JSON, PDF/A and a signature."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import typst
-
 from lmeasure.certificate import canonical, environment, now, read_private_key, sign
-from lmeasure.core import LMeasureError
 from lmeasure.io import files
 from lmeasure.qualification.checks import CHECKS, Check
+from lmeasure.report import qualification_pdf
 from lmeasure.text import Message, message
 
 JSON, PDF, SIGNATURE = "qualification.json", "qualification.pdf", "signature.json"
-TEMPLATE = Path(__file__).with_name("qualification.typ")
 
 
 def run_checks(progress: Callable[[int, int], None]) -> tuple[Check, ...]:
@@ -47,7 +43,7 @@ def write_qualification(folder: Path, checks: tuple[Check, ...], key: Path | Non
     }
     written = canonical(content)
     files.write_bytes(folder / JSON, written)
-    files.write_bytes(folder / PDF, _pdf(content))
+    files.write_bytes(folder / PDF, qualification_pdf(content))
     if private is not None:
         files.write_bytes(folder / SIGNATURE, canonical(sign(written, private) | {"signed": JSON}))
     return content
@@ -56,21 +52,3 @@ def write_qualification(folder: Path, checks: tuple[Check, ...], key: Path | Non
 def check_text(check: Check) -> Message:
     """Return what a check does, for a person."""
     return message(f"qualify.{check.code}")
-
-
-def _pdf(content: dict[str, Any]) -> bytes:
-    shown = {
-        "title": "Software qualification report",
-        "id": f"lmeasure {content['environment'].get('lmeasure', '')}, {content['created'][:10]}",
-        "intro": "lmeasure ran these checks on this machine (ISO/IEC 17025:2017, 7.11.2: validation before use).",
-        "head": ["Check", "Found", "Required", "Result"],
-        "rows": [[c["text"], c["found"], c["wanted"], "passed" if c["passed"] else "FAILED"] for c in content["checks"]],
-        "verdict": "All checks passed." if content["passed"] else "A check failed. Do not use this installation.",
-        "environment_title": "Environment",
-        "environment": [[str(k), str(v)] for k, v in content["environment"].items()],
-    }
-    inputs = {"content": json.dumps(shown)}
-    try:
-        return bytes(typst.compile(TEMPLATE.read_bytes(), sys_inputs=inputs, pdf_standards=["a-2b"], ignore_system_fonts=True))
-    except typst.TypstError as error:
-        raise LMeasureError(f"the PDF cannot be printed: {str(error).splitlines()[0]}") from None

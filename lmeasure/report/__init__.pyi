@@ -14,6 +14,7 @@ from .inspection import write_inspection_page as write_inspection_page
 from .interim import write_check_page as write_check_page
 from .mechanism import workspace_words as workspace_words, write_mechanism_page as write_mechanism_page
 from .plots import Figure as Figure, figure_of as figure_of, scans_figure as scans_figure
+from .qualification import qualification_pdf as qualification_pdf
 from .robot import write_robot_page as write_robot_page
 from .structure import write_list_page as write_list_page, write_structure_page as write_structure_page
 from .text import word as word

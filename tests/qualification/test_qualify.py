@@ -11,6 +11,7 @@ import pypdfium2
 import pytest
 from typer.testing import CliRunner
 
+from lmeasure import api
 from lmeasure.certificate import read_public_key
 from lmeasure.cli.app import app
 from lmeasure.core import OverwriteError
@@ -46,11 +47,11 @@ def test_nist_regressions_have_their_certified_values() -> None:
     ("module", "name", "fault", "code"),
     [
         (checks, "span_lengths", lambda true: lambda rows, poses: true(rows, poses) + 1e-6, "cable_lengths"),
-        (checks.api, "reconstruct", lambda true: lambda run: _with(true(run), "systematic", 4.0), "coverage"),
-        (checks.api, "reconstruct", lambda true: lambda run: _with(true(run), "systematic", 0.1), "coverage"),
-        (checks.api, "evaluate", lambda true: lambda *given: _biased(true(*given)), "formulas"),
+        (api, "reconstruct", lambda true: lambda run: _with(true(run), "systematic", 4.0), "coverage"),
+        (api, "reconstruct", lambda true: lambda run: _with(true(run), "systematic", 0.1), "coverage"),
+        (api, "evaluate", lambda true: lambda *given: _biased(true(*given)), "formulas"),
         (checks, "judge_all", lambda true: lambda: [j.__class__(j.name, j.start, 2.0, 2.0, True) for j in true()], "regressions"),
-        (checks.api, "verify", lambda true: lambda folder: type("Seen", (), {"exit_code": 0})(), "sealed_certificates"),
+        (api, "verify", lambda true: lambda folder: type("Seen", (), {"exit_code": 0})(), "sealed_certificates"),
     ],
 )
 def test_a_planted_fault_fails_it(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, fault: Any, code: str) -> None:
