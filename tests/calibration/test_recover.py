@@ -83,8 +83,6 @@ XYZ: dict[str, Any] = {"points": 7, "poses": 22, "oriented": False, "u_position_
 UNKNOWN_POSES = {
     "self, one point": (POINT, CalibrationSettings(self_calibration=True)),
     "self, a body": (BODY, CalibrationSettings(self_calibration=True)),
-    "self, frame of the poses": (POINT, CalibrationSettings(self_calibration=True, frame="poses")),
-    "self, robust": (POINT, CalibrationSettings(self_calibration=True, robust=True)),
     "self, held out": (POINT, CalibrationSettings(self_calibration=True, hold_out=("4", "11"))),
     "self, prior": (POINT, CalibrationSettings(self_calibration=True, prior=True, frame="poses")),
     "positions alone": (XYZ, CalibrationSettings()),

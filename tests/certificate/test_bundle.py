@@ -74,7 +74,9 @@ def public(key: Path) -> Any:
 def signed(campaign: Path, key: Path) -> Path:
     out, details = campaign / "signed", campaign / "details.toml"
     details.write_text('schema = "lmeasure.report/1"\ncountry = "DE"\n')
-    write_certificate(out, replace(inputs(campaign), details=details), CertificationSettings(), Choices(key=key, dcc=True, zipped=True))
+    write_certificate(
+        out, replace(inputs(campaign), details=details), CertificationSettings(trials=200), Choices(key=key, dcc=True, zipped=True)
+    )
     return out
 
 
@@ -112,7 +114,7 @@ def test_it_verifies_as_a_folder_and_as_a_zip(signed: Path, key: Path, tmp_path:
 
 
 def test_certified_twice_the_figures_are_the_same_and_the_ids_are_not(signed: Path, campaign: Path, tmp_path: Path) -> None:
-    again = write_certificate(tmp_path / "again", inputs(campaign), CertificationSettings(), Choices())
+    again = write_certificate(tmp_path / "again", inputs(campaign), CertificationSettings(trials=200), Choices())
     first = json.loads((signed / "certificate.json").read_text(encoding="utf-8"))
     assert again["figures_sha256"] == first["figures_sha256"]
     assert canonical(again["characteristics"]) == canonical(first["characteristics"])
@@ -439,15 +441,15 @@ def test_a_trajectory_that_is_not_the_runs_is_refused(campaign: Path, tmp_path: 
     data["y_mm"] = data["y_mm"] + 1e-3 * (data.index == 100)
     data.to_csv(tmp_path / "other.csv", index=False)
     with pytest.raises(CertificationError, match=r"other\.csv: row 100 is not what the run's counts give: y_mm"):
-        write_certificate(tmp_path / "c", inputs(campaign, trajectory=tmp_path / "other.csv"), CertificationSettings(), Choices())
+        write_certificate(tmp_path / "c", inputs(campaign, trajectory=tmp_path / "other.csv"), CertificationSettings(trials=200), Choices())
     data.iloc[:-1].to_csv(tmp_path / "short.csv", index=False)
     with pytest.raises(CertificationError, match=r"short\.csv: has \d+ rows"):
-        write_certificate(tmp_path / "c", inputs(campaign, trajectory=tmp_path / "short.csv"), CertificationSettings(), Choices())
+        write_certificate(tmp_path / "c", inputs(campaign, trajectory=tmp_path / "short.csv"), CertificationSettings(trials=200), Choices())
     assert not (tmp_path / "c").exists()
 
 
 def test_without_a_run_the_trajectory_itself_is_certified(campaign: Path, tmp_path: Path) -> None:
-    content = write_certificate(tmp_path / "c", inputs(campaign, run=None), CertificationSettings(), Choices())
+    content = write_certificate(tmp_path / "c", inputs(campaign, run=None), CertificationSettings(trials=200), Choices())
     assert content["instrument"] is None
     assert verify(tmp_path / "c", printers=PRINTERS).differences == ()
 
@@ -462,7 +464,7 @@ def test_a_rig_of_elsewhere_and_its_record_are_copied_beside_each_other(campaign
     (rigs / "calibrated.toml").write_text('calibration = "records/record.json"\n' + text)
     chosen = inputs(campaign, rig=rigs / "calibrated.toml")
     assert chosen.copies()["inputs/rig/records/record.json"] == rigs / "records/record.json"
-    content = write_certificate(tmp_path / "c", chosen, CertificationSettings(), Choices())
+    content = write_certificate(tmp_path / "c", chosen, CertificationSettings(trials=200), Choices())
     assert content["instrument"]["calibrated"]
     shutil.rmtree(tmp_path / "rigs")
     assert verify(tmp_path / "c").differences == ()

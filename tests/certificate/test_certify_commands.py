@@ -35,7 +35,22 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     details.write_text('schema = "lmeasure.report/1"\ncountry = "RU"\n')
     assert run("key", "--out", key)[0] == 0
     code, text = run(
-        "certify", *given, "--out", out, "--key", key, "--zip", "--dcc", "--details", details, "--language", "ru", "--rule", "guarded"
+        "certify",
+        *given,
+        "--out",
+        out,
+        "--key",
+        key,
+        "--zip",
+        "--dcc",
+        "--details",
+        details,
+        "--language",
+        "ru",
+        "--rule",
+        "guarded",
+        "--trials",
+        "200",
     )
     assert code == 0, text
     assert text.startswith("Протокол испытаний LM-")
@@ -45,7 +60,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
         code, text = run("verify", target, "--public-key", f"{key}.pub")
         assert code == 0, text
         assert "the same to the digit" in text
-    assert run("certify", *given, "--out", tmp_path / "d", "--tool-offset-mm", "0,0,1", "--capability", "0.1")[0] == 0
+    assert run("certify", *given, "--out", tmp_path / "d", "--tool-offset-mm", "0,0,1", "--capability", "0.1", "--trials", "200")[0] == 0
     code, text = run("compare", out, tmp_path / "d" / "certificate.json", "--out", tmp_path / "compared.json")
     assert code == 0, text
     assert "certified with other settings" in text

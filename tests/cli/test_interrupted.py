@@ -42,7 +42,7 @@ WORDS = {
     "zone": f"rig.toml {GRID} --out out.nc --report out",
     "check-instrument": "run --rig calibrated/rig.toml --out out",
 }
-QUICK = ("certify", "verify", "identify")
+QUICK = ("certify", "identify")
 
 
 def interrupted(folder: Path, *words: str) -> tuple[int, list[str]]:

@@ -102,11 +102,6 @@ def test_the_robot_ran_the_file_that_was_corrected(out: Path) -> None:
     assert (size < 3.0).all()
 
 
-def test_the_certificate_is_recomputed_from_its_own_copies(done: RobotDemo, out: Path) -> None:
-    ran = CliRunner().invoke(app, ["verify", str(out / "certificate")])
-    assert ran.exit_code == 0, ran.output
-
-
 def test_the_command_knows_every_file_of_the_demo(done: RobotDemo, out: Path) -> None:
     assert set(existing(out, OF_ROBOT)) == {path for path in out.rglob("*") if path.is_file()}
 

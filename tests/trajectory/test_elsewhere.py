@@ -219,7 +219,7 @@ def test_certificates_of_other_instruments(ours: tuple[Trajectory, dict[str, obj
     table = pd.DataFrame({"t": found.time_s, "X[m]": found.poses[:, 0] / 1e3, "Y": found.poses[:, 1] / 25.4, "Z": found.poses[:, 2]})
     table.to_csv(tmp_path / "seen.csv", index=False)
     mapping = ("--columns", "time=t[s],x=X[m][m],y=Y[in],z=Z[mm]")
-    common = ("--program", str(tmp_path / "program.toml"))
+    common = ("--program", str(tmp_path / "program.toml"), "--trials", "200")
     assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, "--out", str(tmp_path / "bare")]) == 0
     bare = json.loads((tmp_path / "bare" / "certificate.json").read_text())
     assert {(c["u95"], c["capable"]) for c in bare["characteristics"]} == {(None, None)}
