@@ -73,30 +73,6 @@ def test_few_places_too(rig: Rig, linked: bool) -> None:
         assert (np.abs(a - b) <= (1e-12 + 1e-15 * slow[kernels.NORM2]) * np.maximum(1.0, np.abs(b))).all(), name
 
 
-def test_few_places_without_a_sound_first_block_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only they: at the second of these places the first three spans lie in one plane but for a hundred-millionth."""
-    plan = replace(plan_of(published(), 150.0, 300.0, 1), quaternions=np.array([[0.0, 0.0, 0.0, 1.0]]), order=np.arange(6))
-    cables = plan.cables.copy()
-    cables[:, BASE_XYZ] = [(0, 900, 400), (700, -500, 900), (0, 0, 0), (-800, 300, -900), (600, 700, -400), (-300, -900, 100)]
-    cables[:, ATTACHMENT_XYZ] = [(90, 0, 10), (-40, 80, 0), (-50, -70, 20), (0, 60, -90), (70, -30, 50), (-80, 20, 40)]
-    points = plan.positions[1] + cables[:, ATTACHMENT_XYZ]
-    e = (points - cables[:, BASE_XYZ])[:2]
-    cables[2, BASE_XYZ] = points[2] - 0.6 * e[0] - 0.7 * e[1] - 1e-8 * np.cross(e[0], e[1]) / np.linalg.norm(e[0])
-    plan, left = replace(plan, cables=cables), []
-    pivoted = scan._scalar
-
-    def counted(plan: Plan, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        left.extend(positions.tolist())
-        return pivoted(plan, positions)
-
-    slow, _ = scalar(plan)
-    monkeypatch.setattr(scan, "_scalar", counted)
-    fast, _ = run(plan)
-    assert np.isfinite(slow).all()
-    assert left == [plan.positions[1].tolist()]
-    np.testing.assert_array_equal(fast[:, 1], slow[:, 1])
-
-
 def test_few_places_of_a_rig_as_small_as_a_grain() -> None:
     """All lengths in parts of ten thousand: so are the figures that are lengths, and the others are what they were."""
     plan = replace(plan_of(published(), 150.0, 300.0, 1), quaternions=np.array([[0.1, 0.0, 0.0, 0.995]]))
@@ -206,26 +182,6 @@ def test_places_without_a_sound_first_block_are_left_to_the_pivoted_kernel() -> 
     fast, _ = run(parallel)
     assert np.isfinite(slow).all()
     np.testing.assert_array_equal(fast, slow)
-
-
-@pytest.mark.parametrize("linked", [False, True])
-def test_where_cables_run_lanes_do_every_node(linked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = plan_of(cell(0), 200.0, 50.0)
-    if linked:
-        factor = 0.02 * np.random.default_rng(7).standard_normal((78, 3))
-        plan = replace(plan, factor=factor)
-    left: list[int] = []
-    pivoted = scan._scalar
-
-    def counted(plan: Plan, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        left.append(len(positions))
-        return pivoted(plan, positions)
-
-    monkeypatch.setattr(scan, "_scalar", counted)
-    figures, flags = run(plan)
-    assert np.isfinite(figures[kernels.U95_POSITION]).all()
-    assert not flags.any()
-    assert left == []
 
 
 def test_same_bits_in_any_chunks_with_any_threads() -> None:

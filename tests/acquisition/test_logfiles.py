@@ -4,15 +4,12 @@ import gzip
 import struct
 import tracemalloc
 import zlib
-from decimal import Decimal
 from pathlib import Path
 
 import can
-import numpy as np
 import pytest
 from blf_files import blf, blf_object, can_message
 from can.io.blf import BLFWriter
-from hypothesis import given, strategies as st
 from log_corpus import library_rows, messages, rows, write
 from read_logs import assert_as_the_library, read_rows
 
@@ -21,7 +18,6 @@ from lmeasure.acquisition.bus.frames import messages_from_frames
 from lmeasure.acquisition.logs.read import log_batches
 from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.core import FileFormatError
-from lmeasure.kernels.frames import _seconds
 
 SUFFIXES = (".blf", ".asc", ".log")
 
@@ -174,12 +170,6 @@ def test_blf_objects(tmp_path: Path, name: str) -> None:
     assert found[-1][1] == 0x182
     assert len(found) == (2 if name.startswith("unknown") else 3)
     assert bool(report.notes()) == (name == "unknown header version")
-
-
-@given(ticks=st.integers(0, 2**64 - 1), fine=st.booleans())
-def test_ticks_are_the_nearest_double(ticks: int, fine: bool) -> None:
-    per_second = 10**9 if fine else 10**5
-    assert _seconds.py_func(np.uint64(ticks), np.uint64(per_second)) == float(Decimal(ticks) / per_second)
 
 
 BROKEN = {

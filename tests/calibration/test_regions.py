@@ -1,8 +1,5 @@
 """95 % regions: second order of the model and rounding's distribution, against refits and outside numbers."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 import scipy.stats
@@ -11,7 +8,6 @@ from random_campaigns import Drawn, draw
 from lmeasure.calibration import Model, calibrate, unknowns_of
 from lmeasure.calibration.solve.noise import Noise
 from lmeasure.estimation import Fit, Regions, fit, regions
-from lmeasure.estimation.confidence_regions import DRAWS, _noise
 
 
 def fitted(drawn: Drawn) -> tuple[Model, Fit]:
@@ -91,30 +87,6 @@ def test_noise_level_from_few_residuals_widens() -> None:
     student = 5 * scipy.stats.f.ppf(0.95, 5, 6) / scipy.stats.chi2.ppf(0.95, 5)
     assert estimated.factor**2 / stated.factor**2 == pytest.approx(student, rel=0.15)
     np.testing.assert_allclose(estimated.U95 / stated.U95, scipy.stats.t.ppf(0.975, 6) / 1.96, rtol=0.1)
-
-
-@pytest.mark.parametrize("unit", [1.0, 1e-7, 1e7])
-def test_errors_are_drawn_uniform_where_they_are_and_with_the_covariance_that_is_stated(unit: float) -> None:
-    """Of rounding and of two zeros, and then with a Gaussian rest that is correlated; in whatever unit."""
-    rounding, zeros = unit**2 * np.array([0.04, 0.0, 0.09, 0.01]), unit * np.array([[0.3, 0.0], [0.3, 0.0], [0.0, 0.5], [0.0, 0.5]])
-    alone = np.diag(rounding) + zeros @ zeros.T
-    rest = unit**2 * (0.2 * np.ones((4, 4)) + 0.1 * np.eye(4))
-    for V in (alone, alone + rest):
-        stated: Any = SimpleNamespace(V=V, problem=SimpleNamespace(uniform=lambda: (rounding, zeros)))
-        drawn = _noise(stated, np.random.default_rng(3))
-        n = drawn.shape[1]
-        assert drawn.shape == (4, DRAWS)
-        deviation = np.sqrt(np.diag(V))
-        # five standard deviations of a mean and of a covariance of so many
-        assert (np.abs(drawn.mean(axis=1)) < 5.0 * deviation / np.sqrt(n)).all()
-        assert (np.abs(np.cov(drawn) - V) < 5.0 * np.sqrt(2.0 / n) * np.outer(deviation, deviation)).all()
-        # uniform ones end at the square root of three of each deviation
-        ends = np.sqrt(3.0) * (np.sqrt(rounding) + zeros.sum(axis=1))
-        if V is alone:
-            assert (np.abs(drawn).max(axis=1) <= ends).all()
-            assert (np.abs(drawn).max(axis=1) > 0.9 * ends).all()
-        else:
-            assert (np.abs(drawn).max(axis=1) > ends).all()
 
 
 @pytest.mark.parametrize(("seed", "bent"), [(3, False), (23, True)])

@@ -6,7 +6,6 @@ from cells import FloatArray, cell, motion
 
 from lmeasure.kernels import CABLE_COLUMNS, span_lengths
 from lmeasure.linkages import closed_form, distances, wrapped_assemblies
-from lmeasure.linkages.wrapped_links import _grown
 
 THREE_TWO_ONE = ("P1", "P1", "P1", "P2", "P2", "P3")
 
@@ -56,15 +55,3 @@ def test_lengths_that_cannot_be_have_none() -> None:
     found, sure = wrapped_assemblies(rows_of(THREE_TWO_ONE), np.full(6, 20.0))
     assert found.shape == (0, 7)
     assert not sure
-
-
-@pytest.mark.parametrize("pairs", [THREE_TWO_ONE, ("P1", "P1", "P2", "P2", "P3", "P3")])
-def test_straight_assemblies_grow_into_those_of_wrapped_cables(pairs: tuple[str, ...]) -> None:
-    """Every one that is followed to the end is found from many starts too, and here the true pose is among them."""
-    rows, pose = rows_of(pairs), motion(700)[1][600]
-    lengths = span_lengths(rows, pose[None])[0]
-    grown = _grown(rows, lengths)
-    assert np.abs(span_lengths(rows, grown) - lengths).max() < 1e-9
-    found, _ = wrapped_assemblies(rows, lengths)
-    assert all(distances(found, one[:3], one[3:], 150.0).min() < 1e-4 for one in grown)
-    assert distances(grown, pose[:3], pose[3:], 150.0).min() < 1e-6

@@ -431,37 +431,6 @@ def test_ends_beyond_a_limit_are_named() -> None:
         detour(bounds, just, 1e-6)
 
 
-def test_a_limit_that_is_crossed_between_samples_is_told_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two poses on both sides of what may not be crossed, and how far beyond the margin it is at the quarters between."""
-    wall = limits(lambda p: np.abs(p[..., 0] - 12.5) - 1.0)
-    found = list(zip((0.0, 0.5, 1.0, 1.5, 2.0), path(*((x, 0.0, 0.0) for x in (0.0, 8.0, 11.0, 14.0, 20.0))), strict=True))
-    assert detours._short(wall, found, 0.25) == pytest.approx((1.25, 1))
-    assert detours._short(wall, found[1:], 0.0) == pytest.approx((1.0, 1))
-    assert detours._short(wall, [(0.0, found[2][1]), (1.0, found[3][1] + [1.0, 0, 0, 0, 0, 0, 0])], 0.0)[0] == pytest.approx(1.0 - 0.5)
-    assert detours._short(wall, [(0.0, found[2][1] - [1.0, 0, 0, 0, 0, 0, 0]), (1.0, found[3][1])], 0.0)[0] == pytest.approx(1.0 - 0.5)
-    assert detours._short(wall, found[:2], 0.25) == (0.0, 0)
-    gone = limits(lambda p: np.where(p[..., 0] < 9.0, 1.0, np.nan))
-    assert detours._short(gone, found[:3], 0.0) == (np.inf, 0)
-    monkeypatch.setattr(detours, "_halved", lambda *asked: found)
-    with pytest.raises(StructureError, match=r"between samples 2 and 3 a limit cannot be kept: state more samples there"):
-        detour(wall, path(*((x, 0.0, 0.0) for x in (0.0, 11.0, 20.0))))
-
-
-def test_neighbours_that_are_led_far_apart_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fifty times as far as the command goes between them, and a command that stands counts as a thousandth of its longest step."""
-    free = limits(lambda p: 1.0 + 0.0 * p[..., 0])
-    command = path((0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (20.2, 0.0, 0.0), (20.2, 0.0, 0.0), (40.2, 0.0, 0.0))
-    for k, off, determined in ((2, 9.7, False), (2, 9.9, True), (3, 0.98, False), (3, 1.02, True), (3, 0.0, False)):
-        led_to = command.copy()
-        led_to[k:, 0] += off  # the way to sample k + 1 is as much longer
-        monkeypatch.setattr(detours, "_halved", lambda *asked, to=led_to: [(float(i), p) for i, p in enumerate(to)])
-        if determined:
-            with pytest.raises(StructureError, match=rf"between samples {k} and {k + 1} the limits lead to different sides"):
-                detour(free, command)
-        else:
-            detour(free, command)
-
-
 def test_poses_between_two_are_on_a_straight_way_and_turned_about_one_axis() -> None:
     rng = np.random.default_rng(2)
     turns = Rotation.random(4, rng=rng)
@@ -484,24 +453,3 @@ def test_the_nearest_pose_of_a_bent_limit_is_straight_out() -> None:
     np.testing.assert_allclose(led(pillar, turned(30.0, 40.0, 7.0, 0.1)), turned(60.0, 80.0, 7.0, 0.1), atol=1e-6)
     flattened = limits(lambda p: np.arctan((p[..., 0] - 200.0) / 30.0))
     np.testing.assert_allclose(led(flattened, HERE), turned(200.0, 0.0, 0.0, 0.0), atol=1e-6)
-
-
-@pytest.mark.parametrize(("missed", "determined"), [(0.9e-7, False), (1.2e-7, True)])
-def test_between_two_poses_a_limit_may_be_missed_by_a_ten_millionth(
-    monkeypatch: pytest.MonkeyPatch, missed: float, determined: bool
-) -> None:
-    """Else the poses are put inside by half as much again as is missing, three times at most."""
-    across_it, aims = path((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)), []
-
-    def halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
-        aims.append(aim)
-        return list(zip((0.0, 1.0), across_it, strict=True))
-
-    monkeypatch.setattr(detours, "_halved", halved)
-    bounds = limits(lambda p: np.abs(p[..., 0]) - missed)
-    if not determined:
-        np.testing.assert_array_equal(detour(bounds, across_it).poses, across_it)
-        return
-    with pytest.raises(StructureError, match="between samples 1 and 2 a limit cannot be kept"):
-        detour(bounds, across_it)
-    np.testing.assert_allclose(aims, 1.5 * missed * np.arange(4.0), atol=1e-15)

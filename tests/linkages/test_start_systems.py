@@ -1,14 +1,12 @@
 """How start systems are grown, kept and told apart, and what tetrahedra say of heights."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from linkages import lengths_at, nearest, rig
+from linkages import lengths_at, rig
 
-from lmeasure.core import BoolArray, ComplexArray, IntArray, se3
+from lmeasure.core import ComplexArray, IntArray, se3
 from lmeasure.kernels import homotopy
 from lmeasure.linkages import Structure, incidence, parse, start_systems, straight_links, structures, study_quadric, tetrahedra
 
@@ -85,49 +83,6 @@ def test_what_tetrahedra_do_not_solve_has_no_assemblies_in_closed_form(shape: tu
 # what becomes of paths that are lost
 
 
-def watched(monkeypatch: pytest.MonkeyPatch, keeps: Callable[[int, ComplexArray], ComplexArray]) -> list[int]:
-    """The numbers of the ways that are taken to the assemblies; keeps: what is let through of a way's ends."""
-    taken: list[int] = []
-    near = straight_links._near
-
-    def some(*given: Any) -> ComplexArray:
-        taken.append(given[-1])
-        return keeps(given[-1], near(*given))
-
-    monkeypatch.setattr(straight_links, "_near", some)
-    return taken
-
-
-def test_assemblies_that_one_way_loses_are_found_by_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a structure without special points; those of the first way are kept, and no more ways are taken than it needs."""
-    base, platform, (pose,) = rig(named("L-222-3111:ab-ac-ad"), 3)
-    lengths = lengths_at(base, platform, pose)
-    taken = watched(monkeypatch, lambda way, ends: ends)
-    whole = straight_links.assemblies(base, platform, lengths)
-    assert (taken, whole.status) == ([0], straight_links.ALL)
-    monkeypatch.undo()
-    taken = watched(monkeypatch, lambda way, ends: ends[:3] if way == 0 else ends)
-    found = straight_links.assemblies(base, platform, lengths)
-    assert (taken, found.status, found.complex_found) == ([0, 1], straight_links.ALL, whole.complex_found)
-    for each in whole.poses:
-        assert nearest(found.poses, each) < 1e-9
-    monkeypatch.undo()
-    taken = watched(monkeypatch, lambda way, ends: ends[:5])
-    found = straight_links.assemblies(base, platform, lengths)
-    assert (taken, found.status) == ([0, 1, 2], straight_links.NOT_PROVED)
-    assert found.complex_expected == whole.complex_expected
-
-
-def test_points_that_have_fewer_assemblies_are_known_by_the_first_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where as many are missing by it as their lengths are special in nothing."""
-    base, platform, (pose,) = rig(named("L-222-3111:ab-ac-ad"), 3)
-    expected = start_systems.complex_assemblies(named("L-222-3111:ab-ac-ad"))
-    taken = watched(monkeypatch, lambda way, ends: ends[: expected - 4])
-    monkeypatch.setattr(straight_links, "_of_these_points", lambda *asked: expected - 4)
-    found = straight_links.assemblies(base, platform, lengths_at(base, platform, pose))
-    assert (taken, found.complex_found, found.complex_expected, found.status) == ([0], expected - 4, expected - 4, straight_links.ALL)
-
-
 def test_each_way_to_the_assemblies_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
     base, platform, (pose,) = rig(named("L-222-3111:ab-ac-ad"), 3)
     a, b = base / 300.0, platform / 300.0
@@ -146,34 +101,6 @@ def test_each_way_to_the_assemblies_is_another(monkeypatch: pytest.MonkeyPatch) 
     assert [len(way) for way in ways] == [1, 2, 2]
     assert not np.allclose(ways[1][0], ways[2][0])
     assert len(start_systems.distinct(start_systems.unit(np.concatenate(ends)))) == len(ends[0]) == len(ends[1]) == len(ends[2])
-
-
-def test_how_many_assemblies_points_have_is_told_where_no_path_is_in_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ends that are poses have |e.e| of a millionth or more, others of a thousand-millionth or less, and two draws of lengths agree."""
-    base, platform, _ = rig(named("L-222-3111:ab-ac-ad"), 3)
-    drawn: list[ComplexArray] = []
-
-    def determined(*draws: list[tuple[float, bool]]) -> int:
-        left = list(draws)
-
-        def ended(found: object, rows: ComplexArray, *points: object) -> tuple[ComplexArray, BoolArray]:
-            drawn.append(rows)
-            draw = left.pop(0)
-            ends = np.zeros((len(draw), 8), complex)
-            ends[:, 0] = np.sqrt([ee for ee, _ in draw])
-            ends[:, 4 : 4 + len(draw)] = np.eye(len(draw)) * np.sqrt(1.0 - np.array([ee for ee, _ in draw]))
-            return ends, np.array([reached for _, reached in draw])
-
-        monkeypatch.setattr(straight_links, "_followed", ended)
-        return straight_links._of_these_points(incidence(base, platform), base, platform)
-
-    sound = [(0.1, True), (1.2e-6, True), (0.9e-9, False)]
-    assert determined(sound, sound) == 2
-    assert not np.allclose(drawn[0], drawn[1])
-    np.testing.assert_array_equal(drawn[0][:, :6], drawn[1][:, :6])
-    assert determined(sound, sound[:1]) == 0
-    for doubt in ((0.9e-6, True), (1.2e-9, False)):
-        assert determined([*sound, doubt], [*sound, doubt]) == 0
 
 
 @pytest.mark.parametrize(

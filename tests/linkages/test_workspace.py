@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.optimize import brentq, minimize
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, StructureError, se3
 from lmeasure.linkages import Bounds, Slice, boundary, detour, first_met, singularity
-from lmeasure.linkages.detours import _least, led
+from lmeasure.linkages.detours import led
 from lmeasure.structure.slices import slices
 
 laws = settings(max_examples=15, deadline=None, derandomize=True)
@@ -350,16 +350,3 @@ def test_a_path_that_ends_beyond_a_limit_or_crosses_it_is_refused() -> None:
     beyond = np.array([0.0, 0.0, -4.5, 0.0, 0.0, 0.0, 1.0])
     with pytest.raises(StructureError, match="sample 2, an end"):
         detour(bounds, np.stack([HERE, beyond]))
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_least_step_that_keeps_every_limit(seed: int) -> None:
-    """Against SciPy's way by quadratic programs; nothing where all are kept, None where they contradict each other."""
-    rng = np.random.default_rng(seed)
-    A, b = rng.normal(size=(4, 6)) * [[1.0], [30.0], [0.1], [1.0]], rng.uniform(-0.5, 1.0, 4)
-    found = _least(A, b)
-    kept = {"type": "ineq", "fun": lambda x: A @ x - b, "jac": lambda x: A}
-    other = minimize(lambda x: x @ x, np.zeros(6), jac=lambda x: 2.0 * x, constraints=[kept], method="SLSQP", options={"ftol": 1e-15})
-    assert found == pytest.approx(other.x, abs=1e-6)
-    np.testing.assert_array_equal(_least(A, -np.abs(b)), np.zeros(6))
-    assert _least(np.stack([A[0], -A[0]]), np.ones(2)) is None
