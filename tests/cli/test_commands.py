@@ -7,6 +7,7 @@ from pathlib import Path
 
 import can
 import numpy as np
+import pandas as pd
 import pytest
 from in_process import lmeasure
 from rerun.chunk import RrdReader
@@ -51,6 +52,39 @@ def test_usage() -> None:
     assert first.returncode == 0
     assert first.stdout.count("\n  lmeasure ") == 3
     assert lmeasure("hand-eye", "--help").stdout.splitlines()[2:] == lmeasure("frames", "--help").stdout.splitlines()[2:]
+
+
+def test_from_scenario_to_zone_by_files_alone(tmp_path: Path) -> None:
+    """In one process, as each would load the libraries again; the demo's test is the one with a process of its own."""
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(
+        'schema = "lmeasure.scenario/1"\nseed = 3\nrate_hz = 200.0\n'
+        "[[waypoint]]\nposition_mm = [120.0, -50.0, 80.0]\n[reference_poses]\ncount = 14\n"
+    )
+    made, calibrated = tmp_path / "run", tmp_path / "calibrated"
+    steps: list[tuple[str | Path, ...]] = [
+        ("simulate", scenario, "--out", made, "--rerun", tmp_path / "simulated.rrd"),
+        ("calibrate", made / "calibration", "--out", calibrated, "--rerun", tmp_path / "calibrated.rrd"),
+        ("reconstruct", made, "--rig", calibrated / "rig.toml", "--out", tmp_path / "t.parquet", "--rerun", tmp_path / "run.rrd"),
+        ("zone", calibrated / "rig.toml", *BOX, "--out", tmp_path / "zone.nc", "--rerun", tmp_path / "zone.rrd"),
+    ]
+    for step in steps:
+        done = CliRunner().invoke(app, [str(x) for x in step])
+        assert done.exit_code == 0, done.output
+        assert done.stdout.strip()
+    found = pd.read_parquet(tmp_path / "t.parquet")
+    assert len(found) == len((made / "pass1.csv").read_text().splitlines()) - 1
+    # the motion goes back to its start
+    np.testing.assert_allclose(found[["x_mm", "y_mm", "z_mm"]].to_numpy()[-1], 0.0, atol=0.1)
+    assert (found["status"] == "ok").all()
+    shown = {
+        "simulated": "/counts/pass1/ch1",
+        "calibrated": "/calibration_residual_mm/ch1",
+        "run": "/residual_mm/c1",
+        "zone": "/world/zone/inside",
+    }
+    for name, entity in shown.items():
+        assert entity in {chunk.entity_path for chunk in RrdReader(tmp_path / f"{name}.rrd").stream()}
 
 
 def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
