@@ -114,17 +114,17 @@ def _of_figure(figure: Mapping[str, Any]) -> DccResult:
     return DccResult(f"{figure['name']} {where}".strip(), float(figure["value"]), figure["unit"], u)
 
 
-def compare_laboratories(laboratories: Sequence[Laboratory], *, common: float = 0.0, artefact: float = 0.0) -> tuple[Consensus, ...]:
+def compare_laboratories(laboratories: Sequence[Laboratory], *, common_mm: float = 0.0, artefact_mm: float = 0.0) -> tuple[Consensus, ...]:
     """Return the consensus of every result that two or more laboratories state in the same unit.
 
     Parameters
     ----------
     laboratories
         Two or more, with different names.
-    common
-        Standard uncertainty that all results share, in their unit.
-    artefact
-        Standard uncertainty by which the robot differs between the measurements, in their unit.
+    common_mm
+        Standard uncertainty that all results in mm share.
+    artefact_mm
+        Standard uncertainty by which the robot differs between the measurements, for results in mm.
 
     Raises
     ------
@@ -143,8 +143,10 @@ def compare_laboratories(laboratories: Sequence[Laboratory], *, common: float = 
         if len(units) > 1:
             raise CertificationError(f"{result}: is stated in {' and '.join(sorted(units))}")
         if len(stating) > 1:
+            unit = units.pop()
+            common, artefact = (common_mm, artefact_mm) if unit == "mm" else (0.0, 0.0)
             x, u = np.array([one.results[result][:2] for one in stating]).T
-            out.append(consensus(result, [one.name for one in stating], x, u, unit=units.pop(), common=common, artefact=artefact))
+            out.append(consensus(result, [one.name for one in stating], x, u, unit=unit, common=common, artefact=artefact))
     if not out:
         raise CertificationError(f"{', '.join(names)}: have no result in common")
     return tuple(out)

@@ -170,6 +170,11 @@ class Register:
                 left = [entry.digest for entry in new.values()]
         return tuple(found[n] for n in sorted(found))
 
+    def knows(self, digests: Sequence[str]) -> bool:
+        """Return whether one of these documents is registered."""
+        with self._engine.connect() as connection:
+            return connection.execute(sa.select(_entry.c.number).where(_entry.c.digest.in_(digests))).first() is not None
+
     def faults(self) -> tuple[str, ...]:
         """Return what is wrong with the chain: one line for each row that is not as it was added."""
         out, before, wanted = [], ORIGIN, 1

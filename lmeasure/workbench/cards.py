@@ -40,7 +40,7 @@ PAGES = {
     "robot": Page(
         "workbench.robot_certificate",
         "workbench.write_test_certify_was",
-        ("program", "simulate", "certify", "key", "verify", "compare", "identify", "correct"),
+        ("program", "simulate", "certify", "key", "verify", "compare", "register", "qualify", "identify", "correct"),
         ("program", "certificate", "identification", "robot"),
     ),
 }
@@ -94,6 +94,8 @@ TITLES = {
     "structure": "workbench.structure",
     "mechanism": "workbench.mechanism",
     "dyads": "workbench.links_poses",
+    "register": "workbench.register",
+    "qualify": "workbench.qualify",
 }
 VERBS = {
     "init": "workbench.write_rig",

@@ -40,9 +40,9 @@ class Settings(Writing):
     between: Annotated[
         bool, option("Compare the results of several laboratories for one robot: consensus, degrees of equivalence, E_n. Also takes DCCs.")
     ] = False
-    common_u: Annotated[float, Field(ge=0), option("Standard uncertainty that all laboratories share, in the unit of the results.")] = 0.0
-    artefact_u: Annotated[
-        float, Field(ge=0), option("Standard uncertainty by which the robot differs between the measurements, in the unit of the results.")
+    common_mm: Annotated[float, Field(ge=0), option("Standard uncertainty that all laboratories share, for results in mm.")] = 0.0
+    artefact_mm: Annotated[
+        float, Field(ge=0), option("Standard uncertainty by which the robot differs between the measurements, for results in mm.")
     ] = 0.0
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
@@ -63,7 +63,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     """Compare, and write the figures where they are asked for."""
     if settings.between:
         return _laboratories(settings)
-    if stray := next((name for name in ("common_u", "artefact_u") if getattr(settings, name)), None):
+    if stray := next((name for name in ("common_mm", "artefact_mm") if getattr(settings, name)), None):
         raise SettingsError(stray, "goes with --between")
     if any(_is_calibration(path) for path in settings.certificates):
         return _calibrations(settings)
@@ -108,7 +108,7 @@ def _laboratories(settings: Settings) -> "Result[tuple[Consensus, ...]]":
     if stray := next((name for name in ("page", "corrections") if getattr(settings, name) is not None), None):
         raise SettingsError(stray, "does not go with --between")
     laboratories = [read_laboratory(path) for path in settings.certificates]
-    found = compare_laboratories(laboratories, common=settings.common_u, artefact=settings.artefact_u)
+    found = compare_laboratories(laboratories, common_mm=settings.common_mm, artefact_mm=settings.artefact_mm)
     if settings.out is not None:
         files.write_text(settings.out, canonical(as_json(found)).decode("utf-8"))
     apart = {e.laboratory for one in found for e in one.laboratories if abs(e.e_n) > 1.0}

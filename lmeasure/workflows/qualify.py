@@ -24,8 +24,11 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
     """Run all checks and write the report."""
+    from lmeasure.certificate import read_private_key
     from lmeasure.qualification import check_text, run_checks, write_qualification
 
+    if settings.key is not None:
+        read_private_key(settings.key)  # nobody waits for checks that a wrong key would end
     checks = run_checks(steps(progress, "qualify"))
     settings.out.mkdir(parents=True, exist_ok=True)
     content = write_qualification(settings.out, checks, settings.key)

@@ -47,13 +47,15 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, object]]":
     """Add what is to be added, and answer what is asked."""
-    from lmeasure.register import Register, due, read_entries, read_limits
+    from lmeasure.register import FILE, Register, due, read_entries, read_limits
 
     if settings.result and not settings.subject:
         raise SettingsError("result", "goes with --subject")
     limits = read_limits(settings.register_dir)
     # nothing is added before all that is to be added has been read
     entries = [entry for path in settings.add for entry in _signed(settings.register_dir, path, read_entries(path, settings.made))]
+    if not settings.database and not settings.add and not (settings.register_dir / FILE).is_file():
+        raise CertificationError(f"{settings.register_dir}: holds no register; --add begins one")
     register = Register(settings.database or settings.register_dir)
     try:
         added = register.add(entries, settings.who or getpass.getuser())
@@ -81,7 +83,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
         register.close()
     figures = {"entries": float(len(every)), "added": float(len(added)), "faults": float(len(faults))}
     figures["overdue"] = float(sum(d.day is not None and d.day <= datetime.date.today() for d in waiting))
-    return Result(made, tuple(lines), figures, failure="; ".join(faults))
+    written = present(register.path if settings.add else None)
+    return Result(made, tuple(lines), figures, files=written, failure="; ".join(faults))
 
 
 _KINDS = ("calibration", "check", "certificate", "reference")
@@ -107,6 +110,8 @@ def _recalled(register: "Register", path: Path) -> "list[Message]":
 
     digests = [entry.digest for entry in read_entries(path)] if path.is_dir() else [digest_of(path)]
     found = [entry for digest in digests for entry in register.recall(digest)]
+    if not found and not register.knows(digests):
+        raise CertificationError(f"{path}: is not in the register, and no document in it depends on it")
     lines = [message("register.recalled", count=len(found), path=str(path))]
     return lines + [message("register.entry", kind=e.kind, subject=e.subject, made=e.made.isoformat(), path=e.path) for e in found]
 

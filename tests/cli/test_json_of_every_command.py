@@ -44,6 +44,7 @@ QUICK = (
     "mechanism rotopod --out m.json",
     "inspect drive.log --out log.html",
     "frames --robot plan/planned.csv --measured plan/planned.csv --out frames.json",
+    "register kept --add sealed --export all.csv",
     "dyads plan/planned.csv --links 1 --starts 5 --out links",
     "capture plan/rig.toml --poses plan/planned.csv --bus replay:plan/drive.log --fast --by rest --out campaign",
 )
@@ -69,17 +70,19 @@ SLOW = (
     "simulate cell/scenario.toml --out simulated",
     "place cell/rig.toml --task cell/placement.toml --out placed --generations 2",
     "demo --out demonstrated",
+    "qualify --out qualified",
 )
 SERVING = {"view", "workbench"}
 """They answer for as long as they are asked: of them errors alone are read."""
 UNIT = re.compile(r"_(mm3?|m3|mm_s|deg|rad|s|counts)$")
 COUNTED = [
-    "adapters", "assumed", "cables", "capable", "certificates", "characteristics", "compared", "complex_assemblies", "corrected",
-    "counters", "counter_like", "determinant", "differences", "directions_determined", "equations", "faults", "figures", "frames",
-    "frames_lost", "freedoms", "identifiers", "known", "left_out", "lines", "links", "minutes", "nodes", "nodes_in_zone", "not_compared",
-    "passes", "poses", "rank", "readings", "recorded", "reference_poses", "rigs_tried", "samples", "unknowns", "unread", "with_a_pose",
+    "adapters", "added", "apart", "assumed", "cables", "capable", "certificates", "characteristics", "checks", "compared",
+    "complex_assemblies", "corrected", "counters", "counter_like", "determinant", "differences", "directions_determined", "entries",
+    "equations", "failed", "faults", "figures", "frames", "frames_lost", "freedoms", "identifiers", "known", "laboratories", "left_out",
+    "lines", "links", "minutes", "nodes", "nodes_in_zone", "not_compared", "overdue", "passes", "poses", "rank", "readings", "recorded",
+    "reference_poses", "results", "rigs_tried", "samples", "unknowns", "unread", "with_a_pose",
 ]  # fmt: skip
-RATIOS = ["largest_relative_difference", "nearness", "positions_inside_95", "rotations_inside_95", "usable_part"]
+RATIOS = ["largest_e_n", "largest_relative_difference", "nearness", "positions_inside_95", "rotations_inside_95", "usable_part"]
 
 
 @pytest.fixture(scope="module")

@@ -66,6 +66,7 @@ COMMAND_LINES = (
     "compare sealed {}", "identify --robot {} --measurements poses.csv --out new", "identify --robot ur5 --measurements {} --out new",
     "correct program.ls --identified {} --out new", "mechanism {}", "mechanism rotopod --poses {} --joints new.csv", "dyads {} --out new",
     "frames --robot {} --measured poses.csv --out new", "frames --robot poses.csv --measured {} --out new", "play {} --bus virtual:wrong",
+    "register reg --add {}", "compare --between {} sealed", "qualify --key {} --out new",
 )  # fmt: skip
 
 

@@ -39,6 +39,7 @@ SHORT = {
     "structure": "structure run/rig.toml --out OUT/s.json --report OUT/page",
     "drum": "drum drums.toml --rig rig.toml --out OUT/measured.toml",
     "calibrate": "calibrate campaign --out OUT/calibrated",
+    "register": "register OUT/register --add sealed --export OUT/all.csv",
     "compare": "compare sealed sealed2 --out OUT/compared.json --page OUT/compared.html",
 }
 """Commands that take a second or less, zone and certify apart."""
@@ -50,6 +51,7 @@ LONG = {
     "check": "check --rig rig.toml --bus replay:drive.log --write OUT/checked.toml",
     "check-instrument": "check-instrument run --out OUT/check",
     "demo": "demo --out OUT/demo",
+    "qualify": "qualify --out OUT/qualification",
 }
 """Commands that take longer, or a person beside them."""
 RECORDINGS = {

@@ -72,7 +72,8 @@ def test_what_is_no_document_adds_nothing(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     code, text = run(tmp_path / "reg", "--add", good, "--add", tmp_path / "empty")
     assert (code, "is no folder of a certificate" in text) == (1, True)
-    assert "0 documents" in run(tmp_path / "reg")[1]
+    assert "--add begins one" in run(tmp_path / "reg")[1]
+    assert not (tmp_path / "reg").exists()
 
 
 def test_an_unsigned_certificate_is_refused_where_keys_are_kept(tmp_path: Path) -> None:
@@ -120,6 +121,13 @@ def test_recall_follows_every_use(register: Register) -> None:
         [calibration, check, entry(3, uses=(check.digest,)), entry(4, uses=("e" * 64,)), entry(5, uses=(calibration.digest,))], "A"
     )
     assert [e.digest for e in register.recall(calibration.digest)] == [f"{n:064x}" for n in (2, 3, 5)]
+
+
+def test_recall_of_what_nobody_knows_is_refused(register: Register, tmp_path: Path) -> None:
+    register.add([entry(1)], "A")
+    (tmp_path / "other.json").write_text("{}")
+    code, text = run(tmp_path / "reg", "--recall", tmp_path / "other.json")
+    assert (code, "is not in the register" in text) == (1, True), text
 
 
 def test_the_next_calibration_is_due_when_the_drift_reaches_the_limit(register: Register, tmp_path: Path) -> None:
