@@ -1,7 +1,7 @@
 """A program corrected for an identified robot: of every target a way to it chosen, corrected and written back; what was left, said."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,10 +9,20 @@ import numpy as np
 
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, framed, se3
 from lmeasure.io import files
-from lmeasure.robot_programs.configuration import fits
-from lmeasure.robot_programs.frame_evidence import NEAR_RAD, contradicted
-from lmeasure.robot_programs.program import Dialect, Listing, Target, rewritten
-from lmeasure.robots import NO_POSE, Correction, IdentifiedRobot, Limits, corrections, in_keep_out, ways, whole_turns
+from lmeasure.robot_programs.frame_evidence import NEAR_RAD, contradicted, joint_values
+from lmeasure.robot_programs.program import IDENTITY, Dialect, Listing, Target, rewritten
+from lmeasure.robots import (
+    NO_POSE,
+    Correction,
+    IdentifiedRobot,
+    Limits,
+    RobotModel,
+    SerialRobot,
+    corrections,
+    in_keep_out,
+    ways,
+    whole_turns,
+)
 from lmeasure.text import message
 
 AS_WRITTEN_DEG = 0.02
@@ -80,32 +90,60 @@ def corrected_program(
     A target in a keep-out box or on a straight way through one, as the identified robot goes to it, is left too. Jumps, loops and calls
     are not followed: a way that only they make is not looked at.
     """
-    order = sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved)
     apart = contradicted(listing, dialect, robot.nominal, single=not len(near))
-    chosen, left = _chosen([i for i in order if i not in apart], listing, dialect, robot, near)
+    chosen, left = _chosen([i for i in in_motion_order(listing) if i not in apart], listing, dialect, robot, near)
     left |= apart
     ready = corrections(robot.nominal, robot.seen, np.array(list(chosen.values())), limits) if chosen else []
     found = dict(zip(chosen, ready, strict=True))
+
+    def answer(i: int) -> Answer | str:
+        if i in left:
+            return left[i]
+        target, joints = listing.targets[i], found[i].joints[None]
+        at = se3.compose(robot.seen.forward(joints)[0], listing.frames.get(target.tool, np.array(IDENTITY)))[:3]
+        why = found[i].refused or _other_flags(target, dialect, found[i], robot)
+        numbers = _values(target, listing, dialect, found[i], robot)
+        return Answer(found[i], at, why, numbers, float(robot.u95_mm(joints)[0]), float(robot.u_mm(joints)[0]))
+
+    return carried_out(listing, dialect, limits, answer)
+
+
+def in_motion_order(listing: Listing) -> list[int]:
+    """Return the numbers of the targets, in the order in which first motions to them stand."""
+    return sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is known of a target. at (3,): where the robot goes [mm]; why: reason to leave it, may be empty; numbers: to be written."""
+
+    correction: Correction
+    at: FloatArray
+    why: str
+    numbers: FloatArray
+    u95_mm: float
+    u_mm: float
+
+
+def carried_out(listing: Listing, dialect: Dialect, limits: Limits, answer: Callable[[int], Answer | str]) -> Corrected:
+    """Return the program with the answers to its targets, asked for in the order of motions; a text says why there is none."""
     outcomes: dict[int, Outcome] = {}
     values: dict[int, Sequence[float]] = {}
     place: FloatArray | None = None
-    for i in order:
-        target = listing.targets[i]
+    for i in in_motion_order(listing):
+        target, found = listing.targets[i], answer(i)
         file = listing.sources[target.source].name
-        if i in left:
-            outcomes[i] = Outcome(target, file, None, target.values, left[i], float("nan"), float("nan"))
+        if isinstance(found, str):
+            outcomes[i] = Outcome(target, file, None, target.values, found, float("nan"), float("nan"))
             continue
-        why = found[i].refused or _other_flags(target, dialect, found[i], robot)
-        tool = listing.frames.get(target.tool, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
-        at = se3.compose(robot.seen.forward(found[i].joints[None])[0], tool)[:3]
-        if not why and in_keep_out(limits, np.array([at if place is None else place, at])) is not None:
+        why = found.why
+        if not why and in_keep_out(limits, np.array([found.at if place is None else place, found.at])) is not None:
             why = message("robot_programs.way_leads_through_keep")
-        place = at
-        new = list(target.values) if why else [float(v) for v in _values(target, listing, dialect, found[i], robot)]
-        u95 = float(robot.u95_mm(found[i].joints[None])[0]) + found[i].left_mm
-        outcomes[i] = Outcome(target, file, found[i], tuple(new), why, u95, float(robot.u_mm(found[i].joints[None])[0]))
+        place = found.at
         if not why:
-            values[i] = new
+            values[i] = tuple(float(v) for v in found.numbers)
+        u95_mm = found.u95_mm + found.correction.left_mm
+        outcomes[i] = Outcome(target, file, found.correction, tuple(values.get(i, target.values)), why, u95_mm, found.u_mm)
     return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
 
 
@@ -129,15 +167,10 @@ def _chosen(
 def _first(listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]) -> FloatArray | None:
     if len(near):
         return np.where(robot.nominal.sliding, near, np.radians(near))
-    for target in sorted(listing.targets, key=lambda t: t.moved):
+    for target in (listing.targets[i] for i in in_motion_order(listing)):
         if target.joints and len(target.values) == len(robot.nominal.joint_names):
-            return _of_joints(target, dialect, robot)
+            return joint_values(target.values, dialect, robot.nominal)
     return None
-
-
-def _of_joints(target: Target, dialect: Dialect, robot: IdentifiedRobot) -> FloatArray:
-    values = np.array(target.values)
-    return np.where(robot.nominal.sliding, values, values * dialect.joint_size)
 
 
 def _joints(
@@ -148,7 +181,7 @@ def _joints(
     if target.joints:
         if len(target.values) != len(low):
             return None, message("robot_programs.joint_values_robot_has", n=len(target.values), of=len(low))
-        joints = _of_joints(target, dialect, robot)
+        joints = joint_values(target.values, dialect, robot.nominal)
         return (
             (joints, "")
             if ((joints >= low - 1e-9) & (joints <= high + 1e-9)).all()
@@ -157,7 +190,7 @@ def _joints(
     if target.near:
         if len(target.near) != len(low):
             return None, message("program.beside", n=len(target.near), of=len(low))
-        last = np.where(robot.nominal.sliding, target.near, np.array(target.near) * dialect.joint_size)
+        last = joint_values(target.near, dialect, robot.nominal)
     flange = se3.compose(listing.frames[target.base], dialect.pose(target.values))
     found = ways(robot.nominal, se3.compose(flange, se3.inverse(listing.frames[target.tool])), last)
     if not len(found):
@@ -231,3 +264,30 @@ def identified_mm(path: Path) -> dict[str, float]:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise FileFormatError(f"{path}: not what `lmeasure correct` writes: {error!r}") from None
     return out
+
+
+def fits(dialect: Dialect, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray, *, slack_deg: float = 1e-6) -> bool:
+    """Return whether joint values (n,) have the configuration that a target states, as far as this robot shows it.
+
+    Signs and quarters that change within slack_deg of a joint are not compared. Only elbow arms with a spherical wrist show where the arm
+    is.
+    """
+    if not flags or dialect.configured is None or not isinstance(robot, SerialRobot) or robot.sliding.any() or len(joints) != 6:
+        return True
+    arm = _arm(robot, joints) if robot.arm.is_elbow else None
+    return dialect.configured(flags, np.degrees(joints), arm, slack_deg)
+
+
+def _arm(robot: SerialRobot, joints: FloatArray) -> tuple[bool, bool]:
+    """(behind, up): whether the wrist's centre is behind the first axis, as its joint is turned, and whether the elbow is bent upwards."""
+    points, along = robot.arm.axes(joints[None])
+    shoulder, elbow, wrist = (points[0, i] for i in (1, 2, 4))
+    up, side = along[0, 0], along[0, 1]
+    # the second axis points to the left or to the right of an arm that faces forward at zero
+    _, zero_along = robot.arm.axes(np.zeros((1, 6)))
+    forward = np.cross(side, up)
+    ahead = np.cross(zero_along[0, 1], zero_along[0, 0]) @ se3.matrices(robot.arm.foot)[:, 0]
+    forward = forward if ahead > 0.0 else -forward
+    way = wrist - points[0, 0]
+    bent = np.cross(elbow - shoulder, wrist - shoulder) @ np.cross(forward, up)
+    return bool(way @ forward < 0.0), bool(bent < 0.0)

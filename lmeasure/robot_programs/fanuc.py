@@ -9,12 +9,12 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from lmeasure.core import FloatArray
-from lmeasure.robot_programs.euler import of_angles
-from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, wrong
+from lmeasure.robot_programs.program import NUMBER, Dialect, Listing, Reader, Source, Span, Target, closing, of_angles, wrong
 from lmeasure.text import message
 
 POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
@@ -33,21 +33,15 @@ _pose, _numbers = of_angles("fanuc-wpr")
 
 def read(sources: Sequence[Source]) -> Listing:
     """The targets of listings."""
-    targets: list[Target] = []
-    unread: list[Unread] = []
+    reader = Reader(sources, frames=("UF[0]", "UT[0]"))
     for k, source in enumerate(sources):
-        _read(k, source, targets, unread)
-    own = np.array(IDENTITY)
-    return Listing(tuple(sources), tuple(targets), {"UF[0]": own, "UT[0]": own}, tuple(unread))
+        _read(k, source, reader)
+    return reader.listing()
 
 
-def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -> None:
-    text = source.text
+def _read(k: int, source: Source, reader: Reader) -> None:
+    text, leave = source.text, partial(reader.leave, k)
     body, positions = _sections(text)
-
-    def leave(place: int, why: str) -> None:
-        unread.append(Unread(source.name, source.line(place), why))
-
     used: dict[int, set[str]] = {}
     first: dict[int, int] = {}
     for m in _MOTION.finditer(text, *body):
@@ -87,7 +81,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
         else:
             found = _target(k, source, name, (m.end(), end), current)
             if isinstance(found, str):
-                leave(m.start(), f"{name}: {found}")
+                leave(m.start(), found, name)
                 continue
             frame = next((f for t in found if not t.joints for f in (t.base, t.tool) if _set_at(f, set_here)), "")
             if frame:
@@ -98,7 +92,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
                     ),
                 )
             else:
-                targets += [replace(t, moved=(k, first[number]), label=(m[2] or "").strip()) for t in found]
+                reader.targets += [replace(t, moved=(k, first[number]), label=(m[2] or "").strip()) for t in found]
 
 
 def _set_at(frame: str, set_here: Mapping[str, int]) -> int:

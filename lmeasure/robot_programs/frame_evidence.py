@@ -74,7 +74,7 @@ def pairs_of(listing: Listing, dialect: Dialect, robot: RobotModel) -> dict[int,
         if len(target.near) == n and not target.joints and (target.taught or len(hints[target.near]) == 1):
             # of a row that tells both, the joint values are the target behind
             written = _written(listing, listing.targets[i + 1]) if target.taught else [f"{v:.9g}" for v in target.near]
-            out[i] = Pair(target, _joints(target.near, dialect, robot), _digit(written), target.taught)
+            out[i] = Pair(target, joint_values(target.near, dialect, robot), _digit(written), target.taught)
         point = _point(target.label or target.name)
         if point:
             named[point][target.joints].append(i)
@@ -83,7 +83,7 @@ def pairs_of(listing: Listing, dialect: Dialect, robot: RobotModel) -> dict[int,
             by_joints, by_pose = listing.targets[both[True][0]], listing.targets[both[False][0]]
             if len(by_joints.values) == n:
                 same = (by_joints.label or by_joints.name) == (by_pose.label or by_pose.name)
-                joints = _joints(by_joints.values, dialect, robot)
+                joints = joint_values(by_joints.values, dialect, robot)
                 out[both[False][0]] = Pair(by_pose, joints, _digit(_written(listing, by_joints)), same)
     return out
 
@@ -133,7 +133,8 @@ def _point(name: str) -> str:
     return point if re.search(r"[a-z]", point) and " " not in name and "[" not in name else ""
 
 
-def _joints(values: Sequence[float], dialect: Dialect, robot: RobotModel) -> FloatArray:
+def joint_values(values: Sequence[float], dialect: Dialect, robot: RobotModel) -> FloatArray:
+    """Return joint values (n,) [rad, mm] of those in the units of a dialect."""
     return np.where(robot.sliding, values, np.array(values) * dialect.joint_size)
 
 

@@ -13,11 +13,26 @@ import numpy as np
 
 from lmeasure.core import FloatArray
 from lmeasure.robot_programs import krl_flow
-from lmeasure.robot_programs.euler import of_angles
 from lmeasure.robot_programs.krl_flow import FIXED, NULL, Motion, fdat_frames
-from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, masked, pieces, wrong
-from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
-from lmeasure.text import composed, message
+from lmeasure.robot_programs.program import (
+    EVERYWHERE,
+    NUMBER,
+    Dialect,
+    Listing,
+    Point,
+    Points,
+    Reader,
+    Region,
+    Source,
+    Span,
+    Target,
+    Unread,
+    closing,
+    of_angles,
+    pieces,
+    wrong,
+)
+from lmeasure.text import message
 
 POSE, AXES, EXTERNAL = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7)), tuple(f"E{i}" for i in range(1, 7))
 FLAGS = "S", "T"
@@ -35,19 +50,15 @@ def read(sources: Sequence[Source]) -> Listing:
     return _Reader(sources).listing()
 
 
-class _Reader:
+class _Reader(Reader):
     def __init__(self, sources: Sequence[Source]) -> None:
-        self.sources = tuple(sources)
-        self.plain = [masked(s.text, ";") for s in sources]
+        super().__init__(sources, ";", '"', [NULL])
         self.modules = [s.name.rpartition(".")[0].upper() for s in sources]
         self.points = Points()
         self.fdat: dict[tuple[str, str], tuple[str, str]] = {}
-        self.frames: dict[str, FloatArray] = {NULL: np.array(IDENTITY)}
         self.moving: dict[str, str] = {}
         self.reported: dict[str, list[tuple[int, int, FloatArray | None]]] = {}
         self.elsewhere, self.without = False, set[int]()
-        self.targets: list[Target] = []
-        self.unread: list[Unread] = []
 
     def listing(self) -> Listing:
         for k in range(len(self.sources)):
@@ -62,12 +73,11 @@ class _Reader:
                 self._passed(k, call, place, given)
         for point in self.points:
             self._point(point)
-        lost = self.without if self.elsewhere else set()
-        for target in (self.targets[i] for i in sorted(lost)):
-            text = message("robot_programs.external_axes_not_stated", name=target.name)
-            self.unread.append(Unread(self.sources[target.source].name, target.line, text))
-        kept = tuple(t for i, t in enumerate(self.targets) if i not in lost)
-        return Listing(self.sources, kept, self.frames, tuple(self.unread))
+        for i in sorted(self.without, reverse=True) if self.elsewhere else ():
+            lost = self.targets.pop(i)
+            why = message("robot_programs.external_axes_not_stated", name=lost.name)
+            self.unread.append(Unread(self.sources[lost.source].name, lost.line, why))
+        return super().listing()
 
     def _region(self, k: int, words: str) -> Region:
         if "GLOBAL" in words.upper() or self.modules[k] == "$CONFIG":
@@ -79,7 +89,7 @@ class _Reader:
         for m in _DECLARED.finditer(text):
             span, kind, name = (m.end(), closing(text, m.end(), "{}")), m[2].upper(), m[3]
             if span[1] < 0:
-                self._leave(k, m.start(2), message("program.aggregate_open", name=name))
+                self.leave(k, m.start(2), message("program.aggregate_open", name=name))
             elif kind == "FDAT":
                 self.fdat[self.modules[k], name.upper()] = fdat_frames(text[slice(*span)])
             elif kind == "FRAME":
@@ -97,7 +107,7 @@ class _Reader:
             if first is not None and all(f is not None and np.allclose(f, first, atol=1e-12) for _, _, f in every):
                 self.frames[name] = first
             else:
-                self._leave(k, place, message("program.frame_elsewhere", name=name))
+                self.leave(k, place, message("program.frame_elsewhere", name=name))
 
     def _frame_of(self, k: int, span: Span) -> FloatArray | None:
         found = self._aggregate(k, span) if span[1] > 0 else None
@@ -111,10 +121,10 @@ class _Reader:
         """What the program changes while it runs is no constant."""
         text = self.plain[k]
         for m in _ASSIGNED.finditer(text):
-            name, where = re.sub(r"\s", "", m[1]).upper(), f"{self.sources[k].name}:{self.sources[k].line(m.start(1))}"
+            name, where = re.sub(r"\s", "", m[1]).upper(), self.where(k, m.start(1))
             point = self.points.at(name, k, m.start())
             if point is not None:
-                point.changed = point.changed or message("robot_programs.changed_program", where=where)
+                point.changes(message("robot_programs.changed_program", where=where))
             if m[2] or not text[m.end() :].lstrip(" \t").startswith("{") or not re.search(r"\[\d+\]$", name):
                 self.moving.setdefault(re.sub(r"\[(?!\d+\]).*", "", name), where)
                 self.fdat.pop((self.modules[k], name), None)
@@ -124,9 +134,7 @@ class _Reader:
         for word in re.findall(r"\w+", given):
             point = self.points.at(word, k, place)
             if point is not None:
-                point.changed = point.changed or message(
-                    "robot_programs.passed", call=call, name=self.sources[k].name, line=self.sources[k].line(place)
-                )
+                point.changes(message("robot_programs.passed", call=call, name=self.sources[k].name, line=self.line(k, place)))
 
     def _frame(self, k: int, which: str, span: Span) -> str:
         """The name of a frame that $BASE or $TOOL is set to; an aggregate gets its own."""
@@ -140,7 +148,7 @@ class _Reader:
             end = closing(text, start, "{}")
             frame = self._frame_of(k, (start, end)) if not text[end + 1 : span[1]].strip() else None
             if frame is not None:
-                name = f"${which} of line {self.sources[k].line(start)}"
+                name = f"${which} of line {self.line(k, start)}"
                 self.frames[name] = frame
                 return name
         return value
@@ -148,10 +156,10 @@ class _Reader:
     def _move(self, motion: Motion) -> None:
         k, kind, text = motion.source, motion.kind, self.plain[motion.source]
         if kind.endswith("_REL"):
-            self._leave(k, motion.place, message("program.difference", name=kind))
+            self.leave(k, motion.place, message("program.difference", name=kind))
             return
         if not motion.states:
-            self._leave(k, motion.place, message("robot_programs.nothing_leads", name=kind))
+            self.leave(k, motion.place, message("robot_programs.nothing_leads", name=kind))
             return
         parts = pieces(text, motion.rest)
         for start, stop in parts[: 2 if kind.endswith("CIRC") else 1]:
@@ -162,15 +170,15 @@ class _Reader:
             frames = self._with(k, [*motion.spline, *parts], {own} if own else {(base, tool) for base, tool in motion.states})
             end = closing(text, start, "{}") if operand.startswith("{") else -1
             if end > 0 and not text[end + 1 : stop].lstrip().startswith(":"):
-                self._take(f"{kind} of line {self.sources[k].line(start)}", k, (start, end), frames, (k, start))
+                self._take(f"{kind} of line {self.line(k, start)}", k, (start, end), frames, (k, start))
                 continue
             point = self.points.at(name, k, start)
             if operand.startswith("{") and end < 0:
-                self._leave(k, start, message("program.aggregate_open", name=kind))
+                self.leave(k, start, message("program.aggregate_open", name=kind))
             elif word is None or re.match(r"\s*[:\[.]", operand[word.end() :]):
-                self._leave(k, start, message("robot_programs.target_computed", kind=kind, strip=operand.strip()))
+                self.leave(k, start, message("robot_programs.target_computed", kind=kind, strip=operand.strip()))
             elif point is None:
-                self._leave(k, start, message("robot_programs.not_declared_here_values", kind=kind, name=name))
+                self.leave(k, start, message("robot_programs.not_declared_here_values", kind=kind, name=name))
             else:
                 point.use(frames, (k, start))
 
@@ -194,43 +202,42 @@ class _Reader:
         if not used and point.kind.endswith("AXIS"):
             used = {(NULL, NULL)}
         if not used:
-            self._leave(point.source, point.span[0], message("robot_programs.no_motion_here_so", name=point.name))
+            self.leave(point.source, point.span[0], message("robot_programs.no_motion_here_so", name=point.name))
         elif point.changed:
-            self._leave(point.source, point.span[0], f"{point.name}: {point.changed}")
+            self.leave(point.source, point.span[0], point.changed, point.name)
         else:
             self._take(point.name, point.source, point.span, used, point.first or (point.source, point.span[0]))
 
     def _take(self, name: str, k: int, span: Span, used: set[tuple[str, str]], moved: tuple[int, int]) -> None:
         found = self._aggregate(k, span)
         if found is None:
-            self._leave(k, span[0], message("program.aggregate_field", name=name))
+            self.leave(k, span[0], message("program.aggregate_field", name=name))
             return
         joints = "A1" in found
         wanted = AXES if joints else POSE
         missing = [key for key in wanted if key not in found]
         out = {key: found[key][0] for key in EXTERNAL if key in found}
         self.elsewhere |= any(out.values())
-        several = ", ".join(sorted(" / ".join(u) for u in used))
         frames = min(used)
         if missing:
-            self._leave(k, span[0], message("program.rest", name=name, missing=tuple(missing)))
+            self.leave(k, span[0], message("program.rest", name=name, missing=tuple(missing)))
         elif why := wrong([v for v, _ in found.values()]):
-            self._leave(k, span[0], composed("{name}: {why}", name=name, why=why))
+            self.leave(k, span[0], why, name)
         elif not joints and any(out.values()):
             key = next(key for key in out if out[key])
-            self._leave(k, span[0], message("robot_programs.where_robot_workpiece_then_not", name=name, axis=key, value=out[key]))
+            self.leave(k, span[0], message("robot_programs.where_robot_workpiece_then_not", name=name, axis=key, value=out[key]))
         elif len(used) > 1 and not joints:
-            self._leave(k, span[0], message("robot_programs.moved_several_frames", name=name, frames=several))
+            self.leave_in_several(k, span[0], name, used)
         elif not joints and (frame := next((f for f in frames if self._set_at(f)), "")):
-            self._leave(k, span[0], message("robot_programs.frame_set_program", name=name, frame=frame, where=self._set_at(frame)))
+            self.leave(k, span[0], message("robot_programs.frame_set_program", name=name, frame=frame, where=self._set_at(frame)))
         elif frames[0] == FIXED[0]:
-            self._leave(k, span[0], message("robot_programs.robot_holds_workpiece_tool", name=name))
+            self.leave(k, span[0], message("robot_programs.robot_holds_workpiece_tool", name=name))
         else:
             flags = {key: int(found[key][0]) for key in FLAGS if key in found}
             if not joints and not out:
                 self.without.add(len(self.targets))
             values, spans = zip(*(found[key] for key in wanted), strict=True)
-            self.targets.append(Target(name, k, self.sources[k].line(span[0]), joints, values, spans, *frames, flags, moved))
+            self.targets.append(Target(name, k, self.line(k, span[0]), joints, values, spans, *frames, flags, moved))
 
     def _set_at(self, frame: str) -> str:
         """Where the program changes a frame, itself or with others of its array; empty where it does not."""
@@ -253,9 +260,6 @@ class _Reader:
                 return None
             out[m[1].upper()] = (value, m.span(2 if m[2] else 4))
         return out
-
-    def _leave(self, k: int, place: int, why: str) -> None:
-        self.unread.append(Unread(self.sources[k].name, self.sources[k].line(place), why))
 
 
 def _whole(digits: str, base: int) -> float | None:

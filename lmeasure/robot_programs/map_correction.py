@@ -1,16 +1,15 @@
 """A program corrected by a map of measured errors: for who has no model of the robot, where the map tells something and nowhere else.
 
 A robot that is commanded to a pose p goes to p with the error e(p); it is commanded to p* with p* + e(p*) = p, found by going on from p.
-Errors change so
-little over their own size that each step leaves a thousandth of the one before.
+Errors change so little over their own size that each step leaves a thousandth of the one before.
 """
 
 import numpy as np
 
 from lmeasure.core import FloatArray, se3
-from lmeasure.robot_programs.correction import Corrected, Outcome
-from lmeasure.robot_programs.program import Dialect, Listing, Target, rewritten
-from lmeasure.robots import Correction, ErrorMap, Limits, in_keep_out, too_large
+from lmeasure.robot_programs.correction import Answer, Corrected, carried_out
+from lmeasure.robot_programs.program import Dialect, Listing, Target
+from lmeasure.robots import Correction, ErrorMap, Limits, too_large
 from lmeasure.text import message
 
 STEPS = 50
@@ -22,29 +21,19 @@ SAME_MM, SAME_RAD = 0.01, 1e-4
 def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limits: Limits, tool: FloatArray | None = None) -> Corrected:
     """Targets in the order in which first motions to them stand. tool (7,): where the measured target sat on the flange; a target given
     with another is left, and with None every tool is taken for that one."""
-    outcomes: dict[int, Outcome] = {}
-    values: dict[int, list[float]] = {}
-    place: FloatArray | None = None
-    for i in sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved):
+
+    def answer(i: int) -> Answer | str:
         target = listing.targets[i]
-        file = listing.sources[target.source].name
-        why = _unfit(target, listing, tool)
-        if why:
-            outcomes[i] = Outcome(target, file, None, target.values, why, float("nan"), float("nan"))
-            continue
-        wanted = se3.compose(listing.frames[target.base], dialect.pose(target.values))
+        if why := _unfit(target, listing, tool):
+            return why
+        base = listing.frames[target.base]
+        wanted = se3.compose(base, dialect.pose(target.values))
         found = _corrected(wanted, errors, limits)
-        why = found.refused
-        if not why and in_keep_out(limits, np.array([wanted[:3] if place is None else place, wanted[:3]])) is not None:
-            why = message("robot_programs.way_leads_through_keep")
-        place = wanted[:3]
-        new = list(target.values)
-        if not why:
-            reported = se3.compose(se3.inverse(listing.frames[target.base]), found.flange)
-            new = values[i] = [float(v) for v in dialect.numbers(reported, target.values)]
+        numbers = dialect.numbers(se3.compose(se3.inverse(base), found.flange), target.values)
         at = _known(errors, found.flange)[None]
-        outcomes[i] = Outcome(target, file, found, tuple(new), why, float(errors.u95_mm(at)[0]) + found.left_mm, float(errors.u_mm(at)[0]))
-    return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
+        return Answer(found, wanted[:3], found.refused, numbers, float(errors.u95_mm(at)[0]), float(errors.u_mm(at)[0]))
+
+    return carried_out(listing, dialect, limits, answer)
 
 
 def _unfit(target: Target, listing: Listing, tool: FloatArray | None) -> str:

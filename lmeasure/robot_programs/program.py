@@ -6,14 +6,14 @@ states; everything else that holds or moves to a position is listed with its lin
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import MAX_LENGTH_MM, FloatArray, check_kind, se3, shortened
+from lmeasure.core import MAX_LENGTH_MM, FloatArray, angles_from_rotation, check_kind, rotation_from_angles, se3, shortened
 from lmeasure.io import Column
 from lmeasure.text import Message, composed, message
 
@@ -159,6 +159,96 @@ class Listing:
         return replace(self, targets=tuple(kept), frames=known, unread=tuple(lost))
 
 
+class Reader:
+    """What is found in the files of a program while they are read; plain: their texts without comments and strings."""
+
+    def __init__(self, sources: Sequence[Source], comment: str = "", quotes: str = "", frames: Iterable[str] = ()) -> None:
+        self.sources = tuple(sources)
+        self.plain = [masked(s.text, comment, quotes) for s in sources]
+        self.frames: dict[str, FloatArray] = {name: np.array(IDENTITY) for name in frames}
+        self.targets: list[Target] = []
+        self.unread: list[Unread] = []
+
+    def listing(self) -> Listing:
+        return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
+
+    def line(self, k: int, place: int) -> int:
+        return self.sources[k].line(place)
+
+    def where(self, k: int, place: int) -> str:
+        return f"{self.sources[k].name}:{self.line(k, place)}"
+
+    def leave(self, k: int, place: int, why: str, name: str = "") -> None:
+        """Leave what is there as it is; name: of the target, where the reason does not name it."""
+        said = composed("{name}: {why}", name=name, why=why) if name else why
+        self.unread.append(Unread(self.sources[k].name, self.line(k, place), said))
+
+    def leave_in_several(self, k: int, place: int, name: str, used: Iterable[tuple[str, str]]) -> None:
+        """Leave a target that motions go to in several frames (base, tool)."""
+        frames = tuple(sorted(" / ".join(both) for both in used))
+        self.leave(k, place, message("robot_programs.moved_several_frames", name=name, frames=frames))
+
+
+Region = tuple[tuple[int, int, int], ...]
+EVERYWHERE: Region = ()
+
+
+@dataclass
+class Point:
+    """A declared position: its name as written, source, type and place; region, (source, start, stop) of the texts that know it, or
+    everywhere; used: the frames (base, tool) that it is moved to in; first: the first motion; changed: why it is no constant."""
+
+    name: str
+    source: int
+    kind: str
+    span: Span
+    region: Region
+    used: set[tuple[str, str]] = field(default_factory=set)
+    first: tuple[int, int] | None = None
+    changed: str = ""
+
+    def use(self, frames: set[tuple[str, str]], motion: tuple[int, int]) -> None:
+        """Moved to by the motion at that source and place."""
+        self.used |= frames
+        self.first = self.first or motion
+
+    def changes(self, why: str) -> None:
+        """Note why it is no constant; the first reason counts."""
+        self.changed = self.changed or why
+
+
+class Points:
+    """Declared positions by their names, in whatever case these are written."""
+
+    def __init__(self) -> None:
+        self._all: dict[str, list[Point]] = {}
+
+    def add(self, point: Point) -> None:
+        """Two of one name that are known in the same region cannot be distinguished: both become no constants."""
+        same = self._all.setdefault(point.name.upper(), [])
+        for other in same:
+            if other.region == point.region:
+                other.changed = point.changed = message("robot_programs.declared_more_than_once_2")
+        same.append(point)
+
+    def at(self, name: str, source: int, place: int) -> Point | None:
+        """Which of that name a place means: that known in the smallest region around it."""
+        around = [(_size(p, source, place), p) for p in self._all.get(name.upper(), [])]
+        known = [(size, p) for size, p in around if size is not None]
+        return min(known, key=lambda one: one[0])[1] if known else None
+
+    def __iter__(self) -> Iterator[Point]:
+        return (p for same in self._all.values() for p in same)
+
+
+def _size(point: Point, source: int, place: int) -> float | None:
+    """How large the region is; None where the place is not in it."""
+    if point.region == EVERYWHERE:
+        return float("inf")
+    there = any(k == source and start <= place <= stop for k, start, stop in point.region)
+    return float(sum(stop - start for _, start, stop in point.region)) if there else None
+
+
 def rewritten(listing: Listing, dialect: Dialect, values: Mapping[int, Sequence[float]]) -> tuple[str, ...]:
     """The sources' texts with the numbers of targets, by their places in the listing, replaced; nothing else differs by a byte."""
     out = []
@@ -232,11 +322,11 @@ def numbers_in(text: str, span: Span) -> list[tuple[float, Span]]:
     return [(float(m[0]), m.span()) for m in re.compile(rf"(?<![\w.]){NUMBER}").finditer(text, *span)]
 
 
-def pieces(text: str, span: Span, separator: str = ",") -> list[Span]:
-    """Parts of a list between its separators, those within brackets of any kind not counted; without blanks at their ends."""
+def pieces(text: str, span: Span) -> list[Span]:
+    """Parts of a list between its commas, those within brackets of any kind not counted; without blanks at their ends."""
     out, depth, start = [], 0, span[0]
     for i in range(span[0], span[1] + 1):
-        if i == span[1] or (text[i] == separator and depth == 0):
+        if i == span[1] or (text[i] == "," and depth == 0):
             part = text[start:i]
             left = start + len(part) - len(part.lstrip())
             out.append((left, left + len(part.strip())))
@@ -255,12 +345,40 @@ def wrong(values: Sequence[float], quaternion: Sequence[float] = ()) -> str:
     return "" if abs(length - 1.0) <= UNIT else message("robot_programs.quaternion_length_not", length=length)
 
 
-def pose(position_mm: Sequence[float], turn: Rotation) -> FloatArray:
-    """(7,)"""
-    return se3.pose(np.asarray(position_mm, dtype=np.float64), turn)
-
-
-def near_turns(angles: FloatArray, old: Sequence[float], whole: float = 360.0) -> FloatArray:
+def near_turns(angles: FloatArray, old: Sequence[float]) -> FloatArray:
     """Angles with the whole turns that bring each nearest to an old one."""
     before = np.asarray(old, dtype=np.float64)
-    return np.asarray(angles + whole * np.round((before - angles) / whole))
+    return np.asarray(angles + 360.0 * np.round((before - angles) / 360.0))
+
+
+def of_angles(convention: str) -> tuple[Callable[[Sequence[float]], FloatArray], Callable[[FloatArray, Sequence[float]], FloatArray]]:
+    """(pose of numbers x, y, z and three angles; numbers of a pose near old ones). Of the two triples that say one rotation the one nearer
+    to the old is written, so that a corrected target looks like the one before."""
+
+    def of(values: Sequence[float]) -> FloatArray:
+        return se3.pose(values[:3], rotation_from_angles(convention, np.asarray(values[3:6], dtype=np.float64)))
+
+    def numbers(row: FloatArray, old: Sequence[float]) -> FloatArray:
+        first = angles_from_rotation(convention, se3.rotation(row))
+        # Tait-Bryan: the middle angle mirrored, the outer ones half a turn further
+        both = [near_turns(a, old[3:6]) for a in (first, np.array([first[0] + 180.0, 180.0 - first[1], first[2] + 180.0]))]
+        # near the singular orientation only the sum of the outer angles is determined: the old first one is kept
+        best = min(both, key=lambda a: float(np.abs(a - np.asarray(old[3:6])).max()))
+        return np.concatenate([row[:3], best])
+
+    return of, numbers
+
+
+def of_quaternion(
+    order: Sequence[int],
+) -> tuple[Callable[[Sequence[float]], FloatArray], Callable[[FloatArray, Sequence[float]], FloatArray]]:
+    """`of_angles` for a quaternion; order: where x, y, z, w stand among its four numbers. Of both signs that of the old one is written."""
+
+    def of(values: Sequence[float]) -> FloatArray:
+        return se3.pose(values[:3], Rotation.from_quat([values[3 + i] for i in order]))
+
+    def numbers(row: FloatArray, old: Sequence[float]) -> FloatArray:
+        q = row[3:][np.argsort(order)]
+        return np.concatenate([row[:3], q if q @ np.asarray(old[3:7]) >= 0.0 else -q])
+
+    return of, numbers

@@ -10,26 +10,27 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.robot_programs.program import (
+    EVERYWHERE,
     IDENTITY,
     NUMBER,
     Dialect,
     Listing,
+    Point,
+    Points,
+    Reader,
+    Region,
     Source,
     Span,
     Target,
-    Unread,
     closing,
-    masked,
+    of_quaternion,
     pieces,
-    pose,
     wrong,
 )
-from lmeasure.robot_programs.scopes import EVERYWHERE, Point, Points, Region
-from lmeasure.text import composed, message
+from lmeasure.text import message
 
 _DECLARED = re.compile(
     r"\b((?:LOCAL\s+|TASK\s+)?)(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I
@@ -56,18 +57,14 @@ def read(sources: Sequence[Source]) -> Listing:
     return _Reader(sources).listing()
 
 
-class _Reader:
+class _Reader(Reader):
     def __init__(self, sources: Sequence[Source]) -> None:
-        self.sources = tuple(sources)
-        self.plain = [masked(s.text, "!") for s in sources]
+        super().__init__(sources, "!", '"', ("wobj0", "tool0"))
         self.points = Points()
         self.moving: dict[str, str] = {}
         self.hidden = [self._hidden(k) for k in range(len(sources))]
         self.loose = any(re.search(r"\bConf[JL]\s*\\\s*Off\b", text, re.I) for text in self.plain)
-        self.frames: dict[str, FloatArray] = {"wobj0": np.array(IDENTITY), "tool0": np.array(IDENTITY)}
         self.stated: set[str] = set()
-        self.targets: list[Target] = []
-        self.unread: list[Unread] = []
 
     def listing(self) -> Listing:
         for k, text in enumerate(self.plain):
@@ -81,18 +78,14 @@ class _Reader:
         for point in self.points:
             k, name, used = point.source, point.name, point.used
             if not used:
-                self._leave(k, point.span[0], message("robot_programs.no_motion_goes_stands", name=name))
+                self.leave(k, point.span[0], message("robot_programs.no_motion_goes_stands", name=name))
             elif point.changed:
-                self._leave(k, point.span[0], composed("{name}: {why}", name=name, why=point.changed))
+                self.leave(k, point.span[0], point.changed, name)
             elif len(used) > 1:
-                self._leave(
-                    k,
-                    point.span[0],
-                    message("robot_programs.moved_several_frames", name=name, frames=tuple(sorted(" / ".join(u) for u in used))),
-                )
+                self.leave_in_several(k, point.span[0], name, used)
             else:
                 self._take(k, name, point.span, next(iter(used)), point.first or (k, point.span[0]))
-        return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
+        return super().listing()
 
     def _hidden(self, k: int) -> list[tuple[str, int, int]]:
         """Names that a routine is given, or has without a value, and where they hide those of the module."""
@@ -109,7 +102,7 @@ class _Reader:
 
     def _frame_at(self, k: int, name: str, place: int) -> str:
         """The name of a frame; what a routine is given has one that nobody states."""
-        return f"{name} of line {self.sources[k].line(place)}, which its routine is given" if self._hides(k, name, place) else name
+        return f"{name} of line {self.line(k, place)}, which its routine is given" if self._hides(k, name, place) else name
 
     def _changed(self, k: int, text: str) -> None:
         """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not
@@ -117,7 +110,7 @@ class _Reader:
         for m in _ASSIGNED.finditer(text):
             self._mark(k, m[1], m.start(1), message("robot_programs.changed_program_3"))
             if not self._hides(k, m[1], m.start(1)):
-                self.moving.setdefault(m[1].lower(), f"{self.sources[k].name}:{self.sources[k].line(m.start(1))}")
+                self.moving.setdefault(m[1].lower(), self.where(k, m.start(1)))
         for m in _GIVEN.finditer(text):
             at_once = m[1].upper() == "IF" and not re.search(r"\bTHEN\b", m[2], re.I) and not _MOVE.search(m[2])
             if at_once or not (_MOVE.match(m[1]) or _WORDS.fullmatch(m[1].lower())):
@@ -128,29 +121,28 @@ class _Reader:
                 for word in re.findall(r"\w+", call[1]):
                     self._mark(k, word, call.start(), message("program.passed", routine=m[1]))
         for point in self.points:
-            displaced = self._displacement()
-            if displaced and point.kind == "robtarget":
-                point.changed = point.changed or displaced
+            if point.kind == "robtarget":
+                point.changes(self._displacement())
 
     def _displacement(self) -> str:
         for k, text in enumerate(self.plain):
             m = _DISPLACED.search(text)
             if m:
-                return message("robot_programs.displacement_may", m=m[1], name=self.sources[k].name, line=self.sources[k].line(m.start()))
+                return message("robot_programs.displacement_may", m=m[1], name=self.sources[k].name, line=self.line(k, m.start()))
         return ""
 
     def _mark(self, k: int, name: str, place: int, why: str) -> None:
         point = None if self._hides(k, name, place) else self.points.at(name, k, place)
         if point is not None:
-            point.changed = point.changed or message("program.why_in", why=why, file=self.sources[k].name, line=self.sources[k].line(place))
+            point.changes(message("program.why_in", why=why, file=self.sources[k].name, line=self.line(k, place)))
 
     def _declared(self, k: int, m: re.Match[str]) -> None:
         text, kind, name = self.plain[k], m[2].lower(), m[3]
         span = m.end(), closing(text, m.end(), "[]")
         if span[1] < 0:
-            self._leave(k, m.start(), message("program.not_closed", name=name))
+            self.leave(k, m.start(), message("program.not_closed", name=name))
         elif m[4]:
-            self._leave(k, m.start(), message("program.array", name=name, kind=kind))
+            self.leave(k, m.start(), message("program.array", name=name, kind=kind))
         elif kind in ("robtarget", "jointtarget"):
             self.points.add(Point(name, k, kind, span, self._region(k, m)))
         else:
@@ -176,11 +168,11 @@ class _Reader:
             held, frames = words[:2] == ["FALSE", "TRUE"], parts[3:5]
         found = [self._frame(k, p) for p in frames]
         if not held:
-            self._leave(k, span[0], message("program.tool_still" if kind == "tooldata" else "program.object_moves", name=name))
+            self.leave(k, span[0], message("program.tool_still" if kind == "tooldata" else "program.object_moves", name=name))
         elif not found or any(f is None for f in found):
-            self._leave(k, span[0], message("program.no_frame", name=name))
+            self.leave(k, span[0], message("program.no_frame", name=name))
         elif name.lower() in self.stated:
-            self._leave(k, span[0], message("robot_programs.declared_more_than_once", name=name))
+            self.leave(k, span[0], message("robot_programs.declared_more_than_once", name=name))
             self.frames.pop(name.lower(), None)
         else:
             total = np.array(IDENTITY)
@@ -201,7 +193,7 @@ class _Reader:
         text, move = self.plain[k], m[1].lower()
         end = text.find(";", m.end())
         if end < 0:
-            self._leave(k, m.start(), message("program.open_instruction", name=m[1]))
+            self.leave(k, m.start(), message("program.open_instruction", name=m[1]))
             return
         plain = [p for p in pieces(text, (m.end(), end)) if text[p[0] : p[1]] and text[p[0]] != "\\"]
         if move.startswith("search"):
@@ -220,47 +212,47 @@ class _Reader:
         )
         sensed = re.search(r"\\\s*Corr\b", text[m.end() : end], re.I) is not None
         for start, stop in targets:
-            line = f"{m[1]} of line {self.sources[k].line(start)}"
+            line = f"{m[1]} of line {self.line(k, start)}"
             operand = re.sub(r"(?<=[\w\]])\s*\\.*", "", text[start:stop], flags=re.S).strip()
             point = None if self._hides(k, operand, start) else self.points.at(operand, k, start)
             if sensed:
                 why: str = message("program.sensor", move=m[1])
-                self._leave(k, start, why)
+                self.leave(k, start, why)
                 if point is not None:
-                    point.changed = point.changed or message("program.moved_by", why=why)
+                    point.changes(message("program.moved_by", why=why))
             elif operand.startswith("[") and (why := self._displacement()):
-                self._leave(k, start, composed("{name}: {why}", name=line, why=why))
+                self.leave(k, start, why, line)
             elif operand.startswith("["):
                 self._take(k, line, (start, start + len(operand) - 1), frames, (k, start))
             elif point is not None:
                 point.use({("wobj0", "tool0") if move.startswith("moveabs") else frames}, (k, start))
             elif re.fullmatch(r"\w+", operand):
-                self._leave(k, start, message("robot_programs.not_declared_here_values_2", m=m[1], operand=operand))
+                self.leave(k, start, message("robot_programs.not_declared_here_values_2", m=m[1], operand=operand))
             else:
-                self._leave(k, start, message("robot_programs.target_computed_2", m=m[1], v2=text[start:stop]))
+                self.leave(k, start, message("robot_programs.target_computed_2", m=m[1], v2=text[start:stop]))
 
     def _take(self, k: int, name: str, span: Span, frames: tuple[str, str], moved: tuple[int, int]) -> None:
         lists = self._lists(k, span)
         if lists is None:
-            self._leave(k, span[0], message("program.no_numbers", name=name))
+            self.leave(k, span[0], message("program.no_numbers", name=name))
             return
-        place, shape = self.sources[k].line(span[0]), [len(v) for v in lists]
+        place, shape = self.line(k, span[0]), [len(v) for v in lists]
         own = [v for part in lists[:-1] for v, _ in part]
         out = [v for v, _ in lists[-1] if v and abs(v) < UNUSED] if lists else []
         if shape == [6, 6]:
             numbers, spans = zip(*lists[0], strict=True)
             if why := wrong(own):
-                self._leave(k, span[0], composed("{name}: {why}", name=name, why=why))
+                self.leave(k, span[0], why, name)
             else:
                 self.targets.append(Target(name, k, place, True, numbers, spans, *frames, moved=moved))
         elif shape != [3, 4, 4, 6]:
-            self._leave(k, span[0], message("robot_programs.neither_robtarget_nor_jointtarget", name=name))
+            self.leave(k, span[0], message("robot_programs.neither_robtarget_nor_jointtarget", name=name))
         elif why := wrong(own, own[3:7]):
-            self._leave(k, span[0], composed("{name}: {why}", name=name, why=why))
+            self.leave(k, span[0], why, name)
         elif frame := next((f for f in frames if f in self.moving), ""):
-            self._leave(k, span[0], message("robot_programs.frame_set_program", name=name, frame=frame, where=self.moving[frame]))
+            self.leave(k, span[0], message("robot_programs.frame_set_program", name=name, frame=frame, where=self.moving[frame]))
         elif out:
-            self._leave(k, span[0], message("robot_programs.external_axis_where_robot", name=name, value=out[0]))
+            self.leave(k, span[0], message("robot_programs.external_axis_where_robot", name=name, value=out[0]))
         else:
             numbers, spans = zip(*lists[0], *lists[1], strict=True)
             flags = dict(zip(("cf1", "cf4", "cf6", "cfx"), (int(v) for v, _ in lists[2]), strict=True))
@@ -281,19 +273,8 @@ class _Reader:
             out.append(inner)
         return out
 
-    def _leave(self, k: int, place: int, why: str) -> None:
-        self.unread.append(Unread(self.sources[k].name, self.sources[k].line(place), why))
 
-
-def _pose(values: Sequence[float]) -> FloatArray:
-    w, x, y, z = values[3:7]
-    return pose(values[:3], Rotation.from_quat([x, y, z, w]))
-
-
-def _numbers(row: FloatArray, old: Sequence[float]) -> FloatArray:
-    x, y, z, w = row[3:]
-    q = np.array([w, x, y, z])
-    return np.concatenate([row[:3], q if q @ np.asarray(old[3:7]) >= 0.0 else -q])
+_pose, _numbers = of_quaternion((1, 2, 3, 0))
 
 
 def _configured(flags: Mapping[str, int], degrees: FloatArray, arm: tuple[bool, bool] | None, slack_deg: float) -> bool:

@@ -14,11 +14,22 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import CONVENTIONS, QUATERNION_COLUMNS, FloatArray, RobotError
+from lmeasure.core import CONVENTIONS, QUATERNION_COLUMNS, FloatArray, RobotError, se3
 from lmeasure.io import COLUMN_KINDS, Column
-from lmeasure.robot_programs.euler import of_angles
-from lmeasure.robot_programs.program import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, pose, wrong
-from lmeasure.text import composed, message
+from lmeasure.robot_programs.program import (
+    IDENTITY,
+    NUMBER,
+    Dialect,
+    Listing,
+    Reader,
+    Source,
+    Span,
+    Target,
+    of_angles,
+    of_quaternion,
+    wrong,
+)
+from lmeasure.text import message
 
 PLACE = ("x_mm", "y_mm", "z_mm")
 Columns = Mapping[str, Column]
@@ -89,17 +100,14 @@ def mapping_of(columns: Columns, header: str) -> Renamed:
 
 
 def _read(sources: Sequence[Source], turn: tuple[str, ...], place: tuple[str, ...], mapping: Renamed | None = None) -> Listing:
-    targets: list[Target] = []
-    unread: list[Unread] = []
-    for k, source in enumerate(sources):
-        _rows(k, source, turn, place, mapping=mapping or {}, targets=targets, unread=unread)
-    return Listing(tuple(sources), tuple(targets), {}, tuple(unread), {"base": np.array(IDENTITY), "tool": np.array(IDENTITY)})
+    reader = Reader(sources)
+    for k in range(len(sources)):
+        _rows(k, turn, place, mapping or {}, reader)
+    return replace(reader.listing(), assumed={"base": np.array(IDENTITY), "tool": np.array(IDENTITY)})
 
 
-def _rows(
-    k: int, source: Source, turn: tuple[str, ...], place: tuple[str, ...], *, mapping: Renamed, targets: list[Target], unread: list[Unread]
-) -> None:
-    text, header, sizes = source.text, list[str](), dict[str, float]()
+def _rows(k: int, turn: tuple[str, ...], place: tuple[str, ...], mapping: Renamed, reader: Reader) -> None:
+    text, header, sizes = reader.sources[k].text, list[str](), dict[str, float]()
     at = len(BOM) if text.startswith(BOM) else 0
     separator = max(",;\t", key=header_line(text).count)
     wanted, posed, number = list[str](), False, 0
@@ -117,7 +125,7 @@ def _rows(
         number += 1
         row = dict(zip(header, cells, strict=False))
         called = next((text[slice(*row[key])] for key in NAMED if key in row), "")
-        name, line = called or f"row {number}", source.line(start)
+        name, line = called or f"row {number}", reader.line(k, start)
         spans = tuple(row[c] for c in wanted if c in row)
         words = [text[slice(*s)] for s in spans]
         if separator != ",":
@@ -134,7 +142,7 @@ def _rows(
             why = message("robot_programs.cell_no_number")
         why = why or wrong(values, values[3:] if posed and turn == QUATERNION_COLUMNS else ())
         if why:
-            unread.append(Unread(source.name, line, composed("{name}: {why}", name=name, why=why)))
+            reader.leave(k, start, why, name)
             continue
         base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
         own = tuple(sizes[c] for c in wanted) if mapping else ()
@@ -146,18 +154,9 @@ def _rows(
             # given by joint values too: both are corrected
             joints, own = tuple(sizes[c] * float(w) for c, w in zip(axes, words, strict=True)), tuple(sizes[c] for c in axes)
             by_joints = replace(reported, joints=True, values=joints, spans=beside, sizes=own if mapping else ())
-            targets += [replace(reported, near=joints, taught=True), by_joints]
+            reader.targets += [replace(reported, near=joints, taught=True), by_joints]
         else:
-            targets.append(reported)
-
-
-def _of_quaternion(values: Sequence[float]) -> FloatArray:
-    return pose(values[:3], Rotation.from_quat(np.asarray(values[3:7], dtype=np.float64)))
-
-
-def _to_quaternion(row: FloatArray, old: Sequence[float]) -> FloatArray:
-    same = row[3:] @ np.asarray(old[3:7]) >= 0.0
-    return np.concatenate([row[:3], row[3:] if same else -row[3:]])
+            reader.targets.append(reported)
 
 
 def _table(sources: Sequence[Source], columns: Columns | None = None) -> Dialect:
@@ -180,7 +179,7 @@ def _has_units(text: str) -> bool:
 
 
 def _of_vector(values: Sequence[float]) -> FloatArray:
-    return pose(values[:3], Rotation.from_rotvec(np.asarray(values[3:6], dtype=np.float64)))
+    return se3.pose(values[:3], Rotation.from_rotvec(np.asarray(values[3:6], dtype=np.float64)))
 
 
 def _to_vector(row: FloatArray, old: Sequence[float]) -> FloatArray:
@@ -190,20 +189,17 @@ def _to_vector(row: FloatArray, old: Sequence[float]) -> FloatArray:
 CSV = Dialect(
     "csv",
     partial(_read, turn=QUATERNION_COLUMNS, place=PLACE),
-    _of_quaternion,
-    _to_quaternion,
+    *of_quaternion((0, 1, 2, 3)),
     math.radians(1.0),
     (6, 12, 9),
     suffixes=(".csv",),
     recognises=_has_units,
     of_table=_table,
 )
-_robodk_pose, _robodk_numbers = of_angles("fanuc-wpr")
 ROBODK = Dialect(
     "robodk",
     partial(_read, turn=ROBODK_TURN, place=ROBODK_PLACE),
-    _robodk_pose,
-    _robodk_numbers,
+    *of_angles("fanuc-wpr"),
     math.radians(1.0),
     (6, 6, 6),
     ("base", "tool"),

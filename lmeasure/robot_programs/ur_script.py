@@ -15,23 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.robot_programs.frame_flow import Event, State, states
-from lmeasure.robot_programs.program import (
-    IDENTITY,
-    NUMBER,
-    Dialect,
-    Listing,
-    Source,
-    Span,
-    Target,
-    Unread,
-    closing,
-    masked,
-    numbers_in,
-    pieces,
-    pose as _placed,
-    wrong,
-)
-from lmeasure.text import composed, message
+from lmeasure.robot_programs.program import NUMBER, Dialect, Listing, Reader, Source, Span, Target, closing, numbers_in, pieces, wrong
+from lmeasure.text import message
 
 _SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
 _ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)
@@ -54,12 +39,10 @@ _INVERSE_KEYS = "x", "qnear", "maxPositionError", "maxOrientationError", "tcp"
 
 def read(sources: Sequence[Source]) -> Listing:
     """The targets of scripts, each for itself."""
-    targets: list[Target] = []
-    unread: list[Unread] = []
-    frames = {"base": np.array(IDENTITY)}
-    for k, source in enumerate(sources):
-        _Reader(k, source, targets, unread, frames=frames).read()
-    return Listing(tuple(sources), tuple(targets), frames, tuple(unread))
+    reader = Reader(sources, "#", "\"'", ["base"])
+    for k in range(len(sources)):
+        _Script(k, reader).read()
+    return reader.listing()
 
 
 @dataclass
@@ -75,10 +58,9 @@ class _Literal:
     changed: str = ""
 
 
-class _Reader:
-    def __init__(self, k: int, source: Source, targets: list[Target], unread: list[Unread], *, frames: dict[str, FloatArray]) -> None:
-        self.k, self.source, self.targets, self.unread, self.frames = k, source, targets, unread, frames
-        self.text = masked(source.text, "#", "\"'")
+class _Script:
+    def __init__(self, k: int, reader: Reader) -> None:
+        self.k, self.reader, self.source, self.frames, self.text = k, reader, reader.sources[k], reader.frames, reader.plain[k]
         self.named: dict[str, _Literal] = {}
         self.aside: set[str] = set()
 
@@ -96,11 +78,11 @@ class _Reader:
         for m in _CALL.finditer(text):
             end = closing(text, m.end(), "()")
             if end < 0:
-                self._leave(m.start(), message("program.call_open", name=m[1]))
+                self.leave(m.start(), message("program.call_open", name=m[1]))
                 continue
             arguments = [self._unnamed(part) for part in pieces(text, (m.end() + 1, end))]
             if m[1] == "set_tcp":
-                events.append(Event(m.start(), "set", change=partial(_told, (self._tool(arguments[0]),))))
+                events.append(Event(m.start(), "set", change=partial(_with_tool, (self._tool(arguments[0]),))))
             else:
                 moves[m.start()] = m[1], arguments[: 2 if m[1] == "movec" else 1]
                 events.append(Event(m.start(), "move"))
@@ -112,20 +94,20 @@ class _Reader:
             for argument in arguments:
                 along = max((state[1] for state in found), default="")
                 if along:
-                    self._leave(place, f"{move} {text[slice(*argument)]}: is moved along by {along}")
+                    self.leave(place, f"{move} {text[slice(*argument)]}: is moved along by {along}")
                     for name in re.findall(r"\w+", text[slice(*argument)]):
                         if name in self.named:
                             self.named[name].changed = message("program.moved_along", along=along)
                 elif found:
                     self._moved(move, argument, {state[0] for state in found})
                 else:
-                    self._leave(place, message("robot_programs.nothing_leads_2", move=move, v2=text[slice(*argument)]))
+                    self.leave(place, message("robot_programs.nothing_leads_2", move=move, v2=text[slice(*argument)]))
                     self.aside.add(text[slice(*argument)])
         for name, literal in self.named.items():
             if literal.used:
                 self._take(name, literal)
             elif name not in self.frames and name not in self.aside and self._six(literal.span) is not None:
-                self._leave(literal.span[0], message("robot_programs.no_motion_goes_stands", name=name))
+                self.leave(literal.span[0], message("robot_programs.no_motion_goes_stands", name=name))
 
     def _blocks(self) -> list[Event]:
         """Functions, which may stand within others, blocks, and calls of the functions; a thread that is run may or may not have run."""
@@ -172,7 +154,7 @@ class _Reader:
     def _tool(self, argument: Span) -> str:
         """The name of the tool that a set_tcp sets; one that is computed is stated nowhere."""
         word = self.text[slice(*argument)]
-        name, found = f"set_tcp of {self.source.name}:{self.source.line(argument[0])}", self._pose_of(argument)
+        name, found = f"set_tcp of {self.reader.where(self.k, argument[0])}", self._pose_of(argument)
         if found is not None:
             # one that is set again is the same
             name = next((n for n, f in self.frames.items() if n.startswith("set_tcp") and np.array_equal(f, found)), name)
@@ -252,28 +234,25 @@ class _Reader:
         return given["x"], near, tool
 
     def _computed(self, move: str, argument: Span) -> None:
-        self._leave(argument[0], message("robot_programs.target_computed_set_elsewhere", move=move, v2=self.text[slice(*argument)]))
+        self.leave(argument[0], message("robot_programs.target_computed_set_elsewhere", move=move, v2=self.text[slice(*argument)]))
 
     def _take(self, name: str, literal: _Literal) -> None:
         found, used = self._six(literal.span), literal.used
         if found is None:
-            self._leave(literal.span[0], message("program.not_six", name=name))
+            self.leave(literal.span[0], message("program.not_six", name=name))
         elif why := wrong([v for v, _ in found]):
-            self._leave(literal.span[0], composed("{name}: {why}", name=name, why=why))
+            self.leave(literal.span[0], why, name)
         elif len(used) > 1 and literal.is_pose:
-            self._leave(
-                literal.span[0],
-                message("robot_programs.moved_several_frames", name=name, frames=tuple(sorted(" / ".join(u) for u in used))),
-            )
+            self.reader.leave_in_several(self.k, literal.span[0], name, used)
         elif literal.changed:
-            self._leave(literal.span[0], f"{name}: {literal.changed}")
+            self.leave(literal.span[0], literal.changed, name)
         elif len(literal.near) > 1:
-            self._leave(literal.span[0], message("robot_programs.several_ways_stated", name=name))
+            self.leave(literal.span[0], message("robot_programs.several_ways_stated", name=name))
         else:
             values, spans = zip(*found, strict=True)
             line, near = self.source.line(literal.span[0]), next(iter(literal.near), ())
             moved = self.k, literal.first
-            self.targets.append(Target(name, self.k, line, not literal.is_pose, values, spans, *min(used), moved=moved, near=near))
+            self.reader.targets.append(Target(name, self.k, line, not literal.is_pose, values, spans, *min(used), moved=moved, near=near))
 
     def _six(self, span: Span) -> list[tuple[float, Span]] | None:
         """The six numbers of a list in brackets, with their places; None where anything else stands there."""
@@ -283,11 +262,11 @@ class _Reader:
         plain = all(re.fullmatch(NUMBER, self.text[slice(*p)]) for p in parts)
         return numbers_in(self.text, (span[0] + 1, span[1] - 1)) if plain and len(parts) == 6 else None
 
-    def _leave(self, place: int, why: str) -> None:
-        self.unread.append(Unread(self.source.name, self.source.line(place), why))
+    def leave(self, place: int, why: str, name: str = "") -> None:
+        self.reader.leave(self.k, place, why, name)
 
 
-def _told(tool: State, state: State) -> State:
+def _with_tool(tool: State, state: State) -> State:
     return (*tool, state[1])
 
 
@@ -296,7 +275,7 @@ def _along(by: str, state: State) -> State:
 
 
 def _pose(values: Sequence[float]) -> FloatArray:
-    return _placed([1000.0 * v for v in values[:3]], Rotation.from_rotvec(np.asarray(values[3:6], dtype=np.float64)))
+    return se3.pose([1000.0 * v for v in values[:3]], Rotation.from_rotvec(np.asarray(values[3:6], dtype=np.float64)))
 
 
 def _numbers(row: FloatArray, old: Sequence[float]) -> FloatArray:
