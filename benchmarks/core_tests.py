@@ -22,7 +22,7 @@ _ESTIMATED = [f"tests/estimation/test_{name}.py" for name in _OF_ESTIMATION.spli
 _STRAIGHT = ["tests/linkages/test_straight.py", "-k", "not forty and not monodromy"]
 _LIMITS = ["tests/linkages/test_limits_in_closed_form.py", "tests/linkages/test_workspace.py"]
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
-_EVALUATED = "angles attainment capability evaluation figure fitted_frame instants"
+_EVALUATED = "angles attainment evaluation figure instants"
 _CAMPAIGNS = [
     "tests/calibration/test_laws_of_residuals.py",
     "tests/calibration/test_laws_of_covariance.py",
@@ -121,7 +121,12 @@ CORE = {
     "certificate/recompute.py": ["tests/certificate/test_verify.py"],
     **{f"iso9283/clauses/{name}.py": _SEALED for name in _TESTS.split()},
     **{f"iso9283/{name}.py": _SEALED for name in _EVALUATED.split()},
-    "iso9283/attainment.py": ["tests/iso9283/test_attainment.py", *_SEALED[:-1], f"test_attainment or {_SEALED[-1]}"],
+    "iso9283/attainment.py": [
+        "tests/iso9283/test_attainment.py",
+        "tests/iso9283/test_fitted_frame.py",
+        *_SEALED[:-1],
+        f"test_attainment or {_SEALED[-1]}",
+    ],
     "iso9283/clauses/pose.py": [
         "tests/iso9283/test_pose_laws.py",
         "tests/iso9283/test_u95.py",
@@ -130,13 +135,12 @@ CORE = {
     ],
     "iso9283/clauses/path.py": ["tests/iso9283/test_path_laws.py", *_SEALED[:-1], f"test_path_laws or {_SEALED[-1]}"],
     "iso9283/evaluation.py": [
+        "tests/iso9283/test_capability_limits.py",
         "tests/iso9283/test_u95.py",
         "tests/iso9283/test_exclusions.py",
         *_SEALED[:-1],
         f"test_exclusions or what_is_done or have_none or {_SEALED[-1]}",
     ],
-    "iso9283/fitted_frame.py": ["tests/iso9283/test_fitted_frame.py"],
-    "iso9283/capability.py": ["tests/iso9283/test_capability_limits.py"],
     "iso9283/angles.py": ["tests/iso9283/test_angles.py", *_SEALED[:-1], f"test_angles or {_SEALED[-1]}"],
     "iso9283/clauses/corners.py": ["tests/iso9283/test_corner_laws.py", *_SEALED[:-1], f"test_corner_laws or {_SEALED[-1]}"],
     "iso9283/clauses/weaving.py": ["tests/iso9283/test_weave_laws.py", *_SEALED[:-1], f"test_weave_laws or {_SEALED[-1]}"],

@@ -3,29 +3,29 @@
 Two kinds of results get no verdict: parts outside the instrument's zone, and parts that hang on counts that may be wrong.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from lmeasure.accuracy import exact_radius_95
 from lmeasure.core import CertificationError, DataFrame, FloatArray, IntArray, Shown, framed
-from lmeasure.iso9283.attainment import attained
-from lmeasure.iso9283.capability import with_verdicts
-from lmeasure.iso9283.characteristic import Characteristic
+from lmeasure.iso9283.attainment import attained, follows
+from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, Conformity, Rule, Verdict
 from lmeasure.iso9283.clause import IsoTest, SampleErrors
 from lmeasure.iso9283.clauses import clauses_of, signed_names, tests_of
 from lmeasure.iso9283.dwells import with_windows
 from lmeasure.iso9283.figure import Figure, Subject
-from lmeasure.iso9283.fitted_frame import follows
 from lmeasure.iso9283.instants import on_times, with_instants
 from lmeasure.iso9283.motion_readings import Motion
 from lmeasure.iso9283.paths import LEAST_PLANES, Crossings
-from lmeasure.iso9283.settings import CertificationSettings, CertificationSettings as Settings
-from lmeasure.iso9283.uncertainty import Spread, propagate
-from lmeasure.recording import Program, Run
+from lmeasure.iso9283.settings import CertificationSettings
+from lmeasure.iso9283.uncertainty import NORMAL_95, Spread, propagate
+from lmeasure.recording import Program, Run, Tolerance
 from lmeasure.text import Message, message, within
 from lmeasure.trajectory import (
     SUSPECTED,
@@ -40,6 +40,89 @@ from lmeasure.trajectory import (
     stamps_of,
     window,
 )
+
+
+def conformity(value: float, u95: float, tolerance: Tolerance, rule: Rule) -> Conformity:
+    """A value held against a tolerance, JCGM 106:2012, 8.2 (simple acceptance) and 8.3 (guarded acceptance, guard band U95).
+
+    Guarded: within the limits by U95 it conforms, outside them by U95 it does not, between nothing is decided.
+    """
+    rule = tolerance.rule or rule
+    lower = -math.inf if tolerance.lower is None else tolerance.lower
+    upper = math.inf if tolerance.upper is None else tolerance.upper
+    guard = u95 if rule == "guarded" else 0.0
+    verdict: Verdict
+    if lower + guard <= value <= upper - guard:
+        verdict = "conforms"
+    elif value < lower - guard or value > upper + guard:
+        verdict = "does not conform"
+    else:
+        verdict = "not decided"
+    u = max(u95 / NORMAL_95, 1e-300)
+    probability = float(ndtr((upper - value) / u) - ndtr((lower - value) / u))
+    return Conformity(tolerance.lower, tolerance.upper, rule, verdict, probability)
+
+
+def limit_of(value: float, tolerance: Tolerance | None, fraction: float) -> float:
+    """Largest u95 with which a value may be stated: a fraction of it, or of half a tolerance of a signed figure, which may well be zero.
+
+    A tolerance of one side reaches from zero.
+    """
+    if tolerance is None:
+        return fraction * abs(value)
+    lower = 0.0 if tolerance.lower is None else tolerance.lower
+    upper = 0.0 if tolerance.upper is None else tolerance.upper
+    return fraction * max(abs(value), 0.5 * abs(upper - lower))
+
+
+def tolerance_of(c: Characteristic, tolerances: Sequence[Tolerance]) -> Tolerance | None:
+    """The first tolerance that names this characteristic, at its pose or path or at all."""
+    for t in tolerances:
+        here = (t.pose is None and t.path is None) or (t.pose is not None and t.pose == c.pose) or (t.path is not None and t.path == c.path)
+        if t.characteristic == c.name and here:
+            return t
+    return None
+
+
+def undecided(found: Sequence[Characteristic], tolerances: Sequence[Tolerance]) -> Tolerance | None:
+    """The first tolerance that no characteristic is held against, excluded ones counting: its name is another, or one before takes all."""
+    used = {id(tolerance_of(c, tolerances)) for c in found}
+    return next((t for t in tolerances if id(t) not in used), None)
+
+
+def with_verdicts(
+    found: Sequence[Characteristic],
+    *,
+    vectors: Mapping[CharacteristicKey, CharacteristicKey],
+    signed: Sequence[str],
+    tolerances: Sequence[Tolerance],
+    settings: CertificationSettings,
+) -> tuple[Characteristic, ...]:
+    """All characteristics with their verdicts; vectors: of which vector each component takes its own; signed: names of others that may be
+    zero without being bad."""
+    own = [with_verdict(c, tolerances, settings, signed=c.key in vectors or c.name in signed) for c in found]
+    known = {c.key: c for c in own}
+    return tuple(with_vector_verdict(c, known[vectors[c.key]], settings.capability) if vectors.get(c.key) in known else c for c in own)
+
+
+def with_verdict(c: Characteristic, tolerances: Sequence[Tolerance], settings: CertificationSettings, *, signed: bool) -> Characteristic:
+    """The characteristic with its own verdict of capability and conformity; none when it is excluded."""
+    tolerance = tolerance_of(c, tolerances)
+    limit = limit_of(c.value, tolerance if signed else None, settings.capability)
+    if c.excluded is not None:
+        return replace(c, capable=False, limit_u95=None, conformity=None)
+    found = None if tolerance is None else conformity(c.value, c.u95, tolerance, settings.rule)
+    return replace(c, capable=bool(c.u95 <= limit), limit_u95=limit, conformity=found)
+
+
+def with_vector_verdict(c: Characteristic, vector: Characteristic, fraction: float) -> Characteristic:
+    """A signed component with the verdict of its vector, unless a tolerance gave it one: near zero it is small beside its own uncertainty
+    whatever the instrument. What may be said of it alone stands beside."""
+    c = replace(c, capable_alone=c.excluded is None and bool(c.u95 <= limit_of(c.value, None, fraction)))
+    if c.conformity is not None or c.excluded is not None:
+        return c
+    return replace(c, capable=vector.capable, limit_u95=vector.limit_u95, note=message("verdict.of_vector", vector=vector.name))
+
 
 ORDER = ("pose", "path", "compliance", "settling", "posing")
 """Of the kinds of parts, as certificates list them."""
@@ -146,8 +229,8 @@ class Evaluation(Shown):
     """Angle convention of component-wise angles."""
     covers: Message | str
     """Effects included in the uncertainties, in words."""
-    settings: Settings
-    """Settings of the evaluation."""
+    settings: CertificationSettings
+    """CertificationSettings of the evaluation."""
     notes: tuple[Message | str, ...] = ()
     """Findings for the user."""
 
@@ -167,7 +250,7 @@ def evaluate(
     covariances: ErrorModel | None = None,
     *,
     run: Run | None = None,
-    settings: Settings | None = None,
+    settings: CertificationSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
     stamps: Stamps | None = None,
 ) -> Evaluation:
@@ -178,7 +261,7 @@ def evaluate(
     for in the trajectory's rests. stamps: as judged already, else by the motion
     itself. CertificationError names the window and sample when a pose or path cannot be determined.
     """
-    settings = settings or Settings()
+    settings = settings or CertificationSettings()
     _check(trajectory, program, settings)
     models: tuple[ErrorModel, ...]
     if covariances is not None:
@@ -259,7 +342,7 @@ def _drawn(
     tests: Sequence[IsoTest],
     figures: Sequence[Figure],
     laws: Sequence[_Law],
-    settings: Settings,
+    settings: CertificationSettings,
     *,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[list[float], list[list[Spread]]]:
@@ -280,7 +363,7 @@ def _drawn(
     return values, spreads
 
 
-def _unstated(trajectory: Trajectory, settings: Settings) -> tuple[str, ...]:
+def _unstated(trajectory: Trajectory, settings: CertificationSettings) -> tuple[str, ...]:
     """What of a trajectory from elsewhere has no stated uncertainty and what that leaves without a verdict: "position" everything, "deg"
     figures in that unit."""
     moves = any(settings.tool_offset_mm) or settings.align
@@ -289,7 +372,7 @@ def _unstated(trajectory: Trajectory, settings: Settings) -> tuple[str, ...]:
     return ("deg",) if "rotation" in trajectory.absent else ()
 
 
-def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None:
+def _check(trajectory: Trajectory, program: Program, settings: CertificationSettings) -> None:
     """What no figure can be determined from."""
     if not (program.pose or program.path):
         raise CertificationError("the program has neither poses nor paths")

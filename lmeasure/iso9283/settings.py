@@ -43,11 +43,7 @@ class CertificationSettings:
 
     @property
     def quarters(self) -> bool:
-        """Whether planes stand at the quarters of lines, between which velocities are taken (8.6.1).
-
-        Earlier certificates state 100: the nearest stood at 25.5 and 74.5 %, and of a robot that was still speeding up there AV was 0.2 %
-        off.
-        """
+        """Whether planes stand at the quarters of lines, between which velocities are taken (8.6.1)."""
         return self.planes % 4 == 2
 
     def __post_init__(self) -> None:

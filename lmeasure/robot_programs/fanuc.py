@@ -170,6 +170,4 @@ def _configured(flags: Mapping[str, int], degrees: FloatArray, arm: tuple[bool, 
     return turns and (arm is None or (not bool(flags["front"]), bool(flags["up"])) == arm)
 
 
-DIALECT = Dialect(
-    "fanuc", read, _pose, _numbers, math.radians(1.0), (3, 3, 3), ("UF[0]", "UT[0]"), suffixes=(".ls",), configured=_configured
-)
+DIALECT = Dialect("fanuc", read, _pose, _numbers, math.radians(1.0), (3, 3, 3), suffixes=(".ls",), configured=_configured)

@@ -277,4 +277,4 @@ def _configured(flags: Mapping[str, int], degrees: FloatArray, arm: tuple[bool, 
     return turned and (arm is None or (bool(flags["S"] & 1), bool(flags["S"] & 2)) == arm)
 
 
-DIALECT = Dialect("krl", read, _pose, _numbers, math.radians(1.0), (4, 5, 5), (NULL,), suffixes=(".src", ".dat"), configured=_configured)
+DIALECT = Dialect("krl", read, _pose, _numbers, math.radians(1.0), (4, 5, 5), suffixes=(".src", ".dat"), configured=_configured)

@@ -100,8 +100,6 @@ class Dialect:
         rad per unit of a joint value.
     decimals
         Decimals of places, orientations and joints that are written at least.
-    known
-        Names of frames that every program has.
     suffixes
         Suffixes of its files, in small letters.
     recognises
@@ -120,7 +118,6 @@ class Dialect:
     numbers: Callable[[FloatArray, Sequence[float]], FloatArray]
     joint_size: float
     decimals: tuple[int, int, int]
-    known: tuple[str, ...] = ()
     suffixes: tuple[str, ...] = ()
     recognises: Callable[[str], bool] | None = None
     of_table: Callable[[Sequence[Source], Mapping[str, Column] | None], "Dialect"] | None = None

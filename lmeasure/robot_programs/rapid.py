@@ -295,13 +295,5 @@ def _at_quarter(degrees: float, slack_deg: float) -> bool:
 
 
 DIALECT = Dialect(
-    "rapid",
-    read,
-    _pose,
-    _numbers,
-    math.radians(1.0),
-    (4, 9, 5),
-    ("wobj0", "tool0"),
-    suffixes=(".mod", ".modx", ".prg", ".sys"),
-    configured=_configured,
+    "rapid", read, _pose, _numbers, math.radians(1.0), (4, 9, 5), suffixes=(".mod", ".modx", ".prg", ".sys"), configured=_configured
 )

@@ -202,6 +202,5 @@ ROBODK = Dialect(
     *of_angles("fanuc-wpr"),
     math.radians(1.0),
     (6, 6, 6),
-    ("base", "tool"),
     suffixes=(".csv",),
 )

@@ -288,4 +288,4 @@ def _numbers(row: FloatArray, old: Sequence[float]) -> FloatArray:
     return np.concatenate([row[:3] / 1000.0, vector])
 
 
-DIALECT = Dialect("ur-script", read, _pose, _numbers, 1.0, (7, 7, 7), ("base",), suffixes=(".script", ".urscript"))
+DIALECT = Dialect("ur-script", read, _pose, _numbers, 1.0, (7, 7, 7), suffixes=(".script", ".urscript"))

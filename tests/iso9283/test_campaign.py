@@ -12,8 +12,8 @@ from lmeasure.cli.app import app
 from lmeasure.core import CertificationError
 from lmeasure.io import files
 from lmeasure.iso9283 import TESTS, Campaign, Cube, Tests, campaign, duration_s, timed, write_commands
+from lmeasure.iso9283.program.campaign import CYCLES
 from lmeasure.iso9283.program.command_files import write_robodk
-from lmeasure.iso9283.program.selection import CYCLES
 from lmeasure.recording import Program, read_program, write_program
 from lmeasure.robots import cell_robot
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import norm
 
 from lmeasure.iso9283 import CertificationSettings, undecided
-from lmeasure.iso9283.capability import conformity, limit_of, tolerance_of, with_verdict, with_verdicts
 from lmeasure.iso9283.characteristic import Characteristic
+from lmeasure.iso9283.evaluation import conformity, limit_of, tolerance_of, with_verdict, with_verdicts
 from lmeasure.recording import Tolerance
 from lmeasure.text import message
 

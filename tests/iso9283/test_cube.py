@@ -5,7 +5,7 @@ import pytest
 
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import POSES, Cube, Tests, campaign, largest_cube
-from lmeasure.iso9283.program.cube import PLANES
+from lmeasure.iso9283.program.campaign import PLANES
 
 
 def test_the_poses_of_a_cube_of_1000_mm_by_hand() -> None:

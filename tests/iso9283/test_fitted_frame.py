@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import CertificationError, FloatArray, se3
+from lmeasure.iso9283.attainment import fit_frame, follows
 from lmeasure.iso9283.figure import Subject
-from lmeasure.iso9283.fitted_frame import fit_frame, follows
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [300.0, 20.0, 0.0], [-40.0, 250.0, 10.0], [70.0, 60.0, 200.0]])
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lmeasure.iso9283.passages import passage, share
+from lmeasure.iso9283.paths import passage, share
 
 QUARTER = np.array([-0.0546875, 0.8203125, 0.2734375, -0.0390625])
 """Of the cubic through four samples a quarter of the way from the second to the third: -7/128, 105/128, 35/128, -5/128."""

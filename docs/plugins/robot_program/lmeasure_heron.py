@@ -33,13 +33,4 @@ def read(sources: Sequence[Source]) -> Listing:
 
 
 pose, numbers = of_angles("fanuc-wpr")
-DIALECT = Dialect(
-    name="heron",
-    read=read,
-    pose=pose,
-    numbers=numbers,
-    joint_size=math.radians(1.0),
-    decimals=(3, 3, 3),
-    known=("world", "flange"),
-    suffixes=(".hrn",),
-)
+DIALECT = Dialect(name="heron", read=read, pose=pose, numbers=numbers, joint_size=math.radians(1.0), decimals=(3, 3, 3), suffixes=(".hrn",))

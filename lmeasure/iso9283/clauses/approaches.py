@@ -18,7 +18,6 @@ class ApproachTest(IsoTest):
     convention: str | None
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key, of = self.subject, self.directions
         make = Maker(cycles=len(of), needs=(key,), pose=key.name, angles=self.convention)
         out = [make.one("vAP_p", "7.2.3", "mm", lambda s: iso.multidirectional_variation(split(s[key].position, of)))]

@@ -24,16 +24,13 @@ class ComplianceTest(IsoTest):
     groups: IntArray
 
     def samples(self) -> IntArray:
-        """See `IsoTest`."""
         return self.loaded.samples
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """See `IsoTest`."""
         at_rest = of_rests(errors(self.loaded.samples), self.loaded, self.groups)
         return {self.subject: PosePart(self.loaded, at_rest, None, self.groups)}
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key, forces = self.subject, self.forces
         acted = np.abs(forces - forces.mean(axis=0)).max(axis=0) > 0
         make = Maker(cycles=len(forces), needs=(key,), pose=self.loaded.name)

@@ -19,9 +19,8 @@ from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.clauses.path import DOUBT_OF_MEAN
 from lmeasure.iso9283.figure import Figure, Maker, Subject
 from lmeasure.iso9283.formulas import path as iso
-from lmeasure.iso9283.passages import FINER, finer, share
 from lmeasure.iso9283.path_spectrum import reduced as less
-from lmeasure.iso9283.paths import Crossings, Cycle
+from lmeasure.iso9283.paths import FINER, Crossings, Cycle, finer, share
 from lmeasure.iso9283.sample_gaps import EDGE, Between, Chords, at_corner as read_at_corner, between, of_samples, with_hidden
 from lmeasure.iso9283.uncertainty import Part
 from lmeasure.trajectory import PoseErrors, kept_over
@@ -184,15 +183,12 @@ class CornerTest(IsoTest):
         return Subject("corner", self.subject.name, self.corner.number)
 
     def samples(self) -> IntArray:
-        """See `IsoTest`."""
         return self.at
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """See `IsoTest`."""
         return {self.key: CornerPart(self.corner, self.passed, errors(self.at), self.u_time_s)}
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key = self.key
         make = Maker(cycles=len(self.passed), needs=(self.subject,), path=key.name, part=f"corner {self.corner.number}")
         return [
@@ -269,7 +265,6 @@ class CornerPart:
         return with_hidden(read, np.zeros((len(read), 3)), np.concatenate([np.array([off for off, _ in unseen]), beyond]))
 
     def state(self, errors: FloatArray, reduced: bool) -> tuple[FloatArray, FloatArray]:
-        """See `uncertainty.Part`."""
         n, moved = len(self.passed), errors[..., 3:]
         about, others = self._about[int(reduced)], self._others[int(reduced)]
         away = (moved[..., n:, :] @ self.corner.side).reshape(*moved.shape[:-2], n, -1)

@@ -25,7 +25,6 @@ class DistanceTest(IsoTest):
     cycles: int
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         (one, other), commanded = self.ends, self.commanded
         length = float(np.linalg.norm(commanded))
 

@@ -21,7 +21,6 @@ class DriftTest(IsoTest):
     convention: str | None
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key, commanded, times = self.subject, self.commanded, self.times
 
         def grouped(values: FloatArray) -> list[FloatArray]:

@@ -17,7 +17,6 @@ class ExchangeabilityTest(IsoTest):
     robots: tuple[str, ...]
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key, of = self.subject, self.robots
         make = Maker(cycles=len(of), needs=(key,), pose=key.name)
         return [make.one("E", "7.7", "mm", lambda s: iso.exchangeability(split(s[key].position, of)))]

@@ -40,7 +40,6 @@ class PathTest(IsoTest):
     plain: bool
 
     def samples(self) -> IntArray:
-        """See `IsoTest`."""
         return self.crossings.samples.ravel()
 
     def excludable(self, errors: SampleErrors) -> PoseErrors:
@@ -50,7 +49,6 @@ class PathTest(IsoTest):
         return of_crossings(single, c.weights, c.step, c.scatter) if single.rounded else single
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """See `IsoTest`."""
         c, places = self.crossings, self.excludable(errors)
         if c.hidden is None:
             return {self.subject: PathPart(c, places, self.convention, self.stamps)}
@@ -58,7 +56,6 @@ class PathTest(IsoTest):
         return {self.subject: PathPart(c, places, self.convention, self.stamps, bound)}
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         if not self.plain:
             return []
         key, c = self.subject, self.crossings
@@ -124,12 +121,10 @@ class PathPart:
 
     @property
     def positions(self) -> FloatArray:
-        """See `uncertainty.Part`."""
         return self.crossings.attained[:, :, :3].reshape(-1, 3)
 
     @cached_property
     def errors(self) -> PoseErrors:
-        """See `uncertainty.Part`."""
         timed = of_crossing(self.places, self.crossings, self.stamps)
         return timed if self.hidden is None else with_hidden(timed, self.hidden, self.hidden)
 
@@ -208,7 +203,6 @@ class PathPart:
         return turn, wrapped(angles_deg(self.convention, attained) - angles_deg(self.convention, there)).reshape(m, n, 3)
 
     def state(self, errors: FloatArray, reduced: bool) -> Planes:
-        """See `uncertainty.Part`."""
         c, state = self.crossings, self._states[reduced]
         m, n = c.time_s.shape
         e = errors.reshape(*errors.shape[:-2], m, n, 6)

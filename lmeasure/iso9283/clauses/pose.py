@@ -30,16 +30,13 @@ class PoseTest(IsoTest):
     convention: str | None
 
     def samples(self) -> IntArray:
-        """See `IsoTest`."""
         return self.attained.samples
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """See `IsoTest`."""
         a = self.attained
         return {self.subject: PosePart(a, of_rests(errors(a.samples), a, self.groups), self.convention, self.groups)}
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key, commanded = self.subject, self.attained.commanded[:3]
         n, turns = len(self.attained.poses), not np.isnan(self.attained.poses[0, 3])
         make = Maker(cycles=n, needs=(key,), pose=self.attained.name, angles=self.convention)
@@ -136,11 +133,9 @@ class PosePart:
 
     @property
     def positions(self) -> FloatArray:
-        """See `uncertainty.Part`."""
         return self.attained.poses[:, :3]
 
     def state(self, errors: FloatArray, reduced: bool) -> Cycles:
-        """See `uncertainty.Part`."""
         state, turned = self._states[reduced], errors[..., :3]
         return Cycles(
             state.position + errors[..., 3:],

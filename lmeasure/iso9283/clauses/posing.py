@@ -26,7 +26,6 @@ class PosingTest(IsoTest):
     at: IntArray
 
     def samples(self) -> IntArray:
-        """See `IsoTest`."""
         return self.at
 
     def read(self, motion: Motion, known: Mapping[CharacteristicKey, float]) -> Read:

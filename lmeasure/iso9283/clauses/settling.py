@@ -29,7 +29,6 @@ class SettlingTest(IsoTest):
     at: IntArray
 
     def samples(self) -> IntArray:
-        """See `IsoTest`."""
         return self.at
 
     def read(self, motion: Motion, known: Mapping[CharacteristicKey, float]) -> Read:

@@ -29,7 +29,6 @@ class StabilisationTest(IsoTest):
     passed: tuple[tuple[Cycle, Passing], ...]
 
     def read(self, motion: Motion, known: Mapping[CharacteristicKey, float]) -> Read:
-        """See `IsoTest`."""
         corner, limit = self.corner, self.limit_mm
 
         def length(_: FloatArray, from_corner: FloatArray) -> FloatArray:

@@ -22,7 +22,6 @@ class VelocityTest(IsoTest):
     stamps: Stamps
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key, speed, n = self.subject, self.commanded_mm_s, self.crossings.time_s.shape[1]
         make = Maker(cycles=n, needs=(key,), path=key.name)
         out = []

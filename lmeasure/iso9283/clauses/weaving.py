@@ -11,8 +11,7 @@ from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.figure import Figure, Maker, OfInstants, Subject
 from lmeasure.iso9283.formulas import path as iso
 from lmeasure.iso9283.motion_readings import WITHOUT_HALF
-from lmeasure.iso9283.passages import FINER, finer
-from lmeasure.iso9283.paths import Crossings, Cycle
+from lmeasure.iso9283.paths import FINER, Crossings, Cycle, finer
 from lmeasure.iso9283.uncertainty import Part
 from lmeasure.recording import CommandedPath
 from lmeasure.trajectory import PoseErrors, Stamps, of_neighbours
@@ -168,11 +167,9 @@ class WeaveTest(IsoTest):
         return np.concatenate([np.concatenate([c.samples.ravel(), c.edges.ravel()]) for c in self.cycles])
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """See `IsoTest`."""
         return {self.key: WeavePart.of(self.cycles, errors(self.samples()))}
 
     def figures(self) -> list[Figure]:
-        """See `IsoTest`."""
         key, stroke, distance = self.key, self.path.weave_stroke_mm, self.path.weave_distance_mm
         assert stroke is not None
         assert distance is not None

@@ -7,23 +7,23 @@ commanded ones. Speeds are (..., n, k): k measurements in each cycle. Leading ax
 import numpy as np
 
 from lmeasure.core import FloatArray
+from lmeasure.iso9283.formulas.pose import deviation_over_cycles, length, barycentre, spread
 from lmeasure.iso9283.formulas.time import crossing, last_arrival
-from lmeasure.iso9283.statistics import deviation_over_cycles, length, mean_over_cycles, spread
 
 
 def path_accuracy(deviations: FloatArray) -> FloatArray:
     """8.2 (8.4 while turning): AT_p = max over planes of |mean over cycles| (...) [mm]."""
-    return np.asarray(length(mean_over_cycles(deviations)).max(axis=-1))
+    return np.asarray(length(barycentre(deviations)).max(axis=-1))
 
 
 def path_orientation_accuracy(deviations_deg: FloatArray) -> FloatArray:
     """8.2: AT_a = max over planes of |a-bar_i - a_ci|, AT_b, AT_c (..., 3) [deg]."""
-    return np.asarray(np.abs(mean_over_cycles(deviations_deg)).max(axis=-2))
+    return np.asarray(np.abs(barycentre(deviations_deg)).max(axis=-2))
 
 
 def path_repeatability(deviations: FloatArray) -> FloatArray:
     """8.3: RT_p = max over planes of l-bar_i + 3 S_li (...) [mm], l_ij the distance of crossing j from the barycentre of its plane."""
-    return np.asarray(spread(length(deviations - mean_over_cycles(deviations)[..., None, :])).max(axis=-1))
+    return np.asarray(spread(length(deviations - barycentre(deviations)[..., None, :])).max(axis=-1))
 
 
 def path_orientation_repeatability(deviations_deg: FloatArray) -> FloatArray:

@@ -10,7 +10,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from lmeasure.core import FloatArray
-from lmeasure.iso9283.statistics import deviation_over_cycles, length, mean_over_cycles, spread
+
+
+def barycentre(values: FloatArray) -> FloatArray:
+    """(..., k) mean over cycles of (..., n, k): of positions the standard's x-bar, y-bar, z-bar."""
+    return np.asarray(np.einsum("...nk->...k", values) / values.shape[-2])
+
+
+def deviation_over_cycles(values: FloatArray) -> FloatArray:
+    """(..., k) standard deviation over cycles of (..., n, k), with n - 1 degrees of freedom."""
+    away = values - barycentre(values)[..., None, :]
+    return np.sqrt(np.einsum("...nk,...nk->...k", away, away) / (values.shape[-2] - 1))
+
+
+def length(vectors: FloatArray) -> FloatArray:
+    """(...) Euclidean lengths of (..., k)."""
+    return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
+
+
+def spread(distances: FloatArray) -> FloatArray:
+    """(...) mean and three standard deviations, l-bar + 3 S_l, of distances (..., n); S_l with n - 1 degrees of freedom."""
+    return np.asarray(distances.mean(axis=-1) + 3.0 * deviation_over_cycles(distances[..., None])[..., 0])
+
 
 FULL_TURN_DEG = 360.0
 
@@ -18,11 +39,6 @@ FULL_TURN_DEG = 360.0
 def wrapped(angles_deg: FloatArray) -> FloatArray:
     """Differences of angles [deg] brought into (-180, 180]."""
     return np.asarray(FULL_TURN_DEG / 2 - np.mod(FULL_TURN_DEG / 2 - angles_deg, FULL_TURN_DEG))
-
-
-def barycentre(values: FloatArray) -> FloatArray:
-    """(..., 3) mean over cycles of (..., n, 3): the standard's x-bar, y-bar, z-bar."""
-    return mean_over_cycles(values)
 
 
 def pose_accuracy_components(positions: FloatArray, commanded: FloatArray) -> FloatArray:

@@ -3,16 +3,162 @@
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import CertificationError, FloatArray
-from lmeasure.iso9283.program.cube import POSES, Cube
-from lmeasure.iso9283.program.selection import TESTS, Tests
+from lmeasure.accuracy import extent, read_zone
+from lmeasure.core import CONVENTIONS, MAX_LENGTH_MM, CertificationError, FloatArray
 from lmeasure.recording import CommandedPath, CommandedPose, Compliance, Distance, Drift, Posing, Program
 from lmeasure.robots import GRAVITY_M_S2, Command, Performance
+
+PLANES = ("C1-C2-C7-C8", "C2-C3-C8-C5", "C3-C4-C5-C6", "C4-C1-C6-C7")
+POSES = ("P1", "P2", "P3", "P4", "P5")
+INSET = 0.1
+"""Of a diagonal: how far from its ends P2 to P5 lie."""
+_CORNERS = np.array([[1, 1, -1], [1, -1, -1], [-1, -1, -1], [-1, 1, -1], [1, 1, 1], [1, -1, 1], [-1, -1, 1], [-1, 1, 1]], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Cube:
+    """A cube with edges along the base axes: centre (3,) [mm], edge [mm], and the plane that holds the poses."""
+
+    centre: FloatArray
+    edge_mm: float
+    plane: str = PLANES[0]
+
+    def __post_init__(self) -> None:
+        if self.plane not in PLANES:
+            raise CertificationError(f"plane {self.plane!r}: the standard's planes are {', '.join(PLANES)}")
+        # written so that NaN is refused
+        if not (self.edge_mm > 0.0 and float(np.abs(self.centre).max()) + self.edge_mm <= MAX_LENGTH_MM):
+            raise CertificationError(
+                f"a cube of {self.edge_mm:g} mm: its edge must be more than 0 and it must lie within {MAX_LENGTH_MM:g} mm"
+            )
+
+    def corner(self, number: int) -> FloatArray:
+        """Corner C1 to C8 (3,) [mm]."""
+        return np.asarray(self.centre + 0.5 * self.edge_mm * _CORNERS[number - 1])
+
+    def points(self) -> dict[str, FloatArray]:
+        """P1 in the middle, P2 to P5 one after the other around the plane: at the diagonals' ends next to its first, fourth, third and
+        second corner."""
+        first, second, third, fourth = (self.corner(int(name[1])) for name in self.plane.split("-"))
+        return {"P1": self.centre} | {
+            name: (1.0 - INSET) * corner + INSET * (2.0 * self.centre - corner)
+            for name, corner in zip(POSES[1:], (first, fourth, third, second), strict=True)
+        }
+
+    @property
+    def normal(self) -> FloatArray:
+        """Unit normal (3,) of the plane."""
+        p = self.points()
+        out = np.cross(p["P2"] - p["P1"], p["P3"] - p["P1"])
+        return np.asarray(out / np.linalg.norm(out))
+
+
+def largest_cube(low: Sequence[float], high: Sequence[float], plane: str = PLANES[0]) -> Cube:
+    """The largest cube in the middle of a box, from its low and high corner (3,) [mm]."""
+    first, last = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    if first.shape != (3,) or last.shape != (3,):
+        raise CertificationError("a box needs three numbers, along x, y and z, for its low corner and its high one")
+    if not (last - first > 0.0).all():
+        raise CertificationError("the box has no volume: each axis must go from a smaller to a larger value")
+    return Cube(0.5 * (first + last), float((last - first).min()), plane)
+
+
+def cube_in_zone(path: Path, plane: str = PLANES[0]) -> Cube:
+    """The largest cube of nodes in the accuracy zone of a file; CertificationError when none fits."""
+    found = extent(read_zone(path)).cube
+    if found is None:
+        raise CertificationError(f"{path}: no cube fits into the zone")
+    return Cube(found[0], found[1], plane)
+
+
+TESTS = ("pose", "approach", "stabilisation", "drift", "path", "reorientation", "posing", "compliance", "weaving")
+CYCLES = {"pose": 30, "approach": 30, "stabilisation": 3, "path": 10, "reorientation": 10, "posing": 3, "compliance": 3, "weaving": 3}
+"""How often each test is done; the drift test has groups of ten cycles."""
+MOST_CYCLES = 10_000
+LONGEST_DRIFT_S = 100.0 * 3600.0
+
+
+@dataclass(frozen=True)
+class Tests:
+    """What is tested, and how.
+
+    tests: names of `TESTS`; quaternion (4,): the tool's orientation, base frame; speed_mm_s: rated speed between poses, path_speed_mm_s: on
+    paths; speeds_percent of them and loads_kg: conditions of the pose and path tests, the first for all others; dwell_s: rest at a pose
+    that is measured, of which the first settle_s are left out; cycles: other numbers than the standard's `CYCLES`; drift_s: how long the
+    drift test lasts, drift_every_s: from group to group; weave_mm: stroke and way of one weave; limit_band_mm:
+    about a pose at rest, within which the robot has arrived (settling and posing); angles: convention of component-wise angles.
+    """
+
+    __test__ = False  # no test of pytest's
+
+    tests: tuple[str, ...] = TESTS
+    quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    speed_mm_s: float = 1000.0
+    path_speed_mm_s: float = 500.0
+    speeds_percent: tuple[float, ...] = (100.0, 50.0, 10.0)
+    loads_kg: tuple[float, ...] = (0.0,)
+    dwell_s: float = 1.5
+    settle_s: float = 0.5
+    cycles: dict[str, int] = field(default_factory=dict)
+    drift_s: float = 8.0 * 3600.0
+    drift_every_s: float = 600.0
+    weave_mm: tuple[float, float] = (10.0, 10.0)
+    limit_band_mm: float = 0.1
+    angles: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in (*self.tests, *self.cycles):
+            if name not in TESTS:
+                raise CertificationError(f"there is no test {name!r}; known: {', '.join(TESTS)}")
+        for what, given in (("test", self.tests), ("speed", self.speeds_percent), ("load", self.loads_kg)):
+            if not given:
+                raise CertificationError("there must be a test, a speed and a load at least")
+            if len(set(given)) < len(given):
+                raise CertificationError(f"a {what} is given twice: {', '.join(map(str, given))}")
+        if not abs(math.hypot(*self.quaternion) - 1.0) <= 1e-6:
+            raise CertificationError(f"quaternion {', '.join(f'{q:g}' for q in self.quaternion)}: is not of length 1")
+        if self.angles is not None and self.angles not in CONVENTIONS:
+            raise CertificationError(f"angles: {self.angles!r} is not one of {', '.join(CONVENTIONS)}")
+        positive = (
+            self.speed_mm_s,
+            self.path_speed_mm_s,
+            *self.speeds_percent,
+            self.drift_s,
+            self.drift_every_s,
+            *self.weave_mm,
+            self.limit_band_mm,
+        )
+        if not all(0.0 < v < math.inf for v in positive) or not all(0.0 <= v < math.inf for v in self.loads_kg):
+            raise CertificationError("speeds, times and lengths must be finite and more than 0, loads 0 or more")
+        if not 0.0 <= self.settle_s < self.dwell_s < math.inf:
+            rest = f"a rest of {self.dwell_s:g} s at each pose (--dwell)"
+            raise CertificationError(f"{rest} leaves nothing to measure: the first {self.settle_s:g} s are left out")
+        if any(not 2 <= n <= MOST_CYCLES for n in self.cycles.values()):
+            raise CertificationError(f"each test needs two cycles at least and has {MOST_CYCLES} at most")
+        if self.drift_s > LONGEST_DRIFT_S:
+            raise CertificationError(f"a drift test of {self.drift_s / 3600.0:g} h is too long: {LONGEST_DRIFT_S / 3600.0:g} h at most")
+        if max(self.speeds_percent) > 100.0:
+            raise CertificationError(f"a speed of {max(self.speeds_percent):g} % is more than the rated one")
+
+    @property
+    def first(self) -> dict[str, float]:
+        """The first condition, that of all tests but pose and path."""
+        return {"speed_percent": self.speeds_percent[0], "load_kg": self.loads_kg[0]}
+
+    def at(self, rated_mm_s: float) -> float:
+        """A rated speed at the first condition [mm/s]."""
+        return 0.01 * self.speeds_percent[0] * rated_mm_s
+
+    def count(self, test: str) -> int:
+        """How many cycles a test has."""
+        return self.cycles.get(test, CYCLES[test])
+
 
 APPROACHES = ("x", "y", "z")
 FROM_THREE_SIDES = ("P1", "P2", "P4")
