@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lmeasure.acquisition.bus.canopen_nodes import Device, produce_sync, start_nodes
-from lmeasure.acquisition.bus.canopen_objects import as_mapped
+from lmeasure.acquisition.bus.canopen import Device, as_mapped, produce_sync, start_nodes
 from lmeasure.acquisition.bus.frames import no_frames
 from lmeasure.acquisition.bus.sources import Source, open_source
 from lmeasure.acquisition.counters.assembly import new_assembler

@@ -15,9 +15,9 @@ from rigged_feed import cell
 from test_buses import a_group
 
 from lmeasure.acquisition import Check, Link, Step, corrected, counter_fields, self_test
-from lmeasure.acquisition.bus.bus_watch import BusWatch
 from lmeasure.acquisition.bus.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.bus.frames import frames_from_messages
+from lmeasure.acquisition.bus.network import BusWatch
 from lmeasure.acquisition.bus.sources import BusSource
 from lmeasure.acquisition.check.self_test import CableCheck
 from lmeasure.core import AcquisitionError

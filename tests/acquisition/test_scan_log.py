@@ -8,7 +8,7 @@ from rigged_feed import cell, frames_of, motion
 
 from lmeasure.acquisition import import_logs, scan_log
 from lmeasure.acquisition.bus.frames import Frames, join
-from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.acquisition.recorder import candump_lines
 from lmeasure.cli.app import main
 from lmeasure.core import FileFormatError
 from lmeasure.io import read_toml

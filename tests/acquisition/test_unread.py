@@ -15,7 +15,7 @@ from log_fuzz import START_POSE, counter_log, six_cables
 from typer.testing import CliRunner
 
 import lmeasure as lm
-from lmeasure.acquisition.bus.canopen_objects import DataSheet
+from lmeasure.acquisition.bus.canopen import DataSheet
 from lmeasure.acquisition.bus.frames import CLASSED, ERROR, EXTENDED
 from lmeasure.cli.app import app
 from lmeasure.core import FileFormatError

@@ -15,7 +15,7 @@ import pytest
 
 from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
-from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.acquisition.recorder import candump_lines
 from lmeasure.cli.app import main
 from lmeasure.cli.interrupts import heeded, noted
 from lmeasure.core import CancelledError

@@ -20,7 +20,7 @@ from test_json_and_words import KEYS, called
 
 from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
-from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.acquisition.recorder import candump_lines
 from lmeasure.recording import read_run, write_run
 from lmeasure.workflows import COMMANDS
 

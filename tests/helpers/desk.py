@@ -8,7 +8,7 @@ from capture_bench import POSES, RIG, going, nominal_of, write_inputs
 
 from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
-from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.acquisition.recorder import candump_lines
 from lmeasure.io import write_table
 from lmeasure.recording import read_run
 

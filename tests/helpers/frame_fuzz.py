@@ -9,7 +9,7 @@ from lmeasure.acquisition import Frames, counter_fields
 from lmeasure.acquisition.bus.frames import TimestampSource, messages_from_frames
 from lmeasure.acquisition.counters.assembly import new_assembler
 from lmeasure.acquisition.counters.events import EVENTS_KEPT
-from lmeasure.acquisition.logs.growing_files import candump_lines, count_lines
+from lmeasure.acquisition.recorder import candump_lines, count_lines
 from lmeasure.rig import rig_from_dict
 
 RIGS = {

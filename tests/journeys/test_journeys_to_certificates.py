@@ -12,7 +12,7 @@ from test_journeys import said
 
 from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
-from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.acquisition.recorder import candump_lines
 from lmeasure.io.tables import read_table
 from lmeasure.rig import Rig, read_rig
 from lmeasure.simulation import Leg, simulate_run, smooth_path

@@ -10,7 +10,7 @@ from capture_bench import POSES, QUICK, RATE_HZ, RIG, Bench, going, joined, moti
 
 from lmeasure.acquisition import Event, Samples, counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
-from lmeasure.acquisition.logs.growing_files import candump_lines
+from lmeasure.acquisition.recorder import candump_lines
 from lmeasure.calibration import calibrate, mean_variance, pooled_scatter, read_campaign
 from lmeasure.cli.app import main
 from lmeasure.io.tables import read_table

@@ -4,20 +4,140 @@ A person pulls and turns, the program looks at the counters. Counts per turn are
 """
 
 import copy
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from lmeasure.acquisition.bus.transmission import ordinal
-from lmeasure.acquisition.check.encoders import STEPS, EncoderCheck, encoder_checked
-from lmeasure.acquisition.check.watch import AGAIN as AGAIN, LEAST_PULL_MM, Ask as Ask, Step as Step, Watch
+from lmeasure.acquisition.check.watch import AGAIN as AGAIN, LEAST_PULL_MM, LEAST_TURN_DEG, Ask as Ask, Step as Step, Watch
 from lmeasure.acquisition.counters.wraps import range_notes
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, DataFrame, Shown, framed
 from lmeasure.rig import Cable, Rig, SensorChannel, default_can, rig_from_dict
-from lmeasure.text import count_of, joined, message
+from lmeasure.text import Message, count_of, joined, message
+
+STEPS = 3
+ASKED_DEG = 45.0
+TILTED_DEG = 5.0
+"""By which a swivel pulley is to be turned, by eye."""
+AS_ASKED = 0.5
+"""By how many doublings that may be off: an encoder of half or twice the resolution is farther."""
+LEAST_TILT_DEG = 1.0
+MOVED_MM = 50.0
+PLAY_DEG = 0.5
+"""By which it may have come back to another place."""
+
+
+@dataclass(frozen=True)
+class EncoderCheck:
+    """What one encoder showed; None where nothing moved. turned_deg and back_deg are of the channel that moved."""
+
+    what: str
+    channel: str
+    moved: str | None = None
+    direction: int | None = None
+    turned_deg: float | None = None
+    back_deg: float | None = None
+    faults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What a person does to one sensor: before, the motion, and back. called: how the sensor is called; act: the motion for a simulated
+    cell; about, least: by how much the reading must rise, in the unit; alone: whether the others of its kind must stand still."""
+
+    before: str
+    motion: str
+    after: str
+    called: str
+    act: str
+    about: float
+    least: float
+    unit: str = "degrees"
+    alone: bool = False
+
+
+def _motion(one: SensorChannel) -> _Motion:
+    if one.kind == "swivel":
+        point = one.from_point
+        return _Motion(
+            message("acquisition.swivel_pulley_get_ready", point=point),
+            message("acquisition.turn_swivel_pulley_about_degrees", point=point, asked_deg=ASKED_DEG),
+            message("acquisition.let_swivel_pulley_back", point=point),
+            message("acquisition.swivel", point=point),
+            f"swing {one.name} {ASKED_DEG:g}",
+            ASKED_DEG,
+            LEAST_TURN_DEG,
+            alone=True,
+        )
+    if one.kind == "inclination":
+        axis = ", ".join(f"{x:g}" for x in getattr(one.table, "axis", ()))
+        motion = message("acquisition.tilt_tool", deg=TILTED_DEG, axis=axis)
+        act = f"swing {one.name} {TILTED_DEG:g}"
+        return _Motion(
+            message("acquisition.tool_get_ready_tilt"), motion, message("acquisition.tilt_tool_back_where"),
+            message("acquisition.inclination", name=one.name), act, TILTED_DEG, LEAST_TILT_DEG,
+        )  # fmt: skip
+    about, least, unit = (MOVED_MM, LEAST_PULL_MM, "mm") if one.is_length else (TILTED_DEG, LEAST_TILT_DEG, "degrees")
+    move, sign = one.table.motion or message("acquisition.sensor_motion"), "unit_sign.mm" if unit == "mm" else "acquisition.degrees"
+    return _Motion(
+        message("acquisition.sensor_ready", kind=one.kind, name=one.name),
+        message("acquisition.sensor_move", motion=move, about=about, unit=message(sign)),
+        message("acquisition.sensor_back"), message("channel.sensor", kind=one.kind, name=one.name),
+        f"swing {one.name} {about:g}", about, least, unit,
+    )  # fmt: skip
+
+
+def _encoder(watch: Watch, one: SensorChannel, every: tuple[SensorChannel, ...], *, turns: bool) -> EncoderCheck:
+    """One sensor of a pass among every of them, again as often as the person wants; turns: see about how many counts a revolution has."""
+    motion = _motion(one)
+    what, alike = motion.called, [watch.channels.index(o.channel) for o in every if o.kind == one.kind]
+    return watch.until_right(
+        lambda: _encoder_once(watch, one, motion, alike, turns=turns), lambda found: (what[0].upper() + what[1:], found.faults)
+    )
+
+
+def _encoder_once(watch: Watch, one: SensorChannel, motion: _Motion, alike: list[int], *, turns: bool) -> EncoderCheck:
+    channels, what, unit = watch.channels, motion.called, motion.unit
+    start = watch.step(motion.before)[0]
+    end, _ = watch.step(motion.motion, one.channel if motion.alone else "", motion.act)
+    back, _ = watch.step(motion.after, act=f"let {one.name}")
+    turned = (end - start) * watch.unit
+    way = np.abs(turned)
+    j = alike[int(np.argmax(way[alike]))]
+    if way[j] < motion.least:
+        return EncoderCheck(what, one.channel, faults=(watch.nothing("check.no_kind", way, kind=one.kind, least=motion.least, unit=unit),))
+    faults: list[str] = []
+    if channels[j] != one.channel:
+        faults.append(message("acquisition.channel_turned_rig_says", channels=channels[j], channel=one.channel))
+    others = [channels[i] for i in alike if i != j and way[i] > CROSSTALK * way[j]]
+    if motion.alone and others:
+        faults.append(message("acquisition.turned", v1=tuple(others)))
+    direction = int(np.sign(turned[j]))
+    if direction != one.table.count_sign:
+        faults.append(message("check.counts_up" if direction > 0 else "check.counts_down", sign=one.table.count_sign))
+    play = float((back[j] - start[j]) * watch.unit[j])
+    if unit == "degrees" and abs(play) > PLAY_DEG:
+        faults.append(message("acquisition.came_back_degrees_from", play=play))
+    doublings = math.log2(way[j] / motion.about)
+    if motion.alone and turns and abs(doublings) > AS_ASKED and channels[j] == one.channel:
+        counts = one.table.counts_per_revolution * way[j] / motion.about
+        faults.append(
+            message(
+                "acquisition.turned_degrees_counts_per_revolution",
+                way=way[j],
+                counts_per_revolution=one.table.counts_per_revolution,
+                about=motion.about,
+                counts=counts,
+            )
+        )
+    return EncoderCheck(what, one.channel, channels[j], direction, float(way[j]), play, tuple(faults))
+
 
 REST_S = 1.0
 """How long the counters are looked at before anything is moved."""
@@ -25,7 +145,7 @@ QUIET_COUNTS = 3.0
 QUIET_DEG = 0.01
 """Spread of a counter at rest, of an encoder whichever is more."""
 CROSSTALK = 0.2
-"""Of the pulled cable's way: what another channel may move with it."""
+"""Of the way of what is moved: by how much another channel of its kind may move with it."""
 TURN_TOLERANCE = 0.01
 """A turn by hand from mark to mark is good to a few degrees."""
 SLACK_MM = 0.5
@@ -96,7 +216,7 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
     """
     cables = rig.cables_of(passage)
     turned = tuple(o for o in rig.observed if isinstance(o, SensorChannel) and o.passage == passage)
-    watch = Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3) + STEPS * len(turned))
+    watch = Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3) + STEPS * len(turned), settle_s=settle_s)
     watch.begin(message("acquisition.leave_all_cables_rest"))
     time_s, rest = watch.look(REST_S)
     channels = watch.channels
@@ -116,14 +236,13 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
         for (c, s), most in zip(spread.items(), quiet, strict=True)
         if s > most
     ]
-    results = tuple(_cable(rig, watch, cable, turns=turns, settle_s=settle_s) for cable in cables)
-    moved = [c.moved for c in results if c.moved is not None]
-    faults += [
-        message("acquisition.channel_moves_cables", channel=c, count=moved.count(c)) for c in dict.fromkeys(moved) if moved.count(c) > 1
-    ]
-    encoders = tuple(encoder_checked(watch, one, turned, turns=turns, settle_s=settle_s) for one in turned)
-    moved = [e.moved for e in encoders if e.moved is not None]
-    faults += [message("check.moves_encoders", channel=c, count=moved.count(c)) for c in dict.fromkeys(moved) if moved.count(c) > 1]
+    results = tuple(
+        watch.until_right(partial(_cable, rig, watch, cable, turns=turns), lambda found: (f"Cable {found.cable}", found.faults))
+        for cable in cables
+    )
+    faults += _shared("acquisition.channel_moves_cables", results)
+    encoders = tuple(_encoder(watch, one, turned, turns=turns) for one in turned)
+    faults += _shared("check.moves_encoders", encoders)
     every = watch.every()
     faults += watch.bus.twice(every)
     faults += [message("acquisition.from_sender_rig_does", who=who) for who in watch.bus.foreign()]
@@ -133,18 +252,11 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
     return Check(float(rate), spread, results, tuple(faults), encoders, tuple(notes))
 
 
-def _cable(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
-    """One cable, again as often as the person wants."""
-    return watch.until_right(
-        lambda: _once(rig, watch, cable, turns=turns, settle_s=settle_s), lambda found: (f"Cable {cable.name}", found.faults)
-    )
-
-
-def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
+def _cable(rig: Rig, watch: Watch, cable: Cable, *, turns: bool) -> CableCheck:
     drum, channels, mm, drums = rig.point(cable.from_point).drum, watch.channels, watch.unit, np.flatnonzero(watch.lengths)
-    start = watch.step(message("acquisition.cable_get_ready_do", cable=cable.name, point=cable.from_point), settle_s)[0]
-    end, extremes = watch.step(message("acquisition.pull_cable_out_about", cable=cable.name), settle_s, cable.channel, f"pull {cable.name}")
-    back, _ = watch.step(message("acquisition.let_cable_back_where", cable=cable.name), settle_s, act=f"let {cable.name}")
+    start = watch.step(message("acquisition.cable_get_ready_do", cable=cable.name, point=cable.from_point))[0]
+    end, extremes = watch.step(message("acquisition.pull_cable_out_about", cable=cable.name), cable.channel, f"pull {cable.name}")
+    back, _ = watch.step(message("acquisition.let_cable_back_where", cable=cable.name), act=f"let {cable.name}")
     way = np.abs(end - start) * mm
     j = int(drums[np.argmax(way[drums])])
     faults: list[str] = []
@@ -164,9 +276,9 @@ def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float)
         faults.append(message("acquisition.came_back_mm_from", slack=slack))
     per_turn, expected = None, drum.counts_per_revolution * drum.scale
     if turns:
-        before = watch.step(message("acquisition.drum_get_ready_turn", point=cable.from_point), settle_s)[0]
+        before = watch.step(message("acquisition.drum_get_ready_turn", point=cable.from_point))[0]
         turn = message("acquisition.turn_drum_once_direction", point=cable.from_point)
-        after, _ = watch.step(turn, settle_s, act=f"turn {cable.name}")
+        after, _ = watch.step(turn, act=f"turn {cable.name}")
         per_turn = float(abs(after[j] - before[j]))
         if abs(per_turn - expected) > TURN_TOLERANCE * expected:
             near = next((f for f in (0.25, 0.5, 2.0, 4.0) if abs(per_turn - f * expected) <= TURN_TOLERANCE * f * expected), None)
@@ -174,6 +286,12 @@ def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float)
             faults.append(message(code, counts=per_turn, expected=expected, times=near))
     stroke = float((extremes[1][j] - extremes[0][j]) * mm[j])
     return CableCheck(cable.name, cable.channel, moved, direction, stroke, slack, per_turn, expected, tuple(faults))
+
+
+def _shared(code: str, checks: Sequence[CableCheck] | Sequence[EncoderCheck]) -> list[Message]:
+    """Return a fault for each channel that several moved."""
+    moved = Counter(c.moved for c in checks if c.moved is not None)
+    return [message(code, channel=channel, count=count) for channel, count in moved.items() if count > 1]
 
 
 def _one_each(checks: Sequence[CableCheck] | Sequence[EncoderCheck]) -> bool:

@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lmeasure.acquisition.bus.bus_watch import BusWatch
+from lmeasure.acquisition.bus.network import BusWatch
 from lmeasure.acquisition.counters.assembly import new_assembler
-from lmeasure.acquisition.counters.codes import GoneOn, moduli
 from lmeasure.acquisition.counters.samples import SyncAssembler
+from lmeasure.acquisition.counters.wraps import GoneOn, moduli
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, FloatArray
 from lmeasure.rig import Rig
@@ -67,8 +67,8 @@ class Again(Exception):  # noqa: N818 - no error: the person wants to
 class Watch:
     """The counters over a link, step by step."""
 
-    def __init__(self, rig: Rig, link: Link, passage: int, ask: Ask, *, of: int) -> None:
-        self._link, self._ask, self._of, self.number = link, ask, of, 0
+    def __init__(self, rig: Rig, link: Link, passage: int, ask: Ask, *, of: int, settle_s: float) -> None:
+        self._link, self._ask, self._of, self._settle_s, self.number = link, ask, of, settle_s, 0
         self._assembler = new_assembler(rig, link.fields, passage)
         self.bus = BusWatch.of_rig(rig, link.fields)
         self.channels = [f.channel for f in link.fields]
@@ -109,7 +109,7 @@ class Watch:
         self._ask(Step(text, self.number, self._of, lambda: self._said(self.last, ""), lambda: self._moved(self.last, "")))
         self.look(0.0)
 
-    def step(self, text: str, settle_s: float, wanted: str = "", act: str = "") -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    def step(self, text: str, wanted: str = "", act: str = "") -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
         """The counts when the person has done it, and the least and largest on the way; wanted: the channel that should move; act: see
         `Step`."""
         self.look(0.02)
@@ -119,7 +119,7 @@ class Watch:
         step = Step(text, self.number, self._of, lambda: self._said(begun, wanted), lambda: self._moved(begun, wanted), act)
         if self._ask(step).strip().lower() == AGAIN:
             raise Again
-        _, rows = self.look(settle_s)
+        _, rows = self.look(self._settle_s)
         if self.last is None or not np.isfinite(rows).any(axis=0).all():
             raise AcquisitionError(f"no counts any more at: {text}")
         return self.last, (self._least, self._most)
@@ -134,7 +134,7 @@ class Watch:
                 what, faults = reported(found)
                 if faults:
                     self.number -= 1  # a question, and no step more
-                    self.step(message("check.again", what=what, faults=joined(faults), again=AGAIN), 0.05)
+                    self.step(message("check.again", what=what, faults=joined(faults), again=AGAIN))
             except Again:
                 continue
             return found

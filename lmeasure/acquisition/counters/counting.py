@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.acquisition.bus.bus_watch import BusWatch
 from lmeasure.acquisition.bus.frames import Frames, no_frames
+from lmeasure.acquisition.bus.network import BusWatch
 from lmeasure.acquisition.bus.sources import Notice, Source
 from lmeasure.acquisition.counters.assembly import new_assembler
 from lmeasure.acquisition.counters.decoders import CounterField

@@ -7,9 +7,18 @@ from pathlib import Path
 from typing import BinaryIO
 
 from lmeasure.acquisition.bus.frames import BUS_OFF, ERROR, PASSIVE, WARNING, Frames, controller_state, frames_from_messages
-from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import blocks_of_lines, by_library, decoded, scanned_batches
-from lmeasure.acquisition.logs.report import BLANK, COMMENT, COMMENT_SIGNS, HEADER, UNKNOWN_LINE, Channels, LogReport, UnreadableError
+from lmeasure.acquisition.logs.report import (
+    BLANK,
+    COMMENT,
+    COMMENT_SIGNS,
+    HEADER,
+    UNKNOWN_LINE,
+    Channels,
+    LogFormat,
+    LogReport,
+    UnreadableError,
+)
 from lmeasure.core import IntArray
 from lmeasure.kernels import EVENTS, Bytes, Columns, scan_asc
 from lmeasure.text import message

@@ -16,8 +16,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, FD_BYTES, Frames, join
-from lmeasure.acquisition.logs.format import LogFormat
-from lmeasure.acquisition.logs.report import BLOCK_BYTES, Channels, LogReport, frames_of, new_columns, read_some
+from lmeasure.acquisition.logs.report import BLOCK_BYTES, Channels, LogFormat, LogReport, frames_of, new_columns, read_some
 from lmeasure.core import FileFormatError
 from lmeasure.kernels import BROKEN, ODD, OTHER_OBJECTS, SMALLEST_FRAME_OBJECT, WIDE, scan_blf
 from lmeasure.text import message

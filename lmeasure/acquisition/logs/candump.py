@@ -8,9 +8,18 @@ from typing import BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, Frames
-from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import blocks_of_lines, by_library, decoded, scanned_batches
-from lmeasure.acquisition.logs.report import BLANK, COMMENT, COMMENT_SIGNS, UNKNOWN_LINE, LogReport, UnreadableError, frames_of, new_columns
+from lmeasure.acquisition.logs.report import (
+    BLANK,
+    COMMENT,
+    COMMENT_SIGNS,
+    UNKNOWN_LINE,
+    LogFormat,
+    LogReport,
+    UnreadableError,
+    frames_of,
+    new_columns,
+)
 from lmeasure.core import IntArray
 from lmeasure.kernels import NAME_BYTES, NAMES, Bytes, Columns, scan_candump
 from lmeasure.text import message

@@ -14,9 +14,8 @@ from typing import BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, LARGEST_CLASS, REMOTE, SENT, Frames
-from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import Line, blocks_of_lines, data_bytes, decimal_number, line_batches
-from lmeasure.acquisition.logs.report import COMMENT, COMMENT_SIGNS, LARGEST_IDENTIFIER, UNKNOWN_LINE, LogReport, UnreadableError
+from lmeasure.acquisition.logs.report import COMMENT, COMMENT_SIGNS, LARGEST_IDENTIFIER, UNKNOWN_LINE, LogFormat, LogReport, UnreadableError
 from lmeasure.kernels import Bytes
 from lmeasure.text import message
 

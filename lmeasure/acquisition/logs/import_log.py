@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.acquisition.bus.canopen_objects import as_mapped, fields_in_log
+from lmeasure.acquisition.bus.canopen import as_mapped, fields_in_log
 from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, Frames, pieces
 from lmeasure.acquisition.counters.assembly import counts_from_frames
 from lmeasure.acquisition.counters.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, dbc_file, decode

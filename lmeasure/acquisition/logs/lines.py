@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, BinaryIO, NamedTuple, Protocol
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, ERROR, FD, FD_BYTES, REMOTE, Frames, frames_from_messages, join
-from lmeasure.acquisition.logs.format import Batches
 from lmeasure.acquisition.logs.report import (
     BLANK,
     BLOCK_BYTES,
@@ -22,6 +21,7 @@ from lmeasure.acquisition.logs.report import (
     NO_END,
     SHOWN_BYTES,
     UNKNOWN_LINE,
+    Batches,
     LogReport,
     UnreadableError,
     checked,

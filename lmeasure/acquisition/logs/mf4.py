@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 from lmeasure.acquisition.bus.frames import Frames, frames_from_messages
-from lmeasure.acquisition.logs.format import LogFormat
-from lmeasure.acquisition.logs.report import LogReport, checked
+from lmeasure.acquisition.logs.report import LogFormat, LogReport, checked
 from lmeasure.core import FileFormatError, how_to_install
 
 MESSAGES_AT_ONCE = 20_000

@@ -8,17 +8,136 @@ Times are those of python-can's readers with absolute times: what the log says p
 
 import gzip
 import os
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, NamedTuple, cast
 
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, Frames, join, no_frames
-from lmeasure.acquisition.logs.registry import HEAD_BYTES, format_of
-from lmeasure.acquisition.logs.report import LogReport, read_some
-from lmeasure.core import FileFormatError
+from lmeasure.acquisition.logs import asc, blf, candump, candump_screen, csv_tables, mf4, trc
+from lmeasure.acquisition.logs.candump_screen import COLOUR
+from lmeasure.acquisition.logs.report import LogFormat, LogReport, read_some
+from lmeasure.core import FileFormatError, plug_ins
 from lmeasure.io import open_regular
+
+SAVVYCAN = "open it in SavvyCAN and save it as GVRET log (.csv)"
+ROS = "where it has CAN frames, play it into ros2_socketcan or socketcan_bridge on vcan0 and record there by candump -L vcan0"
+
+
+class Other(NamedTuple):
+    """A format of other programs: what to do with it, its suffixes, and a pattern of lines that are typical of it."""
+
+    advice: str
+    suffixes: tuple[str, ...] = ()
+    typical_line: str = ""
+
+
+OTHERS = (
+    Other(f"a trace of IXXAT's canAnalyser or MiniMon: export it there as .asc, or {SAVVYCAN}", typical_line=r".*\bixxat\b.*"),
+    Other(f"a trace of CANopen Magic: {SAVVYCAN}", typical_line=r".*canopen magic.*"),
+    Other(
+        "a table of Kvaser's: its converter (kmeconvert, or Save as in CanKing) writes .asc or .blf of the same recording",
+        typical_line=r".*kvaser.*|.*\bchn\b.*\bflg\b.*|.*\btime.*\bch\w*\W.*\bflags?\b.*\bdlc\b.*",
+    ),
+    Other(f"a BUSMASTER log: {SAVVYCAN}", typical_line=r"\*\*\*BUSMASTER.*"),
+    Other(f"a CRTD log: {SAVVYCAN}", (".crtd",), r"\d+\.\d+ (?-i:CXX|\d?[RT](11|29)) .*"),
+    Other(f"a Microchip log: {SAVVYCAN}", (".can",)),
+    Other(f"a capture of Wireshark: {SAVVYCAN}", (".pcap", ".pcapng")),
+    Other("a python-can database: can_logconvert FILE.db FILE.blf", (".db",)),
+    Other("a python-can database: can_logconvert FILE FILE.blf, renamed to .db", (".sqlite",)),
+    Other("an MDF 3 measurement: asammdf saves it as .mf4, or exports .asc", (".mdf",)),
+    Other("an MDF 3 measurement, or somebody's own format: asammdf saves MDF 3 as .mf4, or exports .asc", (".dat",)),
+    Other("a Vehicle Spy buffer: export it from Vehicle Spy as .asc", (".vsb",)),
+    Other("a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it", (".kme50", ".kme40", ".kmf")),
+    Other(f"a ROS 2 bag, which holds messages of ROS and no CAN log: {ROS}", (".db3",)),
+    Other(f"a ROS bag, which holds messages of ROS and no CAN log: {ROS}", (".bag", ".mcap")),
+    Other("a table: save the log itself from the program that recorded it", (".xlsx",)),
+)
+
+
+def advice_for(suffix: str = "", line: str = "") -> str:
+    """Return what to do with a log of that suffix, or with such a line; empty where it is not known."""
+    by_line = (one for one in OTHERS if one.typical_line and re.fullmatch(one.typical_line, line, re.IGNORECASE))
+    return next((one.advice for one in OTHERS if suffix in one.suffixes), "") or next((one.advice for one in by_line), "")
+
+
+FORMATS: tuple[LogFormat, ...] = (
+    blf.FORMAT,
+    asc.FORMAT,
+    candump.FORMAT,
+    candump_screen.FORMAT,
+    trc.FORMAT,
+    csv_tables.GVRET,
+    csv_tables.PYTHON_CAN,
+    mf4.FORMAT,
+)
+GROUP = "lmeasure.log_formats"
+
+HEAD_BYTES = 1 << 16
+"""Beginning of a text log, by which its format is detected."""
+HEAD_LINES = 200
+SHOWN = 60
+NEW_LINE = "\n"
+
+
+def log_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that are logs whatever they contain, in small letters."""
+    return _suffixes((*FORMATS, *plug_ins(GROUP, LogFormat)[0].values()))
+
+
+def _suffixes(formats: Iterable[LogFormat], *, possible: bool = False) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(s for one in formats for s in (*one.suffixes, *(one.possible_suffixes if possible else ()))))
+
+
+def format_of(path: Path, suffix: str, head: bytes) -> LogFormat:
+    """Return the format of a log of that suffix (without .gz) that begins with `head`; FileFormatError names what reads it."""
+    usual = next((one for one in FORMATS if suffix in one.suffixes), None)
+    if usual is not None and usual.suffix_decides:
+        return usual
+    ours = suffix in _suffixes(FORMATS, possible=True)
+    lines = [COLOUR.sub("", raw.decode("utf-8-sig", "replace")).strip() for raw in head.splitlines()[:HEAD_LINES]]
+    found, line = _first_typical(FORMATS, lines) if ours else (None, "")
+    if found is not None:
+        return found
+    advice = advice_for(line=line)
+    added, broken = plug_ins(GROUP, LogFormat)
+    others = [one for one in added.values() if suffix in (*one.suffixes, *one.possible_suffixes)]
+    found, _ = _first_typical(others, lines)
+    if found is None and not advice:
+        found = usual or next((one for one in others if suffix in one.suffixes), None)
+    if found is not None:
+        return found
+    if advice:
+        raise FileFormatError(f"{path}: is no log this program reads: {advice}{broken}")
+    if ours:
+        begin = head.decode("utf-8-sig", "replace").strip()[:SHOWN].partition(NEW_LINE)[0]
+        known = ", ".join(one.label for one in (*FORMATS, *added.values()) if one.typical_line is not None)
+        raise FileFormatError(
+            f"{path}: is no log this program knows: its first lines are of none of {known}; it begins with {begin!r}; for others, "
+            f"{SAVVYCAN}{broken}"
+        )
+    raise FileFormatError(f"{path}: is no log this program reads: {_advised(suffix, (*FORMATS, *added.values()))}{broken}")
+
+
+def _first_typical(formats: Iterable[LogFormat], lines: Iterable[str]) -> tuple[LogFormat | None, str]:
+    """Return the format that the first typical line is of, and that line; None for a line of another program's log."""
+    for line in lines:
+        found = next((one for one in formats if one.typical_line is not None and one.typical_line.fullmatch(line)), None)
+        if found is not None or (formats is FORMATS and advice_for(line=line)):
+            return found, line
+    return None, ""
+
+
+def _advised(suffix: str, formats: Iterable[LogFormat]) -> str:
+    """Say what may be done with a file of an unknown suffix."""
+    every = tuple(formats)
+    advice = advice_for(suffix)
+    what, other = (f"{advice}; ", "") if advice else ("", f"; for others, {SAVVYCAN}")
+    bare = ", ".join(_suffixes(one for one in every if not one.packed))
+    return f"{what}{', '.join(_suffixes(every, possible=True))} are read, all but {bare} also as .gz{other}"
+
 
 __all__ = ["LogReport", "identifiers_in", "log_batches", "read_frames"]
 

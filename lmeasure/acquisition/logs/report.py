@@ -1,7 +1,9 @@
 """Parts that the readers of all log formats share: the account of a log, columns that compiled scans fill, reading that may break off."""
 
+import re
 import zlib
 from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -9,10 +11,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, FD_BYTES, Frames
+from lmeasure.core import check_kind
 from lmeasure.kernels import LATEST_S, NAMED_CHANNELS, Columns
 
 if TYPE_CHECKING:
     import can
+
 
 BLOCK_BYTES = 1 << 21
 LARGEST_IDENTIFIER = 0x1FFFFFFF
@@ -165,3 +169,45 @@ def checked(message: "can.Message") -> "can.Message":
     if not abs(message.timestamp) <= LATEST_S:
         raise ValueError(f"{message.timestamp} s is no time")
     return message
+
+
+Batches = Callable[[Path, BinaryIO, LogReport], Iterator[Frames]]
+"""Yields frames of a log, at most some ten thousand at once, and accounts for everything else in the report."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogFormat:
+    """A format of log files, stated by the module that reads it.
+
+    Parameters
+    ----------
+    name
+        Short name.
+    label
+        Name for people, such as "Vector's BLF".
+    read
+        Reader of an open file; path is for messages. FileFormatError where nothing of the file can be read.
+    suffixes
+        Suffixes of files that are of this format, unless one of their first lines is typical of another.
+    suffix_decides
+        Whether files of these suffixes are of this format whatever their first lines are.
+    possible_suffixes
+        Suffixes of files that are of this format if one of their first lines is typical of it.
+    typical_line
+        Pattern of whole lines, without blanks at both ends, by which a text is detected.
+    packed
+        Whether such files are also read when gzip has packed them (.gz).
+    """
+
+    name: str
+    label: str
+    read: Batches
+    suffixes: tuple[str, ...] = ()
+    suffix_decides: bool = False
+    possible_suffixes: tuple[str, ...] = ()
+    typical_line: re.Pattern[str] | None = None
+    packed: bool = True
+
+    def __post_init__(self) -> None:
+        check_kind(self.suffixes, self.read)
+        check_kind(self.possible_suffixes)

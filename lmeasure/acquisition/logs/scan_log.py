@@ -4,6 +4,7 @@ A counter of a drum moves little from frame to frame against its range; a cyclic
 bytes are taken for a counter when its steps, the range gone round, stay a small part of the range, and are not all the same.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.bus.sources import Source
 from lmeasure.acquisition.bus.transmission import REGULAR, every, ordinal
 from lmeasure.acquisition.logs.read import log_batches
 from lmeasure.acquisition.logs.report import LogReport
-from lmeasure.core import FileFormatError, FloatArray, IntArray
+from lmeasure.core import AcquisitionError, FileFormatError, FloatArray, IntArray
 from lmeasure.rig import SYNC_ID
 from lmeasure.text import composed, message
 
@@ -319,3 +321,69 @@ def _movement(place: int, values: Bytes) -> str:
     if len(different) == 2:
         return message("acquisition.byte_toggles_between", place=place, one=different[0], other=different[1])
     return message("acquisition.byte_values_no_counter", place=place, count=len(different))
+
+
+LOOK_S = 0.1
+LIT_S = 0.6
+"""How long a byte that has moved is shown as moving."""
+Key = tuple[str, int, bool]
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """An identifier by now: how often it came, frames a second, its last bytes, and which of them have moved just now."""
+
+    name: str
+    frames: int
+    rate_hz: float
+    data: bytes
+    lit: tuple[bool, ...]
+
+
+class _Lights:
+    """Of each byte of each identifier, when it moved last."""
+
+    def __init__(self) -> None:
+        self._before: dict[Key, bytes] = {}
+        self._moved_at: dict[Key, list[float]] = {}
+
+    def of(self, key: Key, seen: Seen, now: float) -> Spoken:
+        """The identifier by now."""
+        data, before = seen.newest, self._before.get(key, seen.newest)
+        at = self._moved_at.setdefault(key, [])
+        at += [-LIT_S] * (len(data) - len(at))
+        for i, (a, b) in enumerate(zip(data, before, strict=False)):
+            if a != b:
+                at[i] = now
+        self._before[key] = data
+        name = f"{key[1]:08X}x" if key[2] else f"{key[1]:03X}"
+        return Spoken(name, seen.count, seen.rate_hz, data, tuple(now - at[i] < LIT_S for i in range(len(data))))
+
+
+def listen(
+    source: Source,
+    seconds: float,
+    *,
+    show: Callable[[float, tuple[Spoken, ...]], None] | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Scan:
+    """Listen for so long, or until `stop` says so; nothing is sent. show gets it all the while: seconds, and who has spoken.
+
+    AcquisitionError where nothing comes, and where what comes cannot be read.
+    """
+    heard, lights, errors = Heard(), _Lights(), 0
+    begin = time.monotonic()
+    while (now := time.monotonic() - begin) < seconds and not stop():
+        frames = source.receive(LOOK_S)
+        if frames is None:
+            break
+        errors += int(((frames.flags & ERROR) != 0).sum())
+        heard.add(frames)
+        if show is not None:
+            show(now, tuple(lights.of(key, heard.found[key], now) for key in sorted(heard.found)))
+    if not heard.found:
+        why = f"{errors} error frames and none that can be read: another bit rate, or a line without its terminating resistors"
+        silent = "no frame at all: nothing is connected or switched on, nobody sends the SYNC, or another bit rate is set"
+        raise AcquisitionError(f"{source.name}: {why if errors else silent}")
+    notes = (message("acquisition.error_frames", count=errors),) if errors else ()
+    return heard.scan(Path(source.name), message("acquisition.bus"), notes)

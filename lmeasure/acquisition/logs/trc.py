@@ -26,9 +26,8 @@ from lmeasure.acquisition.bus.frames import (
     WARNING,
     controller_state,
 )
-from lmeasure.acquisition.logs.format import LogFormat
 from lmeasure.acquisition.logs.lines import FD_LENGTHS, Line, announced, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
-from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, UnreadableError
+from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, LogFormat, UnreadableError
 from lmeasure.core import FileFormatError
 from lmeasure.text import message
 

@@ -7,7 +7,7 @@ commanded ones. Speeds are (..., n, k): k measurements in each cycle. Leading ax
 import numpy as np
 
 from lmeasure.core import FloatArray
-from lmeasure.iso9283.formulas.pose import deviation_over_cycles, length, barycentre, spread
+from lmeasure.iso9283.formulas.pose import barycentre, deviation_over_cycles, length, spread
 from lmeasure.iso9283.formulas.time import crossing, last_arrival
 
 
