@@ -8,7 +8,6 @@ from .bundle import (
     seal as seal,
     write_zip as write_zip,
 )
-from .canonical_json import canonical as canonical
 from .compare import (
     SIGNIFICANT as SIGNIFICANT,
     Comparison as Comparison,
@@ -17,7 +16,7 @@ from .compare import (
     compare_certificates as compare_certificates,
     lines as lines,
 )
-from .content import certificate as certificate, now as now
+from .content import certificate as certificate, environment as environment, now as now
 from .dcc import Dcc as Dcc, dcc_xml as dcc_xml, read_dcc as read_dcc
 from .details import SCHEMA as SCHEMA, Details as Details
 from .inputs import Inputs as Inputs, Measured as Measured, measure as measure
@@ -38,10 +37,10 @@ from .pictures import (
     targets as targets,
     way as way,
 )
+from .recompute import with_u95 as with_u95
 from .robot_improvement import Improvement as Improvement, improvement as improvement
-from .rounding import with_u95 as with_u95
-from .sealed import Certificate as Certificate
 from .signature import (
+    canonical as canonical,
     fingerprint as fingerprint,
     new_key as new_key,
     read_private_key as read_private_key,
@@ -49,10 +48,10 @@ from .signature import (
     sign as sign,
 )
 from .verification import (
+    Certificate as Certificate,
     Printer as Printer,
     Verification as Verification,
     read_certificate as read_certificate,
     report_lines as report_lines,
     verify as verify,
 )
-from .versions import environment as environment

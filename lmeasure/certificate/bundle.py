@@ -22,8 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from lmeasure.certificate.canonical_json import canonical, digest
-from lmeasure.certificate.signature import fingerprint, sign, signer
+from lmeasure.certificate.signature import canonical, digest, fingerprint, sign, signer
 from lmeasure.core import CertificationError, FileFormatError, ForeignFolderError, LMeasureError
 from lmeasure.io import files, open_zip, unpack
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import scipy.stats
 
-from lmeasure.certificate.recompute import label
-from lmeasure.certificate.rounding import with_u95
+from lmeasure.certificate.recompute import label, with_u95
 from lmeasure.core import CertificationError, FloatArray, LMeasureError
 from lmeasure.text import message
 

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from lmeasure.certificate.bundle import INPUTS, safe_name
-from lmeasure.certificate.canonical_json import digest
 from lmeasure.certificate.details import Details, Logo, read_details, read_logo
+from lmeasure.certificate.signature import digest
 from lmeasure.core import QUATERNION_COLUMNS, CertificationError, OtherTrajectoryError
 from lmeasure.io import columns_of, files
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate, undecided

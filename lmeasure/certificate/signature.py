@@ -4,6 +4,7 @@ import base64
 import binascii
 import hashlib
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,34 @@ from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-from lmeasure.certificate.canonical_json import canonical
 from lmeasure.core import CertificationError, KeyKeptError, LMeasureError
 from lmeasure.io import files
+
+
+def canonical(value: Any) -> bytes:
+    """The value as JSON in UTF-8; doubles as the shortest text that reads back to the same one, at most 17 digits.
+
+    CertificationError names the place of a number that is not finite.
+    """
+    _only_finite(value, "")
+    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode("utf-8", "backslashreplace")
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of the canonical text, hexadecimal."""
+    return hashlib.sha256(canonical(value)).hexdigest()
+
+
+def _only_finite(value: Any, where: str) -> None:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            _only_finite(inner, f"{where}.{key}" if where else str(key))
+    elif isinstance(value, list | tuple):
+        for i, inner in enumerate(value):
+            _only_finite(inner, f"{where}[{i}]")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise CertificationError(f"{where} is {value}, not a finite number")
+
 
 SCHEMA = "lmeasure.signature/1"
 _RAW = serialization.Encoding.Raw, serialization.PublicFormat.Raw

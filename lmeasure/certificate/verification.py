@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from lmeasure.certificate.bundle import CERTIFICATE, INPUTS, SIGNATURE, UNSIGNED, Difference, Seal, check_seal, entries, regular_bytes
-from lmeasure.certificate.canonical_json import canonical
-from lmeasure.certificate.content import certificate
+from lmeasure.certificate.content import METHOD, added_in, certificate, environment
 from lmeasure.certificate.inputs import Measured, inputs_in, measure, settings_from
 from lmeasure.certificate.recompute import RELATIVE, SOURCES, Compared, beside, compare, label, of_environment
-from lmeasure.certificate.versions import METHOD, added_in, environment
-from lmeasure.core import CertificationError, LMeasureError
+from lmeasure.certificate.signature import canonical
+from lmeasure.core import CertificationError, DataFrame, LMeasureError, Shown, framed
 from lmeasure.iso9283 import SCHEMA
 from lmeasure.text import LANGUAGES, message
 
@@ -247,3 +246,34 @@ def report_lines(found: Verification, *, asked: bool) -> list[str]:
     else:
         out.append(message("verification.same", certificate=found.certificate, computed=computed))
     return out
+
+
+@dataclass(frozen=True, repr=False)
+class Certificate(Shown):
+    """Sealed folder of a certificate with its certificate.json. Call `verify` before you rely on it.
+
+    Examples
+    --------
+    >>> lm.Certificate.read("certificate").content["id"]  # doctest: +SKIP
+    '0b6f7c52'
+    """
+
+    folder: Path
+    """Folder of the certificate."""
+    content: dict[str, Any]
+    """Content of certificate.json."""
+
+    @classmethod
+    def read(cls, folder: Path) -> "Certificate":
+        """The certificate of a folder; CertificationError or FileFormatError where it is none."""
+        return cls(Path(folder), read_certificate(Path(folder) / CERTIFICATE))
+
+    def about(self) -> dict[str, str]:
+        """Number, figures, of how many the instrument is capable, where it lies."""
+        figures = self.content["characteristics"]
+        capable = sum(bool(f["capable"]) for f in figures)
+        return {"id": self.content["id"], "characteristics": str(len(figures)), "capable": str(capable), "folder": str(self.folder)}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each characteristic."""
+        return framed(self.content["characteristics"])

@@ -7,8 +7,14 @@ from .files import (
     rewrite_toml as rewrite_toml,
     write_table as write_table,
 )
-from .foreign.columns import COLUMN_KINDS as COLUMN_KINDS, Column as Column, columns_of as columns_of, headed as headed
-from .foreign.layout import decoded as decoded, text_of as text_of
+from .foreign.layout import (
+    COLUMN_KINDS as COLUMN_KINDS,
+    Column as Column,
+    columns_of as columns_of,
+    decoded as decoded,
+    headed as headed,
+    text_of as text_of,
+)
 from .foreign.table import TIMES as TIMES, UNIT_TOLERANCE as UNIT_TOLERANCE, ForeignTable as ForeignTable
 from .models import (
     Name as Name,

@@ -9,7 +9,6 @@ from .counts import (
     unwrap as unwrap,
     write_counts as write_counts,
 )
-from .pose_table import read_pose_table as read_pose_table
 from .poses import (
     AXIS_COLUMNS as AXIS_COLUMNS,
     POSITION_COLUMNS as POSITION_COLUMNS,
@@ -18,6 +17,7 @@ from .poses import (
     joined as joined,
     pose_columns as pose_columns,
     poses_from_rows as poses_from_rows,
+    read_pose_table as read_pose_table,
     read_poses as read_poses,
     write_poses as write_poses,
 )

@@ -1,10 +1,9 @@
-from .live import growing_counts as growing_counts
-from .mechanism import write_mechanism_recording as write_mechanism_recording
 from .stages import (
+    growing_counts as growing_counts,
     streamed_recording as streamed_recording,
     write_counts_recording as write_counts_recording,
     write_recording as write_recording,
 )
-from .structure import write_structure_recording as write_structure_recording
+from .structure import write_mechanism_recording as write_mechanism_recording, write_structure_recording as write_structure_recording
 from .viewer import open_viewer as open_viewer
 from .web import policy as policy, serve as serve, viewer_file as viewer_file

@@ -3,7 +3,7 @@
 Known poses and a calibration's record have plots and notes of their own.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,7 +12,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 import xarray as xr
 
-from lmeasure.core import FloatArray
+from lmeasure.acquisition import Samples
+from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.recording import Counts, Poses, Run, RunHead, read_counts
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import LengthResiduals, Lengths, length_residuals
@@ -24,6 +25,7 @@ from lmeasure.view.space import (
     MAX_FRAMES,
     PLAIN,
     TRUTH_COLOUR,
+    Thinned,
     draw_frames,
     log_path,
     log_reference,
@@ -33,7 +35,6 @@ from lmeasure.view.space import (
     send_tool,
     thinned_note,
 )
-from lmeasure.view.subsample import Thinned
 from lmeasure.view.trajectory import TrajectoryLog, log_trajectory
 
 
@@ -253,3 +254,29 @@ def _blueprint(
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
     )
+
+
+@contextmanager
+def growing_counts(path: Path, channels: tuple[str, ...], passage: int = 1) -> Iterator[Callable[[Samples], None]]:
+    """A function that appends samples, their times from the first one [s], to the .rrd at path; what it holds can be read at any moment.
+
+    The counts stand where `write_recording` puts those of the pass. LMeasureError when the file cannot be written.
+    """
+    rec = rr.RecordingStream("lmeasure")
+    try:
+        rec.save(path)
+        series = CableSeries(rec, ("counts", f"pass{passage}"), channels)
+    except RuntimeError as error:
+        raise LMeasureError(f"{path}: cannot be written: {error}") from error
+    given = 0
+
+    def append(samples: Samples) -> None:
+        nonlocal given
+        series.add(samples.time_s, samples.recorded, given)
+        given += len(samples.time_s)
+        rec.flush()
+
+    try:
+        yield append
+    finally:
+        rec.disconnect()

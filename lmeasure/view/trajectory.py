@@ -12,8 +12,7 @@ from lmeasure.rig import Rig
 from lmeasure.text import message
 from lmeasure.trajectory import Trajectory
 from lmeasure.view.recording import changed_rows, entity_path, indexes_at, send_scalars, time_indexes
-from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, draw_frames, draw_shaded_path, send_tool, thinned_note
-from lmeasure.view.subsample import Thinned
+from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, Thinned, draw_frames, draw_shaded_path, send_tool, thinned_note
 
 GOOD, BAD = (0, 130, 95), (213, 94, 0)
 SERIES = {

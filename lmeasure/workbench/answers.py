@@ -1,6 +1,7 @@
 """What pages and the API share: the state of one server, and how errors and files are answered."""
 
 import asyncio
+import contextlib
 import mimetypes
 import os
 import re
@@ -13,10 +14,11 @@ from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.templating import Jinja2Templates
 
-from lmeasure.workbench import buses, guard, tour
+from lmeasure.text import typed
+from lmeasure.workbench import forms, guard, tour
 from lmeasure.workbench.cards import TITLES
 from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.processes import prepared
@@ -30,9 +32,36 @@ TEMPLATES = Jinja2Templates(directory=HERE / "templates")
 COOKIE = "lmeasure-language"
 UPLOADS = 2
 """That are taken in at once; others wait."""
+OF_PROGRAMS = ("/api/", "/along/")
+"""Addresses that programs read: errors are JSON there."""
 Form = dict[str, list[str]]
 _LINK = re.compile(r'((?:href|src|action|data-src)=")/(?!/|shown/)')
 """An address of this server in a page."""
+
+
+def playing(jobs: Jobs) -> Job | None:
+    """The simulated cell that is being played."""
+    return next((job for job in jobs.running() if job.command == "play"), None)
+
+
+def bus_in_use(jobs: Jobs) -> dict[str, str]:
+    """The bus that is used, by the options of commands: that of the cell that is played, with where its robot is at home, else that of the
+    last job that had one."""
+    cell = playing(jobs)
+    last = cell or next((job for job in jobs.all() if job.command in ("check", "capture", "watch", "record", "scan") and _bus(job)), None)
+    if last is None or not (bus := _bus(last)) or bus.startswith(("replay:", "simulated:")):
+        return {}
+    given = forms.of_words(last.command, last.words)
+    reported = {"bus": bus, "bus_option": "\n".join(given.get("bus_option", []))}
+    state = {} if cell is None else cell.last.get("cell", {})
+    if state.get("at") == "home":
+        reported["start"] = typed(state["pose"])
+    return {key: text for key, text in reported.items() if text}
+
+
+def _bus(job: Job) -> str:
+    """The bus of a job's command line."""
+    return str(forms.of_words(job.command, job.words).get("bus", ""))
 
 
 @dataclass
@@ -61,7 +90,7 @@ class Bench:
     @property
     def project(self) -> Project:
         """As it is now."""
-        return replace(look_at(self.folder), known=buses.known(self.jobs))
+        return replace(look_at(self.folder), known=bus_in_use(self.jobs))
 
 
 def bench_of(request: Request) -> Bench:
@@ -84,24 +113,27 @@ def page(request: Request, name: str, status: int = 200, **values: Any) -> Respo
     stop = tour.shown(bench.project, asked) if (asked := request.query_params.get("tour", "")) else None
     known = {"language": language, "bench": bench, "tour": stop, "titles": TITLES, "here": request.scope["path"]}
     known["origin"] = f"{request.url.scheme}://{request.headers['host']}{request.scope['at']}"
-    known |= {"running": bench.jobs.running(), "playing": buses.playing(bench.jobs)}
+    known |= {"running": bench.jobs.running(), "playing": playing(bench.jobs)}
     known |= {"_": lambda text, **more: said(language, text, **more), **values}
     text = TEMPLATES.get_template(name).render(known)
     return Response(_LINK.sub(rf"\g<1>{request.scope['at']}/", text), status, media_type="text/html")
 
 
-def job_of(request: Request) -> Job | None:
-    """The job of the path; None where there is none."""
-    return bench_of(request).jobs.jobs.get(int(request.path_params["number"]))
+def job_of(request: Request) -> Job:
+    """The job of the path; OutsideError where there is none."""
+    job = bench_of(request).jobs.jobs.get(int(request.path_params["number"]))
+    if job is None:
+        raise OutsideError("workbench.there_no_such_job")
+    return job
 
 
-def file_of(request: Request) -> Path | None:
-    """The file of the path, within the project; None where there is none, or it is none of the project."""
-    try:
+def file_of(request: Request) -> Path:
+    """The file of the path, within the project; OutsideError where there is none, or it is none of the project."""
+    with contextlib.suppress(OutsideError, OSError):
         path = inside(bench_of(request).folder, request.path_params["path"])
-        return path if path.is_file() else None
-    except (OutsideError, OSError):
-        return None
+        if path.is_file():
+            return path
+    raise OutsideError("workbench.there_no_such_file")
 
 
 def as_file(path: Path, *, shown: bool = False) -> Response:
@@ -147,10 +179,11 @@ def posted(answer: Callable[[Request, Form], Response]) -> Callable[[Request], A
 
 
 def unread(request: Request, error: Exception) -> Response:
-    """What is no file of the project is not found; what is there and cannot be read is said to be so, by its path in the project."""
-    if isinstance(error, OutsideError):
-        return lost(request, str(error))
-    return refused(request, 422, said(language_of(request), "workbench.cannot_read"), within(bench_of(request).folder, error))
+    """Say of what is no file of the project that it is not found, of what is there that it cannot be read, by its path in the project."""
+    missing, language, text = isinstance(error, OutsideError), language_of(request), within(bench_of(request).folder, error)
+    if request.scope["path"].startswith(OF_PROGRAMS):
+        return JSONResponse({"error": said(language, text)}, 404 if missing else 422)
+    return lost(request, text) if missing else refused(request, 422, said(language, "workbench.cannot_read"), text)
 
 
 def within(folder: Path, error: Exception) -> str:

@@ -1,7 +1,6 @@
 """The same for programs: jobs over HTTP with JSON, described at /api/openapi.json, and a recording's state over a WebSocket."""
 
 import json
-from collections.abc import Sequence
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
@@ -67,8 +66,6 @@ def _as_text(value: Any) -> Any:
 async def job(request: Request) -> Response:
     """One job, with what it said; posted to its end, it is ended."""
     found = job_of(request)
-    if found is None:
-        return JSONResponse({"error": "no such job"}, 404)
     if request.method == "DELETE":
         await bench_of(request).jobs.cancel(found)
     elif request.method == "POST":
@@ -173,14 +170,12 @@ def reported(request: Request) -> Response:
     return page(request, "api.html", described=described())
 
 
-def routes() -> Sequence[Route | WebSocketRoute]:
-    """Of the API."""
-    return [
-        Route("/api", reported),
-        Route("/api/openapi.json", openapi),
-        Route("/api/project", project),
-        Route("/api/commands", commands),
-        Route("/api/jobs", jobs, methods=["GET", "POST"]),
-        Route("/api/jobs/{number:int}", job, methods=["GET", "POST", "DELETE"]),
-        WebSocketRoute("/api/jobs/{number:int}/live", live),
-    ]
+ROUTES = (
+    Route("/api", reported),
+    Route("/api/openapi.json", openapi),
+    Route("/api/project", project),
+    Route("/api/commands", commands),
+    Route("/api/jobs", jobs, methods=["GET", "POST"]),
+    Route("/api/jobs/{number:int}", job, methods=["GET", "POST", "DELETE"]),
+    WebSocketRoute("/api/jobs/{number:int}/live", live),
+)

@@ -5,7 +5,6 @@ import datetime
 import json
 import math
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from lmeasure.core import LMeasureError
 from lmeasure.io import files, read_regular
 from lmeasure.iso9283 import trend_names
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
-from lmeasure.workbench.answers import Bench, Form, bench_of, language_of, page, posted, refused, unread, uploads_of, within
+from lmeasure.workbench.answers import Bench, Form, bench_of, language_of, page, posted, refused, uploads_of, within
 from lmeasure.workbench.project import LARGEST_JSON, LARGEST_TEXT, OutsideError, Project, inside
 from lmeasure.workbench.text import said
 from lmeasure.workbench.uploads import Uploads, take_in, take_in_folder
@@ -33,21 +32,16 @@ def details(request: Request, form: Form) -> Response:
     known = bench.project.of("details")
     typed = {key: values[-1] for key, values in form.items()}
     file = typed.get("_file") or request.query_params.get("file") or (known[0] if known else "details.toml")
-    wrong: list[str] = []
-    try:
-        path = inside(bench.folder, file)
-        if path.suffix != ".toml" or (path.exists() and (file not in known or path.stat().st_size > LARGEST_TEXT)):
-            raise OutsideError(f"{file}: is no details file of the project")
-        before: Any = files.read_toml(path) if path.is_file() else {}
-        content = form_of_details.filled(before, typed) if typed else dict(before)
-        if typed:
-            wrong = form_of_details.complaints(content, file)
-            if not wrong:
-                files.rewrite_toml(path, before.holding(content)) if path.is_file() else files.write_toml(path, content)
-                return RedirectResponse(f"/details?file={file}&saved=1", 303)
-        values = form_of_details.read(path) | {key: text for key, text in typed.items() if not key.startswith("_")}
-    except (LMeasureError, OSError, RecursionError) as error:
-        return unread(request, error)
+    path = inside(bench.folder, file)
+    if path.suffix != ".toml" or (path.exists() and (file not in known or path.stat().st_size > LARGEST_TEXT)):
+        raise OutsideError(f"{file}: is no details file of the project")
+    before: Any = files.read_toml(path) if path.is_file() else {}
+    content = form_of_details.filled(before, typed) if typed else dict(before)
+    wrong = form_of_details.complaints(content, file) if typed else []
+    if typed and not wrong:
+        files.rewrite_toml(path, before.holding(content)) if path.is_file() else files.write_toml(path, content)
+        return RedirectResponse(f"/details?file={file}&saved=1", 303)
+    values = form_of_details.read(path) | {key: text for key, text in typed.items() if not key.startswith("_")}
     shown: dict[str, Any] = {"file": file, "form": form_of_details.FORM, "values": values, "complaints": wrong}
     shown |= {"label": lambda entry: form_of_details.label(entry, language), "saved": request.query_params.get("saved") == "1"}
     return page(request, "details.html", 422 if wrong else 200, missing=form_of_details.missing(content), known=known, **shown)
@@ -190,11 +184,9 @@ def trend(request: Request) -> Response:
     return page(request, "trend.html", robots=courses(project), folders=project.of("certificate"))
 
 
-def routes() -> Sequence[Route]:
-    """Of these pages."""
-    return [
-        Route("/details", posted(details), methods=["GET", "POST"]),
-        Route("/details/preview", posted(preview), methods=["POST"]),
-        Route("/verify", verify_dropped, methods=["POST"]),
-        Route("/trend", trend),
-    ]
+ROUTES = (
+    Route("/details", posted(details), methods=["GET", "POST"]),
+    Route("/details/preview", posted(preview), methods=["POST"]),
+    Route("/verify", verify_dropped, methods=["POST"]),
+    Route("/trend", trend),
+)

@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
@@ -19,6 +19,7 @@ from lmeasure.workbench.answers import COOKIE, Form, bench_of, form_of, job_of, 
 from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking
 from lmeasure.workbench.jobs import DONE, FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
+from lmeasure.workbench.project_list import Shelf
 from lmeasure.workbench.text import said
 from lmeasure.workflows import COMMANDS, JOBS, command_help, job_name
 
@@ -164,8 +165,6 @@ def _form(
 def job(request: Request) -> Response:
     """A job: what it says, and what it made."""
     found, bench = job_of(request), bench_of(request)
-    if found is None:
-        return lost(request, "workbench.there_no_such_job")
     files = _files(found, bench.folder)
     shown = [path for path in files if path.endswith(".html")][:2]
     again = f"/run/{found.command}?{urlencode(_query(found), doseq=True)}"
@@ -206,8 +205,6 @@ def _query(job: Job) -> dict[str, Any]:
 async def events(request: Request) -> Response:
     """What a job says, as server-sent events."""
     found, bench = job_of(request), bench_of(request)
-    if found is None:
-        return await run_in_threadpool(lost, request, "workbench.there_no_such_job")
 
     async def stream() -> Any:
         async for event in bench.jobs.watch(found):
@@ -219,16 +216,12 @@ async def events(request: Request) -> Response:
 async def last(request: Request) -> Response:
     """How a job stands, and the last of each passing event."""
     found = job_of(request)
-    if found is None:
-        return JSONResponse({"error": "no such job"}, 404)
     return JSONResponse({"state": found.state, "result": found.result, "last": found.last})
 
 
 async def answer(request: Request) -> Response:
     """A line for a job that asks, or its end."""
     found, bench = job_of(request), bench_of(request)
-    if found is None:
-        return await run_in_threadpool(lost, request, "workbench.there_no_such_job")
     if request.scope["path"].endswith("/cancel"):
         await bench.jobs.cancel(found)
         return RedirectResponse(f"/jobs/{found.number}", 303)
@@ -255,18 +248,48 @@ async def language(request: Request) -> Response:
     return response
 
 
-def routes() -> Sequence[Route]:
-    """Of these pages."""
-    return [
-        *(Route(f"/{name}", cards) for name in PAGES),
-        Route("/", home),
-        Route("/run/{command}", one_command, methods=["GET", "POST"]),
-        Route("/line/{command}", posted(line), methods=["POST"]),
-        Route("/jobs/{number:int}", job),
-        Route("/jobs/{number:int}/events", events),
-        Route("/jobs/{number:int}/last", last),
-        Route("/jobs/{number:int}/type", answer, methods=["POST"]),
-        Route("/jobs/{number:int}/cancel", answer, methods=["POST"]),
-        Route("/commands", all_commands),
-        Route("/language", language, methods=["POST"]),
-    ]
+def _shelf(request: Request) -> Shelf:
+    shelf = bench_of(request).shelf
+    if shelf is None:
+        raise OutsideError("workbench.this_workbench_was_begun")
+    return shelf
+
+
+def begin(request: Request, form: Form) -> Response:
+    """Begin a project and show it among the others; what is wrong with its name stands there too."""
+    shelf = _shelf(request)
+    name = form.get("name", [""])[-1].strip()
+    try:
+        shelf.begin(name)
+    except OutsideError as error:
+        return home(request, wrong=str(error), typed=name)
+    return RedirectResponse("/#projects", 303)
+
+
+def go(request: Request) -> Response:
+    """Open a project, where it is not open yet, and go there. It may be asked for as often as one likes."""
+    shelf = _shelf(request)
+    try:
+        path = shelf.path(request.path_params["name"])
+        if not path.is_dir():
+            raise OutsideError(f"{path.name}: there is no such project")
+        return RedirectResponse(shelf.desk.address(path, shelf), 303)
+    except LMeasureError as error:
+        return lost(request, str(error))
+
+
+ROUTES = (
+    *(Route(f"/{name}", cards) for name in PAGES),
+    Route("/", home),
+    Route("/run/{command}", one_command, methods=["GET", "POST"]),
+    Route("/line/{command}", posted(line), methods=["POST"]),
+    Route("/jobs/{number:int}", job),
+    Route("/jobs/{number:int}/events", events),
+    Route("/jobs/{number:int}/last", last),
+    Route("/jobs/{number:int}/type", answer, methods=["POST"]),
+    Route("/jobs/{number:int}/cancel", answer, methods=["POST"]),
+    Route("/commands", all_commands),
+    Route("/language", language, methods=["POST"]),
+    Route("/projects", posted(begin), methods=["POST"]),
+    Route("/projects/{name}", go),
+)

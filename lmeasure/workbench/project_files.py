@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -18,7 +18,7 @@ from lmeasure.io import open_regular, read_toml, rewrite_toml
 from lmeasure.kernels import compilation
 from lmeasure.recording import read_run_head, start_from_text
 from lmeasure.workbench import guard, rig_form
-from lmeasure.workbench.answers import HERE, Form, as_file, bench_of, file_of, language_of, lost, page, posted, unread, uploads_of, within
+from lmeasure.workbench.answers import HERE, Form, as_file, bench_of, file_of, language_of, page, posted, uploads_of, within
 from lmeasure.workbench.cards import card
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.text import said
@@ -34,26 +34,24 @@ BELOW: tuple[tuple[str, str, Callable[[str], dict[str, str]]], ...] = (
 
 def raw(request: Request) -> Response:
     """A file of the project as it is."""
-    path = file_of(request)
-    return lost(request, "workbench.there_no_such_file") if path is None else as_file(path)
+    return as_file(file_of(request))
 
 
 def shown(request: Request) -> Response:
     """A file of the project in a frame of a page, at the address that the page was given for it, outside its session's path."""
-    path = file_of(request) if not request.scope["at"] else None
-    return PlainTextResponse("lmeasure: there is no such file\n", 404) if path is None else as_file(path, shown=True)
+    with contextlib.suppress(OutsideError):
+        if not request.scope["at"]:
+            return as_file(file_of(request), shown=True)
+    return PlainTextResponse("lmeasure: there is no such file\n", 404)
 
 
 def look(request: Request) -> Response:
     """A file, or folder, of the project in a page."""
     bench = bench_of(request)
-    try:
-        path = inside(bench.folder, request.path_params["path"])
-    except OutsideError as error:
-        return lost(request, str(error))
+    path = inside(bench.folder, request.path_params["path"])
     here = path.relative_to(bench.folder.resolve()).as_posix()
     if not path.exists():
-        return lost(request, "workbench.there_no_such_file")
+        raise OutsideError("workbench.there_no_such_file")
     values: dict[str, Any] = {
         "path": here,
         "raw": path.is_file(),
@@ -72,11 +70,8 @@ def look(request: Request) -> Response:
     elif path.suffix == ".html":
         values["frame"] = here
     elif path.suffix in (".toml", ".csv", ".json", ".log", ".txt", ".asc", ".trc", ".urdf", ".tum", ".md", ".pub", ".sha256"):
-        try:
-            with open_regular(path) as file:
-                values["text"] = file.read(LARGEST_TEXT).decode("utf-8", "replace")
-        except (LMeasureError, OSError) as error:
-            return unread(request, error)
+        with open_regular(path) as file:
+            values["text"] = file.read(LARGEST_TEXT).decode("utf-8", "replace")
     return page(request, "look.html", **values)
 
 
@@ -150,18 +145,15 @@ def rig(request: Request, form: Form) -> Response:
     }
     values |= {"cards": [begin], "made": [], "saved": request.query_params.get("saved") == "1", "complaints": complaints}
     if file:
-        try:
-            path = inside(bench.folder, file)
-            kind = rig_form.kind_of(path)
-            if not kind:
-                raise OutsideError(f"{file}: is no rig of the project")
-            if request.method == "POST":
-                complaints += rig_form.save(path, typed)
-                if not complaints:
-                    return RedirectResponse(f"/rig?{urlencode({'file': file, 'saved': 1})}", 303)
-            document, digest = rig_form.read(path)
-        except (LMeasureError, OSError, RecursionError) as error:
-            return unread(request, error)
+        path = inside(bench.folder, file)
+        kind = rig_form.kind_of(path)
+        if not kind:
+            raise OutsideError(f"{file}: is no rig of the project")
+        if request.method == "POST":
+            complaints += rig_form.save(path, typed)
+            if not complaints:
+                return RedirectResponse(f"/rig?{urlencode({'file': file, 'saved': 1})}", 303)
+        document, digest = rig_form.read(path)
         shown = [
             (name, [leaf._replace(value=typed.get(leaf.key, leaf.value)) for leaf in leaves]) for name, leaves in rig_form.parts(document)
         ]
@@ -218,14 +210,11 @@ async def compiled(request: Request) -> Response:
 def start(request: Request, form: Form) -> Response:
     """Where the counters of a run were zeroed: shown, and stated."""
     bench, error = bench_of(request), ""
-    try:
-        folder = inside(bench.folder, request.path_params["path"])
-        table = folder / "run.toml"
-        if not table.is_file():
-            raise OutsideError(f"{request.path_params['path']}: is no run folder of the project")
-        head = read_run_head(folder)
-    except (LMeasureError, OSError) as failed:
-        return unread(request, failed)
+    folder = inside(bench.folder, request.path_params["path"])
+    table = folder / "run.toml"
+    if not table.is_file():
+        raise OutsideError(f"{request.path_params['path']}: is no run folder of the project")
+    head = read_run_head(folder)
     here = folder.relative_to(bench.folder.resolve()).as_posix()
     if request.method == "POST":
         text = form.get("start", [""])[-1]
@@ -242,17 +231,15 @@ def start(request: Request, form: Form) -> Response:
     return page(request, "start.html", 422 if error else 200, run=here, head=head, error=error)
 
 
-def routes() -> Sequence[Route]:
-    """Of these pages."""
-    return [
-        Route("/rig", posted(rig), methods=["GET", "POST"]),
-        Route("/scene", rig_scene),
-        Route("/coarse", coarse, methods=["POST"]),
-        Route("/compiling", compiled),
-        Route("/start/{path:path}", posted(start), methods=["GET", "POST"]),
-        Route("/files", everything),
-        Route("/upload", upload, methods=["POST"]),
-        Route("/raw/{path:path}", raw),
-        Route(guard.SHOWN + "{key}/{path:path}", shown),
-        Route("/look/{path:path}", look),
-    ]
+ROUTES = (
+    Route("/rig", posted(rig), methods=["GET", "POST"]),
+    Route("/scene", rig_scene),
+    Route("/coarse", coarse, methods=["POST"]),
+    Route("/compiling", compiled),
+    Route("/start/{path:path}", posted(start), methods=["GET", "POST"]),
+    Route("/files", everything),
+    Route("/upload", upload, methods=["POST"]),
+    Route("/raw/{path:path}", raw),
+    Route(guard.SHOWN + "{key}/{path:path}", shown),
+    Route("/look/{path:path}", look),
+)

@@ -28,8 +28,8 @@ from lmeasure.core import LMeasureError
 from lmeasure.io import not_written
 from lmeasure.report import kept
 from lmeasure.text import decimal, number, typed
-from lmeasure.workbench import api, calibrations, certificates, pages, project_files, projects, runs
-from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused
+from lmeasure.workbench import api, certificates, pages, project_files, runs
+from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused, unread
 from lmeasure.workbench.guard import HERE as LOOPBACK, Door, Guard, secured
 from lmeasure.workbench.project import OWN
 from lmeasure.workbench.project_list import Shelf
@@ -43,8 +43,9 @@ _OPTION = re.compile(r"--[a-z][\w-]*")
 for _name in COMMANDS:
     # at the start, in one thread: what two requests begin to load at once is seen in halves
     load(_name)
-ROUTES = (projects, pages, project_files, runs, calibrations, certificates, api)
-"""Modules that answer."""
+ROUTES = (*pages.ROUTES, *project_files.ROUTES, *runs.ROUTES, *certificates.ROUTES, *api.ROUTES)
+CANNOT_READ = (LMeasureError, OSError, RecursionError)
+"""What reading a file of a project fails with: a document may be too deep."""
 
 
 def application(folder: Path, door: Door, port: int, language: str = "en", *, shelf: Shelf | None = None) -> Starlette:
@@ -58,9 +59,9 @@ def application(folder: Path, door: Door, port: int, language: str = "en", *, sh
 
     static = Mount("/static", StaticFiles(directory=HERE / "static"))
     app = Starlette(
-        routes=[*(route for module in ROUTES for route in module.routes()), static],
+        routes=[*ROUTES, static],
         middleware=[Middleware(Guard, door=door, port=port)],
-        exception_handlers={HTTPException: _refused, Exception: _failed},
+        exception_handlers={HTTPException: _refused, **dict.fromkeys(CANNOT_READ, unread), Exception: _failed},
         lifespan=lifespan,
     )
     app.router.redirect_slashes = False

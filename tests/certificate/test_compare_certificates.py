@@ -24,7 +24,7 @@ from lmeasure.certificate import (
     lines,
     read_certificate,
 )
-from lmeasure.certificate.versions import METHOD
+from lmeasure.certificate.content import METHOD
 from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 from lmeasure.iso9283 import CertificationSettings

@@ -18,10 +18,9 @@ from typer.testing import CliRunner
 
 from lmeasure.certificate import Inputs, Verification, canonical, opened_zip, read_public_key, seal, verify, write_zip
 from lmeasure.certificate.bundle import MANIFEST, check_seal
-from lmeasure.certificate.canonical_json import digest
+from lmeasure.certificate.content import METHOD
 from lmeasure.certificate.inputs import inputs_in
-from lmeasure.certificate.signature import fingerprint
-from lmeasure.certificate.versions import METHOD
+from lmeasure.certificate.signature import digest, fingerprint
 from lmeasure.cli.app import app
 from lmeasure.core import CertificationError, LMeasureError
 from lmeasure.iso9283 import CertificationSettings

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from lmeasure.certificate import new_key, opened_zip, read_certificate, read_private_key, read_public_key, verify
-from lmeasure.certificate.canonical_json import digest
 from lmeasure.certificate.content import identification
 from lmeasure.certificate.recompute import FIGURES, Compared, compare
+from lmeasure.certificate.signature import digest
 from lmeasure.core import CertificationError, KeyKeptError, LMeasureError
 
 

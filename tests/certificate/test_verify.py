@@ -30,10 +30,9 @@ from lmeasure.certificate import (
     verify,
 )
 from lmeasure.certificate.bundle import SIGNATURE, Difference
-from lmeasure.certificate.canonical_json import digest
-from lmeasure.certificate.content import identification
+from lmeasure.certificate.content import METHOD, identification
 from lmeasure.certificate.recompute import FIGURES, RELATIVE, SOURCES, beside, compare, label, of_environment
-from lmeasure.certificate.versions import METHOD
+from lmeasure.certificate.signature import digest
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.trajectory import write_trajectory
@@ -42,7 +41,7 @@ PAGE = "page.txt"
 
 
 def test_a_library_whose_metadata_was_removed_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.certificate.versions.LIBRARIES", ("numpy", "not-installed-anywhere"))
+    monkeypatch.setattr("lmeasure.certificate.content.LIBRARIES", ("numpy", "not-installed-anywhere"))
     reported = environment()
     assert reported["numpy"] != "unknown"
     assert reported["not-installed-anywhere"] == "unknown"

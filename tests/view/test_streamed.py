@@ -20,7 +20,7 @@ from lmeasure.sensors import Lengths
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct, reconstruct_stream
 from lmeasure.view import space, streamed_recording, trajectory, write_recording
-from lmeasure.view.subsample import Thinned
+from lmeasure.view.space import Thinned
 
 N = 1500
 PIECE = 128

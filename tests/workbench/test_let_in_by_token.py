@@ -26,7 +26,7 @@ from lmeasure.workbench.project_list import Shelf
 from lmeasure.workbench.server import ROUTES, application
 from lmeasure.workflows import COMMANDS, load, options_of
 
-EVERY = [route for module in ROUTES for route in module.routes()]
+EVERY = ROUTES
 SECRET = "nobody's business 4711"
 NAMED = ("file", "old", "new", "_file", "folder", "into", "back", "then", "name", "run", "path", "out", "rig", "zone", "start")
 """What addresses and forms name files and places by."""

@@ -19,8 +19,7 @@ from lmeasure.core import (
 )
 from lmeasure.io import files
 from lmeasure.io.foreign.cells import are_clock_times, clock_times, decimal_marks, plain, scaled, without_blanks
-from lmeasure.io.foreign.columns import ANGLES, COLUMN_KINDS, UNITS, Column, headed
-from lmeasure.io.foreign.layout import BODY, Layout, layout_of
+from lmeasure.io.foreign.layout import ANGLES, BODY, COLUMN_KINDS, UNITS, Column, Layout, headed, layout_of
 
 UNIT_TOLERANCE = 1e-3
 """Of a quaternion's length: other programs write four digits."""
