@@ -5,6 +5,7 @@ A file that a function here has written survives a power failure: its bytes and 
 
 import ctypes
 import errno
+import json
 import os
 import re
 import sys
@@ -24,9 +25,6 @@ from lmeasure.core import FileFormatError, LMeasureError, TextArray
 from lmeasure.io.safe_open import read_regular, sha256 as sha256
 from lmeasure.io.tables import Table as Table, read_table as read_table, read_table_in_pieces as read_table_in_pieces
 from lmeasure.io.toml_lines import Document, loads
-
-"""(n,) texts, few of them different: millions of samples share the same strings."""
-
 
 LARGEST_TOML = 1 << 26
 TO_DO = {
@@ -153,6 +151,11 @@ def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text with Unix line ends, whole or not at all."""
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write a JSON document, whole or not at all."""
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> None:

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, TrajectoryError, conventions, framed
 from lmeasure.io import Strict, checked, files, inside, no_folder
 from lmeasure.recording.counts import Counts, read_counts, write_counts
-from lmeasure.recording.start import StartTable, StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
+from lmeasure.recording.start import StartTable, StatedStart, start_of_rig, start_uncertainty, uncertainty_entries
 from lmeasure.rig import CalibrationRecord, Rig, read_linked_rig as read_linked_rig, write_calibration_record, write_rig
 from lmeasure.text import Message, count_of, message, numbers
 
@@ -275,7 +275,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     recorded = recorded_in(data, path)
     check_digests(recorded, dict(zip(names, counts, strict=True)), path)
     torn = tuple(any(r.early and r.passage == number for r in recorded) for number in range(1, len(counts) + 1))
-    stated, where = (start_in(data), str(path)) if start is None else (start.table, start.source)
+    stated, where = (data.get("start"), str(path)) if start is None else (start.table, start.source)
     pose = None if stated is None else start_of_rig(stated, rig, where)
     u_start = (0.0, 0.0) if stated is None else start_uncertainty(stated, where)
     return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, table.temperature_c, recorded)

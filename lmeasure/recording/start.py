@@ -16,9 +16,6 @@ from lmeasure.kernels import ATTACHMENT_XYZ
 from lmeasure.recording.poses import poses_from_rows
 from lmeasure.rig import Rig
 
-NOT_GIVEN = "the start pose was not given: the base frame is taken to be the tool's frame at the start"
-"""The note beside a [start] of zero that recordings without a start once had: nobody had stated it."""
-_ZERO = {"position_mm": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
 LENGTHS = "lengths_mm"
 TYPED = "angles"
 """Three angles in whatever convention the rig has, as a person types them behind --start."""
@@ -66,12 +63,6 @@ class StatedStart:
     source: str
 
 
-def start_in(data: dict[str, Any]) -> Any | None:
-    """The [start] table of a run.toml; None where the start is unknown: without one, or with one that only stands for a missing one."""
-    start = data.get("start")
-    return None if start == _ZERO and data.get("note") == NOT_GIVEN else start
-
-
 def stated_start(text: str) -> StatedStart:
     """What a --start option states: numbers with commas or blanks, x, y, z [mm] and three angles in the rig's convention, or qx, qy, qz,
     qw, or a file with a table start.
@@ -98,8 +89,8 @@ def start_from_text(text: str, rig: Rig) -> FloatArray:
 
 
 def start_from(path: Path) -> StatedStart:
-    """The table start of a file; FileFormatError when there is none, or one that only stands for a missing one."""
-    start = start_in(files.read_toml(path))
+    """The table start of a file; FileFormatError when there is none."""
+    start = files.read_toml(path).get("start")
     if start is None:
         raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
     return StatedStart(start, str(path))

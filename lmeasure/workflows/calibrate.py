@@ -1,11 +1,10 @@
 """From reference poses and counts to calibrated observation points."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from lmeasure.core import CalibrationError, SettingsError
+from lmeasure.core import CalibrationError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import (
@@ -21,6 +20,8 @@ from lmeasure.workflows.settings import (
     Writing,
     distances,
     option,
+    radians_of,
+    refuse,
 )
 
 if TYPE_CHECKING:
@@ -121,9 +122,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     if settings.continued:
         return _continued(settings, progress)
     campaign = _campaign(settings)
-    u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     rig = campaign.rig if settings.unstated is None else campaign.rig.model_copy(update={"unstated": settings.unstated})
-    campaign = replace(campaign, rig=rig, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
+    campaign = replace(
+        campaign, rig=rig, poses=campaign.poses.with_uncertainty(settings.u_position_mm, radians_of(settings.u_rotation_deg))
+    )
     earlier = None if settings.compare is None else read_earlier(settings.compare)
     fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
     known = tuple(Distance(*each) for each in distances(settings.distance))
@@ -161,9 +163,7 @@ def _campaign(settings: Settings) -> "Campaign":
     from lmeasure.recording import stated_start
 
     if not is_run(settings.folder):
-        for name in ("rig", "start"):
-            if getattr(settings, name) is not None:
-                raise SettingsError(name, "goes with a run folder")
+        refuse(settings, "goes with a run folder", "rig", "start")
         read = read_campaign(settings.folder, columns_of(settings.columns))
         return without_slips(read, str(settings.folder / "reference_poses.csv"))
     if not settings.self_calibration:

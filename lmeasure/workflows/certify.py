@@ -3,10 +3,22 @@
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from lmeasure.core import OtherTrajectoryError, SettingsError
+from lmeasure.core import OtherTrajectoryError
 from lmeasure.text import Say, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Paths, Point, Writing, option
+from lmeasure.workflows.settings import (
+    COLUMNS,
+    LANGUAGE,
+    TRAJECTORY,
+    U_POSITION,
+    U_ROTATION,
+    Paths,
+    Point,
+    Writing,
+    known_convention,
+    option,
+    refuse,
+)
 
 CHOICES = "What is certified"
 
@@ -58,22 +70,17 @@ class Settings(Writing):
 def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
     """Evaluate the measurement and write the sealed folder; what was made is the certificate."""
     from lmeasure.certificate import Inputs
-    from lmeasure.core import CONVENTIONS
     from lmeasure.iso9283 import CertificationSettings
     from lmeasure.report import Choices, every_figure, headline, write_certificate
 
-    if settings.xsd is not None and not settings.dcc:
-        raise SettingsError("xsd", "goes with --dcc")
-    of_run = {"rig": settings.rig is not None, "constraint": settings.constraint is not None}
-    of_run["repeatability_mm"] = settings.repeatability_mm != 0.0
-    if settings.run is None and any(of_run.values()):
-        raise SettingsError(next(name for name, given in of_run.items() if given), "goes with --run")
+    if not settings.dcc:
+        refuse(settings, "goes with --dcc", "xsd")
+    if settings.run is None:
+        refuse(settings, "goes with --run", "rig", "constraint", *(("repeatability_mm",) if settings.repeatability_mm else ()))
     beside = ("columns", "u_position_mm", "u_rotation_deg")
-    reported = next((name for name in beside if getattr(settings, name) not in (None, "")), None)
-    if settings.run is not None and reported is not None:
-        raise SettingsError(reported, "is said of a trajectory from elsewhere; with --run the poses are those of its counts")
-    if settings.angles is not None and settings.angles not in CONVENTIONS:
-        raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
+    if settings.run is not None:
+        refuse(settings, "is said of a trajectory from elsewhere; with --run the poses are those of its counts", *beside)
+    known_convention(settings.angles)
     same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "rule", "still_mm", "trials", "seed")
     chosen = CertificationSettings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
     measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)

@@ -53,7 +53,6 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     """Check, append to the trend, and write record and page."""
-    import json
 
     from lmeasure.calibration import Distance
     from lmeasure.io import files
@@ -74,7 +73,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     sources = [path for path in in_run_folder(settings.run) if path.is_file()] + list(present(settings.rig))
     inputs = [(path.name, files.sha256(path)) for path in sources]
     content = as_dict(found) | {"time": when, "inputs": [{"file": name, "sha256": digest} for name, digest in inputs]}
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     with ExitStack() as together:
         # the page, the record and the line of the trend are of one check: all or none
         trend = (
@@ -83,7 +81,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
             else appended(settings.trend, found, when, into=together.enter_context(files.whole(settings.trend)))
         )
         record, page = (together.enter_context(files.whole(settings.out / name)) for name in ("check.json", "check.html"))
-        files.write_text(record, text)
+        files.write_json(record, content)
         write_check_page(page, found, trend, inputs=inputs, language=settings.language or of_terminal(), when=when)
     stops = tuple(
         message("check_line.stop", name=name, s=begin) for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True)

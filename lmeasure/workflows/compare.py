@@ -8,7 +8,7 @@ from pydantic import Field
 from lmeasure.core import SettingsError, pasted
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option, then
+from lmeasure.workflows.settings import LANGUAGE, Paths, Writing, option, refuse, then
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Comparison as Moved
@@ -134,9 +134,7 @@ def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
         raise SettingsError("certificates", f"{other}: holds no calibration.json; of calibrations two are compared, the earlier one first")
     if len(settings.certificates) != 2:
         raise SettingsError("certificates", "of calibrations two are compared, the earlier one first")
-    stray = next((name for name in ("page", "corrections") if getattr(settings, name) is not None), None)
-    if stray is not None:
-        raise SettingsError(stray, "goes with certificates, and these are calibrations")
+    refuse(settings, "goes with certificates, and these are calibrations", "page", "corrections")
     found = compare_records(*map(read_earlier, settings.certificates))
     if settings.out is not None:
         files.write_text(settings.out, canonical(asdict(found)).decode("utf-8"))

@@ -10,7 +10,7 @@ from pydantic import Field
 from lmeasure.core import RobotError, SettingsError
 from lmeasure.text import composed, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import BOX, LANGUAGE, Box, Names, Numbers, Paths, Spans, Writing, option, pose_of
+from lmeasure.workflows.settings import BOX, LANGUAGE, Box, Names, Numbers, Paths, Spans, Writing, option, pose_of, refuse
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray
@@ -152,9 +152,7 @@ def _by_map(settings: Settings) -> Correcting:
     from lmeasure.robots import error_map, read_map
 
     assert settings.map is not None
-    for name in ("near", "base"):
-        if getattr(settings, name) is not None:
-            raise SettingsError(name, "is for an identified robot; a map is in the robot's base")
+    refuse(settings, "is for an identified robot; a map is in the robot's base", "near", "base")
     given = read_map(settings.map, columns_of(settings.columns))
     try:
         errors = error_map(given.poses, given.errors_mm, given.turns, turned=given.turned)

@@ -1,13 +1,12 @@
 """From poses of a robot and of an instrument to where they stand to each other."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from lmeasure.core import RobotError, SettingsError
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Paths, Writing, option
+from lmeasure.workflows.settings import Paths, Writing, known_convention, option, radians_of
 
 if TYPE_CHECKING:
     from lmeasure.robots import GivenPoses, Identified
@@ -44,13 +43,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     import numpy as np
     import scipy.stats
 
-    from lmeasure.core import CONVENTIONS
     from lmeasure.io import ForeignTable, columns_of, files
     from lmeasure.recording import read_poses
     from lmeasure.robots import frames, unknown_frames
 
-    if settings.angles not in CONVENTIONS:
-        raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
+    known_convention(settings.angles)
     columns = columns_of(settings.columns)
     paths = (settings.robot, settings.measured)
     there = {name for path in paths for name in ForeignTable(path, columns, part=True).mapped} if columns else set()
@@ -59,9 +56,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
         raise SettingsError("columns", f"{stray}={columns[stray].name}: neither {paths[0]} nor {paths[1]} has such a column")
     robot = read_poses(settings.robot, settings.angles, columns, part=True)
     seen = read_poses(settings.measured, settings.angles, columns, positions_alone=True, part=True)
-    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     try:
-        found = frames(robot, seen.with_uncertainty(settings.u_position_mm, turn), settings.seed)
+        found = frames(robot, seen.with_uncertainty(settings.u_position_mm, radians_of(settings.u_rotation_deg)), settings.seed)
     except RobotError as error:
         raise RobotError(f"{settings.robot}, {settings.measured}: {error}") from None
     alone = tuple(
@@ -93,7 +89,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
         "warnings": [f.stated() for f in found.findings] + [{"code": "unmatched", "text": text} for text in alone],
         "inputs": [{"file": str(p), "sha256": files.sha256(p)} for p in (settings.robot, settings.measured)],
     }
-    files.write_text(settings.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    files.write_json(settings.out, content)
     lines = [f"{p['name']:12s} {p['value']:14.5f}  u {p['u']:.3g}, u95 {p['u95']:.3g} {p['unit']}" for p in parameters]
     lines += [
         message(

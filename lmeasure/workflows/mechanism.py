@@ -1,14 +1,25 @@
 """What a mechanism is and does: at a pose, along its coordinates, over a grid of places, at the poses of a table."""
 
-import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import FileFormatError, GeometryError, SettingsError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Paths, Point, Quaternion, Range, Recording, Writing, option, then
+from lmeasure.workflows.settings import (
+    LANGUAGE,
+    RERUN,
+    Paths,
+    Point,
+    Quaternion,
+    Range,
+    Recording,
+    Writing,
+    option,
+    places_of,
+    pose_with,
+    then,
+)
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray
@@ -87,7 +98,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     if settings.poses is not None and settings.joints is not None:
         lines.append(_table(settings, file, settings.poses, settings.joints))
     if settings.out is not None:
-        files.write_text(settings.out, json.dumps(record, indent=1, allow_nan=False) + "\n")
+        files.write_json(settings.out, record)
     if settings.report is not None:
         from lmeasure.report import write_mechanism_page
 
@@ -126,36 +137,22 @@ def _mechanism(name: str) -> "ParallelFile":
 
 
 def _pose(settings: Settings, file: "ParallelFile") -> "FloatArray | None":
-    import numpy as np
-
-    from lmeasure.recording import UNIT_TOLERANCE, poses_from_rows
-
     if settings.position_mm is None and settings.quaternion is None:
         return None
     home = file.model.home
     quaternion = tuple(home[3:]) if settings.quaternion is None else settings.quaternion
-    if not abs(math.hypot(*quaternion) - 1.0) <= UNIT_TOLERANCE:
-        raise SettingsError("quaternion", f"its length is {math.hypot(*quaternion):.9g}, not 1")
-    place = home[:3] if settings.position_mm is None else settings.position_mm
-    return np.asarray(poses_from_rows(np.array([[*place, *quaternion]])).rows[0])
+    return pose_with(home[:3] if settings.position_mm is None else settings.position_mm, quaternion)
 
 
 def _grid(settings: Settings, file: "ParallelFile") -> "Grid | None":
-    import numpy as np
-
     from lmeasure.robots import over_grid
 
     if settings.x is None or settings.y is None or settings.z is None:
         return None
-    axes: list[FloatArray] = []
-    for name, (start, stop, step) in (("x", settings.x), ("y", settings.y), ("z", settings.z)):
-        count = math.floor((stop - start) / step + 1e-9) + 1 if step > 0.0 and stop > start else 0
-        if not 2 <= count <= 2000:
-            raise SettingsError(name, "must be 2 to 2000 places, rising")
-        axes.append(np.asarray(start + step * np.arange(count), dtype=np.float64))
+    x, y, z = (places_of(span, name, 2, 2000) for name, span in (("x", settings.x), ("y", settings.y), ("z", settings.z)))
     pose = _pose(settings, file)
     orientation = (file.model.home if pose is None else pose)[3:]
-    return over_grid(file, (axes[0], axes[1], axes[2]), orientation, yaw_free=settings.yaw_free)
+    return over_grid(file, (x, y, z), orientation, yaw_free=settings.yaw_free)
 
 
 def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:

@@ -1,6 +1,5 @@
 """Where to put the points."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -38,7 +37,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Placed]":
     sketch = read_rig(settings.rig)
     placed = place(sketch, wanted, settings.seed, steps(progress, "place"), generations=settings.generations)
     record = placement_record(placed, settings.seed)
-    files.write_text(settings.out / "placement.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
+    files.write_json(settings.out / "placement.json", record)
     write_rig(settings.out / "rig.toml", placed.rig)
     if settings.rerun is not None:
         from lmeasure.view import write_recording

@@ -10,7 +10,7 @@ from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
 from lmeasure.workflows.plan_robot import run_robot
 from lmeasure.workflows.plan_settings import OPTIONS, Settings as Settings
-from lmeasure.workflows.settings import Box, UnitQuaternion
+from lmeasure.workflows.settings import Box, UnitQuaternion, radians_of
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Campaign, Region
@@ -28,21 +28,19 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     from lmeasure.rig import read_rig
 
     out, extend = settings.out, settings.extend
+    if out.suffix.lower() != ".csv":
+        raise SettingsError("out", f"{str(out)!r} does not end in .csv")
     if settings.robot is not None:
-        if out.suffix.lower() != ".csv":
-            raise SettingsError("out", f"{str(out)!r} does not end in .csv")
         return run_robot(settings, progress)
     stray = next((name for name in OPTIONS if getattr(settings, name)), None)
     if stray is not None:
         raise SettingsError(stray, "goes with --robot")
     if settings.rig is None:
         raise SettingsError("rig", "is missing: the rig whose reference poses are planned, or --robot")
-    if out.suffix.lower() != ".csv":
-        raise SettingsError("out", f"{str(out)!r} does not end in .csv")
     if settings.box is None and extend is None:
         raise SettingsError("box", "say where the robot may go")
     rig = read_rig(settings.rig)
-    u = settings.u_position_mm, None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    u = settings.u_position_mm, radians_of(settings.u_rotation_deg)
     recorded = None if extend is None else _recorded(extend, u[0] or 0.0, u[1] or 0.0)
     u_position, u_rotation = _uncertainties(u, recorded)
     tilt, zone_tilt = settings.tilt_deg, settings.zone_tilt_deg

@@ -18,6 +18,7 @@ from lmeasure.workflows.settings import (
     known_convention,
     notes_of_file,
     option,
+    refuse,
     then,
 )
 
@@ -97,13 +98,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
 
     if settings.ran is not None:
         return _filled_in(settings, settings.ran)
-    for name in ("loaded", "columns", "align"):
-        if getattr(settings, name):
-            raise SettingsError(name, "goes with --ran")
+    refuse(settings, "goes with --ran", "loaded", "columns", "align")
     if settings.correct is not None:
         return _corrected(settings, settings.correct)
-    if settings.rig is not None:
-        raise SettingsError("rig", "goes with --correct")
+    refuse(settings, "goes with --correct", "rig")
     cube = _cube(settings)
     chosen = Tests(
         tests=TESTS if settings.tests == ("all",) else settings.tests,

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from lmeasure.core import SettingsError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
@@ -19,6 +18,7 @@ from lmeasure.workflows.settings import (
     Writing,
     notes_of_file,
     option,
+    refuse,
     stated_beside,
     then,
 )
@@ -82,18 +82,15 @@ def write_report(settings: Settings, page: Path, progress: Progress) -> "Result[
 
     progress(0.0, "read")
     if settings.measured.is_dir():
-        for name in ("columns", "u_position_mm", "u_rotation_deg", "angles", "align"):
-            if getattr(settings, name) not in ("", None):
-                raise SettingsError(name, "goes with a trajectory file, not with a run folder")
+        beside = ("columns", "u_position_mm", "u_rotation_deg", "angles", "align")
+        refuse(settings, "goes with a trajectory file, not with a run folder", *beside)
         recorded = read_run(settings.measured, settings.rig, None if settings.start is None else stated_start(settings.start))
         progress(0.2, "reconstruct")
         rig: Rig | None = recorded.rig
         trajectory = reconstruct(recorded, settings.constraint, judge=explained)
         sources = [settings.measured / "run.toml", *(Path(c.source) for c in recorded.passes)]
     else:
-        for name in ("start", "constraint"):
-            if getattr(settings, name) is not None:
-                raise SettingsError(name, "goes with a run folder")
+        refuse(settings, "goes with a run folder", "start", "constraint")
         trajectory = read_trajectory(settings.measured, stated_beside(settings))
         if settings.align is not None:
             trajectory = in_program_frame(trajectory, settings.align)

@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -325,7 +325,7 @@ def stated_beside(settings: Any) -> "Stated":
     from lmeasure.io import columns_of
     from lmeasure.trajectory import Stated
 
-    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    turn = radians_of(settings.u_rotation_deg)
     return Stated(columns_of(settings.columns), settings.u_position_mm, turn, angles=known_convention(settings.angles))
 
 
@@ -342,6 +342,42 @@ def known_convention(name: str | None) -> str | None:
     if name is not None and name not in CONVENTIONS:
         raise SettingsError("angles", f"{name!r} is not one of {', '.join(CONVENTIONS)}")
     return name
+
+
+def refuse(settings: Asked, why: str, *names: str) -> None:
+    """SettingsError, which says why, for the first of these options that is given."""
+    for name in names:
+        value = getattr(settings, name)
+        if value is not None and value is not False and value not in ("", ()):
+            raise SettingsError(name, why)
+
+
+def places_of(span: tuple[float, float, float], name: str, least: int, most: int) -> "FloatArray":
+    """Places of a start:stop:step, both ends included; SettingsError for fewer or more."""
+    import numpy as np
+
+    start, stop, step = span
+    count = math.floor((stop - start) / step + 1e-9) + 1 if step > 0.0 and stop >= start else 0
+    if not least <= count <= most:
+        raise SettingsError(name, f"must be {least} to {most} places, rising")
+    return np.asarray(start + step * np.arange(count), dtype=np.float64)
+
+
+def pose_with(position_mm: "Sequence[float] | FloatArray", quaternion: Sequence[float]) -> "FloatArray":
+    """(7,) of --position-mm and --quaternion; SettingsError where the latter is not of length 1."""
+    import numpy as np
+
+    from lmeasure.recording import UNIT_TOLERANCE, poses_from_rows
+
+    length = math.hypot(*quaternion)
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        raise SettingsError("quaternion", f"its length is {length:.9g}, not 1")
+    return np.asarray(poses_from_rows(np.array([[*position_mm, *quaternion]])).rows[0])
+
+
+def radians_of(deg: float | None) -> float | None:
+    """Radians of degrees; None of None."""
+    return None if deg is None else math.radians(deg)
 
 
 def pose_of(values: tuple[float, ...], name: str) -> "FloatArray":

@@ -1,6 +1,5 @@
 """What links make of a rig, before anything is built or measured."""
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -8,10 +7,25 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from lmeasure.core import FileFormatError, SettingsError, StructureError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, Writing, option, then
+from lmeasure.workflows.settings import (
+    LANGUAGE,
+    RERUN,
+    Numbers,
+    Pair,
+    Paths,
+    Point,
+    Quaternion,
+    Range,
+    Recording,
+    Writing,
+    option,
+    places_of,
+    pose_with,
+    refuse,
+    then,
+)
 
 if TYPE_CHECKING:
-    from lmeasure.core import FloatArray
     from lmeasure.structure import Linkage, Workspace
 
 AT_A_POSE = "At a pose"
@@ -102,8 +116,8 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         linkage = _of_robot(settings.file) or read_linkage(settings.file)
         if settings.lengths_mm is not None:
             linkage = linkage.with_lengths(settings.lengths_mm, "--lengths-mm")
-        pose = None if settings.position_mm is None else _pose(settings, settings.position_mm)
-        to = None if settings.to_mm is None else _pose(settings, settings.to_mm)
+        turn = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
+        pose, to = (None if place is None else pose_with(place, turn) for place in (settings.position_mm, settings.to_mm))
         try:
             made = described(linkage, pose, to=to, workspace=_workspace(settings), design=settings.design, within_mm=settings.within_mm)
         except StructureError as error:
@@ -121,7 +135,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
             write_structure_recording(settings.rerun, settings.file.name, linkage, made, pose=pose)
     progress(1.0, "structure")
     if settings.out is not None:
-        files.write_text(settings.out, json.dumps(made, indent=1, allow_nan=False) + "\n")
+        files.write_json(settings.out, made)
     written = () if settings.report is None else (message("line.written", files=settings.report / "structure.html"),)
     return Result(made, (*lines, *written), _figures(made))
 
@@ -166,21 +180,12 @@ def _check(settings: Settings) -> None:
     if settings.listed == (settings.file is not None):
         raise SettingsError("file", "give a file, or --list")
     if settings.position_mm is None:
-        if settings.quaternion is not None:
-            raise SettingsError("quaternion", "states an orientation without --position-mm")
-        for name in ("to_mm", "boundary"):
-            if getattr(settings, name) is not None:
-                raise SettingsError(name, "needs --position-mm, from where it begins")
+        refuse(settings, "states an orientation without --position-mm", "quaternion")
+        refuse(settings, "needs --position-mm, from where it begins", "to_mm", "boundary")
     if settings.boundary is None:
-        for name in ("levels", "reach_mm", "limit_deg", "length_mm"):
-            if getattr(settings, name) is not None:
-                raise SettingsError(name, "goes with --boundary")
+        refuse(settings, "goes with --boundary", "levels", "reach_mm", "limit_deg", "length_mm")
     if settings.file is None:
-        for name in ("position_mm", "lengths_mm", "rerun"):
-            if getattr(settings, name) is not None:
-                raise SettingsError(name, "is of a file's links, not of --list")
-        if settings.design:
-            raise SettingsError("design", "is of a file's links, not of --list")
+        refuse(settings, "is of a file's links, not of --list", "position_mm", "lengths_mm", "rerun", "design")
     if settings.reach_mm is not None and not 0.0 < settings.reach_mm < math.inf:
         raise SettingsError("reach_mm", f"{settings.reach_mm:g} is no distance")
     if settings.limit_deg is not None and not 0.0 < settings.limit_deg <= 90.0:
@@ -191,28 +196,10 @@ def _check(settings: Settings) -> None:
         raise SettingsError("within_mm", f"{settings.within_mm:g} is no distance")
 
 
-def _pose(settings: Settings, position: tuple[float, float, float]) -> "FloatArray":
-    import numpy as np
-
-    from lmeasure.recording import UNIT_TOLERANCE, poses_from_rows
-
-    quaternion = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
-    length = math.hypot(*quaternion)
-    if not abs(length - 1.0) <= UNIT_TOLERANCE:
-        raise SettingsError("quaternion", f"its length is {length:.9g}, not 1")
-    return np.asarray(poses_from_rows(np.array([[*position, *quaternion]])).rows[0])
-
-
 def _workspace(settings: Settings) -> "Workspace | None":
     from lmeasure.structure import Workspace
 
     if settings.boundary is None:
         return None
-    levels: tuple[float, ...] = ()
-    if settings.levels is not None:
-        start, stop, step = settings.levels
-        count = math.floor((stop - start) / step + 1e-9) + 1 if step > 0.0 and stop >= start else 0
-        if not 1 <= count <= MOST_LEVELS:
-            raise SettingsError("levels", f"must be 1 to {MOST_LEVELS} of them, rising")
-        levels = tuple(start + i * step for i in range(count))
+    levels = () if settings.levels is None else tuple(places_of(settings.levels, "levels", 1, MOST_LEVELS).tolist())
     return Workspace(settings.boundary, levels, settings.reach_mm, settings.limit_deg, settings.length_mm)

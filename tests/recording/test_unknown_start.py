@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError, TrajectoryError
 from lmeasure.recording import read_run, read_run_head, write_run
-from lmeasure.recording.start import NOT_GIVEN
 from lmeasure.sensors import length_residuals, lengths_from_counts
 from lmeasure.trajectory import covariances, read_trajectory, reconstruct
 
@@ -31,17 +30,16 @@ def command(*words: str | Path) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def without_start(folder: Path, note: str | None = None) -> None:
-    """Take [start] out of a run.toml, or put there what recordings without a start once had."""
+def without_start(folder: Path) -> None:
+    """Take [start] out of a run.toml."""
     data = tomllib.loads((folder / "run.toml").read_text())
     del data["start"]
-    (folder / "run.toml").write_text(tomli_w.dumps(data if note is None else {**data, "start": ZERO, "note": note}))
+    (folder / "run.toml").write_text(tomli_w.dumps(data))
 
 
-@pytest.mark.parametrize("note", [None, NOT_GIVEN])
-def test_nothing_is_reconstructed_from_an_unknown_start(tmp_path: Path, note: str | None) -> None:
+def test_nothing_is_reconstructed_from_an_unknown_start(tmp_path: Path) -> None:
     write_run(tmp_path / "run", record(cell(), *motion(40)))
-    without_start(tmp_path / "run", note)
+    without_start(tmp_path / "run")
     run = read_run(tmp_path / "run")
     assert run.start is None
     assert np.isfinite(lengths_from_counts(run).change_mm).all()  # what needs no start is there
@@ -70,10 +68,6 @@ def test_a_stated_zero_is_a_start(tmp_path: Path) -> None:
     data = tomllib.loads((tmp_path / "run" / "run.toml").read_text())
     (tmp_path / "run" / "run.toml").write_text(tomli_w.dumps({**data, "note": "by hand"}))
     assert read_run(tmp_path / "run").start is not None
-    # stated since, beside the note
-    data["start"]["position_mm"] = [0.0, 0.0, 0.5]
-    (tmp_path / "run" / "run.toml").write_text(tomli_w.dumps({**data, "note": NOT_GIVEN}))
-    assert read_run(tmp_path / "run").known_start[2] == 0.5
 
 
 def test_an_unknown_start_is_written_as_none(tmp_path: Path) -> None:
@@ -114,17 +108,16 @@ def test_reconstruct_takes_the_start_that_is_given(tmp_path: Path) -> None:
 )
 def test_a_start_that_is_none_is_refused_in_one_line(start: str, complaint: str, tmp_path: Path) -> None:
     write_run(tmp_path / "run", record(cell(), *motion(5)))
-    without_start(tmp_path / "run", NOT_GIVEN)
+    without_start(tmp_path / "run")
     code, text = command("reconstruct", tmp_path / "run", "--start", start.format(run=tmp_path / "run"), "--out", tmp_path / "t.csv")
     assert code == (2 if "wanted are" in complaint else 1)
     assert complaint in text
     assert code == 2 or "\n" not in text
 
 
-@pytest.mark.parametrize("note", [None, NOT_GIVEN])
-def test_nothing_is_certified_from_an_unknown_start(tmp_path: Path, note: str | None) -> None:
+def test_nothing_is_certified_from_an_unknown_start(tmp_path: Path) -> None:
     write_campaign(tmp_path)
-    without_start(tmp_path / "run", note)
+    without_start(tmp_path / "run")
     given = (tmp_path / "trajectory.parquet", "--run", tmp_path / "run", "--program", tmp_path / "program.toml")
     code, text = command("certify", *given, "--out", tmp_path / "certificate")
     assert code == 1
