@@ -5,35 +5,26 @@ behind i + 1. It leaves the straight line between the two by tau times D, and co
 
     D = dt_i (V_i - V_(i-1)),    E = dt_i (V_(i+1) - V_i)
 
-are the changes of the velocity V between samples, over the step. It turns where both meet, |D| |E| / (|D| + |E|) off the line. This is the
-apex of the triangle of the step and of its neighbours' extensions: v h |change of direction| / 4 at a sharp corner in the middle of a
-step h, a h^2 / 2 at a steady acceleration a, and nothing on a straight line. Every path that bends to one side only lies within these
-triangles.
+are the changes of the velocity V between samples, over the step. It turns where both meet, |D| |E| / (|D| + |E|) off the line: the apex of
+the triangle of the step and of its neighbours' extensions. Every path that bends to one side only lies within these triangles.
 
-A motion that the samples resolve is known far better, by cubics: its samples lie on the cubics through their neighbours. Where an apex
-hides between them, they lie off by at least a third of its height (`OF_KINK`), and by at least a tenth of the bend there (`OF_BEND`).
-Where they lie off no farther than they err, nothing is added.
-
-Samples lie off the cubics by errors of their places, and by errors of their times. Where a sample of weight w is stamped late by e at a
-velocity v, its place is read too far back by v e: the sample lies off the cubic by w v e. With times independent from sample to sample and
-known to u, the covariance of how far a sample lies off is
+A motion that the samples resolve is known far better: its samples lie on the cubics through their neighbours. Where an apex hides between
+them, they lie off by at least a third of its height (`OF_KINK`), and by at least a tenth of the bend there (`OF_BEND`). A sample of weight
+w that is stamped late by e at a velocity v lies off the cubic by w v e. With times known to u, independent from sample to sample, the
+covariance of how far a sample lies off is
 
     C (1 + sum w_i^2) + u^2 (v v' + sum w_i^2 v_i v_i'),
 
-C of its place, w_i of its four neighbours. Errors of times lie along the motion and hide no corner across it. The comparison is therefore
-made along each principal axis of that covariance.
+C of its place, w_i of its four neighbours. Errors of times lie along the motion and hide no corner across it: the comparison is made along
+each principal axis of that covariance.
 
-The corner of a program is known beforehand to be one. A path that passes it at a distance c, rounding it, has
+The corner of a program is known beforehand to be one. A path that rounds it at a distance c on an arc that turns by phi has
+N = c phi / ((1 / cos(phi / 2) - 1) s) steps of a length s there. Cubics read the distance with less error than `SHARP` of the apex of a
+sharp corner, and than `ROUNDED` / N^2 of it where it is too large for a sharp one (`READ`).
 
-    N = c phi / ((1 / cos(phi / 2) - 1) s)
-
-steps of a length s on an arc about it that turns by phi. The distance that cubics read there is off by less than `SHARP` of the apex of a
-sharp corner, and by less than `ROUNDED` / N^2 of it where it is too large for a sharp one (`READ`).
-
-Times bound it further. No robot goes through a corner faster than before and behind it. Between samples at a distance d its path is
-therefore no longer than L, the largest speed of the neighbouring steps times the time between the two. It lies within the ellipse about the
-samples whose half width is sqrt(L^2 - d^2) / 2. Of a sharp corner in the middle of a step that is the whole apex, of a rounded one less. A
-path that bends to one side passes the corner no farther away than its chords (`Chords`).
+No robot goes through a corner faster than before and behind it. Between samples at a distance d its path is therefore no longer than L, the
+largest speed of the neighbouring steps times the time between the two, and lies within the ellipse about them of the half width
+sqrt(L^2 - d^2) / 2. A path that bends to one side passes the corner no farther away than its chords (`Chords`).
 """
 
 from collections.abc import Sequence

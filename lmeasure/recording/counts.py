@@ -246,25 +246,36 @@ def _usual(time_s: FloatArray) -> float:
     return float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
 
 
-class WidthEvidence:
+class _Pieces:
+    """Counts of a channel that are given in pieces."""
+
+    _last: tuple[float, float] | None = None
+
+    def _known(self, recorded: FloatArray, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The counts of a piece that are known with their times, behind the last ones of the piece before; empty where none is."""
+        seen = np.isfinite(recorded)
+        values, times = recorded[seen], time_s[seen]
+        if len(values) and self._last is not None:
+            values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
+        if len(values):
+            self._last = float(values[-1]), float(times[-1])
+        return values, times
+
+
+class WidthEvidence(_Pieces):
     """What the recorded counts of a channel, given in pieces, tell of the width of its counter."""
 
     def __init__(self, max_rate: float) -> None:
         self._rate = max_rate
         self._least, self._most = np.inf, -np.inf
-        self._last: tuple[float, float] | None = None
         self._short = dict.fromkeys(INFERRED_BITS, False)
 
     def add(self, recorded: FloatArray, time_s: FloatArray) -> None:
         """Look at the next piece: recorded (n,) with NaN gaps."""
-        seen = np.isfinite(recorded)
-        values, times = recorded[seen], time_s[seen]
+        values, times = self._known(recorded, time_s)
         if len(values) == 0:
             return
         self._least, self._most = min(self._least, values.min()), max(self._most, values.max())
-        if self._last is not None:
-            values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
-        self._last = float(values[-1]), float(times[-1])
         steps, limit = np.abs(np.diff(values)), self._rate * np.maximum(np.diff(times), _usual(time_s)) + 1.0
         impossible = steps > limit
         steps, limit = steps[impossible], limit[impossible]
@@ -281,24 +292,19 @@ class WidthEvidence:
         return None
 
 
-class RateEvidence:
+class RateEvidence(_Pieces):
     """What the recorded counts of a channel, given in pieces, tell of how fast it goes: max_rate [1/s] bounds it, the counter has `full`
     values. Steps are taken the shorter way round: a drum that goes half its range from sample to sample has gone a quarter before."""
 
     def __init__(self, max_rate: float, full: float) -> None:
         self._rate, self._full = max_rate, full
         self._longest = self._fastest = self._pause = 0.0
-        self._last: tuple[float, float] | None = None
 
     def add(self, recorded: FloatArray, time_s: FloatArray) -> None:
         """Look at the next piece: recorded (n,) with NaN gaps."""
-        seen = np.isfinite(recorded)
-        values, times = recorded[seen], time_s[seen]
+        values, times = self._known(recorded, time_s)
         if len(values) == 0:
             return
-        if self._last is not None:
-            values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
-        self._last = float(values[-1]), float(times[-1])
         pauses, usual = np.diff(times), _usual(time_s)
         steps = np.abs(np.diff(values))
         steps = np.minimum(steps % self._full, -steps % self._full)

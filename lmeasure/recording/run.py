@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, ConfigDict, Field
 
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, TrajectoryError, conventions, framed
 from lmeasure.io import Strict, checked, files, inside, no_folder
@@ -100,36 +100,33 @@ def recording_at(path: Path) -> bool:
     return any("frames" in entry for entry in entries if isinstance(entry, dict)) if isinstance(entries, list) else False
 
 
+class RecordedTable(Strict):
+    """What `record` and `import` write of a pass, as far as it is read again."""
+
+    model_config = ConfigDict(extra="ignore")
+    passage: Annotated[int | None, Field(alias="pass")] = None
+    ended: Any = None
+    why: str = ""
+    faults: dict[str, int] = Field(default_factory=dict)
+    closure_counts: dict[str, float] = Field(default_factory=dict)
+    sha256: dict[str, str] = Field(default_factory=dict)
+    frames: Any = None
+
+    def recorded(self, number: int) -> Recorded:
+        """How the pass was recorded; number: of the table, which is the pass's where it states none."""
+        # an import's digests are of logs that lie elsewhere, perhaps under the name of its counts
+        digests = {} if self.frames is None else self.sha256
+        return Recorded(self.passage or number, self.ended == "early", self.why, self.faults, self.closure_counts, digests)
+
+
+class _Recordings(Strict):
+    model_config = ConfigDict(extra="ignore")
+    recording: tuple[RecordedTable, ...] = ()
+
+
 def recorded_in(data: dict[str, Any], path: Path) -> tuple[Recorded, ...]:
     """The [[recording]] tables of a run.toml; FileFormatError names one that is not what `record` and `import` write."""
-    entries = data.get("recording", [])
-    out = []
-    for number, entry in enumerate(entries if isinstance(entries, list) else [entries], 1):
-        if not isinstance(entry, dict):
-            raise FileFormatError(f"{path}: recording {number}: is not a table")
-        passage, why = entry.get("pass", number), entry.get("why", "")
-        if isinstance(passage, bool) or not isinstance(passage, int) or not isinstance(why, str):
-            raise FileFormatError(f"{path}: recording {number}: pass must be a number, why a text")
-        # an import's digests are of logs that lie elsewhere, perhaps under the name of its counts
-        digests = _table(entry, "sha256", str, path) if "frames" in entry else {}
-        out.append(
-            Recorded(
-                passage,
-                entry.get("ended") == "early",
-                why,
-                _table(entry, "faults", int, path),
-                {channel: float(v) for channel, v in _table(entry, "closure_counts", int | float, path).items()},
-                digests,
-            )
-        )
-    return tuple(out)
-
-
-def _table(entry: dict[str, Any], key: str, kind: Any, path: Path) -> dict[str, Any]:
-    table = entry.get(key, {})
-    if not isinstance(table, dict) or not all(isinstance(v, kind) and not isinstance(v, bool) for v in table.values()):
-        raise FileFormatError(f"{path}: recording: {key} is not what this program writes")
-    return table
+    return tuple(one.recorded(number) for number, one in enumerate(checked(data, _Recordings, str(path)).recording, 1))
 
 
 def check_digests(recorded: tuple[Recorded, ...], counts: Mapping[str, Path], path: Path) -> None:
