@@ -21,7 +21,7 @@ _OF_ESTIMATION = "release gauge least_squares judging robust_loss groups_left_ou
 _ESTIMATED = [f"tests/estimation/test_{name}.py" for name in _OF_ESTIMATION.split()]
 _STRAIGHT = ["tests/linkages/test_straight.py", "-k", "not forty and not monodromy"]
 _LIMITS = ["tests/linkages/test_limits_in_closed_form.py", "tests/linkages/test_workspace.py"]
-_TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
+_TESTS = "pose cycle_groups distance compliance path velocity corners weaving settling stabilisation"
 _EVALUATED = "angles attainment evaluation figure instants"
 _CAMPAIGNS = [
     "tests/calibration/test_laws_of_residuals.py",

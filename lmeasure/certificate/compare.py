@@ -353,17 +353,7 @@ def as_dict(found: Comparison) -> dict[str, Any]:
                 "same_calibration": p.shared,
                 "commanded_otherwise": list(p.otherwise),
                 "figures": [vars(c) | {"difference": c.later - c.first, "beyond_u95": c.beyond} for c in p.changes],
-                "poses": [
-                    {
-                        "pose": s.pose,
-                        "shift_mm": s.shift_mm.tolist(),
-                        "distance_mm": s.distance_mm,
-                        "u95_mm": s.u95_mm,
-                        "probability": s.probability,
-                        "moved": s.moved,
-                    }
-                    for s in p.shifts
-                ],
+                "poses": [vars(s) | {"shift_mm": s.shift_mm.tolist(), "distance_mm": s.distance_mm} for s in p.shifts],
             }
             for p in found.pairs
         ],

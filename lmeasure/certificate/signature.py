@@ -106,12 +106,16 @@ def read_public_key(path: Path) -> Ed25519PublicKey:
 
 def sign(content: bytes, key: Ed25519PrivateKey) -> dict[str, Any]:
     """The table of signature.json for the bytes of a manifest."""
+    return _table(key.public_key(), key.sign(content))
+
+
+def _table(key: Ed25519PublicKey, signature: bytes) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "algorithm": "Ed25519",
         "signed": "manifest.json",
-        "public_key": base64.b64encode(key.public_key().public_bytes(*_RAW)).decode("ascii"),
-        "signature": base64.b64encode(key.sign(content)).decode("ascii"),
+        "public_key": base64.b64encode(key.public_bytes(*_RAW)).decode("ascii"),
+        "signature": base64.b64encode(signature).decode("ascii"),
     }
 
 
@@ -123,18 +127,12 @@ def signer(content: bytes, table: bytes) -> Ed25519PublicKey:
     try:
         stated = json.loads(table)
         key = Ed25519PublicKey.from_public_bytes(base64.b64decode(stated["public_key"], validate=True))
-        key.verify(base64.b64decode(stated["signature"], validate=True), content)
+        signature = base64.b64decode(stated["signature"], validate=True)
+        key.verify(signature, content)
     except InvalidSignature:
         raise CertificationError("the signature is not that of manifest.json by the key it names") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, binascii.Error):
         raise CertificationError("cannot be read as a signature") from None
-    written = {
-        "schema": SCHEMA,
-        "algorithm": "Ed25519",
-        "signed": "manifest.json",
-        "public_key": base64.b64encode(key.public_bytes(*_RAW)).decode("ascii"),
-        "signature": stated["signature"],
-    }
-    if canonical(written) != table or base64.b64encode(base64.b64decode(stated["signature"])).decode("ascii") != stated["signature"]:
+    if canonical(_table(key, signature)) != table:
         raise CertificationError("is not written as lmeasure writes it: a byte was changed")
     return key

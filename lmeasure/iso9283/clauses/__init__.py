@@ -9,27 +9,11 @@ from collections.abc import Iterable
 from lmeasure.core import CertificationError, plug_in, plug_in_names, plug_ins
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
-from lmeasure.iso9283.clauses import (
-    approaches,
-    compliance,
-    corners,
-    distance,
-    drift,
-    exchangeability,
-    path,
-    pose,
-    posing,
-    settling,
-    stabilisation,
-    velocity,
-    weaving,
-)
+from lmeasure.iso9283.clauses import compliance, corners, cycle_groups, distance, path, pose, settling, stabilisation, velocity, weaving
 
 CLAUSES: tuple[Clause, ...] = (
     pose.CLAUSE,
-    approaches.CLAUSE,
-    exchangeability.CLAUSE,
-    drift.CLAUSE,
+    cycle_groups.CLAUSE,
     distance.CLAUSE,
     compliance.CLAUSE,
     path.CLAUSE,
@@ -37,7 +21,6 @@ CLAUSES: tuple[Clause, ...] = (
     corners.CLAUSE,
     weaving.CLAUSE,
     settling.CLAUSE,
-    posing.CLAUSE,
     stabilisation.CLAUSE,
 )
 """The table of the tests; certificates list figures in this order, those of one subject together."""
