@@ -1,6 +1,7 @@
 """What the uncertainty of the samples' instants adds to figures of speeds and times; places and shapes do not feel it."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from lmeasure.iso9283.characteristic import Characteristic
 from lmeasure.iso9283.figure import OfInstants
 from lmeasure.iso9283.paths import Crossings
 from lmeasure.iso9283.uncertainty import NORMAL_95
-from lmeasure.recording import Program, Windows
+from lmeasure.recording import Program
 from lmeasure.trajectory import PoseErrors, Stamps
 
 APART = 10.0
@@ -20,17 +21,12 @@ def on_times(program: Program, stamps: Stamps) -> Program:
     if stamps.kind != "even":
         return program
 
-    def moved(windows: Windows) -> Windows:
-        return tuple((_on_times(start, stamps), _on_times(end, stamps)) for start, end in windows)
+    def moved(part: Any) -> Any:
+        stated = {key: getattr(part, key) for key in ("windows_s", "settling_s") if hasattr(part, key)}
+        on = {key: tuple((_on_times(start, stamps), _on_times(end, stamps)) for start, end in windows) for key, windows in stated.items()}
+        return part.model_copy(update=on)
 
-    return program.model_copy(
-        update={
-            "pose": tuple(p.model_copy(update={"windows_s": moved(p.windows_s), "settling_s": moved(p.settling_s)}) for p in program.pose),
-            "path": tuple(p.model_copy(update={"windows_s": moved(p.windows_s)}) for p in program.path),
-            "posing": tuple(p.model_copy(update={"windows_s": moved(p.windows_s)}) for p in program.posing),
-            "compliance": tuple(c.model_copy(update={"windows_s": moved(c.windows_s)}) for c in program.compliance),
-        }
-    )
+    return program.model_copy(update={kind: tuple(map(moved, getattr(program, kind))) for kind in ("pose", "path", "posing", "compliance")})
 
 
 def _on_times(stamp_s: float, stamps: Stamps) -> float:

@@ -1,4 +1,4 @@
-"""The tests of ISO 9283:1998, a module each: its windows, its figures with their uncertainties, what excludes it and what it notes.
+"""The tests of ISO 9283:1998: their windows, their figures with their uncertainties, what excludes them and what they note.
 
 Each module states all about its own characteristics; a new test is its file and a word in `CLAUSES`. Other packages add theirs by the entry
 point `lmeasure.characteristics` (docs/extending.md): a program names them, and only then are they looked for.

@@ -1,6 +1,6 @@
 """How a robot comes to rest: pose stabilisation time and overshoot (clauses 7.4 and 7.5), and minimum posing time (clause 9).
 
-Limits are crossed and extremes taken between samples: `motion_readings` says how a motion is read there, and what the counts make it err by.
+Limits are crossed and extremes taken between samples: `motion_readings` says how a motion is read there and what it errs by.
 Errors common to the run cancel in distances from where the robot stands.
 """
 
