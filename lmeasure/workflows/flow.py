@@ -7,7 +7,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Concatenate, Generic, ParamSpec, TypeVar, cast
 
-from lmeasure.core import LMeasureError
+from lmeasure.core import CancelledError, LMeasureError
 from lmeasure.io import abandoned
 from lmeasure.text import Message, message, plain
 from lmeasure.workflows.outputs import writing
@@ -24,6 +24,20 @@ Progress = Callable[[float, str], None]
 
 def silent(fraction: float, text: str) -> None:
     """Nobody watches."""
+
+
+@dataclass
+class Ending:
+    """Progress of what is recorded until somebody ends it: CancelledError is no error then, as Ctrl-C is none. asked: it was raised."""
+
+    progress: Progress
+    asked: bool = False
+
+    def __call__(self, seconds: float, of_seconds: float | None, text: str) -> None:
+        try:
+            self.progress(min(1.0, seconds / of_seconds) if of_seconds else 0.0, text)
+        except CancelledError:
+            self.asked = True
 
 
 def steps(progress: Progress, text: str) -> Callable[[int, int], None]:

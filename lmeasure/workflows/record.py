@@ -5,9 +5,9 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.core import CancelledError, GeometryError, RigError, TrajectoryError
+from lmeasure.core import GeometryError, RigError, TrajectoryError
 from lmeasure.text import message
-from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
+from lmeasure.workflows.flow import Ending, Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import RERUN, RIG, START, Paths, Recording, Start, Writing, option, then
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
     from lmeasure.acquisition import record_session
 
     pose = pose_watch(settings.rig, settings.start, settings.passage) if settings.live else ""
-    asked_to_end = False
+    ending = Ending(progress)
     noted: list[str] = []
     with _growing(settings) as growing:
         takers = [taker for taker in (None if isinstance(pose, str) else pose, growing) if taker is not None]
@@ -57,13 +57,9 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
                 taker(samples)
 
         def reported(state: "State") -> None:
-            nonlocal asked_to_end
             if settings.live and show is not None:
                 show(state, pose)
-            try:
-                progress(min(1.0, state.seconds / settings.seconds) if settings.seconds else 0.0, f"{state.samples} samples")
-            except CancelledError:  # as Ctrl-C: what was recorded is kept, and whole
-                asked_to_end = True
+            ending(state.seconds, settings.seconds, f"{state.samples} samples")
 
         def said(note: str) -> None:
             noted.append(note)
@@ -81,7 +77,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             paced=not settings.fast,
             show=None if show is None and progress is silent else reported,
             each=each,
-            stop=lambda: asked_to_end,
+            stop=lambda: ending.asked,
             say=said,
         )
     ended = recording.ended

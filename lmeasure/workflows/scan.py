@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
-from lmeasure.core import CancelledError, SettingsError
+from lmeasure.core import SettingsError
 from lmeasure.text import message
-from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.flow import Ending, Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option, then
 
 if TYPE_CHECKING:
@@ -46,20 +46,16 @@ def run(
         made = [{"bus": one.bus, "options": list(one.options), "about": one.about} for one in found]
         following = then("scan --bus {bus}", bus=found[0].bus) if found else ""
         return Result(made, (*lines, *notes), {"adapters": float(len(found))}, notes, next=following)
-    ended = False
+    ending = Ending(progress)
 
     def reported(seconds: float, spoken: "tuple[Spoken, ...]") -> None:
-        nonlocal ended
         if show is not None:
             show(seconds, spoken)
-        try:
-            progress(min(seconds / settings.seconds, 1.0), "listening")
-        except CancelledError:
-            ended = True
+        ending(seconds, settings.seconds, "listening")
 
     source = open_source(settings.bus, settings.bit_rate, options_from_text(settings.bus_option))
     try:
-        found_there = listen(source, settings.seconds, show=reported, stop=lambda: ended)
+        found_there = listen(source, settings.seconds, show=reported, stop=lambda: ending.asked)
     finally:
         source.close()
     heard: list[dict[str, Any]] = [

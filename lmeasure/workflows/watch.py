@@ -4,9 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from lmeasure.core import CancelledError
 from lmeasure.text import count_of, message
-from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.flow import Ending, Progress, Result, silent, workflow
 from lmeasure.workflows.record import pose_watch
 from lmeasure.workflows.settings import RIG, START, Asked, Paths, Start, option
 
@@ -44,16 +43,12 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
     rig, _ = read_linked_rig(settings.rig)
     pose = pose_watch(settings.rig, settings.start, settings.passage)
     taker: Callable[[Samples], None] = (lambda samples: None) if isinstance(pose, str) else pose
-    asked_to_end = False
+    ending = Ending(progress)
 
     def reported(state: "State") -> None:
-        nonlocal asked_to_end
         if show is not None:
             show(state, pose)
-        try:
-            progress(min(1.0, state.seconds / settings.seconds) if settings.seconds else 0.0, f"{state.samples} samples")
-        except CancelledError:
-            asked_to_end = True
+        ending(state.seconds, settings.seconds, f"{state.samples} samples")
 
     options = options_from_text(settings.bus_option)
     link = connect(rig, settings.rig.parent, settings.bus, passage=settings.passage, options=options, paced=not settings.fast)
@@ -66,7 +61,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             seconds=settings.seconds,
             show=reported,
             each=taker,
-            stop=lambda: asked_to_end,
+            stop=lambda: ending.asked,
         )
     finally:
         link.source.close()
