@@ -45,7 +45,7 @@ def test_an_import_s_digest_is_that_of_its_log(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("tables", [["x"], [{"pass": "1"}], [{"faults": 3}], [{"sha256": {"pass1.csv": 5}, "frames": "x"}], "early"])
 def test_a_recording_that_this_program_did_not_write_is_refused(tmp_path: Path, tables: object) -> None:
-    with pytest.raises(FileFormatError, match=r"run\.toml:\d+: recording"):
+    with pytest.raises(FileFormatError, match=r"run\.toml:\d+: \[?recording"):
         read_run(folder(tmp_path / "run", tables))
 
 
