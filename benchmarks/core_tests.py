@@ -49,11 +49,10 @@ CORE = {
         ]
         for name in ("least_squares", "damped")
     },
-    "linkages/singularity.py": ["tests/linkages/test_singularity.py", "tests/linkages/test_around_singular_poses.py"],
+    "linkages/singularity.py": [f"tests/linkages/test_{name}.py" for name in ("singularity", "around_singular_poses", "links")],
     "linkages/architecture.py": ["tests/linkages/test_architecture.py", "tests/linkages/test_proofs.py"],
     "linkages/krawczyk.py": ["tests/linkages/test_proofs.py", *_STRAIGHT],
-    "linkages/levers.py": ["tests/linkages/test_levers.py"],
-    "linkages/pluecker.py": ["tests/linkages/test_links.py", "tests/linkages/test_singularity.py"],
+    "linkages/variants.py": ["tests/linkages/test_levers.py"],
     "linkages/lost_screw.py": ["tests/linkages/test_links.py"],
     "linkages/start_systems.py": ["tests/linkages/test_start_systems.py", *_STRAIGHT],
     "linkages/straight_links.py": ["tests/linkages/test_start_systems.py", *_STRAIGHT],

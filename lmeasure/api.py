@@ -313,11 +313,12 @@ def analyse_structure(
     >>> found.record["links"]
     6
     """
-    from lmeasure.structure import linkage_of, read_linkage, structure_of
+    from lmeasure.structure import Described, described, linkage_of, read_linkage
 
     found = linkage_of(links) if isinstance(links, Rig) else read_linkage(Path(links)) if isinstance(links, Path | str) else links
     found = found if lengths_mm is None else found.with_lengths(tuple(lengths_mm), "lengths_mm")
-    return structure_of(found, pose, to=to, workspace=workspace, design=design)
+    at, there = (None if p is None else np.asarray(p, dtype=np.float64) for p in (pose, to))
+    return Described(found, described(found, at, to=there, workspace=workspace, design=design), at)
 
 
 def plan_poses(

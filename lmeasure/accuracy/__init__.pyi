@@ -1,8 +1,4 @@
-from .bodies import read_bodies as read_bodies
-from .correction import corrected as corrected, correction_columns as correction_columns
-from .edge import columns as columns, edges as edges
-from .faults import VARIABLES as VARIABLES, said as said
-from .limits import REASONS as REASONS, Limits as Limits, limit_from_accuracy as limit_from_accuracy
+from .limits import REASONS as REASONS, Limits as Limits, limit_from_accuracy as limit_from_accuracy, read_bodies as read_bodies
 from .placement import (
     GENERATIONS as GENERATIONS,
     Placed as Placed,
@@ -11,11 +7,8 @@ from .placement import (
     placement_record as placement_record,
     read_placement as read_placement,
 )
-from .position_ellipsoids import ellipsoids as ellipsoids
-from .program_check import guard as guard, guard_columns as guard_columns
+from .program_check import corrected as corrected, correction_columns as correction_columns, guard as guard, guard_columns as guard_columns
 from .radius import exact_radius_95 as exact_radius_95, radii_95 as radii_95, stated_radii_95 as stated_radii_95
-from .surface import zone_surface as zone_surface
-from .surroundings import box_around as box_around
 from .trajectory_quality import (
     AXIS_95 as AXIS_95,
     MOST_STRETCHES as MOST_STRETCHES,
@@ -29,17 +22,21 @@ from .zone import (
     MAX_ORIENTATIONS as MAX_ORIENTATIONS,
     Scan as Scan,
     axis as axis,
+    box_around as box_around,
+    ellipsoids as ellipsoids,
     map_zone as map_zone,
     scan_zone as scan_zone,
     tilts as tilts,
 )
 from .zone_dataset import (
+    VARIABLES as VARIABLES,
     advice as advice,
     goes_on as goes_on,
     messages_of as messages_of,
     read_zone as read_zone,
     reasons as reasons,
+    said as said,
     summary as summary,
     write_zone as write_zone,
 )
-from .zone_extent import Extent as Extent, extent as extent
+from .zone_extent import Extent as Extent, columns as columns, edges as edges, extent as extent, zone_surface as zone_surface

@@ -1,4 +1,4 @@
-"""A robot program held against the zone: what the instrument can say along it."""
+"""A robot program compared with the zone, and its paths that leave the zone led around the limits by the least deviation (thesis 5.2)."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import make_plan, named_figures
-from lmeasure.core import FloatArray
+from lmeasure.core import AccuracyError, FloatArray, StructureError
+from lmeasure.linkages import Bounds, detour
 from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.structure import bounds_of, linkage_of
 from lmeasure.text import message
 
 if TYPE_CHECKING:
@@ -95,4 +97,116 @@ def guard_columns(parts: list[Part]) -> dict[str, Any]:
         "pressure_angle_deg": np.concatenate([part.angle_deg for part in parts]),
         "u95_position_mm": np.concatenate([part.u95_mm for part in parts]),
         "to_edge_mm": np.concatenate([part.to_edge_mm for part in parts]),
+    }
+
+
+MARGIN = 1e-6  # of the limits' scale: a path on a limit is not called beyond it for its rounding
+STEP_MM = 5.0
+
+
+@dataclass(frozen=True)
+class Led:
+    """A path held against the limits: commanded and led points (n, 3) [mm], the same where it keeps them; left: why it was not led."""
+
+    name: str
+    commanded: FloatArray
+    points: FloatArray
+    left: str = ""
+
+    @property
+    def deviation_mm(self) -> FloatArray:
+        """(n,) between the two."""
+        return np.linalg.norm(self.points - self.commanded, axis=1)
+
+    @property
+    def changed(self) -> bool:
+        """Whether it was led around anything."""
+        return bool(self.deviation_mm.max() > 0.0)
+
+    def line(self) -> str:
+        """One line for a person."""
+        if self.left:
+            return message("accuracy.path_left", name=self.name, why=self.left)
+        if not self.changed:
+            return message("accuracy.path_keeps_limits", name=self.name)
+        return message("accuracy.path_led_around_most", name=self.name, mm=self.deviation_mm.max())
+
+
+def corrected(
+    rig: Rig,
+    program: Program,
+    rotation: Rotation,
+    *,
+    limit_deg: float = 60.0,
+    lengths_mm: tuple[float, float] | None = None,
+    step_mm: float = STEP_MM,
+) -> tuple[Program, list[Led]]:
+    """The program with every path within the limits of the rig, cables as they run over their pulleys, and what was done with each.
+
+    A path that leaves them becomes one of points; its ends, orientation, speed and cycles stay. It keeps the limits between its points too.
+    rotation: of paths that state none. The assembly is that of the first commanded place that keeps the limits. Left as they are and named:
+    paths that turn or weave, and those with an end beyond a limit. AccuracyError where no place keeps the limits.
+    """
+    linkage = linkage_of(rig)
+    places = [p.position_mm for p in program.pose] + [tuple(x) for path in program.path for x in path.points(step_mm)]
+    turns = [p.quaternion_xyzw for p in program.pose] + [_turn(path, rotation) for path in program.path for _ in path.points(step_mm)]
+    tried = (_bounds(linkage, x, q, limit_deg, lengths_mm) for x, q in zip(places, turns, strict=True))
+    bounds = next((b for b in tried if b is not None), None)
+    if bounds is None:
+        raise AccuracyError(f"no pose or path of the program keeps {limit_deg:g} degrees and the lengths anywhere")
+    found = [_led(bounds, path, rotation, step_mm) for path in program.path]
+    paths = tuple(_as_points(path, one) if one.changed else path for path, one in zip(program.path, found, strict=True))
+    return program.model_copy(update={"path": paths}), found
+
+
+def _turn(path: CommandedPath, rotation: Rotation) -> tuple[float, ...]:
+    return path.quaternion_xyzw or tuple(rotation.as_quat().tolist())
+
+
+def _bounds(linkage: Any, place: Any, turn: Any, limit_deg: float, lengths_mm: tuple[float, float] | None) -> Bounds | None:
+    """The limits in the assembly of a place, where it keeps them."""
+    pose = np.array([*place, *turn], dtype=np.float64)
+    try:
+        bounds = bounds_of(linkage, pose, limit_deg, lengths_mm)
+    except StructureError:
+        return None
+    return bounds if (bounds.values(pose) >= MARGIN).all() else None
+
+
+def _led(bounds: Bounds, path: CommandedPath, rotation: Rotation, step_mm: float) -> Led:
+    points = path.points(step_mm)
+    poses = np.column_stack([points, np.tile(_turn(path, rotation), (len(points), 1))])
+    with np.errstate(invalid="ignore"):
+        if (bounds.values(poses) >= MARGIN).all():
+            return Led(path.name, points, points)
+    if path.end_quaternion_xyzw is not None:
+        return Led(path.name, points, points, "it turns on its way")
+    if path.weave_stroke_mm is not None:
+        return Led(path.name, points, points, "it weaves")
+    try:
+        found = detour(bounds, poses, margin=MARGIN, turns=False)
+    except StructureError as error:
+        return Led(path.name, points, points, str(error).removeprefix("path: "))
+    t = found.parameter
+    commanded = np.column_stack([np.interp(t, np.arange(len(points)), column) for column in points.T])
+    return Led(path.name, commanded, found.poses[:, :3])
+
+
+def _as_points(path: CommandedPath, found: Led) -> CommandedPath:
+    """The path through other points."""
+    kept = {key: getattr(path, key) for key in ("name", "windows_s", "cycles", "speed_percent", "load_kg", "speed_mm_s", "quaternion_xyzw")}
+    apart = np.append(True, np.linalg.norm(np.diff(found.points, axis=0), axis=1) > 1e-9)
+    points = tuple(tuple(point) for point in found.points[apart].tolist())
+    return CommandedPath(**{key: value for key, value in kept.items() if value is not None}, kind="points", points_mm=points)
+
+
+def correction_columns(found: list[Led]) -> dict[str, Any]:
+    """Columns of a table over all points of the paths that were led around."""
+    led = [one for one in found if one.changed]
+    both = [np.concatenate([getattr(one, key) for one in led] or [np.empty((0, 3))]) for key in ("commanded", "points")]
+    return {
+        "path": [one.name for one in led for _ in one.points],
+        **{f"commanded_{axis}_mm": both[0][:, i] for i, axis in enumerate("xyz")},
+        **{f"{axis}_mm": both[1][:, i] for i, axis in enumerate("xyz")},
+        "deviation_mm": np.linalg.norm(both[1] - both[0], axis=1),
     }

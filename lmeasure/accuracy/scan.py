@@ -115,11 +115,6 @@ def chunk_size(orientations: int) -> int:
     return LANES * max(1, POSES_PER_CHUNK // (LANES * orientations))
 
 
-def with_positions(plan: Plan, positions: FloatArray) -> Plan:
-    """The same scan at other (n, 3) positions [mm]."""
-    return replace(plan, positions=np.ascontiguousarray(positions))
-
-
 def block_order(cables: FloatArray, positions: FloatArray, quaternions: FloatArray) -> IntArray:
     """(m,) order of the cables: of six that in which the first three directions stay farthest from coplanar over a sample of the poses."""
     if len(cables) != CABLES:
@@ -153,15 +148,14 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
     count = len(positions)
     padded = np.concatenate([positions, np.repeat(positions[-1:], -count % LANES, axis=0)])
     turns = Rotation.from_quat(plan.quaternions)
-    order = plan.order
+    order, of_tool = plan.order, plan.bodies[None, :, BODY_OF_TOOL, None] > 0
     rank = np.argsort(order)
     figures, left = scan_lanes(
         np.ascontiguousarray(plan.cables[order]),
         np.ascontiguousarray(padded),
         turned(turns, plan.cables[order, ATTACHMENT_XYZ]),
         turned(turns, plan.points),
-        _body_starts(plan, turns),
-        np.where(plan.bodies[None, :, BODY_OF_TOOL, None] > 0, turned(turns, plan.bodies[:, WAYS]), plan.bodies[None, :, WAYS]),
+        *(np.where(of_tool, turned(turns, plan.bodies[:, part]), plan.bodies[None, :, part]) for part in (STARTS, WAYS)),
         plan.bodies,
         rank[plan.pairs],
         np.ascontiguousarray(plan.variance[order]),
@@ -179,10 +173,6 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
     if left.any():
         figures[:, left], flags[left] = _scalar(plan, positions[left])
     return figures, flags
-
-
-def _body_starts(plan: Plan, turns: Rotation) -> FloatArray:
-    return np.where(plan.bodies[None, :, BODY_OF_TOOL, None] > 0, turned(turns, plan.bodies[:, STARTS]), plan.bodies[None, :, STARTS])
 
 
 def _linked(plan: Plan, order: IntArray) -> Linked | None:
@@ -215,20 +205,10 @@ def _in_blocks(matrices: FloatArray) -> FloatArray:
 
 
 def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
-    figures, flags = scan(
-        plan.cables,
-        np.ascontiguousarray(positions),
-        plan.quaternions,
-        plan.variance,
-        plan.weights,
-        plan.scales,
-        plan.factor,
-        plan.start,
-        plan.points,
-        plan.pairs,
-        plan.bodies,
-    )
-    return figures, flags
+    """The same of places at which the lanes are not sound, pose by pose."""
+    p = plan
+    around = (p.quaternions, p.variance, p.weights, p.scales, p.factor, p.start, p.points, p.pairs, p.bodies)
+    return scan(p.cables, np.ascontiguousarray(positions), *around)
 
 
 def turned(turns: Rotation, vectors: FloatArray) -> FloatArray:

@@ -6,22 +6,20 @@ The zone's volume comes from a coarse grid, in which only cells along the zone's
 import itertools
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.accuracy.bodies import Body, body_rows
-from lmeasure.accuracy.faults import with_faults
-from lmeasure.accuracy.limits import Limits, broken_limits
+from lmeasure.accuracy.limits import Body, Limits, body_rows, broken_limits
 from lmeasure.accuracy.readings import determined, readings_of
-from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
-from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
-from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, covariance_root
+from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run
+from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, with_faults, within
+from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, covariance_root, se3
 from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, span_lengths as cable_kernels_span_lengths, span_rows_of
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import (
@@ -46,7 +44,6 @@ from lmeasure.trajectory import NEAR_RAD, zeros_of
 if TYPE_CHECKING:
     import xarray as xr
 
-from collections.abc import Callable
 
 MOST_PARTS = 16
 POINTS_AT_ONCE = 400_000
@@ -330,7 +327,7 @@ def map_zone(
         return zone
 
     def inside(points: FloatArray) -> BoolArray:
-        figures = named(run(with_positions(plan, points), **way))
+        figures = named(run(replace(plan, positions=np.ascontiguousarray(points)), **way))
         return np.asarray(broken_limits(figures, limits, zone.attrs["assembly_sign"])[0] == 0)
 
     return zone.assign_attrs(refined_volume(zone["in_zone"].values.astype(bool), axes, inside, refine))
@@ -495,3 +492,61 @@ def _spacing(axes: Sequence[FloatArray], given: tuple[float, float, float] | Non
     """Step of each axis [mm]; a single node has the given step, or none (0)."""
     steps = [(a[-1] - a[0]) / (len(a) - 1) if len(a) > 1 else (given[i] if given else 0.0) for i, a in enumerate(axes)]
     return float(steps[0]), float(steps[1]), float(steps[2])
+
+
+NODES = 20
+"""About how many steps the longest side has."""
+FLATTEST = 0.5
+"""Of its longest side: what another one is at least. Points on one wall or ceiling leave the tool room before it and behind."""
+LEAST_MM = 1000.0
+"""The longest side at least."""
+
+Range = tuple[float, float, float]
+
+
+def box_around(rig: Rig) -> tuple[Range, Range, Range]:
+    """(start, stop, step) along x, y, z [mm, base frame]: the box of the observation points and of the base frame's origin, where the robot
+    stands, at whole multiples of one step that is 1, 2 or 5 and zeros."""
+    points = np.array([(0.0, 0.0, 0.0), *(rig.point(name).position_mm for name in dict.fromkeys(c.from_point for c in rig.cable))])
+    low, high = points.min(axis=0), points.max(axis=0)
+    longest = max(float((high - low).max()), LEAST_MM)
+    half = 0.5 * np.maximum(high - low, FLATTEST * longest)
+    half[np.argmax(high - low)] = 0.5 * longest
+    step, middle = _round(longest / NODES), 0.5 * (low + high)
+    first, last = np.floor((middle - half) / step) * step, np.ceil((middle + half) / step) * step
+    x, y, z = ((float(a), float(b), step) for a, b in zip(first, last, strict=True))
+    return x, y, z
+
+
+def _round(value: float) -> float:
+    """The least 1, 2 or 5 with zeros that is not below the value."""
+    ten = 10.0 ** math.floor(math.log10(value))
+    return next(ten * m for m in (1.0, 2.0, 5.0, 10.0) if ten * m >= value * (1.0 - 1e-9))
+
+
+CHUNK = 4096
+
+
+class Ellipsoids(NamedTuple):
+    """covariance (n, 3, 3) [mm^2] of the tool origin, base axes; weakest (n,) index of the cable with the largest pressure angle, angle_deg
+    (n,) that angle. Where a cable cannot run or the pose is singular: NaN, 0 and 90."""
+
+    covariance: FloatArray
+    weakest: IntArray
+    angle_deg: FloatArray
+
+
+def ellipsoids(rig: Rig, calibration: CalibrationRecord | None, places: FloatArray, turn: Rotation, *, start: FloatArray) -> Ellipsoids:
+    """Of (n, 3) places of the tool origin [mm] at one orientation base_from_tool, by the laws of `accuracy.zone.map_zone`; start (7,): pose
+    at which the counters are zeroed."""
+    drums = drum_variance(rig, calibration, places, Rotation.from_quat([turn.as_quat()]), start=start)
+    readings, poses = readings_of(rig, calibration, start, drums), se3.pose(places, turn)
+    covariance, weakest, angle = np.full((len(poses), 3, 3), np.nan), np.zeros(len(poses), dtype=np.int64), np.full(len(poses), 90.0)
+    for first in range(0, len(poses), CHUNK):
+        found = determined(readings, poses[first : first + CHUNK])
+        known = first + np.flatnonzero(found.known)
+        covariance[known] = found.covariance[:, 3:, 3:]
+        cables = found.speed[:, : readings.cables]
+        weakest[known] = cables.argmax(axis=1)
+        angle[known] = np.degrees(np.arccos(1.0 / np.maximum(cables.max(axis=1), 1.0)))
+    return Ellipsoids(covariance, weakest, angle)

@@ -1,12 +1,19 @@
-"""What fits into a zone: its volume with the grid's error, the largest box and ball, and the test cube of ISO 9283."""
+"""What fits into a zone, its skin and its edge: volume with the grid's error, largest box and ball, test cube of ISO 9283, a closed mesh,
+and the edge followed level by level, exact where a grid of nodes has steps (thesis 5.3)."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import ndimage
 from scipy.ndimage import binary_erosion, distance_transform_edt
+from scipy.spatial.transform import Rotation
 
-from lmeasure.core import BoolArray, FloatArray, IntArray
+from lmeasure.core import AccuracyError, BoolArray, FloatArray, IntArray, StructureError
+from lmeasure.linkages import Slice
+from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+from lmeasure.structure import Piece, bounds_of, followed, linkage_of
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -119,3 +126,112 @@ def _iso_points(zone: "xr.Dataset", centre: FloatArray, edge: float) -> tuple[di
 
 
 FIGURES = ("worst_pressure_angle_deg", "u95_position_mm", "u95_rotation_deg", "u95_attachment_mm")
+
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def zone_surface(zone: "xr.Dataset") -> tuple[FloatArray, IntArray]:
+    """Vertices (n, 3) [mm, base frame] and triangles (m, 3) of the zone's skin, their corners counter-clockwise seen from outside.
+
+    One vertex in each cell of the grid that has nodes on both sides, in the mean of the places where its edges leave the zone: where the
+    pressure angle passes its limit, else half-way between the nodes (surface nets; Gibson, MERL TR99-24, 1999). The zone ends at the
+    scanned box, so the mesh is closed. Empty for an empty zone.
+    """
+    inside = np.pad(zone["in_zone"].transpose("x", "y", "z").to_numpy() == 1, 1)
+    angle = np.pad(zone["worst_pressure_angle_deg"].transpose("x", "y", "z").to_numpy().astype(np.float64), 1, constant_values=np.nan)
+    left = float(zone.attrs["limit_deg"]) - angle
+    # nodes that another limit keeps out do not tell where the edge passes; the layer around the box stands on its face
+    left = np.where(inside == (left >= 0.0), left, np.nan)
+    axes = [np.pad(zone[name].to_numpy().astype(np.float64), 1, mode="edge") for name in "xyz"]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    cells = tuple(n - 1 for n in inside.shape)
+    total, times, quads = np.zeros((np.prod(cells), 3)), np.zeros(np.prod(cells), np.int64), [np.empty((0, 4), np.int64)]
+    for axis in range(3):
+        here = tuple(slice(None, -1) if d == axis else slice(None) for d in range(3))
+        next_ = tuple(slice(1, None) if d == axis else slice(None) for d in range(3))
+        edges = np.argwhere(inside[here] != inside[next_])
+        first, second = tuple(edges.T), tuple((edges + np.eye(3, dtype=np.int64)[axis]).T)
+        part = left[first] / (left[first] - left[second])
+        place = nodes[first] + np.where(np.isfinite(part), part, 0.5)[:, None] * (nodes[second] - nodes[first])
+        # the four cells around the edge, in turn about it
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        around = np.stack([edges - np.eye(3, dtype=np.int64)[b] * i - np.eye(3, dtype=np.int64)[c] * j for i, j in _AROUND], axis=1)
+        corners = np.ravel_multi_index(tuple(np.moveaxis(around, -1, 0)), cells)
+        for k in range(4):
+            np.add.at(total, corners[:, k], place)
+            np.add.at(times, corners[:, k], 1)
+        quads.append(np.where(inside[first][:, None], corners, corners[:, ::-1]))
+    used = np.flatnonzero(times)
+    number = np.zeros(len(times), np.int64)
+    number[used] = np.arange(len(used))
+    quad = number[np.concatenate(quads)]
+    return total[used] / times[used, None], np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+
+
+_AROUND = ((1, 1), (0, 1), (0, 0), (1, 0))
+
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LEVELS = 60  # of a zone that are followed
+
+
+def edges(
+    rig: Rig, zone: "xr.Dataset", rotations: Rotation, lengths_mm: tuple[float, float] | None = None
+) -> tuple[list[Piece], list[str]]:
+    """The edge of every part of a scanned zone at every level, in the plane XY, with the holes in it, and messages about those without one.
+
+    Of the angle and of the lengths' limits, in all the orientations it was scanned with; other limits asked for cut the zone further. Parts
+    come from the grid. A part whose edge leaves the scanned box is open. AccuracyError unless the rig
+    has six cables or more and the levels are few enough.
+    """
+    if rig.sensors:
+        raise AccuracyError(f"--boundary: the edge is followed by cables alone, and rig {rig.name!r} has encoders beside them")
+    if len(rig.cable) < CABLES_FOR_A_POSE:
+        raise AccuracyError(f"--boundary: the edge of the zone is followed for six cables and more, this rig has {len(rig.cable)}")
+    if len(zone["z"]) > LEVELS:
+        raise AccuracyError(f"--boundary: {len(zone['z'])} levels; at most {LEVELS} are followed")
+    linkage = linkage_of(rig)
+    x, y, z = (zone[name].values for name in "xyz")
+    limit, inside = float(zone.attrs["limit_deg"]), zone["in_zone"].values.astype(bool)
+    turns = np.atleast_2d(rotations.as_quat())
+    pieces: list[Piece] = []
+    said: list[str] = []
+    for k, level in enumerate(z):
+        for nodes in _parts(inside[:, :, k]):
+            margin = np.where(nodes, limit - zone["worst_pressure_angle_deg"].values[:, :, k], -np.inf)
+            i, j = np.unravel_index(int(np.argmax(margin)), margin.shape)
+            seed = np.array([x[i], y[j], level, 0.0, 0.0, 0.0, 1.0])
+            low, high = np.array([x[0], y[0]]) - seed[:2], np.array([x[-1], y[-1]]) - seed[:2]
+            plane = Slice(seed, np.eye(3)[:2], float(max(np.abs(low).max(), np.abs(high).max())))
+            try:
+                bounds = bounds_of(linkage, np.array([*seed[:3], *turns[0]]), limit, lengths_mm, turns=turns)
+            except StructureError as error:
+                said.append(message("edge.error", level=level, error=error))
+                continue
+            found, failed = followed(bounds, plane, level)
+            said += [message("edge.error", level=level, error=error) for error in failed]
+            if not (found or failed):
+                said.append(message("edge.none", level=level))
+            pieces += found
+    return pieces, said
+
+
+def _parts(nodes: BoolArray) -> list[BoolArray]:
+    """The connected parts of the nodes of a level."""
+    labels, count = ndimage.label(nodes)
+    return [labels == i + 1 for i in range(count)]
+
+
+def columns(pieces: list[Piece]) -> dict[str, Any]:
+    """Columns of a table over all places of all edges."""
+    places = np.concatenate([p.places for p in pieces] or [np.empty((0, 3))])
+    return {
+        "part": np.array([i + 1 for i, p in enumerate(pieces) for _ in p.places], dtype=np.int64),
+        "closed": np.array([int(p.closed) for p in pieces for _ in p.places], dtype=np.int64),
+        **{f"{axis}_mm": places[:, i] for i, axis in enumerate("xyz")},
+        "limit": [limit for p in pieces for limit in p.limits],
+    }

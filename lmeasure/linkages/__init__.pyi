@@ -5,12 +5,13 @@ from .detours import detour as detour
 from .flat_tetrahedra import Tetrahedron as Tetrahedron, adjusted as adjusted, clear as clear
 from .length_limits import Around as Around
 from .lost_screw import Split as Split
-from .pluecker import pluecker_rows as pluecker_rows, pressure_angles as pressure_angles
 from .singularity import (
     LOST as LOST,
     gradients as gradients,
     link_pressure_angles as link_pressure_angles,
     link_rows as link_rows,
+    pluecker_rows as pluecker_rows,
+    pressure_angles as pressure_angles,
     rim_mm as rim_mm,
 )
 from .start_systems import complex_assemblies as complex_assemblies

@@ -13,7 +13,7 @@ import numpy as np
 from lmeasure.core import BoolArray, ComplexArray, FloatArray, se3
 from lmeasure.kernels import REACHED, follow_homotopy
 from lmeasure.linkages import krawczyk, start_systems, study_quadric
-from lmeasure.linkages.integer_equations import ExactLinks
+from lmeasure.linkages.krawczyk import ExactLinks
 from lmeasure.linkages.tetrahedra import complex_points
 from lmeasure.linkages.topology import Incidence, incidence
 from lmeasure.text import message

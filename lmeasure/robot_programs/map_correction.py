@@ -77,7 +77,5 @@ def _corrected(wanted: FloatArray, errors: ErrorMap, limits: Limits) -> Correcti
     if refused:
         reported, change = wanted, np.zeros(6)
     left = se3.displacement(se3.displaced(reported, errors.errors(_known(errors, reported)[None])[0]), wanted)
-    size_mm, size_rad, was_mm, left_mm, left_rad = (
-        float(np.linalg.norm(part)) for part in (change[3:], change[:3], was[3:], left[3:], left[:3])
-    )
-    return Correction(nothing, nothing, wanted, reported, size_mm, size_rad, was_mm, left_mm, left_rad, clipped, refused)
+    size_mm, size_rad, was_mm, left_mm = (float(np.linalg.norm(part)) for part in (change[3:], change[:3], was[3:], left[3:]))
+    return Correction(nothing, nothing, wanted, reported, size_mm, size_rad, was_mm, left_mm, clipped, refused)

@@ -9,13 +9,13 @@ from .correction.correction import (
     ways as ways,
     whole_turns as whole_turns,
 )
-from .correction.error_map import ErrorMap as ErrorMap, error_map as error_map
-from .correction.read_map import read_map as read_map
+from .correction.error_map import ErrorMap as ErrorMap, error_map as error_map, read_map as read_map
 from .hand_eye import GivenPoses as GivenPoses, frames as frames
 from .identification.hold_out import (
     HeldOut as HeldOut,
     beyond as beyond,
     held_out as held_out,
+    identify_with_choice as identify_with_choice,
     learning_curve as learning_curve,
     worth_freeing as worth_freeing,
 )
@@ -31,14 +31,11 @@ from .identification.identify import (
     unmoved_in as unmoved_in,
 )
 from .identification.inputs import given as given
-from .identification.measurements import Measurements as Measurements
-from .identification.model_choice import identify_with_choice as identify_with_choice
-from .identification.notes import Noted as Noted
+from .identification.measurements import Measurements as Measurements, Noted as Noted
 from .identification.observability import unknown_frames as unknown_frames
 from .identification.outliers import HALF as HALF
 from .identification.plan import Plan as Plan, planned as planned, to_plan as to_plan
-from .identification.prediction_map import PredictionMap as PredictionMap, workspace as workspace
-from .identification.reach import REGULAR as REGULAR, Allowed as Allowed
+from .identification.reach import REGULAR as REGULAR, Allowed as Allowed, PredictionMap as PredictionMap, workspace as workspace
 from .identification.read_measurements import read_measurements as read_measurements
 from .identification.read_record import IdentifiedRobot as IdentifiedRobot, read_identified as read_identified
 from .identification.record import (
@@ -50,7 +47,7 @@ from .identification.record import (
     write_record as write_record,
 )
 from .identification.slips import mended as mended
-from .model import RobotModel as RobotModel
+from .model import RobotModel as RobotModel, joint_columns as joint_columns
 from .parallel.dyads import (
     Dyad as Dyad,
     Minimax as Minimax,
@@ -83,12 +80,15 @@ from .robot import (
     write_robot as write_robot,
 )
 from .serial_robot import SerialRobot as SerialRobot
-from .simulated.arm import GRAVITY_M_S2 as GRAVITY_M_S2, Performance as Performance, SimulatedRobot as SimulatedRobot
-from .simulated.cell_robot import (
+from .simulated import (
+    GRAVITY_M_S2 as GRAVITY_M_S2,
     RATED_LOAD_KG as RATED_LOAD_KG,
     RATED_SPEED_MM_S as RATED_SPEED_MM_S,
+    Command as Command,
+    Performance as Performance,
+    Role as Role,
+    SimulatedRobot as SimulatedRobot,
     cell_robot as cell_robot,
     nominal_robot as nominal_robot,
 )
-from .simulated.commands import Command as Command, Role as Role
 from .urdf import read_urdf as read_urdf, write_urdf as write_urdf

@@ -17,7 +17,7 @@ NONE: IntArray = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Mounted:
-    """base (7,): cell_from_base; tool (7,): flange_from_tool. A `simulated.Mechanics`; lengths do not grow."""
+    """base (7,): cell_from_base; tool (7,): flange_from_tool. Lengths do not grow."""
 
     robot: RobotModel
     base: FloatArray
@@ -30,12 +30,12 @@ class Mounted:
 
     def flange(self, poses: FloatArray) -> FloatArray:
         """(N, 7) base_from_flange at tool poses (N, 7) in the cell."""
-        back = se3.compose(np.broadcast_to(se3.inverse(self.base), poses.shape), poses)
-        return se3.compose(back, np.broadcast_to(se3.inverse(self.tool), poses.shape))
+        back = se3.compose(se3.inverse(self.base), poses)
+        return se3.compose(back, se3.inverse(self.tool))
 
     def placed(self, flange: FloatArray) -> FloatArray:
         """(N, 7) tool poses in the cell at base_from_flange (N, 7)."""
-        return se3.compose(np.broadcast_to(self.base, flange.shape), se3.compose(flange, np.broadcast_to(self.tool, flange.shape)))
+        return se3.compose(self.base, se3.compose(flange, self.tool))
 
     def follow(self, poses: FloatArray, start: FloatArray) -> FloatArray:
         """(N, n) joint values along tool poses (N, 7), beginning near start (n,); RobotError names the first sample out of reach."""

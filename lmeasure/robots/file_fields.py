@@ -1,7 +1,8 @@
 """What files of robots have in common: lengths, angles, and places of frames."""
 
 import math
-from typing import Annotated, Self
+from collections.abc import Sequence
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -33,6 +34,19 @@ def named_once(kind: str, names: list[str]) -> None:
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice is not None:
         raise ValueError(f"{kind}: the name {twice!r} is given twice")
+
+
+def legs_with(legs: Sequence[Any], values: dict[str, float]) -> tuple[Any, ...]:
+    """Legs with values of their parameters by name, such as `leg_1.rod_mm` or `leg_1.base_x_mm`."""
+    out = []
+    for leg in legs:
+        own = {name.split(".", 1)[1]: float(value) for name, value in values.items() if name.startswith(f"{leg.name}.")}
+        update: dict[str, Any] = {key: value for key, value in own.items() if key in type(leg).model_fields}
+        for end in ("base", "platform"):
+            if (old := getattr(leg, f"{end}_mm", None)) is not None:
+                update[f"{end}_mm"] = tuple(own.get(f"{end}_{axis}_mm", v) for axis, v in zip("xyz", old, strict=True))
+        out.append(leg.model_copy(update=update))
+    return tuple(out)
 
 
 class Place(Strict):

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol, Self
 
+import numpy as np
+
 from lmeasure.core import BoolArray, FloatArray, IntArray
 
 
@@ -75,3 +77,19 @@ class RobotModel(Protocol):
     def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
         """(k, n) joint values within the limits that take the flange to the pose (7,): all that there are, none where k is 0."""
         ...
+
+
+def joint_columns(robot: RobotModel, joints: FloatArray) -> dict[str, FloatArray]:
+    """Return joint values (..., n) [rad, mm] as columns `NAME_deg` or `NAME_mm` of files."""
+    values = np.moveaxis(np.where(robot.sliding, joints, np.degrees(joints)), -1, 0)
+    return {f"{name}_{'mm' if slides else 'deg'}": v for name, slides, v in zip(robot.joint_names, robot.sliding, values, strict=True)}
+
+
+def nearest_turns(values: FloatArray, to: FloatArray, sliding: BoolArray) -> FloatArray:
+    """Return joint values (..., n) whose turning joints are brought by whole turns nearest to others (..., n)."""
+    return np.asarray(values - np.where(sliding, 0.0, 2.0 * np.pi * np.round((values - to) / (2.0 * np.pi))))
+
+
+def joint_value(robot: RobotModel, joint: int, value: float) -> tuple[float, str]:
+    """Return a joint's value [rad, mm] in degrees or millimetres, and that unit, for a message."""
+    return (float(value), "mm") if robot.sliding[joint] else (float(np.degrees(value)), "deg")

@@ -9,7 +9,6 @@ The pose of given lengths is the one that is reached from the home pose by chang
 assembly. Cables are straight, held by the platform's weight; a sagging cable is no robot of this kind.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, Self
 
@@ -19,7 +18,7 @@ from pydantic import Field, model_validator
 from lmeasure.core import BoolArray, FloatArray, IntArray, se3
 from lmeasure.io import Name, Strict
 from lmeasure.linkages import pluecker_rows
-from lmeasure.robots.file_fields import Length, Place, named_once
+from lmeasure.robots.file_fields import Length, Place, legs_with, named_once
 from lmeasure.robots.model import Parameter
 
 LEGS = 6
@@ -226,14 +225,4 @@ class PlatformFile(Strict):
 
     def with_values(self, values: dict[str, float]) -> Self:
         """With values of its parameters by name, such as `leg_1.base_x_mm`."""
-        legs = []
-        for leg in self.leg:
-            own = {name.split(".", 1)[1]: value for name, value in values.items() if name.startswith(f"{leg.name}.")}
-            ends = {f"{end}_mm": self._point(leg, end, own) for end in ("base", "platform")}
-            legs.append(leg.model_copy(update={**ends, **{key: own[key] for key in ("offset_mm", "scale") if key in own}}))
-        return self.model_copy(update={"leg": tuple(legs)})
-
-    @staticmethod
-    def _point(leg: Leg, end: str, values: dict[str, float]) -> tuple[float, ...]:
-        old: Sequence[float] = getattr(leg, f"{end}_mm")
-        return tuple(float(values.get(f"{end}_{axis}", v)) for axis, v in zip(_AXES, old, strict=True))
+        return self.model_copy(update={"leg": legs_with(self.leg, values)})

@@ -274,11 +274,7 @@ def write_robot(path: Path, robot: AnyRobot) -> None:
 
 def shipped_names() -> tuple[str, ...]:
     """Robots that come along."""
-    return tuple(
-        sorted(
-            Path(entry.name).stem for entry in resources("lmeasure.robots").joinpath("shipped").iterdir() if entry.name.endswith(".toml")
-        )
-    )
+    return tuple(sorted(Path(entry.name).stem for entry in _SHIPPED.iterdir() if entry.name.endswith(".toml")))
 
 
 def any_shipped(name: str) -> AnyRobot:

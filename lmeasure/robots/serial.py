@@ -1,10 +1,14 @@
-"""Serial arms by Denavit and Hartenberg's parameters: forward kinematics and its derivatives of any arm, and the closed inverse of an elbow
-arm with a spherical wrist.
+"""Serial arms by Denavit and Hartenberg's parameters: forward kinematics and its derivatives of any arm, and all joint values that take
+an arm's tool to a pose: in closed form for an elbow arm with a spherical wrist, by Newton's method from many starts for any other.
 
 Link i turns about z by theta, moves along z by d, along the new x by a, turns about it by alpha, and about the new y by beta:
 T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i) Ry(beta_i); where the joint is prismatic, q_i is added to d_i. The beta, zero in a
 nominal arm, is Hayati's: without it a small tilt between parallel axes would need a distant d (Hayati and Mirmirani, J. Robotic
 Systems 2, 1985).
+
+A general arm of six turning joints has at most 16 solutions (Raghavan and Roth, J. Mech. Design 115, 1993); one of seven has whole curves
+of them, of which the starts give single points. Solutions that differ by whole turns of a joint count as one, that
+nearest to its middle.
 """
 
 import math
@@ -12,8 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
+from lmeasure.robots.model import nearest_turns
 
 LINK_COLUMNS = OFFSET, D, A, ALPHA, BETA = range(5)
 """Columns of a link table (n, 5): theta [rad], d [mm], a [mm], alpha [rad], beta [rad]."""
@@ -120,7 +126,7 @@ class SerialArm:
             z, x = _turned(z, x, beta)
         turn = Rotation.from_matrix(np.stack([x, y, z], axis=-1)).as_quat(canonical=True)
         poses = np.concatenate([at, turn], axis=-1)
-        return (poses if self.seat is None else se3.compose(poses, np.broadcast_to(self.seat, poses.shape))), out
+        return (poses if self.seat is None else se3.compose(poses, self.seat)), out
 
     def joint_twists(self, twists: FloatArray) -> FloatArray:
         """(N, n, 6) derivatives by the joints' own values, of those by the links' entries."""
@@ -168,7 +174,8 @@ class SerialArm:
 
     def _way(self, rows: FloatArray, way: int) -> FloatArray:
         """(n, 6) joint angles of one way to (n, 7) poses."""
-        self._require_elbow()
+        if not self.is_elbow:
+            raise RobotError("the closed inverse is that of an elbow arm with a spherical wrist; these links are none")
         end = self.tool if self.seat is None else se3.compose(self.seat, self.tool)
         stand, tool = se3.rotation(self.foot), se3.rotation(end)
         turn = (stand.inv() * se3.rotation(rows) * tool.inv()).as_matrix()
@@ -189,10 +196,6 @@ class SerialArm:
             return False
         rest = (links[[1, 2, 4], D], links[[3, 4, 5], A], links[:, BETA], links[:, ALPHA] - ELBOW_ALPHA)
         return not any(values.any() for values in rest)
-
-    def _require_elbow(self) -> None:
-        if not self.is_elbow:
-            raise RobotError("the closed inverse is that of an elbow arm with a spherical wrist; these links are none")
 
     def _shoulder(self, wrist: FloatArray, back: int) -> tuple[FloatArray, FloatArray]:
         """theta_1 and the wrist's distance from the second axis in the arm's plane: facing the wrist, or turned away from it."""
@@ -266,3 +269,76 @@ def _turned(first: FloatArray, second: FloatArray, angle: FloatArray | float) ->
 
 def _shown(pose: FloatArray) -> str:
     return "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*pose[:3])
+
+
+STARTS = 256
+STEPS = 60
+SAME = 1e-5
+"""Rad, or parts of the arm's reach: solutions nearer than this are one."""
+REACHED = 1e-10
+"""Largest error of a pose that is reached, rad and parts of the arm's reach."""
+LONGEST_STEP = 0.5
+
+
+def solutions(arm: SerialArm, pose: FloatArray, seed: int = 0) -> FloatArray:
+    """(k, n) joint values within the limits that take the tool to the pose (7,), in order of the first joint; k is 0 where none do."""
+    pose = np.asarray(pose, dtype=np.float64)
+    found = arm.ways(pose) if arm.is_elbow else _newton(arm, pose, seed)
+    found = found[~np.isnan(found).any(axis=1)]
+    found = _different(arm, _wrapped(arm, found))
+    inside = ((found >= arm.low) & (found <= arm.high)).all(axis=1)
+    found = found[inside]
+    return np.asarray(found[np.lexsort(found.T[::-1])])
+
+
+def reach_mm(arm: SerialArm) -> float:
+    """The farthest that links and tool can stretch [mm], sliding joints half-way out."""
+    ends = np.linalg.norm(arm.tool[:3]) + (0.0 if arm.seat is None else np.linalg.norm(arm.seat[:3]))
+    links = np.hypot(arm.links[:, 1], arm.links[:, 2]).sum() + ends
+    out = np.abs(arm.link_values(0.5 * (arm.low + arm.high)))[arm.slides].sum()
+    return max(float(links + out), 1.0)
+
+
+def _newton(arm: SerialArm, pose: FloatArray, seed: int) -> FloatArray:
+    """(k, n) where damped Newton steps from many starts have arrived, some of them twice."""
+    scale = np.array([1.0, 1.0, 1.0, *(1.0 / reach_mm(arm),) * 3])
+    unit = np.where(arm.sliding, reach_mm(arm), 1.0)
+    starts = qmc.Sobol(arm.axes_count, rng=np.random.default_rng(seed)).random(STARTS)
+    low = np.where(arm.sliding, arm.low, np.maximum(arm.low, -math.pi))
+    high = np.where(arm.sliding, arm.high, np.minimum(arm.high, math.pi))
+    joints = low + starts * (high - low)
+    flange = se3.compose(pose, se3.inverse(arm.tool))
+    for _ in range(STEPS):
+        poses, links = arm.twists(joints)
+        # the twist that takes each flange to where it should be, at the flange's own origin and in base axes
+        off = se3.displacement(flange, poses) * scale
+        if (np.abs(off).max(axis=1) < REACHED).all():
+            break
+        at_flange = se3.at_points(poses[:, :3]) @ np.swapaxes(arm.joint_twists(links), 1, 2)
+        jacobian = scale[:, None] * at_flange * unit
+        damping = 1e-3 * np.minimum(np.abs(off).max(axis=1), 0.1)  # goes with the error: quadratic in the end
+        square = np.swapaxes(jacobian, 1, 2) @ jacobian + damping[:, None, None] * np.eye(arm.axes_count)
+        # to the last digits where the pose does not bind every joint
+        square += 1e-14 * np.eye(arm.axes_count)
+        step = np.linalg.solve(square, np.swapaxes(jacobian, 1, 2) @ off[..., None])[..., 0]
+        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        joints = joints + step * unit
+    poses, _ = arm.twists(joints)
+    off = np.abs(se3.displacement(flange, poses) * scale).max(axis=1)
+    return np.asarray(joints[off < 1e3 * REACHED])
+
+
+def _wrapped(arm: SerialArm, joints: FloatArray) -> FloatArray:
+    """Joint values with the whole turns that bring them nearest to the middle of their limits."""
+    return nearest_turns(joints, 0.5 * (arm.low + arm.high), arm.sliding)
+
+
+def _different(arm: SerialArm, joints: FloatArray) -> FloatArray:
+    """The rows that are not the same as an earlier one."""
+    unit = np.where(arm.sliding, reach_mm(arm), 1.0)
+    kept: list[FloatArray] = []
+    for row in joints:
+        gap = [np.where(arm.sliding, (row - k) / unit, np.abs(np.mod(row - k + math.pi, 2.0 * math.pi) - math.pi)) for k in kept]
+        if not any(np.abs(g).max() < SAME for g in gap):
+            kept.append(row)
+    return np.array(kept).reshape(-1, arm.axes_count)

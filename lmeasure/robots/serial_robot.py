@@ -12,9 +12,8 @@ from typing import Self
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, se3
-from lmeasure.robots.inverse_kinematics import reach_mm, solutions
 from lmeasure.robots.model import Parameter
-from lmeasure.robots.serial import ALPHA, BETA, OFFSET, A, D, SerialArm
+from lmeasure.robots.serial import ALPHA, BETA, OFFSET, A, D, SerialArm, reach_mm, solutions
 
 GRAVITY_M_S2 = 9.80665
 TERMS = SCALE, SIN1, COS1, SIN2, COS2, COMPLIANCE, PLAY = range(7)
@@ -26,24 +25,19 @@ LENGTH_WIDTH_MM, ANGLE_WIDTH_DEG = 3.0, 0.5
 _DEG = math.radians(1.0)
 # of compliance: a joint of 1000 N m per radian, softer than those of the lightest arms
 _LINKS = (("theta_deg", OFFSET), ("d_mm", D), ("a_mm", A), ("alpha_deg", ALPHA), ("beta_deg", BETA))
-_TURNING = (
-    ("scale", "", SCALE, 1.0, 0.003),
-    ("sin1_deg", "deg", SIN1, _DEG, 0.1),
-    ("cos1_deg", "deg", COS1, _DEG, 0.1),
-    ("sin2_deg", "deg", SIN2, _DEG, 0.1),
-    ("cos2_deg", "deg", COS2, _DEG, 0.1),
-    ("compliance_deg_per_nm", "deg/(N m)", COMPLIANCE, _DEG / 1e3, math.degrees(1e-3)),
-    ("backlash_deg", "deg", PLAY, _DEG, 0.1),
+_TURNING, _SLIDING = (
+    (
+        ("scale", "", 1.0, 0.003),
+        *((f"{key}_{unit}", unit, size, width) for key in ("sin1", "cos1", "sin2", "cos2")),
+        compliance,
+        (f"backlash_{unit}", unit, size, width),
+    )
+    for unit, size, width, compliance in (
+        ("deg", _DEG, 0.1, ("compliance_deg_per_nm", "deg/(N m)", _DEG / 1e3, math.degrees(1e-3))),
+        ("mm", 1.0, 0.3, ("compliance_mm_per_n", "mm/N", 1.0, 1e-2)),
+    )
 )
-_SLIDING = (
-    ("scale", "", SCALE, 1.0, 0.003),
-    ("sin1_mm", "mm", SIN1, 1.0, 0.3),
-    ("cos1_mm", "mm", COS1, 1.0, 0.3),
-    ("sin2_mm", "mm", SIN2, 1.0, 0.3),
-    ("cos2_mm", "mm", COS2, 1.0, 0.3),
-    ("compliance_mm_per_n", "mm/N", COMPLIANCE, 1.0, 1e-2),
-    ("backlash_mm", "mm", PLAY, 1.0, 0.3),
-)
+"""Of the terms of turning and of sliding joints, in the order of `TERMS`: key, unit, size and width as of `Parameter`."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +93,7 @@ class SerialRobot:
             size, width, unit = (_DEG, ANGLE_WIDTH_DEG, "deg") if key.endswith("_deg") else (1.0, LENGTH_WIDTH_MM, "mm")
             out.append(Parameter(f"{self.link_names[i]}.{key}", unit, float(self.arm.links[i, column]) / size, size, width))
         for i, term in self._terms:
-            key, unit, _, size, width = (_SLIDING if self.sliding[i] else _TURNING)[term]
+            key, unit, size, width = (_SLIDING if self.sliding[i] else _TURNING)[term]
             value = float(self.terms[i, term]) / size + (term == SCALE)
             out.append(Parameter(f"{self.joint_names[i]}.{key}", unit, value, size, width))
         return tuple(out)

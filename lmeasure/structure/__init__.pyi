@@ -1,5 +1,10 @@
 from .links import Linkage as Linkage, linkage_of as linkage_of, read_linkage as read_linkage
-from .record import Workspace as Workspace, all_structures as all_structures, described as described
+from .record import (
+    Boundary as Boundary,
+    Described as Described,
+    Workspace as Workspace,
+    all_structures as all_structures,
+    described as described,
+)
 from .slices import Piece as Piece, bounds_of as bounds_of, followed as followed, one_limit as one_limit
-from .structure import Boundary as Boundary, Described as Described, structure_of as structure_of
 from .text import described_lines as described_lines, lines as lines, list_lines as list_lines

@@ -156,7 +156,7 @@ def along(linkage: Linkage, pose: FloatArray, to: FloatArray) -> dict[str, Any]:
     """How the links hold the platform on the straight way from a pose (7,) to another, turned about one axis: columns of ALONG places."""
     step = se3.displacement(to[None], pose)[0]
     share = np.linspace(0.0, 1.0, ALONG)
-    poses = se3.displaced(np.broadcast_to(pose, (ALONG, 7)), share[:, None] * step)
+    poses = se3.displaced(pose, share[:, None] * step)
     found = held(linkage, poses)
     sign = np.sign(found.determinant)
     crossings = np.flatnonzero(sign[1:] * sign[:-1] < 0.0)

@@ -30,7 +30,7 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     from lmeasure.core import se3
     from lmeasure.io import columns_of, files
     from lmeasure.recording import pose_columns, poses_from_rows
-    from lmeasure.robots import REGULAR, Allowed, freed, planned, read_measurements, to_plan
+    from lmeasure.robots import REGULAR, Allowed, freed, joint_columns, planned, read_measurements, to_plan
 
     robot = nominal(str(settings.robot), settings.tip, settings.base_link)
     model = robot.model
@@ -59,11 +59,8 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     plan = planned(to_plan(model, settings.free, stands, sits, joints=joints), joints, joints, settings.poses, u_mm=u, seed=settings.seed)
     order = plan.order
     own = [names[i] for i in order] if names else [f"P{i + 1}" for i in range(len(order))]
-    columns: dict[str, object] = {"name": own}
-    for i, (joint, slides) in enumerate(zip(model.joint_names, model.sliding, strict=True)):
-        columns[f"{joint}_{'mm' if slides else 'deg'}"] = joints[order, i] if slides else np.degrees(joints[order, i])
     at = se3.compose(model.forward(joints[order]), np.broadcast_to(sits, (len(order), 7)))
-    files.write_table(settings.out, columns)
+    files.write_table(settings.out, {"name": own, **joint_columns(model, joints[order])})
     expected = replace(poses_from_rows(se3.compose(np.broadcast_to(stands, at.shape), at), own), absent=("position", "rotation"))
     files.write_table(poses_file(settings.out), pose_columns(expected))
     lines: list[str] = [

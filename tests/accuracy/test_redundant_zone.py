@@ -9,7 +9,7 @@ from zone_oracle import cable_length, length_rows
 from zone_rigs import cell, point, rig
 
 from lmeasure.accuracy import REASONS, Limits, Placement, axis, exact_radius_95, guard, place, scan_zone, tilts
-from lmeasure.accuracy.bodies import Body
+from lmeasure.accuracy.limits import Body
 from lmeasure.accuracy.placement import Box, Search, Where, Work
 from lmeasure.accuracy.scan import Plan, run, scan_positions
 from lmeasure.accuracy.zone import make_plan, taken_as_exact

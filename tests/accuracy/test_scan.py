@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from zone_rigs import cell, published
 
 from lmeasure.accuracy import axis, scan, tilts
-from lmeasure.accuracy.bodies import Body
+from lmeasure.accuracy.limits import Body
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import make_plan
 from lmeasure.core import AccuracyError

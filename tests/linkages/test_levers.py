@@ -6,7 +6,7 @@ from linkages import nearest
 
 from lmeasure.core import FloatArray, StructureError, se3
 from lmeasure.linkages import straight_links
-from lmeasure.linkages.levers import Rods, lever
+from lmeasure.linkages.variants import Rods, lever
 
 # figure 4.3: drives C1 B1 (1), C2 B1 (2), C1 B2 (3), C2 B2 (4), C3 B2 (5), C3 B3 (6); rods P1 C1, P2 C2, P3 C3 through B1, B2, B3
 LINKS = [(0, 0), (1, 0), (0, 1), (1, 1), (2, 1), (2, 2)]

@@ -7,7 +7,7 @@ from linkages import lengths_at
 from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, CABLE_COLUMNS, GUIDE_XYZ, screw
 from lmeasure.linkages import singularity
-from lmeasure.linkages.levers import Rods
+from lmeasure.linkages.variants import Rods
 
 BASE = np.array([(0, 3, 0), (-2, 1, 0), (0, 1, -2), (1, 0, -2), (3, 0, 0), (-1, 0, -2)], dtype=float)
 POINTS = np.array([(0, 1, 0), (1, 0, 0), (-1, 0, 0)], dtype=float)

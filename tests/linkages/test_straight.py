@@ -6,7 +6,7 @@ from linkages import DIETMAIER, lengths_at, nearest, rig
 
 from lmeasure.core import se3
 from lmeasure.linkages import Structure, closed_form, incidence, krawczyk, parse, start_systems, straight_links, structures, study_quadric
-from lmeasure.linkages.integer_equations import ExactLinks, whole
+from lmeasure.linkages.krawczyk import ExactLinks, whole
 
 SOLVABLE = [s for s in structures() if s.degenerate is None]
 # complex assemblies, each counted by monodromy and from the general platform (`benchmarks/assembly_counts.py`); all others 8 or 16

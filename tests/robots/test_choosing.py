@@ -9,8 +9,8 @@ from scipy.stats import binom
 
 from lmeasure.core import se3
 from lmeasure.robots import Identified, Measurements, Settings, freed, identify, identify_with_choice, predict, workspace, worth_freeing
+from lmeasure.robots.identification.hold_out import AMONG, FALSE_ALARM
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.model_choice import AMONG, FALSE_ALARM
 from lmeasure.robots.robot import Payload, shipped
 from lmeasure.robots.serial_robot import SerialRobot
 

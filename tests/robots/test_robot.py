@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import LMeasureError, RobotError
-from lmeasure.robots import Robot, inverse_kinematics, read_robot, read_urdf, write_robot, write_urdf
+from lmeasure.robots import Robot, read_robot, read_urdf, serial as arms, write_robot, write_urdf
 from lmeasure.robots.robot import robot_from_dict, serial, shipped
 from lmeasure.robots.serial_robot import SerialRobot
 
@@ -120,8 +120,8 @@ def test_newton_finds_all_ways_of_the_closed_form() -> None:
     rng = np.random.default_rng(5)
     for joints in rng.uniform(np.maximum(arm.low, -3), np.minimum(arm.high, 3), (3, 6)):
         pose = arm.forward(joints)
-        found = inverse_kinematics._different(arm, inverse_kinematics._wrapped(arm, inverse_kinematics._newton(arm, pose, 0)))
-        closed = inverse_kinematics.solutions(arm, pose)
+        found = arms._different(arm, arms._wrapped(arm, arms._newton(arm, pose, 0)))
+        closed = arms.solutions(arm, pose)
         inside = found[((found >= arm.low) & (found <= arm.high)).all(axis=1)]
         assert len(inside) == len(closed) > 0
         gap = np.abs(np.mod(inside[:, None] - closed[None] + math.pi, 2 * math.pi) - math.pi).max(axis=2)

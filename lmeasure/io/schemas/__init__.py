@@ -39,7 +39,7 @@ FILE_KINDS = {
     "rig": Kind("rig.toml", "lmeasure.rig.rig", "Rig", "the instrument: points, drums, cables"),
     "drums": Kind("drums.toml", "lmeasure.rig.drum_measurement", "DrumsFile", "measured dimensions of drums"),
     "placement": Kind("placement.toml", "lmeasure.accuracy.placement", "Placement", "a task, and boxes for points"),
-    "bodies": Kind("bodies.toml", "lmeasure.accuracy.bodies", "BodiesFile", "bodies that cables must not touch"),
+    "bodies": Kind("bodies.toml", "lmeasure.accuracy.limits", "BodiesFile", "bodies that cables must not touch"),
     "run": Kind("run.toml", "lmeasure.recording.run", "RunFile", "a recorded run"),
     "scenario": Kind("scenario.toml", "lmeasure.simulation.scenario", "Scenario", "a motion to simulate"),
     "program": Kind("program.toml", "lmeasure.recording.program", "Program", "commanded poses and paths of a robot"),

@@ -21,6 +21,7 @@ from lmeasure.robots import (
     any_shipped,
     checked,
     family,
+    joint_columns,
     read_measurements,
     read_robot,
     shipped_names,
@@ -94,10 +95,7 @@ def write_robot_run(folder: Path, run: RobotRun) -> None:
     done, model = run.performance, run.drawn.model
     time_s = [0.5 * (s.arrival_s + s.end_s) for s, c in zip(done.spans, done.commands, strict=True) if c.dwell_s > 0.0]
     at = np.clip(np.searchsorted(done.time_s, time_s), 0, len(done.time_s) - 1)
-    columns: dict[str, object] = {"name": [f"rest_{i + 1}" for i in range(len(at))], "time_s": np.array(time_s)}
-    for i, (name, slides) in enumerate(zip(model.joint_names, model.sliding, strict=True)):
-        values = done.asked[at, i]
-        columns[f"{name}_{'mm' if slides else 'deg'}"] = values if slides else np.degrees(values)
+    columns = {"name": [f"rest_{i + 1}" for i in range(len(at))], "time_s": np.array(time_s), **joint_columns(model, done.asked[at])}
     files.write_table(folder / "robot" / "joints.csv", columns)
     if run.program is not None:
         write_program(folder / "robot" / "program.toml", run.program)

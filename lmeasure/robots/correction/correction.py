@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, RobotError, se3
-from lmeasure.robots.model import RobotModel
+from lmeasure.robots.model import RobotModel, joint_value
 from lmeasure.text import message
 
 STEPS = 30
@@ -42,8 +42,8 @@ class Limits:
 @dataclass(frozen=True)
 class Correction:
     """Of one target. before, joints (n,): commanded and corrected joint values; wanted, flange (7,): nominal poses of both; size_mm,
-    size_rad: by how much the commanded pose changes; left_mm, left_rad: by how much the identified robot then is off, not nothing where it
-    was clipped or has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does
+    size_rad: by how much the commanded pose changes; left_mm: by how much the identified robot then is off, not nothing where it was
+    clipped or has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does
     not."""
 
     before: FloatArray
@@ -54,7 +54,6 @@ class Correction:
     size_rad: float
     was_mm: float
     left_mm: float
-    left_rad: float
     clipped: bool
     refused: str
 
@@ -90,24 +89,10 @@ def corrections(nominal: RobotModel, found: RobotModel, joints: FloatArray, limi
     determined = np.where(kept, nominal.forward(solved), wanted)
     at = found.forward(solved)
     size_mm, size_rad = _sizes(se3.displacement(determined, wanted))
-    left_mm, left_rad = _sizes(se3.displacement(at, wanted))
+    left_mm, _ = _sizes(se3.displacement(at, wanted))
     was_mm, _ = _sizes(se3.displacement(was, wanted))
-    return [
-        Correction(
-            joints[i],
-            solved[i],
-            wanted[i],
-            determined[i],
-            size_mm[i],
-            size_rad[i],
-            was_mm[i],
-            left_mm[i],
-            left_rad[i],
-            bool(clipped[i]),
-            why,
-        )
-        for i, why in enumerate(refused)
-    ]
+    columns = (joints, solved, wanted, determined, size_mm, size_rad, was_mm, left_mm, clipped.tolist(), refused)
+    return [Correction(*row) for row in zip(*columns, strict=True)]
 
 
 def _sizes(changes: FloatArray) -> tuple[list[float], list[float]]:
@@ -229,13 +214,13 @@ def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved:
             out.append(message("robots.identified_robot_does_not"))
         elif far[i].max() > 1.0:
             j = int(np.argmax(far[i]))
-            by, unit = (moved[i, j], "mm") if nominal.sliding[j] else (np.degrees(moved[i, j]), "deg")
+            by, unit = joint_value(nominal, j, moved[i, j])
             out.append(message("robots.would_move_near_singular", joint=nominal.joint_names[j], size=by, unit=unit))
         elif not one[i]:
             out.append(message("robots.singular_pose_lies_between"))
         elif len(beyond):
             j = int(beyond[0])
-            value, unit = (at[j], "mm") if nominal.sliding[j] else (np.degrees(at[j]), "deg")
+            value, unit = joint_value(nominal, j, at[j])
             out.append(message("robots.would_beyond_limit", joint=nominal.joint_names[j], value=value, unit=unit))
         else:
             out.append("")

@@ -1,6 +1,7 @@
 """How good an identification is where it was not made: rows held out, error against number of poses, and what was worth freeing."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,9 +10,9 @@ from scipy.stats import chi2, f, t
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.estimation import fall_test, scatter
 from lmeasure.robots.identification.extrapolation import Beyond
-from lmeasure.robots.identification.identify import FAMILIES, Identified, Prediction, family, predicted
+from lmeasure.robots.identification.identify import FAMILIES, Identified, Prediction, Settings, family, identify, predicted
 from lmeasure.robots.identification.initial_frames import Frames
-from lmeasure.robots.identification.measurements import POSITION, Measurements
+from lmeasure.robots.identification.measurements import POSITION, Measurements, Noted, noted
 from lmeasure.robots.identification.problem import Fit, solved, weighted, with_noise
 from lmeasure.robots.identification.stays import STILL
 from lmeasure.robots.identification.unknowns import R, Unknowns
@@ -369,3 +370,37 @@ def _errors(found: Identified[R], rows: Measurements) -> tuple[FloatArray, Predi
 def _frames(fit: Fit[R]) -> Frames:
     start = fit.problem.unknowns.start
     return Frames(start.base, start.targets, start.stations, 0.0, np.ones(len(fit.problem.rows), np.bool_))
+
+
+FALSE_ALARM = 1e-3
+"""Probability with which a family that the robot has nothing of is freed."""
+AMONG = ("once", "twice", "scale", "stiffness")
+"""What is freed without being asked for. Not play: on which side of it a joint lies only rows tell that stand in the order they were gone
+to, and whatever else went on in that order, as heat does, looks like it."""
+
+
+def identify_with_choice(robot: R, rows: Measurements, settings: Settings | None = None, among: Sequence[str] = AMONG) -> Identified[R]:
+    """`identify` with the families of `settings`, and of those `among` the ones that the measurements ask for.
+
+    The one least likely by chance is freed first, until none is below `FALSE_ALARM`. A family that predicts unseen halves of the
+    workspace worse stays out (`hold_out.Unseen`). `findings` name the families that the measurements ask for and that are not freed.
+    """
+    settings = settings or Settings()
+    found = identify(robot, rows, settings)
+    while True:
+        asked = [w for w in worth_freeing(found) if not w.freed and w.chance < FALSE_ALARM and w.aic < 0.0]
+        asked.sort(key=lambda w: (w.chance, w.aic))
+        unseen = {w.family: unseen_halves(found, w.family) for w in asked if w.family in among}
+        best = next((name for name, halves in unseen.items() if halves.good), None)
+        if best is None:
+            notes = [_noted(w) for w in asked if w.family not in unseen]
+            if unseen:
+                families, times = ", ".join(unseen), max(u.times for u in unseen.values())
+                notes.append(noted("worth-freeing", "worse_unseen", families, times, families=families, times=times))
+            return replace(found, findings=(*found.findings, *notes))
+        settings = replace(settings, free=(*settings.free, best))
+        found = identify(robot, rows, settings)
+
+
+def _noted(worth: Worth) -> Noted:
+    return noted("worth-freeing", "worth_freeing", worth.family, worth.chance, family=worth.family, chance=worth.chance)

@@ -11,12 +11,12 @@ from lmeasure.accuracy import radii_95
 from lmeasure.core import BoolArray, DataFrame, FloatArray, IntArray, RobotError, Shown, framed, se3
 from lmeasure.robots.identification.extrapolation import NOWHERE, Beyond
 from lmeasure.robots.identification.initial_frames import Frames, find_frames
-from lmeasure.robots.identification.measurements import LENGTH, POSITION, Measurements, measured, named_alike, repeated
-from lmeasure.robots.identification.notes import Noted, noted
+from lmeasure.robots.identification.measurements import LENGTH, POSITION, Measurements, Noted, measured, named_alike, noted, repeated
 from lmeasure.robots.identification.outliers import HALF, LEAST_SPARE, outlying, weighed, without_outliers
 from lmeasure.robots.identification.problem import LEAST_MM, LEAST_RAD, Fit, Noise, Problem, with_noise
 from lmeasure.robots.identification.stays import Stays, agreeing, read_at_stays, stays_of
 from lmeasure.robots.identification.unknowns import R, State, Unknowns
+from lmeasure.robots.model import joint_value
 from lmeasure.robots.parallel.model import Parallel, legs_at
 from lmeasure.text import message
 
@@ -139,7 +139,7 @@ class Identified(Shown, Generic[R]):
         out = np.tile(self.noise.position_mm**2 * self.shape, (len(rows), 1, 1))
         if self.fit.problem.several:
             middle = self.state.targets[self.fit.problem.rows.target_of, :3].mean(axis=0)
-            turn = se3.matrices(se3.compose(np.broadcast_to(self.state.base, (len(rows), 7)), self.state.robot.forward(rows.joints)))
+            turn = se3.matrices(se3.compose(self.state.base, self.state.robot.forward(rows.joints)))
             arm = np.cross(np.eye(3)[None], (turn @ (self.state.targets[rows.target_of, :3] - middle)[:, :, None])[:, None, :, 0])
             out = out + self.noise.rotation_rad**2 * (arm @ np.swapaxes(arm, 1, 2))
         return np.asarray(out)
@@ -225,7 +225,9 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     rows, findings = _reached(robot, rows)
     if isinstance(robot, Parallel):
         robot = robot.remembering(rows.joints)
-    rows = _of_stays(rows, stays_of(rows.joints, robot.sliding))
+    stay = stays_of(rows.joints, robot.sliding)
+    # all rows of a stay are on the side of a joint's play that its first row came from
+    rows = replace(rows, stay=stay, side=rows.side[np.searchsorted(stay, stay)])
     kept = np.ones(len(rows), np.bool_)
     findings += _copies(rows, kept) + _named_alike(rows, np.flatnonzero(kept)) + _beyond_limits(robot, rows) + _unmoved(robot, rows)
     frames = find_frames(robot.forward(rows.joints, rows.side), rows, settings.seed)
@@ -234,7 +236,8 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     findings += _scattered(read)
     rows = replace(rows, covariance=rows.covariance * np.repeat(np.maximum(read.times, 1.0), 3)[:, None])
     used = np.ones(len(read.rows), np.bool_)
-    used[read.of[far(frames.used, rows) & (read.of >= 0)]] = False
+    # rows that lie far from where the nominal robot could have been
+    used[read.of[rows.placed & ~frames.used & (read.of >= 0)]] = False
     problem = Problem(
         unknowns, read.rows.of(np.flatnonzero(used)), _begin(read, frames, settings), settings.own_noise, scatter=read.scatter
     )
@@ -258,11 +261,6 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     return replace(found, findings=tuple(findings))
 
 
-def _of_stays(rows: Measurements, stay: IntArray) -> Measurements:
-    """The rows with the numbers of their stays, and all rows of a stay on the side of a joint's play that its first row came from."""
-    return replace(rows, stay=stay, side=rows.side[np.searchsorted(stay, stay)])
-
-
 def _begin(read: Stays, frames: Frames, settings: Settings) -> Noise:
     """The noise from which its size is looked for: the nominal robot's misfit, and the scatter of readings or a part of that."""
     if not settings.own_noise:
@@ -282,7 +280,7 @@ def _begun(robot: R, unknowns: Unknowns[R], rows: Measurements) -> FloatArray:
     theta, whole = np.zeros(len(unknowns)), rows.placed & rows.oriented
     if isinstance(robot, Parallel) and whole.sum() >= LEAST_POSES:
         at, targets = np.column_stack([rows.position, rows.quaternion])[whole], unknowns.start.targets[rows.target_of[whole]]
-        flange = se3.compose(se3.compose(np.broadcast_to(se3.inverse(unknowns.start.base), at.shape), at), se3.inverse(targets))
+        flange = se3.compose(se3.compose(se3.inverse(unknowns.start.base), at), se3.inverse(targets))
         found = legs_at(robot, flange, rows.joints[whole], unknowns.freed)
         if not np.isnan(robot.moved(found).forward(rows.joints)).any():
             theta[: len(unknowns.freed)] = found[unknowns.freed] / unknowns.size[: len(unknowns.freed)]
@@ -304,11 +302,6 @@ def check_foreign(found: Identified[R]) -> None:
             f"the identified robot still misses the measurements by {off:.3g} mm of a spread of {size:.3g} mm: they are not of this "
             "robot, or joints, axes or units are others than stated"
         )
-
-
-def far(near: BoolArray, rows: Measurements) -> BoolArray:
-    """Rows that the start has left out because they lie far from where the nominal robot could have been."""
-    return np.asarray(rows.placed & ~near)
 
 
 def predict(
@@ -357,7 +350,7 @@ def _reached(robot: R, rows: Measurements) -> tuple[Measurements, list[Noted]]:
     lost = np.isnan(robot.forward(rows.joints, rows.side)).any(axis=1)
     found = [noted("row-out-of-reach", "no_pose", rows.names[i], row=rows.subject(i)) for i in np.flatnonzero(lost).tolist()]
     if lost.all():
-        raise RobotError(f"{rows.where(0)}, and all others: no pose of robot {robot.name!r} has these joint values")
+        raise RobotError(f"{rows.subject(0)}, and all others: no pose of robot {robot.name!r} has these joint values")
     if len(rows) > 1 and not np.ptp(rows.joints, axis=0).any():
         raise RobotError(f"all {len(rows)} rows have the same joint values: they tell nothing of the robot")
     return (rows.of(np.flatnonzero(~lost)) if lost.any() else rows), found
@@ -395,10 +388,8 @@ def _unmoved(robot: R, rows: Measurements) -> list[Noted]:
     """Joints that never moved: of what they do at other values the measurements tell nothing."""
     out = []
     for j in np.flatnonzero(_still(robot, rows.joints)).tolist():
-        value, unit = (rows.joints[0, j], "mm") if robot.sliding[j] else (np.degrees(rows.joints[0, j]), "deg")
-        out.append(
-            noted("joint-unmoved", f"unmoved.{unit}", robot.joint_names[j], float(value), joint=robot.joint_names[j], at=float(value))
-        )
+        value, unit = joint_value(robot, j, rows.joints[0, j])
+        out.append(noted("joint-unmoved", f"unmoved.{unit}", robot.joint_names[j], value, joint=robot.joint_names[j], at=value))
     return out
 
 
@@ -432,10 +423,10 @@ def _beyond_limits(robot: R, rows: Measurements) -> list[Noted]:
     out = []
     for j in np.flatnonzero(beyond.any(axis=0)):
         row = int(np.argmax(beyond[:, j]))
-        value, unit = (rows.joints[row, j], "mm") if robot.sliding[j] else (np.degrees(rows.joints[row, j]), "deg")
+        value, unit = joint_value(robot, int(j), rows.joints[row, j])
         count = int(beyond[:, j].sum())
         joint, first = robot.joint_names[j], rows.subject(row)
-        out.append(noted("limits", f"limits.{unit}", joint, float(value), joint=joint, count=count, row=first, at=float(value)))
+        out.append(noted("limits", f"limits.{unit}", joint, value, joint=joint, count=count, row=first, at=value))
     return out
 
 

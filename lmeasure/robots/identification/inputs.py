@@ -10,10 +10,8 @@ from pathlib import Path
 from lmeasure.core import RobotError
 from lmeasure.io import Column, ForeignTable
 from lmeasure.recording import read_run
-from lmeasure.robots.identification.joint_commands import read_commanded, with_joints
-from lmeasure.robots.identification.measurements import Measurements
-from lmeasure.robots.identification.notes import Noted, noted
-from lmeasure.robots.identification.read_measurements import read_measurements
+from lmeasure.robots.identification.measurements import Measurements, Noted, noted
+from lmeasure.robots.identification.read_measurements import read_commanded, read_measurements, with_joints
 from lmeasure.robots.identification.trajectory_rests import matched, rests_of
 from lmeasure.robots.model import RobotModel
 from lmeasure.trajectory import ErrorModel, ErrorsOfRun, Stated, Trajectory, align, kind_of, read_trajectory, reconstruct

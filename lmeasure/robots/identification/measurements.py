@@ -1,7 +1,9 @@
-"""What an instrument measured of a robot: joint values, and for each the place, the pose, or the distance of a target on its flange."""
+"""What an instrument measured of a robot: joint values, and for each the place, the pose, or the distance of a target on its flange; and
+notes on it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -44,12 +46,8 @@ class Measurements:
     lines: tuple[int, ...] = ()
     """Of the file that they are from, one for each row; none where they are from none."""
 
-    def where(self, row: int) -> str:
-        """A row for a person: its name, and its line in the file."""
-        return str(self.subject(row))
-
     def subject(self, row: int) -> Message:
-        """The same in words of every language."""
+        """A row for a person: its name, and its line in the file."""
         if self.lines:
             return message("subject.row.line", name=self.names[row], line=self.lines[row])
         return message("subject.row", name=self.names[row])
@@ -193,3 +191,27 @@ def _numbered(names: Sequence[str] | None, n: int, alone: str) -> tuple[tuple[st
     different = tuple(dict.fromkeys(name for name in filled if name))
     place = {name: i for i, name in enumerate(different)} | {"": -1}
     return different, np.array([place[name] for name in filled], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Noted:
+    """One line: code as in identified.json, what it says, what it is of, if anything, and the value that it is judged by."""
+
+    code: str
+    said: Message
+    of: str = ""
+    value: float | None = None
+
+    @property
+    def text(self) -> str:
+        """Return the message, whose text is English."""
+        return self.said
+
+    def stated(self) -> dict[str, Any]:
+        """As identified.json has it."""
+        return {"code": self.code, "of": self.of, "value": self.value, "text": self.text, "finding": self.said.stated()}
+
+
+def noted(code: str, words: str, of: str = "", value: float | None = None, **values: Any) -> Noted:
+    """A note in the words of the catalogue's `identify.WORDS` with these values."""
+    return Noted(code, message(f"identify.{words}", **values), of, value)

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
-from lmeasure.robots.identification.measurements import Measurements
-from lmeasure.robots.identification.notes import Noted, noted
+from lmeasure.robots.identification.measurements import Measurements, Noted, noted
 from lmeasure.robots.identification.problem import Fit, Linear, Problem, distances, solved, weighted, with_noise
 from lmeasure.robots.identification.unknowns import R
 

@@ -1,4 +1,4 @@
-"""Where a robot may go to be measured: joint limits, boxes that are kept out of, and where the instrument is good enough."""
+"""Where a robot may go to be measured, and how exactly it is predicted wherever its target can be."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -7,15 +7,17 @@ import numpy as np
 from scipy.stats import qmc
 
 from lmeasure.calibration import Limits, Usable
-from lmeasure.core import BoolArray, FloatArray, RobotError, se3
+from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
 from lmeasure.kernels import wrap_geometry
 from lmeasure.rig import Rig
-from lmeasure.robots.inverse_kinematics import reach_mm
-from lmeasure.robots.model import RobotModel
+from lmeasure.robots.identification.identify import Identified, predict
+from lmeasure.robots.identification.unknowns import R
+from lmeasure.robots.model import RobotModel, joint_columns
 from lmeasure.robots.parallel import limits
 from lmeasure.robots.parallel.jacobians import nearness
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 from lmeasure.robots.platform import Platform
+from lmeasure.robots.serial import reach_mm
 from lmeasure.robots.serial_robot import SerialRobot
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ class Allowed:
             out = np.zeros(len(joints), np.bool_)
             out[there] = self(joints[there]) if there.any() else False
             return out
-        target = se3.compose(flange, np.broadcast_to(self.tool, flange.shape))
+        target = se3.compose(flange, self.tool)
         good = np.asarray(((joints >= low) & (joints <= high)).all(axis=1) & np.isfinite(target).all(axis=1))
         if isinstance(self.robot, Parallel):
             good &= limits.checked(self.robot, self.robot.bounds, flange).all
@@ -73,7 +75,7 @@ class Allowed:
         good &= self._apart(joints, flange, target)
         if self.zone is None:
             return good
-        seen = se3.compose(np.broadcast_to(self.instrument_from_base, target.shape), target)
+        seen = se3.compose(self.instrument_from_base, target)
         if isinstance(self.zone, Rig):
             cables = tuple(c for c in self.zone.cable if c.passage == 1)
             usable = Usable(self.zone, cables, Limits(), seen[0])
@@ -176,3 +178,75 @@ def _in_zone(zone: "xr.Dataset", poses: FloatArray) -> BoolArray:
         away = 2.0 * np.arccos(np.clip(np.abs(poses[:, 3:] @ scanned.T), 0.0, 1.0)).min(axis=1)
         good &= away <= step
     return np.asarray(good)
+
+
+SAMPLES = 4096
+CELLS = 12
+"""Along the longest extent of the reach."""
+LEAST = 3
+"""Poses of a cell from which its figures are reported."""
+
+
+@dataclass(frozen=True)
+class PredictionMap:
+    """joints (n, k) spread evenly over the joints' ranges, places (n, 3) of the target [mm, robot's base], u95_mm (n,): radius that holds
+    95 % of where it is from where it is predicted, by identification and robot without the instrument; at_measured_mm: its median at the
+    poses that were measured; cells (c, 3) centres of cubes of edge_mm, of each the median and the largest u95 and how many of the poses it
+    holds."""
+
+    joints: FloatArray
+    places: FloatArray
+    u95_mm: FloatArray
+    at_measured_mm: float
+    edge_mm: float
+    cells: FloatArray
+    median_mm: FloatArray
+    largest_mm: FloatArray
+    poses: IntArray
+
+    @property
+    def quantiles_mm(self) -> tuple[float, float, float]:
+        """Median, 95 % quantile and largest of u95."""
+        return float(np.median(self.u95_mm)), float(np.quantile(self.u95_mm, 0.95)), float(self.u95_mm.max())
+
+    def columns(self) -> dict[str, FloatArray | IntArray]:
+        """Of workspace.csv, one row for each cell."""
+        place = dict(zip(("x_mm", "y_mm", "z_mm"), self.cells.T, strict=True))
+        return {**place, "u95_mm": self.median_mm, "largest_u95_mm": self.largest_mm, "poses": self.poses}
+
+
+def workspace(found: Identified[R], samples: int = SAMPLES, seed: int = 0) -> PredictionMap | None:
+    """The u95 over all that the robot's limits allow; None where hardly any joint values lead to a pose, or the robot's own noise is not
+    determined."""
+    if not found.tells_noise:
+        return None
+    robot, tool = found.state.robot, found.state.targets[0]
+    allowed = Allowed(robot, found.state.base, tool, np.zeros((0, 3, 2)))
+    joints = allowed.spread(qmc.Sobol(len(robot.joint_names), rng=np.random.default_rng(seed)).random(samples))
+    joints = joints[allowed(joints)]
+    if len(joints) < CELLS:
+        return None
+    flange = robot.forward(joints)
+    places = se3.apply(flange, tool[:3])
+    u95 = predict(found, joints, u_position_mm=0.0).u95_mm
+    own = found.rows.joints[found.kept]
+    edge = float(np.ptp(places, axis=0).max()) / CELLS
+    _, of, counts = np.unique(np.floor(places / edge).astype(np.int64), axis=0, return_inverse=True, return_counts=True)
+    determined = np.flatnonzero(counts >= LEAST)
+    parts = [np.flatnonzero(of.reshape(-1) == cell) for cell in determined]
+    return PredictionMap(
+        joints,
+        places,
+        u95,
+        float(np.median(predict(found, own, u_position_mm=0.0).u95_mm)),
+        edge,
+        np.array([(np.floor(places[part[0]] / edge) + 0.5) * edge for part in parts]).reshape(-1, 3),
+        np.array([np.median(u95[part]) for part in parts]),
+        np.array([u95[part].max() for part in parts]),
+        counts[determined],
+    )
+
+
+def worst_pose(found: Identified[R], over: PredictionMap) -> dict[str, float]:
+    """Joint values by name, in degrees or mm, where the u95 is largest."""
+    return {name: float(v) for name, v in joint_columns(found.nominal, over.joints[int(np.argmax(over.u95_mm))]).items()}

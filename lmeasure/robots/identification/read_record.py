@@ -81,7 +81,7 @@ class Placed:
     def _seen(self, poses: FloatArray) -> FloatArray:
         known = ~np.isnan(poses).any(axis=1)
         out = np.full_like(poses, np.nan)
-        out[known] = se3.compose(se3.compose(np.broadcast_to(self.stand, poses[known].shape), poses[known]), self.seat)
+        out[known] = se3.compose(se3.compose(self.stand, poses[known]), self.seat)
         return out
 
 
@@ -142,7 +142,7 @@ class IdentifiedRobot:
         """(N, 3, p) derivatives of the target's place in the instrument's frame by the unknowns, in the units of their names."""
         own = {p.name: (i, p.size) for i, p in enumerate(self.found.parameters)}
         flange, _, twists = self.found.derivatives(joints)
-        in_base = se3.apply(flange, np.broadcast_to(self.tool[:3], (len(joints), 3)))
+        in_base = se3.apply(flange, self.tool[:3])
         turn = se3.matrices(self.base)
         out = np.zeros((len(joints), 3, len(self.names)))
         degree = np.radians(1.0)

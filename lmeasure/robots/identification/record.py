@@ -12,9 +12,9 @@ from lmeasure.io import files
 from lmeasure.robots.file_fields import Frame, Place
 from lmeasure.robots.identification.hold_out import HeldOut, Worth
 from lmeasure.robots.identification.identify import Identified, Prediction
-from lmeasure.robots.identification.notes import Noted
+from lmeasure.robots.identification.measurements import Noted
 from lmeasure.robots.identification.observability import determined_parameters, silent_directions, unknown_frames
-from lmeasure.robots.identification.prediction_map import PredictionMap, worst_pose
+from lmeasure.robots.identification.reach import PredictionMap, worst_pose
 from lmeasure.robots.robot import AnyRobot, Robot
 from lmeasure.text import message
 
@@ -70,7 +70,7 @@ def record(
         "stations": dict(zip(found.rows.stations, state.stations.tolist(), strict=True)),
         "noise": {
             "position_mm": found.robot_mm if found.tells_noise else None,
-            "rotation_deg": _rotation_noise(found),
+            "rotation_deg": float(np.degrees(found.noise.rotation_rad)) if found.rows.oriented.any() and found.tells_noise else None,
             "reading_mm": found.noise.reading_mm or None,
         },
         "stays": found.stays,
@@ -148,10 +148,6 @@ def _workspace(found: Identified[Any], over: PredictionMap) -> dict[str, Any]:
     median, most, largest = over.quantiles_mm
     figures = {"median_u95_mm": median, "quantile_95_u95_mm": most, "largest_u95_mm": largest, "measured_u95_mm": over.at_measured_mm}
     return figures | {"poses": len(over.u95_mm), "worst_pose": worst_pose(found, over)}
-
-
-def _rotation_noise(found: Identified[Any]) -> float | None:
-    return float(np.degrees(found.noise.rotation_rad)) if found.rows.oriented.any() and found.tells_noise else None
 
 
 def _residuals(found: Identified[Any]) -> list[dict[str, Any]]:

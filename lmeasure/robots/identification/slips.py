@@ -15,12 +15,10 @@ import numpy as np
 
 from lmeasure.core import FloatArray, RobotError
 from lmeasure.robots.identification.initial_frames import find_frames
-from lmeasure.robots.identification.measurements import Measurements, sides
-from lmeasure.robots.identification.notes import Noted, noted
-from lmeasure.robots.inverse_kinematics import reach_mm
+from lmeasure.robots.identification.measurements import Measurements, Noted, noted, sides
 from lmeasure.robots.parallel.file import ParallelFile
-from lmeasure.robots.platform import PlatformFile
-from lmeasure.robots.robot import AnyRobot, Revolute, Robot
+from lmeasure.robots.robot import AnyRobot, Robot
+from lmeasure.robots.serial import reach_mm
 from lmeasure.text import message
 
 SUSPECT_MM, SUSPECT_PART = 8.0, 0.004
@@ -119,21 +117,6 @@ def _size(robot: AnyRobot) -> float:
     return float(np.ptp(np.array([[leg.min_mm, leg.max_mm] for leg in robot.leg])) + np.linalg.norm(robot.tool_pose[:3]))
 
 
-def _of_platform(robot: PlatformFile | ParallelFile) -> Iterator[tuple[Noted, _Slip]]:
-    model = robot.model
-    names, sliding = model.joint_names, model.sliding
-    for i, k in combinations(range(len(names)), 2):
-        if sliding[i] == sliding[k]:
-            yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
-    if not sliding.all():
-        yield noted("units", "units.joints.rad", "joints"), _turns_times(180.0 / math.pi)
-        yield noted("units", "units.joints.deg", "joints"), _turns_times(math.pi / 180.0)
-    for factor, unit in ((1e3, "m"), (25.4, "in")):
-        if sliding.any():
-            yield _units("lengths", unit, "joints"), _lengths_times(factor)
-        yield _units("places", unit, "measurements"), _places_times(factor)
-
-
 def _swapped(what: str, one: str, other: str) -> Noted:
     return noted("swapped", f"swapped.{what}", f"{one}, {other}", one=one, other=other)
 
@@ -143,37 +126,33 @@ def _units(what: str, unit: str, of: str) -> Noted:
     return noted("units", f"units.{what}", of, unit=message(f"unit.{unit}"))
 
 
-def _lengths_times(factor: float) -> _Slip:
-    return lambda robot, rows: (robot, _with_joints(rows, rows.joints * np.where(robot.model.sliding, factor, 1.0)))
-
-
 def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]:
     """Every slip that is tried, with what is said of it."""
-    if not isinstance(robot, Robot):
-        yield from _of_platform(robot)
-        return
-    names = [j.name for j in robot.driven]
-    at = [i for i, j in enumerate(robot.joint) if j.follows is None]  # the joints' own links: others follow them
-    turning = np.array([isinstance(j, Revolute) for j in robot.driven])
-    for i, name in enumerate(names):
-        yield noted("sign", "sign", name, joint=name), _other_way(at[i])
+    names, turning, serial = robot.model.joint_names, ~robot.model.sliding, isinstance(robot, Robot)
+    at = [i for i, j in enumerate(robot.joint) if j.follows is None] if isinstance(robot, Robot) else []  # joints' own links: others follow
+    for name, link in zip(names, at, strict=False):
+        yield noted("sign", "sign", name, joint=name), _other_way(link)
     for i, k in combinations(range(len(names)), 2):
         if turning[i] == turning[k]:
             yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
-            yield _swapped("links", names[i], names[k]), _links_swapped(at[i], at[k])
+            if serial:
+                yield _swapped("links", names[i], names[k]), _links_swapped(at[i], at[k])
     if turning.any():
-        yield noted("units", "units.joints.rad", "joints"), _turns_times(180.0 / math.pi)
-        yield noted("units", "units.joints.deg", "joints"), _turns_times(math.pi / 180.0)
-        yield noted("units", "units.robot.rad", "robot"), _robot_times(1.0, 180.0 / math.pi)
-    likely = SMALLEST_MM < _size(robot) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
-    for factor, unit in ((1e3, "m"), (1e-3, "um"), (25.4, "in")):
+        yield noted("units", "units.joints.rad", "joints"), _joints_times(True, 180.0 / math.pi)
+        yield noted("units", "units.joints.deg", "joints"), _joints_times(True, math.pi / 180.0)
+        if serial:
+            yield noted("units", "units.robot.rad", "robot"), _robot_times(1.0, 180.0 / math.pi)
+    likely = not serial or SMALLEST_MM < _size(robot) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
+    for factor, unit in ((1e3, "m"), (1e-3, "um"), (25.4, "in")) if serial else ((1e3, "m"), (25.4, "in")):
+        if not serial and not turning.all():
+            yield _units("lengths", unit, "joints"), _joints_times(False, factor)
         if likely:
             yield _units("places", unit, "measurements"), _places_times(factor)
         else:
             yield _units("robot", unit, "robot"), _robot_times(factor, 1.0)
-    for i, name in enumerate(names):
-        for turn in (90.0, -90.0, 180.0) if turning[i] else ():
-            yield noted("zero", "zero", name, joint=name, turn_deg=turn), _zero(at[i], turn)
+    for name, link, turns in zip(names, at, turning, strict=False):
+        for turn in (90.0, -90.0, 180.0) if turns else ():
+            yield noted("zero", "zero", name, joint=name, turn_deg=turn), _zero(link, turn)
 
 
 def _of_joint(robot: Robot, i: int, **values: float) -> Robot:
@@ -210,8 +189,9 @@ def _links_swapped(i: int, k: int) -> _Slip:
     return slip
 
 
-def _turns_times(factor: float) -> _Slip:
-    return lambda robot, rows: (robot, _with_joints(rows, rows.joints * np.where(robot.model.sliding, 1.0, factor)))
+def _joints_times(turning: bool, factor: float) -> _Slip:
+    """Values of the joints that turn, or of those that slide."""
+    return lambda robot, rows: (robot, _with_joints(rows, rows.joints * np.where(robot.model.sliding != turning, factor, 1.0)))
 
 
 def _robot_times(lengths: float, angles: float) -> _Slip:

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, RobotError, symmetric_root
-from lmeasure.robots.identification.joint_commands import Commanded
-from lmeasure.robots.identification.measurements import POSITION, Measurements, measured
-from lmeasure.robots.identification.notes import Noted, noted
-from lmeasure.robots.model import RobotModel
+from lmeasure.robots.identification.measurements import POSITION, Measurements, Noted, measured, noted
+from lmeasure.robots.identification.read_measurements import Commanded
+from lmeasure.robots.model import RobotModel, joint_value
 from lmeasure.trajectory import LAG_S, ErrorModel, PoseErrors, Trajectory, mean_pose, rests, settled
 
 STILL_MM = 0.2
@@ -123,9 +122,9 @@ def _by_time(found: Rests, commanded: Commanded, time_s: FloatArray, robot: Robo
         moves = np.ptp(values, axis=0)
         if (moves > STILL_JOINT).any():
             j = int(np.argmax(moves))
-            by, unit = (moves[j], "mm") if robot.sliding[j] else (np.degrees(moves[j]), "deg")
+            by, unit = joint_value(robot, j, moves[j])
             at, name = float(start), robot.joint_names[j]
-            notes.append(noted("joints-move", f"joints_move.{unit}", f"{at:.6g} s", float(by), joint=name, by=float(by), at_s=at))
+            notes.append(noted("joints-move", f"joints_move.{unit}", f"{at:.6g} s", by, joint=name, by=by, at_s=at))
         pairs.append((i, int(own[len(own) // 2])))
         joints.append(values.mean(axis=0))
     return np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(joints).reshape(-1, commanded.joints.shape[1]), notes

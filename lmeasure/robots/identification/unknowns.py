@@ -176,7 +176,7 @@ class Unknowns(Generic[R]):
         out[placed, POSITION] = (rows.position - place)[placed]
         if oriented.any():
             # instrument axes: measured = Exp(residual) predicted
-            predicted = se3.compose(se3.compose(np.broadcast_to(state.base, flange.shape), flange), local)[oriented]
+            predicted = se3.compose(se3.compose(state.base, flange), local)[oriented]
             read = se3.pose(predicted[:, :3], se3.rotation(np.column_stack([predicted[:, :3], rows.quaternion[oriented]])))
             residual = se3.displacement(read, predicted)[:, :3]
             out[oriented, ROTATION] = residual

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, GeometryError, se3
 from lmeasure.linkages import assemblies
+from lmeasure.robots.parallel.dyads import misses
 
 _SAMPLES = 16
 """Of trigonometric polynomials of degree four, which nine would determine."""
@@ -35,9 +36,9 @@ def completed(kind: str, given: FloatArray, anchors: FloatArray, points: FloatAr
         raise GeometryError(f"{kind!r} is none of {', '.join(KINDS)}")
     if len(anchors) != KINDS[kind]:
         raise GeometryError(f"a {kind} is completed by {KINDS[kind]} links, not by {len(anchors)}")
-    links = se3.apply(np.broadcast_to(se3.inverse(given), (len(anchors), 7)), anchors), points, lengths
+    links = se3.apply(se3.inverse(given), anchors), points, lengths
     found = {"point on a line": _turned, "line in a plane": _slid, "line": _turned_and_slid, "point": _about, "plane": _over}[kind](*links)
-    return se3.compose(np.broadcast_to(given, found.shape), found)
+    return se3.compose(given, found)
 
 
 def _turned(anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> FloatArray:
@@ -113,7 +114,7 @@ def _polished(found: FloatArray, anchors: FloatArray, points: FloatArray, length
         rows = np.stack([span[..., 2], x * span[..., 1] - y * span[..., 0]], axis=-1) / far[..., None]
         found = found + (np.linalg.pinv(rows, rcond=1e-9) @ (lengths - far)[..., None])[..., 0]
     poses = _of(found[:, 0], found[:, 1])
-    return poses[_closing(poses, anchors, points, lengths) < 1e-8 * size]
+    return poses[np.abs(misses(poses, anchors, points, lengths)).max(axis=1) < 1e-8 * size]
 
 
 def _about(anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> FloatArray:
@@ -229,11 +230,6 @@ def _of(heights: FloatArray, angles: FloatArray) -> FloatArray:
     if not len(heights):
         return np.empty((0, 7))
     return se3.pose(np.outer(heights, [0.0, 0.0, 1.0]), Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])))
-
-
-def _closing(poses: FloatArray, anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> FloatArray:
-    ends = poses[:, None, :3] + np.einsum("kij,nj->kni", se3.matrices(poses), points)
-    return np.asarray(np.abs(np.linalg.norm(ends - anchors, axis=-1) - lengths).max(axis=1))
 
 
 def _apart(poses: FloatArray, size: float) -> FloatArray:

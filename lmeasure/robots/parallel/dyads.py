@@ -54,7 +54,7 @@ def gradients(poses: FloatArray, anchors: FloatArray, points: FloatArray) -> tup
 
 def fitted(poses: FloatArray, anchor: FloatArray, point: FloatArray) -> Dyad:
     """The link of least squares for poses (n, 7), n >= 7, found from a start (3,), (3,); its length starts as the mean distance."""
-    ends = se3.apply(poses, np.broadcast_to(point, (len(poses), 3)))
+    ends = se3.apply(poses, point)
     start = np.concatenate([anchor, point, [float(np.linalg.norm(ends - anchor, axis=1).mean())]])
     size = float(start[6])
 

@@ -8,7 +8,8 @@ from pydantic import Field, model_validator
 
 from lmeasure.core import FloatArray, GeometryError, se3
 from lmeasure.io import Name, Strict
-from lmeasure.robots.file_fields import Angle, Length, Limits, Place, named_once
+from lmeasure.robots.file_fields import Angle, Length, Limits, Place, legs_with, named_once
+from lmeasure.robots.model import nearest_turns
 from lmeasure.robots.parallel.guide import Driver, way_of
 from lmeasure.robots.parallel.jacobians import nearness
 from lmeasure.robots.parallel.legs import KINDS, Leg
@@ -282,10 +283,8 @@ class ParallelFile(Strict):
             own = every[0, min(getattr(leg, "elbow", 1), every.shape[1]) - 1]
             if not np.isfinite(own).all():
                 raise ValueError(f"home: {leg.name} does not reach there")
-            # by whole turns to the middle of what is allowed
-            slides = [slide for _, slide in KINDS[leg.type].drives]
-            middle = 0.5 * (leg.limits("min") + leg.limits("max"))
-            joints.append(own - np.where(slides, 0.0, 2.0 * np.pi * np.round((own - middle) / (2.0 * np.pi))))
+            slides = np.array([slide for _, slide in KINDS[leg.type].drives], dtype=np.bool_)
+            joints.append(nearest_turns(own, 0.5 * (leg.limits("min") + leg.limits("max")), slides))
         robot = replace(robot, home_joints=np.concatenate(joints))
         closed, met = robot.near(robot.home_joints[None], home[None])
         away = np.abs(se3.displacement(closed, home[None]) / robot.units).max()
@@ -310,13 +309,4 @@ class ParallelFile(Strict):
 
     def with_values(self, values: dict[str, float]) -> Self:
         """With values of its parameters by name, such as `leg_1.rod_mm`."""
-        legs = []
-        for leg in self.leg:
-            own = {name.split(".", 1)[1]: float(value) for name, value in values.items() if name.startswith(f"{leg.name}.")}
-            update: dict[str, Any] = {key: value for key, value in own.items() if key in type(leg).model_fields}
-            for end in ("base", "platform"):
-                if f"{end}_mm" in type(leg).model_fields:
-                    old = getattr(leg, f"{end}_mm")
-                    update[f"{end}_mm"] = tuple(own.get(f"{end}_{axis}_mm", v) for axis, v in zip("xyz", old, strict=True))
-            legs.append(leg.model_copy(update=update))
-        return self.model_copy(update={"leg": tuple(legs)})
+        return self.model_copy(update={"leg": legs_with(self.leg, values)})

@@ -119,7 +119,7 @@ def way_of(rods: Rods, home: tuple[float, ...], driver: Driver) -> tuple[FloatAr
     least, most = driver.limits
     forth, back = (_walked(link, closed, way, driver, far) for way, far in ((ahead, most), (-ahead, -least)))
     poses = np.array([*back[::-1], closed, *forth])
-    places = se3.apply(poses, np.broadcast_to(driver.point, (len(poses), 3)))
+    places = se3.apply(poses, driver.point)
     chords = np.linalg.norm(np.diff(places, axis=0), axis=1)
     if not (chords > LEAST_PART * driver.step_mm).all():
         raise GeometryError("its point hardly moves somewhere on the way: drive another one, or not so far")

@@ -7,6 +7,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.robots.file_fields import Limits
+from lmeasure.robots.model import nearest_turns
 from lmeasure.robots.parallel.jacobians import nearness
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 
@@ -84,7 +85,7 @@ def ranges(inside: Callable[[FloatArray], BoolArray], home: FloatArray, most: Fl
         for way, sign in enumerate((-1.0, 1.0)):
             delta = np.zeros((STEPS + 1, 6))
             delta[:, axis] = sign * most[axis] * np.linspace(0.0, 1.0, STEPS + 1)
-            kept = inside(se3.displaced(np.broadcast_to(home, (STEPS + 1, 7)), delta))
+            kept = inside(se3.displaced(home, delta))
             last = int(np.argmin(kept)) - 1 if not kept.all() else STEPS
             out[axis, way] = delta[max(last, 0), axis]
     return out
@@ -116,11 +117,9 @@ def own_roots(robot: Parallel, poses: FloatArray) -> FloatArray:
         begin = sum(part.shape[1] for part in out)
         own = slice(begin, begin + len(leg.of.drives))
         slides = robot.sliding[own]
-        away = home[0] - robot.home_joints[own]
-        away = away - np.where(slides, 0.0, 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
+        away = nearest_turns(home[0], robot.home_joints[own], slides) - robot.home_joints[own]
         root = every[:, int(np.argmin(np.nan_to_num(np.abs(away), nan=np.inf).max(axis=1, initial=0.0)))]
-        turns = np.where(slides, 0.0, np.round((root - 0.5 * (low[own] + high[own])) / (2.0 * np.pi)))
-        out.append(root - 2.0 * np.pi * turns)
+        out.append(nearest_turns(root, 0.5 * (low[own] + high[own]), slides))
     return np.concatenate(out, axis=1)
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, Status, se3
 from lmeasure.kernels import driven, placed
 from lmeasure.robots.file_fields import Limits
-from lmeasure.robots.model import Parameter
+from lmeasure.robots.model import Parameter, joint_value, nearest_turns
 from lmeasure.robots.parallel.jacobians import Jacobians
 from lmeasure.robots.parallel.legs import Leg
 from lmeasure.text import numbers
@@ -261,16 +261,14 @@ class Parallel:
         every = np.array([np.concatenate(one) for one in product(*roots)]).reshape(-1, len(self.joint_names))
         every = every[np.isfinite(every).all(axis=1)]
         low, high = self.limits
-        # by whole turns to the middle of what is allowed
-        turns = np.where(self.sliding, 0.0, np.round((every - 0.5 * (low + high)) / (2.0 * np.pi)))
-        every = every - 2.0 * np.pi * turns
+        every = nearest_turns(every, 0.5 * (low + high), self.sliding)
         every = every[((every >= low) & (every <= high)).all(axis=1)]
         if not len(every):
             return every
         reached = self.forward(every)
         there = ~np.isnan(reached[:, 0])
         every, reached = every[there], reached[there]
-        off = np.abs(se3.displacement(reached, np.broadcast_to(pose, reached.shape)) / self.units).max(axis=1)
+        off = np.abs(se3.displacement(reached, pose) / self.units).max(axis=1)
         return np.asarray(every[off < REACHED_MM])
 
     def roots(self, poses: FloatArray) -> list[FloatArray]:
@@ -317,8 +315,7 @@ class Parallel:
         columns: list[FloatArray] = []
         for every, near in zip(roots, np.split(start, self._cuts), strict=True):
             slides = self.sliding[sum(c.shape[1] for c in columns) :][: len(near)]
-            away = every[0] - near
-            away -= np.where(slides, 0.0, 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
+            away = nearest_turns(every[0], near, slides) - near
             own = every[:, int(np.argmin(np.nan_to_num(np.abs(away), nan=np.inf).max(axis=1, initial=0.0)))].copy()
             turning = np.flatnonzero(~slides)
             steps = np.diff(own[:, turning], axis=0, prepend=near[turning][None])
@@ -331,7 +328,7 @@ class Parallel:
         if beyond.any():
             sample = int(np.argmax(beyond.any(axis=1)))
             j = int(np.argmax(beyond[sample]))
-            value, unit = (joints[sample, j], "mm") if self.sliding[j] else (np.degrees(joints[sample, j]), "deg")
+            value, unit = joint_value(self, j, joints[sample, j])
             raise RobotError(f"sample {sample}: {self.joint_names[j]} would be at {value:.6g} {unit}, beyond its limits", sample)
         jumps = np.abs(np.diff(joints, axis=0)) > np.where(self.sliding, self.size_mm, MOST_RAD)
         self._say(np.concatenate([[False], jumps.any(axis=1)]), "a joint jumps at", poses)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, se3
+from lmeasure.robots.model import joint_columns
 from lmeasure.robots.parallel.completion import KINDS as COMPLETED, completed
 from lmeasure.robots.parallel.file import ParallelFile, Strut
 from lmeasure.robots.parallel.jacobians import Singular, nearness, singular
@@ -57,9 +58,6 @@ def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, A
         raise GeometryError(f"{file.name}: its legs do not reach this pose")
     jacobians = robot.jacobians(at[None], joints)
     kind = Singular(int(singular(jacobians, robot.units)[0])) if len(joints[0]) == EQUATIONS else Singular.NO
-    values = np.where(robot.sliding, joints[0], np.degrees(joints[0]))
-    low, high = (np.where(robot.sliding, v, np.degrees(v)) for v in robot.limits)
-    names = [f"{n}_{'mm' if s else 'deg'}" for n, s in zip(robot.joint_names, robot.sliding, strict=True)]
     out: dict[str, Any] = {
         "name": file.name,
         "legs": {leg.name: leg.type for leg in file.leg},
@@ -67,8 +65,8 @@ def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, A
         "parameters": len(robot.parameters),
         "position_mm": at[:3].tolist(),
         "quaternion_xyzw": at[3:].tolist(),
-        "joints": dict(zip(names, values.tolist(), strict=True)),
-        "joint_limits": {n: [float(a), float(b)] for n, a, b in zip(names, low, high, strict=True)},
+        "joints": {name: float(v) for name, v in joint_columns(robot, joints[0]).items()},
+        "joint_limits": {name: ends.tolist() for name, ends in joint_columns(robot, np.array(robot.limits)).items()},
         "singular": SINGULAR[kind],
         "nearness": float(nearness(jacobians.output, robot.units)[0]),
         "limits_kept": {name: bool(getattr(kept, name)[0]) for name in Checks.__dataclass_fields__},
@@ -146,10 +144,7 @@ def at_poses(file: ParallelFile, poses: FloatArray) -> dict[str, FloatArray]:
     near = np.full(len(poses), np.nan)
     if kept.reached.any():
         near[kept.reached] = nearness(robot.jacobians(poses[kept.reached], joints[kept.reached]).output, robot.units)
-    columns = {}
-    for i, (name, slides) in enumerate(zip(robot.joint_names, robot.sliding, strict=True)):
-        columns[f"{name}_{'mm' if slides else 'deg'}"] = joints[:, i] if slides else np.degrees(joints[:, i])
-    return columns | {"nearness": near, "kept": kept.all.astype(np.float64)}
+    return joint_columns(robot, joints) | {"nearness": near, "kept": kept.all.astype(np.float64)}
 
 
 def completions(file: ParallelFile, kind: str, given: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -1,16 +1,49 @@
-"""A simulated arm at work: what a controller commands, and where an arm with errors, servos and heat really goes."""
+"""A simulated robot at work: its commands, where an arm with errors, servos and heat really goes, and the arm of the simulated cell."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, RobotError, se3
-from lmeasure.robots.simulated.commands import Command
+from lmeasure.robots.base_mount import Mounted
+from lmeasure.robots.file_fields import Place
+from lmeasure.robots.robot import Payload, Robot, shipped
+from lmeasure.robots.serial import SerialArm
+
+Role = Literal["pose", "settling", "path", "posing", "compliance"]
+
+
+@dataclass(frozen=True)
+class Command:
+    """Go from where the tool is through (k, 7) poses [mm, base frame] at a constant speed, and rest at the last.
+
+    target: the pose, path, posing or loaded pose (role) of the program that is measured, empty on the way to one; cycle counts from 1. The
+    tool origin runs straight between the poses; where only the orientation changes, it turns at rotation_rad_s. load_kg hangs from the
+    tool, force_n (3,) [N, base frame] pulls at it.
+    """
+
+    poses: FloatArray
+    speed_mm_s: float
+    dwell_s: float = 0.0
+    target: str = ""
+    role: Role = "pose"
+    cycle: int = 1
+    rotation_rad_s: float = 1.0
+    load_kg: float = 0.0
+    force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def durations(self, start: FloatArray) -> FloatArray:
+        """(k,) seconds of the ways to its poses, the first from `start` (7,): the slower of shift and turn."""
+        rows = np.concatenate([start[None], self.poses])
+        shift = np.linalg.norm(np.diff(rows[:, :3], axis=0), axis=1)
+        turn = (se3.rotation(rows[:-1]).inv() * se3.rotation(rows[1:])).magnitude()
+        return np.asarray(np.maximum(shift / self.speed_mm_s, turn / self.rotation_rad_s))
+
 
 GRAVITY_M_S2 = 9.80665
 MAX_SAMPLES = 50_000_000
@@ -20,25 +53,8 @@ BETWEEN = 101
 """Joint values of a way that are looked at before it is gone."""
 
 
-class Mechanics(Protocol):
-    """What a simulation needs of a robot of n joints: a `SerialArm`, or any other `mounted.Mounted`."""
-
-    @property
-    def axes_count(self) -> int:
-        """Of joints."""
-        ...
-
-    def follow(self, poses: FloatArray, start: FloatArray) -> FloatArray:
-        """(N, n) joint values along tool poses (N, 7), beginning near start (n,)."""
-        ...
-
-    def forward(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> FloatArray:
-        """(N, 7) tool poses, lengths grown by growth (N,) of themselves."""
-        ...
-
-    def deflection(self, joints: FloatArray, stiffness: FloatArray, force: FloatArray, points: FloatArray) -> FloatArray:
-        """(N, n) by which forces (N, 3) at points (N, 3) move joints."""
-        ...
+Mechanics: TypeAlias = SerialArm | Mounted
+"""What moves: an arm by itself, or a robot of any kind where it stands."""
 
 
 @dataclass(frozen=True)
@@ -237,3 +253,54 @@ def _averaged(values: FloatArray, spans_s: Sequence[float], rate_hz: float) -> F
         total = np.cumsum(padded)
         values = values[0] + (total[width:] - total[:-width]) / width
     return values
+
+
+FOOT_MM = (1100.0, 0.0, -500.0)
+"""At the side of the cell where no cable passes, below the work space; the arm looks along -X."""
+TOOL_MM = 100.0
+"""From the flange down to the tool's origin."""
+U_LENGTH_MM, U_ANGLE_RAD = 0.15, 2e-4
+JOINT_NOISE_RAD = 1.5e-5
+BACKLASH_RAD = 3e-5
+RATED_SPEED_MM_S = 1000.0
+RATED_LOAD_KG = 20.0
+RAMP_S = (0.08, 0.03)
+GROWTH = 1.5e-4
+"""A steel arm that gets 13 K warmer."""
+GROWTH_S = 1800.0
+REST = (0.0, 0.0, 0.0, 0.0, 1.4, 0.0)
+"""Joint angles near which it stands before it begins."""
+# the flange looks down, the tool's axes are those of the base frame at rest
+_FRAMES = (
+    se3.pose(FOOT_MM, Rotation.from_rotvec([0.0, 0.0, math.pi])),
+    se3.pose([0.0, 0.0, TOOL_MM], Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0]))),
+)
+"""Where the arm stands in the cell, and the tool on its flange."""
+
+
+def nominal_robot() -> Robot:
+    """The arm as its maker drew it, as a robot.toml has it: where it stands in the cell, its tool, and the rated load at that."""
+    place = [Place(position_mm=tuple(row[:3]), quaternion_xyzw=tuple(row[3:])) for row in _FRAMES]
+    payload = Payload(mass_kg=RATED_LOAD_KG, centre_mm=place[1].position_mm)
+    return shipped("generic6").model_copy(update={"name": "cell_robot", "base": place[0], "tool": place[1], "payload": payload})
+
+
+def cell_robot(seed: int = 0) -> SimulatedRobot:
+    """A robot of 20 kg with normal errors of its links: a few tenths of a millimetre at the tool, as no two are built."""
+    rng = np.random.default_rng(seed)
+    nominal = nominal_robot().arm
+    axes = nominal.axes_count
+    errors = rng.normal(size=nominal.links.shape) * [U_ANGLE_RAD, U_LENGTH_MM, U_LENGTH_MM, U_ANGLE_RAD, U_ANGLE_RAD]
+    return SimulatedRobot(
+        nominal,
+        nominal.with_errors(errors),
+        rest=np.array(REST),
+        ramp_s=RAMP_S,
+        natural_rad_s=rng.uniform(80.0, 110.0, axes),
+        damping=rng.uniform(0.4, 0.55, axes),
+        joint_noise_rad=JOINT_NOISE_RAD * rng.uniform(0.5, 1.5, axes),
+        backlash_rad=BACKLASH_RAD * rng.uniform(0.5, 1.5, axes),
+        stiffness_n_mm_rad=np.array([2e9, 2e9, 1.5e9, 4e8, 4e8, 3e8]),
+        growth=GROWTH,
+        growth_s=GROWTH_S,
+    )

@@ -1,1 +1,0 @@
-"""Simulated robots: a controller's commands, and an arm with errors."""
