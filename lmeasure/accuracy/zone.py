@@ -147,7 +147,7 @@ class Scan:
     bodies: what the cables must not touch; start (7,): the pose at which the counters are zeroed; spacing_mm: the volume's step along an
     axis with a single node; refine: the volume within the box is wanted to this relative change (0.002, say), by cutting the cells along
     the zone's edge (`refined_volume`); reliability: the faults that would show are mapped too
-    (`accuracy.faults`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
+    (`zone_dataset.with_faults`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
     """
 
     limits: Limits = field(default_factory=Limits)
