@@ -41,7 +41,7 @@ class Variants:
     def moved(self) -> tuple[int, int]:
         """(platform, base) how many ends of drives can be put from points of the body onto neighbouring links: all but one of each point.
 
-        Its distances from the link's ends give back the link that was (`levers.lever`), so that poses and singular poses stay as they are.
+        Its distances from the link's ends give back the link that was (`lever`), so that poses and singular poses stay as they are.
         """
         platform, base = (len(degrees) for degrees in self.structure.degrees)
         return len(self.structure.links) - platform, len(self.structure.links) - base

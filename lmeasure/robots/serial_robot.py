@@ -127,7 +127,7 @@ class SerialRobot:
         return poses, of_joints * self._gain(joints)[..., None], by_parameters
 
     def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
-        """(k, n) joint values within the limits that take the flange to the pose (7,); see `inverse.solutions`."""
+        """(k, n) joint values within the limits that take the flange to the pose (7,); see `serial.solutions`."""
         gain = 1.0 + self.terms[:, SCALE]
         ends = np.sort([gain * self.arm.low, gain * self.arm.high], axis=0)
         slack = np.where(self.sliding, _SLACK_MM, _SLACK_RAD)

@@ -3,7 +3,7 @@
 The covariance of the parameters is right where the model is right. A real robot has errors that the model lacks, and the parameters absorb
 part of them. Near the measured joint values this does no harm; far from them the parameters extrapolate it. The leverage of a pose, the
 variance of its place by the parameters, measures how far it is away. Up to the leverage of the measured poses nothing is added. The rest
-grows by a factor that blocks of the measurements show of each other (`judged.beyond`).
+grows by a factor that blocks of the measurements show of each other (`hold_out.beyond`).
 """
 
 from dataclasses import dataclass, field

@@ -74,9 +74,9 @@ class Identified(Shown, Generic[R]):
     """The frames that fit best with the nominal robot."""
     settings: Settings
     misfit: float = 1.0
-    """How many times what is stated of predictions rows that were held out are off, where that is more (`judged.HeldOut.misfit`)."""
+    """How many times what is stated of predictions rows that were held out are off, where that is more (`hold_out.HeldOut.misfit`)."""
     beyond: Beyond = NOWHERE
-    """How predictions far from the measured joint values are widened (`judged.beyond`)."""
+    """How predictions far from the measured joint values are widened (`hold_out.beyond`)."""
     state: State[R] = field(init=False)
 
     def __post_init__(self) -> None:

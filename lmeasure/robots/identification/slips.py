@@ -1,7 +1,7 @@
 """Slips in what is taken for known: a joint that counts the other way, degrees for radians, joints swapped, metres for millimetres.
 
 A robot that is only built inexactly fits its measurements to some millimetres as soon as it is known where it stands. Where it does not,
-each slip that people make is tried: the frames are found again (`frame_start`), and a slip is named where undoing it makes the misfit
+each slip that people make is tried: the frames are found again (`initial_frames`), and a slip is named where undoing it makes the misfit
 several times smaller. Two slips are found one after the other.
 """
 
