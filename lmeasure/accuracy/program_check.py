@@ -101,7 +101,6 @@ def guard_columns(parts: list[Part]) -> dict[str, Any]:
 
 
 MARGIN = 1e-6  # of the limits' scale: a path on a limit is not called beyond it for its rounding
-STEP_MM = 5.0
 
 
 @dataclass(frozen=True)
@@ -133,13 +132,7 @@ class Led:
 
 
 def corrected(
-    rig: Rig,
-    program: Program,
-    rotation: Rotation,
-    *,
-    limit_deg: float = 60.0,
-    lengths_mm: tuple[float, float] | None = None,
-    step_mm: float = STEP_MM,
+    rig: Rig, program: Program, rotation: Rotation, *, limit_deg: float = 60.0, lengths_mm: tuple[float, float] | None = None
 ) -> tuple[Program, list[Led]]:
     """The program with every path within the limits of the rig, cables as they run over their pulleys, and what was done with each.
 
@@ -148,13 +141,13 @@ def corrected(
     paths that turn or weave, and those with an end beyond a limit. AccuracyError where no place keeps the limits.
     """
     linkage = linkage_of(rig)
-    places = [p.position_mm for p in program.pose] + [tuple(x) for path in program.path for x in path.points(step_mm)]
-    turns = [p.quaternion_xyzw for p in program.pose] + [_turn(path, rotation) for path in program.path for _ in path.points(step_mm)]
+    places = [p.position_mm for p in program.pose] + [tuple(x) for path in program.path for x in path.points(STEP_MM)]
+    turns = [p.quaternion_xyzw for p in program.pose] + [_turn(path, rotation) for path in program.path for _ in path.points(STEP_MM)]
     tried = (_bounds(linkage, x, q, limit_deg, lengths_mm) for x, q in zip(places, turns, strict=True))
     bounds = next((b for b in tried if b is not None), None)
     if bounds is None:
         raise AccuracyError(f"no pose or path of the program keeps {limit_deg:g} degrees and the lengths anywhere")
-    found = [_led(bounds, path, rotation, step_mm) for path in program.path]
+    found = [_led(bounds, path, rotation) for path in program.path]
     paths = tuple(_as_points(path, one) if one.changed else path for path, one in zip(program.path, found, strict=True))
     return program.model_copy(update={"path": paths}), found
 
@@ -173,8 +166,8 @@ def _bounds(linkage: Any, place: Any, turn: Any, limit_deg: float, lengths_mm: t
     return bounds if (bounds.values(pose) >= MARGIN).all() else None
 
 
-def _led(bounds: Bounds, path: CommandedPath, rotation: Rotation, step_mm: float) -> Led:
-    points = path.points(step_mm)
+def _led(bounds: Bounds, path: CommandedPath, rotation: Rotation) -> Led:
+    points = path.points(STEP_MM)
     poses = np.column_stack([points, np.tile(_turn(path, rotation), (len(points), 1))])
     with np.errstate(invalid="ignore"):
         if (bounds.values(poses) >= MARGIN).all():

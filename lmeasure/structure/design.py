@@ -36,11 +36,6 @@ class Design:
     assembly: tuple[float, ...] | None = None
     """Pose (7,) of the assembly for which it is proved, at lengths within the limits; None: for every one."""
 
-    @property
-    def unchanged(self) -> bool:
-        """Whether the limits were free of singular poses as they were given."""
-        return self.given == self.free
-
 
 def tetrahedra_of(linkage: Linkage, found: Incidence) -> tuple[list[Tetrahedron], Limits]:
     """The tetrahedra of six links by names of their edges, and the fixed lengths of those that are sides of a body. Edges that are neither,
@@ -68,7 +63,7 @@ def tetrahedra_of(linkage: Linkage, found: Incidence) -> tuple[list[Tetrahedron]
     return out, sides
 
 
-def designed(linkage: Linkage, pose: FloatArray | None = None, margin_mm: float = 0.0) -> Design:
+def designed(linkage: Linkage, pose: FloatArray | None = None) -> Design:
     """Limits of the links within those given at which nothing is singular, and everything can be assembled.
 
     pose (7,): of the assembly that is meant. StructureError where the links have no limits, none are found, or a pose is needed.
@@ -86,7 +81,7 @@ def designed(linkage: Linkage, pose: FloatArray | None = None, margin_mm: float 
     if corners and all(edge in given or edge in sides for t in corners for edge in vars(t).values()):
         limits = given | sides
         as_given = tuple(_clear(t, limits) for t in corners)
-        free = adjusted(corners, limits, list(given), margin_mm)
+        free = adjusted(corners, limits, list(given))
         return Design(given, {name: free[name] for name in given}, texts, as_given)
     if corners:
         return _of_one_assembly(linkage, found, pose, given, texts)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, se3
 
 PARAMETERS = 7
+ITERATIONS = 200
 
 
 class Dyad(NamedTuple):
@@ -86,9 +87,7 @@ def all_fitted(poses: FloatArray, reach: float, starts: int, seed: int = 0) -> l
     return sorted(out, key=lambda d: float(np.abs(d.misses).max()))
 
 
-def minimax(
-    poses: FloatArray, anchors: FloatArray, points: FloatArray, lengths: FloatArray, *, turn_free: bool, iterations: int = 200
-) -> Minimax:
+def minimax(poses: FloatArray, anchors: FloatArray, points: FloatArray, lengths: FloatArray, *, turn_free: bool) -> Minimax:
     """Links (m, 3), (m, 3), (m,) whose largest miss of poses (n, 7) is least near a start, the poses' turns about the body's z free or not.
 
     One linear program per step: the least t with |d + gradient . step| <= t and |step| <= radius; the radius grows with what the
@@ -98,7 +97,7 @@ def minimax(
     turns = np.zeros(n)
     radius, best = 0.05 * float(np.abs(points).max()), float(np.abs(misses(poses, anchors, points, lengths)).max())
     unit = np.array([1.0] * (PARAMETERS * m) + [1.0 / max(float(np.abs(points).max()), 1e-12)] * n)
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         at = turned(poses, turns)
         d = misses(at, anchors, points, lengths)
         by, by_turn = gradients(at, anchors, points)

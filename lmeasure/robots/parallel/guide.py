@@ -20,6 +20,7 @@ RODS = 5
 MOST_STEPS = 2000
 LEAST_PART = 0.02
 """Of a step: least that the point moves in it."""
+ITERATIONS = 50
 CLOSES = 1e-12
 """Of the longest link: how well loops close."""
 
@@ -48,11 +49,11 @@ class SevenLink:
         arm = np.einsum("...ij,nj->...ni", se3.matrices(poses), self.points)
         return np.concatenate([np.cross(arm, e), e], axis=-1)
 
-    def closed(self, pose: FloatArray, iterations: int = 50) -> FloatArray:
+    def closed(self, pose: FloatArray) -> FloatArray:
         """(7,) the pose of the mechanism nearest to one (7,) by steps of least length in the metric of the path. GeometryError where the
         links do not meet."""
         scale = np.array([1.0 / self.size] * 3 + [1.0] * 3)
-        for _ in range(iterations):
+        for _ in range(ITERATIONS):
             lacks = self.residuals(pose)
             step = -scale * np.linalg.lstsq(self.rows(pose) * scale, lacks, rcond=1e-12)[0]
             step /= max(1.0, float(np.linalg.norm(step[:3])) / 0.3)

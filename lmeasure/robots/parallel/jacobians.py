@@ -44,9 +44,9 @@ def nearness(matrices: FloatArray, units: FloatArray | float = 1.0) -> FloatArra
     return np.asarray(values[..., -1] / np.maximum(values[..., 0], np.finfo(np.float64).tiny))
 
 
-def singular(jacobians: Jacobians, output_units: FloatArray | float = 1.0, near: float = NEAR) -> IntArray:
+def singular(jacobians: Jacobians, output_units: FloatArray | float = 1.0) -> IntArray:
     """(...) `Singular` of mechanisms. Drives are of one kind, and judged by the rank of their columns beside the largest of them."""
     values = np.linalg.svd(jacobians.drives, compute_uv=False)
-    drives = values[..., -1] <= near * values[..., 0]
-    output = nearness(jacobians.output, output_units) <= near
+    drives = values[..., -1] <= NEAR * values[..., 0]
+    output = nearness(jacobians.output, output_units) <= NEAR
     return np.asarray(Singular.DRIVES * drives + Singular.OUTPUT * output, dtype=np.int64)
