@@ -274,7 +274,7 @@ def judged(path: Path, one: Recording) -> Outcome:
             stated[event.sample :, int(event.channel[2:]) - 1] += float(found[1])
     moved = counts.time_s - (instants[rows] - instants[rows[0]])
     void, wrong = np.isnan(off), int((off > allowed + stated).sum())
-    said = "gap_step" not in events or "a gap may hide" in result.summary()
+    said = "gap_step" not in events or "a gap can hide" in result.summary()
     return Outcome(n, int(void.sum()), wrong, 1e3 * float(np.abs(moved).max()), events, void, off > allowed, said)
 
 

@@ -205,13 +205,16 @@ def study(number: int, name: str) -> Found:
     ok = found.status == Status.OK
     reported = {name for cable in found.cable[ok] for name in cable.split(", ") if name}
     reported |= {
-        p.name for p in rig.observed for note in found.notes if "went on from another origin" in str(note) and f" {p.name} " in f" {note} "
+        p.name
+        for p in rig.observed
+        for note in found.notes
+        if getattr(note, "code", "").startswith("origin.restored") and f" {p.name} " in f" {note} "
     }
     reported |= {
         p.name
         for p in rig.observed
         for note in found.notes
-        if f"channel {p.channel} " in str(note) and "steps of a counter" not in str(note)
+        if f"channel {p.channel} " in str(note) and not getattr(note, "code", "").startswith("steps.")
     }
     last = np.array([is_of(cause, RESTORED_ORIGIN) for cause in found.cause[-50:]])
     return Found(

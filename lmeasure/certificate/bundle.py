@@ -25,13 +25,14 @@ from typing import Any
 from lmeasure.certificate.signature import canonical, digest, fingerprint, sign, signer
 from lmeasure.core import CertificationError, FileFormatError, ForeignFolderError, LMeasureError
 from lmeasure.io import files, open_zip, unpack
+from lmeasure.text import Message, composed, message
 
 SCHEMA = "lmeasure.bundle/1"
 MANIFEST = "manifest.json"
 SIGNATURE = "signature.json"
 CERTIFICATE = "certificate.json"
 INPUTS = "inputs"
-UNSIGNED = "is missing: nobody signed this"
+UNSIGNED = message("verification.unsigned")
 CHUNK = 2**20
 
 
@@ -43,7 +44,11 @@ class Difference:
     text: str
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.text}"
+        return str(self.line())
+
+    def line(self) -> Message:
+        """Return the line for a terminal."""
+        return composed("{what}: {text}", what=self.what, text=self.text)
 
 
 @contextmanager
@@ -224,11 +229,11 @@ def check_seal(folder: Path, public_key: Any | None = None) -> Seal:
         try:
             text = regular_bytes(folder / MANIFEST)
         except LMeasureError:
-            out.append(Difference(MANIFEST, "is no regular file"))
+            out.append(Difference(MANIFEST, message("verification.no_regular_file")))
             return Seal(tuple(out), None, "")
         content = _manifest(text)
     if content is None:
-        out.append(Difference(MANIFEST, "its bytes were changed" if MANIFEST in found else "is missing"))
+        out.append(Difference(MANIFEST, message("verification.bytes_changed" if MANIFEST in found else "verification.missing")))
         listed = []
     else:
         listed = content["files"]
@@ -277,25 +282,27 @@ def _check_signature(folder: Path, found: set[str], text: bytes, public_key: Any
         out.append(Difference(SIGNATURE, str(error)))
         return None
     if public_key is not None and fingerprint(key) != fingerprint(public_key):
-        out.append(Difference(SIGNATURE, f"is by another key, {fingerprint(key)[:16]}, not by {fingerprint(public_key)[:16]}"))
+        out.append(
+            Difference(SIGNATURE, message("verification.another_key", key=fingerprint(key)[:16], requested=fingerprint(public_key)[:16]))
+        )
     return fingerprint(key)
 
 
 def _check_files(folder: Path, found: set[str], listed: list[dict[str, Any]]) -> list[Difference]:
     names = {entry["file"] for entry in listed}
-    out = [Difference(name, "is missing") for name in sorted(names - found)]
-    out += [Difference(name, "is not in the manifest: it was added") for name in sorted(found - names - {MANIFEST, SIGNATURE})]
+    out = [Difference(name, message("verification.missing")) for name in sorted(names - found)]
+    out += [Difference(name, message("verification.added")) for name in sorted(found - names - {MANIFEST, SIGNATURE})]
 
     def check(entry: dict[str, Any]) -> str | None:
         path = folder / entry["file"]
         if path.is_symlink():
-            return "is a link, not a file"
+            return message("verification.link")
         if not stat.S_ISREG(path.stat().st_mode):
-            return "is no regular file"
+            return message("verification.no_regular_file")
         size = path.stat().st_size
         if size != entry["bytes"]:
-            return f"was changed: {size} bytes instead of {entry['bytes']}"
-        return None if files.sha256(path) == entry["sha256"] else "was changed: its SHA-256 is another"
+            return message("verification.size_changed", size=size, stated=entry["bytes"])
+        return None if files.sha256(path) == entry["sha256"] else message("verification.hash_changed")
 
     present = [entry for entry in listed if entry["file"] in found]
     with ThreadPoolExecutor(max_workers=4) as pool:

@@ -10,7 +10,7 @@ from lmeasure.certificate.bundle import CERTIFICATE, Difference
 from lmeasure.certificate.content import METHOD, identification
 from lmeasure.certificate.signature import canonical, digest
 from lmeasure.iso9283 import key_of
-from lmeasure.text import settled
+from lmeasure.text import composed, message, settled
 
 
 def with_u95(value: float, u95: float) -> tuple[str, str]:
@@ -94,8 +94,8 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
     """
     out: list[Difference] = []
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
-    out += [Difference(name, "is certified, but the inputs do not give it") for name in old if name not in new]
-    out += [Difference(name, "is not certified, but the inputs give it") for name in new if name not in old]
+    out += [Difference(name, message("verification.not_from_inputs")) for name in old if name not in new]
+    out += [Difference(name, message("verification.not_certified")) for name in new if name not in old]
     largest, moved, skipped = 0.0, False, []
     for name, figure in old.items():
         other = new.get(name, figure)
@@ -103,28 +103,25 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
             a, b = figure.get(key), other.get(key)
             steps = list(_steps(a, b, key, size_of(key, other)))
             if any(step.kind == "other" for step in steps):
-                out.append(Difference(name, f"{key} is certified as {_shown(a)}, computed again {_shown(b)}"))
+                out.append(Difference(name, message("verification.other_result", key=key, stated=_shown(a), found=_shown(b))))
             else:
                 largest = max([largest, *(step.part for step in steps)])
             moved |= bool(steps)
-            skipped += [f"{name}: {step.where}: {_PRINTED}" for step in steps if step.kind == "printed"]
+            skipped += [message("verification.last_digit", what=f"{name}: {step.where}") for step in steps if step.kind == "printed"]
     later = {*again} - {*stated} | {"findings"} if other_version else set()
     for key in sorted({*stated, *again} - {"characteristics", "figures_sha256", "id"}):
         a, b = stated.get(key), again.get(key)
         steps = list(_steps(a, b, key, 0.0))
         moved |= bool(steps)
         if steps and key in later:
-            skipped.append(f"{CERTIFICATE}: {key}: another version of this program wrote it, in another form")
+            skipped.append(message("verification.other_form", what=f"{CERTIFICATE}: {key}"))
         elif any(step.kind == "other" for step in steps):
-            out.append(Difference(CERTIFICATE, f"{key} is {_shown(a)}, computed again {_shown(b)}"))
-        skipped += [f"{CERTIFICATE}: {step.where}: {_PRINTED}" for step in steps if step.kind == "printed"]
+            out.append(Difference(CERTIFICATE, message("verification.other_value", key=key, stated=_shown(a), found=_shown(b))))
+        skipped += [message("verification.last_digit", what=f"{CERTIFICATE}: {step.where}") for step in steps if step.kind == "printed"]
     out += has_its_id(stated)
     if not out and stated["figures_sha256"] != digest({key: stated.get(key) for key in FIGURES}):
-        out.append(Difference(CERTIFICATE, "figures_sha256 is not that of its figures"))
+        out.append(Difference(CERTIFICATE, message("verification.figures_hash")))
     return Compared(tuple(out), largest, moved, tuple(skipped))
-
-
-_PRINTED = "a printed number differs in its last digit, which may be another rounding"
 
 
 def beside(stated: dict[str, Any], again: dict[str, Any]) -> tuple[list[Difference], tuple[str, ...]]:
@@ -132,26 +129,27 @@ def beside(stated: dict[str, Any], again: dict[str, Any]) -> tuple[list[Differen
     of today, a line each."""
     out = _tables(stated, again, {key for key in INDEPENDENT if key in stated}) + has_its_id(stated)
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
-    lines = [f"{name}: sealed {_figure(old.get(name))}, today {_figure(new.get(name))}" for name in {**old, **new}]
-    return out, (f"figures by method {stated['method']}, as sealed, beside those by method {METHOD}:", *lines)
+    both = {name: (_figure(old.get(name)), _figure(new.get(name))) for name in {**old, **new}}
+    lines = [message("verification.beside_figure", name=name, sealed=sealed, today=today) for name, (sealed, today) in both.items()]
+    return out, (message("verification.beside", sealed=stated["method"], today=METHOD), *lines)
 
 
 def has_its_id(stated: dict[str, Any]) -> list[Difference]:
     """Whether the id of a certificate is that of its content."""
     own = identification(stated)
-    return [] if stated["id"] == own else [Difference(CERTIFICATE, f"id is {stated['id']}, but its content gives {own}")]
+    return [] if stated["id"] == own else [Difference(CERTIFICATE, message("verification.content_id", id=stated["id"], found=own))]
 
 
 def of_environment(stated: Mapping[str, Any], here: Mapping[str, str]) -> list[Difference]:
     """What stands in a certificate as its environment and is none: where it names the sources of this program, the very keys are known."""
     out = [
-        Difference(CERTIFICATE, f"environment: {_shown(key)} is {_shown(value)}: no version")
+        Difference(CERTIFICATE, message("verification.no_version", key=_shown(key), value=_shown(value)))
         for key, value in stated.items()
         if not isinstance(value, str) or len(value) > 80 or not _VERSION.fullmatch(value)
     ]
     if stated.get(SOURCES) == here[SOURCES]:
-        out += [Difference(CERTIFICATE, f"environment: {_shown(key)} is no part of it") for key in stated if key not in here]
-        out += [Difference(CERTIFICATE, f"environment: {key} is missing") for key in here if key not in stated]
+        out += [Difference(CERTIFICATE, message("verification.unknown_environment", key=_shown(key))) for key in stated if key not in here]
+        out += [Difference(CERTIFICATE, message("verification.no_environment", key=key)) for key in here if key not in stated]
     return out
 
 
@@ -160,7 +158,7 @@ def _tables(stated: dict[str, Any], again: dict[str, Any], keys: set[str]) -> li
     for key in sorted(keys):
         a, b = stated.get(key), again.get(key)
         if canonical(a) != canonical(b):
-            out.append(Difference(CERTIFICATE, f"{key} is {_shown(a)}, computed again {_shown(b)}"))
+            out.append(Difference(CERTIFICATE, message("verification.other_value", key=key, stated=_shown(a), found=_shown(b))))
     return out
 
 
@@ -211,11 +209,12 @@ def _printed_alike(a: str, b: str) -> bool:
 
 def _figure(figure: Mapping[str, Any] | None) -> str:
     if figure is None:
-        return "none"
+        return message("page.none")
     if figure["u95"] is None:
-        return f"{figure['value']:.6g} {figure['unit']}, uncertainty not stated"
+        return message("verification.result_without_u", value=figure["value"], unit=figure["unit"])
     value, u95 = with_u95(float(figure["value"]), float(figure["u95"]))
-    return f"{value} ± {u95} {figure['unit']}, {'capable' if figure['capable'] else 'not capable'}"
+    verdict = message("certificate.capable" if figure["capable"] else "certificate.not_capable")
+    return composed("{value} ± {u95} {unit}, {verdict}", value=value, u95=u95, unit=figure["unit"], verdict=verdict)
 
 
 def _shown(value: Any) -> str:

@@ -92,7 +92,7 @@ def verify(
     reported = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
     out = [*seal.differences, *of_environment(stated["environment"], here)]
     if seal.certificate and stated["id"] != seal.certificate:
-        out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
+        out.append(Difference(CERTIFICATE, message("verification.other_id", id=stated["id"], manifest=seal.certificate)))
     try:
         inputs = inputs_in(folder, stated["measurement"])
         copies = entries(folder, sorted(inputs.copies()))
@@ -128,7 +128,7 @@ def verify(
 
 
 def _not_computed(folder: Path, seal: Seal, error: Exception) -> Verification:
-    out = seal.differences or (Difference(CERTIFICATE, f"cannot be computed again: {_inside(folder, error)}"),)
+    out = seal.differences or (Difference(CERTIFICATE, message("verification.not_recomputed", why=_inside(folder, error))),)
     return Verification(seal.certificate, out, signer=seal.signer, skipped=(message("certificate.figures_see_above"),))
 
 
@@ -139,8 +139,8 @@ def _inside(folder: Path, error: Exception) -> str:
 def _strangers(seal: Seal, inputs: set[str], printers: Mapping[str, Printer] | None) -> list[Difference]:
     """Files that the manifest names and that are no part of a certificate."""
     if printers is None:
-        return [Difference(n, "is no input of the certificate") for n in sorted(seal.files - inputs) if n.startswith(f"{INPUTS}/")]
-    return [Difference(name, "is no part of a certificate") for name in sorted(seal.files - inputs - {CERTIFICATE, *printers})]
+        return [Difference(n, message("verification.no_input")) for n in sorted(seal.files - inputs) if n.startswith(f"{INPUTS}/")]
+    return [Difference(name, message("verification.no_part")) for name in sorted(seal.files - inputs - {CERTIFICATE, *printers})]
 
 
 def _page(
@@ -171,11 +171,11 @@ def _page(
             if printer.text(content) == printer.text(expected):
                 return [], [message("verification.by_text", name=name)]
         except ValueError as error:
-            return [Difference(name, f"cannot be read: {error}")], []
+            return [Difference(name, message("verification.unreadable", why=str(error)))], []
     # other sources may say the same in other words: no difference, but nothing that was compared
     if any(key in own for key in PROGRAM):
         return [], why_not
-    return [Difference(name, "is not what certificate.json prints")], []
+    return [Difference(name, message("verification.other_print"))], []
 
 
 def read_certificate(path: Path) -> dict[str, Any]:
@@ -230,7 +230,7 @@ def report_lines(found: Verification, *, asked: bool) -> list[str]:
         out.append(message("verification.asked" if vouched else "verification.nobody", signer=found.signer[:16]))
     elif not any(d.what == SIGNATURE and d.text != UNSIGNED for d in found.differences):
         out.append(message("certificate.unsigned_origin_not_proved"))
-    out += [str(d) for d in found.differences]
+    out += [d.line() for d in found.differences]
     out += found.beside
     out += [message("certificate.not_compared", text=text) for text in found.skipped]
     if found.largest > 0.0:

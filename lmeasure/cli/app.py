@@ -68,7 +68,7 @@ class Commands(Group):
 app = typer.Typer(
     name="lmeasure",
     cls=Commands,
-    help="Cables, drums and encoders as a 6-DOF metrology instrument: from raw counts to the certificate of a robot.",
+    help="Measure the 6-DOF pose of a robot's gripper with draw-wire encoders: from raw counts to the robot's certificate.",
     invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: drawing it would take three times as long as everything else

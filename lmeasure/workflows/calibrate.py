@@ -36,7 +36,7 @@ class Settings(Writing):
     folder: Annotated[
         Path,
         option(
-            "Calibration folder: rig.toml (nominal), reference_poses.csv, counts.csv; with --self and --continue a run folder as well.",
+            "Calibration folder with rig.toml (nominal), reference_poses.csv, counts.csv; with --self and --continue, a run folder too.",
             metavar="FOLDER",
             positional=True,
         ),
@@ -45,41 +45,39 @@ class Settings(Writing):
     solve: Annotated[
         Names,
         option(
-            "What to solve for: position, guide, radius, scale, tangent, axial, pitch, attachment; run-out, eccentricity, offset, "
-            "diameter, backlash, tilt; of one observation point alone as run-out:B3."
+            "Parameters: position, guide, radius, scale, tangent, axial, pitch, attachment; run-out, eccentricity, offset, diameter, "
+            "backlash, tilt. For one observation point: run-out:B3."
         ),
     ] = ("position", "guide")
     neighbourhood_mm: Annotated[float, option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5)] = 100.0
     neighbourhood_deg: Annotated[float, option("Half width of the search around the nominal guide angles.", ge=1e-3, le=180)] = 15.0
-    prior: Annotated[bool, option("Use the nominal rig's priors in every direction, not only where data are silent.")] = False
-    robust: Annotated[bool, option("Robust loss (Tukey's biweight) against reference poses that the others contradict.")] = False
-    hold_out: Annotated[Names, option("Reference poses to keep out of the fit; they judge it.", metavar="POSE,POSE,...")] = ()
+    prior: Annotated[bool, option("Use the nominal rig's priors for all parameters, not only for unobservable ones.")] = False
+    robust: Annotated[bool, option("Use a robust loss (Tukey's biweight) against wrong reference poses.")] = False
+    hold_out: Annotated[Names, option("Validation poses: reference poses that are not in the fit.", metavar="POSE,POSE,...")] = ()
     seed: Annotated[int, option("Seed of the LP-search.", ge=0)] = 0
     self_calibration: Annotated[
-        bool, option("Estimate the poses too and trust none: seven cables or more to a body, four to one point.", flag="--self")
+        bool, option("Estimate the poses too, without references. Needs seven cables to a body, or four to one point.", flag="--self")
     ] = False
     continued: Annotated[
-        bool, option("Refine the calibration that a run's rig links by that run, if the rig has not moved since.", flag="--continue")
+        bool, option("Refine the linked calibration of a run's rig with this run, if the rig has not moved since.", flag="--continue")
     ] = False
     distance: Annotated[
         Distances,
         option(
-            "Known distance of the tool's origin at two poses that --self finds (of a run: start, or times in s), mm, and its standard "
-            "uncertainty; several with ';' between.",
+            "With --self: known distance of the tool origin between two poses (of a run: start, or times in s), mm, and its standard "
+            "uncertainty. Separate several with ';'.",
             metavar="NAME1,NAME2,mm,u",
         ),
     ] = ()
-    rig: Annotated[Path | None, option("Use this rig.toml instead of a run's own.")] = None
-    start: Annotated[Start | None, option(f"About where a run began, instead of its own start: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = (
-        None
-    )
-    samples: Annotated[int, option("How many samples of a run, as far from each other as can be, calibrate.", ge=10, le=200)] = 40
-    frame: Annotated[Literal["rig", "poses"], option("What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig"
+    rig: Annotated[Path | None, option("rig.toml to use instead of the run's own.")] = None
+    start: Annotated[Start | None, option(f"Approximate start pose, instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    samples: Annotated[int, option("Number of samples of a run to use, as different as possible.", ge=10, le=200)] = 40
+    frame: Annotated[Literal["rig", "poses"], option("Frame for --self: rig (nominal) or poses (reference).")] = "rig"
     u_position_mm: Annotated[
-        float | None, option("Standard uncertainty of each coordinate of the reference poses, instead of their file's.", ge=0)
+        float | None, option("Standard uncertainty of each coordinate of the reference poses; default from their file.", ge=0)
     ] = None
     u_rotation_deg: Annotated[
-        float | None, option("Standard uncertainty of their orientations about each axis, instead of their file's.", ge=0)
+        float | None, option("Standard uncertainty of their orientations, about each axis; default from their file.", ge=0)
     ] = None
     unstated: Annotated[
         Literal["typical", "exact"] | None,
@@ -87,7 +85,7 @@ class Settings(Writing):
     ] = None
     columns: Annotated[str, COLUMNS] = ""
     compare: Annotated[
-        Path | None, option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD")
+        Path | None, option("Earlier output folder or calibration.json: report the parts that moved beyond chance.", metavar="OLD")
     ] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None

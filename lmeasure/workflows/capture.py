@@ -38,28 +38,28 @@ class Settings(Asked):
     """What `lmeasure capture` is asked."""
 
     NEXT: ClassVar[str] = "calibrate {out} --out calibrated"
-    rig: Annotated[Path, option("rig.toml, nominal; its [can] table says which frames carry the counters.", metavar="RIG", positional=True)]
-    poses: Annotated[Path, option("Poses to go through, as `plan-poses` writes them.", metavar="planned.csv")]
+    rig: Annotated[Path, option("Nominal rig.toml; its table [can] assigns frames to counters.", metavar="RIG", positional=True)]
+    poses: Annotated[Path, option("Reference poses, as `plan-poses` writes them.", metavar="planned.csv")]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
-    out: Annotated[Path, option("Calibration folder to write, or to go on with.", metavar="FOLDER")]
+    out: Annotated[Path, option("Calibration folder to write or continue.", metavar="FOLDER")]
     by: Annotated[
         Literal["key", "rest", "both"],
         option(
-            "key: Enter reads; rest: a rest of the robot reads; both: Enter reads the first, rests where the pose is expected the others.",
+            "key: record with Enter; rest: record when the robot rests; both: the first with Enter, the others at rests near their pose.",
             panel=READING,
         ),
     ] = "both"
-    dwell_s: Annotated[float, option("How long counts are averaged.", ge=0.05, le=30, panel=READING)] = 1.0
-    settle_s: Annotated[float, option("How long the robot must stand before.", ge=0, le=30, panel=READING)] = 0.3
-    closure: Annotated[bool, option("Read the first pose again at the end.", flag="--closure/--no-closure", panel=READING)] = True
+    dwell_s: Annotated[float, option("Averaging time of the counts.", ge=0.05, le=30, panel=READING)] = 1.0
+    settle_s: Annotated[float, option("Rest time of the robot before the averaging.", ge=0, le=30, panel=READING)] = 0.3
+    closure: Annotated[bool, option("Record the first pose again at the end.", flag="--closure/--no-closure", panel=READING)] = True
     u_position_mm: Annotated[float | None, option(f"{QUESTIONS['u_position_mm'].removesuffix(' [mm]')}.", ge=0, panel=KNOWN)] = None
     u_rotation_deg: Annotated[float | None, option(f"{QUESTIONS['u_rotation_deg'].removesuffix(' [degrees]')}.", ge=0, panel=KNOWN)] = None
     u_repeatability_mm: Annotated[float | None, option(f"{QUESTIONS['u_repeatability_mm'].removesuffix(' [mm]')}.", ge=0, panel=KNOWN)] = (
         None
     )
-    passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
-    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
-    fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
+    passage: Annotated[int, option("Number of the pass whose cables are connected.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    fast: Annotated[bool, option("replay: run as fast as possible instead of in real time.")] = False
 
     def paths(self) -> Paths:
         """A capture goes on with its own folder, by its own rule: that of its capture.toml."""

@@ -31,9 +31,9 @@ class Settings(Writing):
     program: Annotated[Path, option("Commanded poses and paths with their windows.", metavar="program.toml")]
     out: Annotated[Path, option("Folder to write; --force replaces an earlier certificate.", metavar="DIR")]
     run: Annotated[Path | None, option("Run folder of the trajectory: its counts are certified and copied too.")] = None
-    rig: Annotated[Path | None, option("Rig the trajectory was reconstructed with, if not the run's own.")] = None
-    constraint: Annotated[str | None, option("The constraint it was reconstructed with.")] = None
-    repeatability_mm: Annotated[float, option("Of the robot between passes, as at `reconstruct`.", ge=0.0)] = 0.0
+    rig: Annotated[Path | None, option("Rig of the reconstruction, if not the run's own.")] = None
+    constraint: Annotated[str | None, option("Constraint of the reconstruction.")] = None
+    repeatability_mm: Annotated[float, option("Standard deviation of the robot between passes, as in `reconstruct`.", ge=0.0)] = 0.0
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
@@ -41,22 +41,21 @@ class Settings(Writing):
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     key: Annotated[Path | None, option("Sign with this private key (`lmeasure key`).", metavar="FILE")] = None
     dcc: Annotated[bool, option("Also write certificate.xml, a DCC 3.3.0.")] = False
-    xsd: Annotated[Path | None, option("Hold the DCC against this schema.", metavar="FILE.xsd")] = None
-    zipped: Annotated[bool, option("Also pack the folder into DIR.zip, its digest beside it.", flag="--zip")] = False
-    full: Annotated[bool, option("Tell every figure, not only those that matter most.")] = False
+    xsd: Annotated[Path | None, option("Validate the DCC with this schema.", metavar="FILE.xsd")] = None
+    zipped: Annotated[bool, option("Also write DIR.zip, and its digest next to it.", flag="--zip")] = False
+    full: Annotated[bool, option("Print all results, not only the main ones.")] = False
     align: Annotated[bool, option("Fit the program's frame to the attained poses.", panel=CHOICES)] = False
     tool_offset_mm: Annotated[Point, option("Point of the tool to certify.", metavar="X,Y,Z", panel=CHOICES)] = (0.0, 0.0, 0.0)
     angles: Annotated[
-        str | None,
-        option("Convention of component-wise angles, and of the file's where it has such; default the program's.", panel=CHOICES),
+        str | None, option("Convention of component-wise angles and of the file's angles; default the program's.", panel=CHOICES)
     ] = None
-    capability: Annotated[float, option("Largest U95 as a part of a figure.", ge=0.0, le=1.0, panel=CHOICES)] = 0.25
-    limit_deg: Annotated[float, option("Pressure angle beyond which no verdict is given.", ge=0.0, le=90.0, panel=CHOICES)] = 60.0
-    limit_u95_mm: Annotated[float | None, option("The same for the 95 % radius of a pose.", ge=0.0, panel=CHOICES)] = None
-    rule: Annotated[Literal["simple", "guarded"], option("simple or guarded: decision on tolerances.", panel=CHOICES)] = "simple"
-    still_mm: Annotated[float, option("Largest motion within a window of a pose.", ge=0.0, panel=CHOICES)] = 0.2
-    trials: Annotated[int, option("Trials of Monte Carlo.", ge=100, panel=CHOICES)] = 4000
-    seed: Annotated[int, option("Its seed.", ge=0, panel=CHOICES)] = 0
+    capability: Annotated[float, option("Largest U95 as a part of the result, for a verdict.", ge=0.0, le=1.0, panel=CHOICES)] = 0.25
+    limit_deg: Annotated[float, option("Largest pressure angle for a verdict.", ge=0.0, le=90.0, panel=CHOICES)] = 60.0
+    limit_u95_mm: Annotated[float | None, option("Largest U95 of a pose for a verdict.", ge=0.0, panel=CHOICES)] = None
+    rule: Annotated[Literal["simple", "guarded"], option("Decision rule for tolerances: simple or guarded.", panel=CHOICES)] = "simple"
+    still_mm: Annotated[float, option("Largest motion within a pose window.", ge=0.0, panel=CHOICES)] = 0.2
+    trials: Annotated[int, option("Number of Monte Carlo trials.", ge=100, panel=CHOICES)] = 4000
+    seed: Annotated[int, option("Seed of Monte Carlo.", ge=0, panel=CHOICES)] = 0
 
     def paths(self) -> Paths:
         """A folder, which is replaced as a whole (`certificate.bundle.new_folder`) and known by its manifest, and a zip beside it."""

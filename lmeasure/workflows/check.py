@@ -17,9 +17,9 @@ class Settings(Writing):
 
     rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, ...", metavar="INTERFACE:CHANNEL")]
-    passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
-    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
-    turns: Annotated[bool, option("Count a turn of each drum too.", flag="--turns/--no-turns")] = True
+    passage: Annotated[int, option("Number of the pass whose cables are connected.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    turns: Annotated[bool, option("Also count one turn of each drum.", flag="--turns/--no-turns")] = True
     write: Annotated[
         Path | None, option("Rig to write, with channels and signs as they are.", flag="--out", metavar="RIG.toml", also=("--write",))
     ] = None

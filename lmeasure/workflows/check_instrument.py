@@ -19,25 +19,23 @@ class Settings(Writing):
     """What `lmeasure check-instrument` is asked."""
 
     run: Annotated[
-        Path, option("Run folder of the check: stops at some places, each twice, and the return.", metavar="RUN", positional=True)
+        Path, option("Run folder of the check: stops at several positions, each twice, and the return.", metavar="RUN", positional=True)
     ]
     out: Annotated[Path, option("Folder for check.json and check.html.", metavar="DIR")]
-    rig: Annotated[Path | None, option("Use this rig.toml, with the calibration that it links, instead of the run's own.")] = None
-    start: Annotated[Start | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    rig: Annotated[Path | None, option("rig.toml with a linked calibration, instead of the run's own.")] = None
+    start: Annotated[Start | None, option(f"Start pose, instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     distance: Annotated[
         Distances,
         option(
-            "Known distance of the tool's origin at two places (P1, P2, ... in the order of their first visits), mm, and its standard "
-            "uncertainty; several with ';' between.",
+            "Known distance of the tool origin between two positions (P1, P2, ... in the order of their first visits), mm, and its "
+            "standard uncertainty. Separate several with ';'.",
             metavar="NAME1,NAME2,mm,u",
         ),
     ] = ()
-    repeatability_mm: Annotated[
-        float | None, option("Standard deviation per axis with which the robot comes back to a place.", ge=0.0, le=10.0)
-    ] = None
-    near_mm: Annotated[float, option("Stops nearer than this are visits of one place.", ge=0.01, le=1000.0)] = 2.0
-    false_alarm_percent: Annotated[float, option("How many checks of a sound instrument may fail.", ge=0.001, le=50.0, unit="%")] = 1.0
-    trend: Annotated[Path | None, option("Table to which this check is appended; its page draws all of it.", metavar="FILE.csv")] = None
+    repeatability_mm: Annotated[float | None, option("Standard deviation of the robot's repeatability, per axis.", ge=0.0, le=10.0)] = None
+    near_mm: Annotated[float, option("Largest distance between stops at the same position.", ge=0.01, le=1000.0)] = 2.0
+    false_alarm_percent: Annotated[float, option("Part of checks of a sound instrument that may fail.", ge=0.001, le=50.0, unit="%")] = 1.0
+    trend: Annotated[Path | None, option("Table to append this check to; its report shows all checks.", metavar="FILE.csv")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def following(self) -> str:

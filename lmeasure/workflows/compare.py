@@ -23,27 +23,27 @@ class Settings(Writing):
         tuple[Path, ...],
         Field(min_length=1),
         option(
-            "Folders of certificates, or certificate.json files; or two calibrations, the earlier one first.",
+            "Folders of certificates or certificate.json files, or two calibrations; the earlier one first.",
             metavar="CERTIFICATE...",
             positional=True,
         ),
     ]
-    out: Annotated[Path | None, option("Also write every figure of the comparison.", metavar="FILE.json")] = None
+    out: Annotated[Path | None, option("JSON file to write all results of the comparison to.", metavar="FILE.json")] = None
 
     page: Annotated[
-        Path | None, option("Also write a page of them side by side, with what a correction between two of them made.", metavar="FILE.html")
+        Path | None, option("Folder for a report with both side by side, and the effect of a correction between them.", metavar="FILE.html")
     ] = None
     corrections: Annotated[
         Path | None,
-        option("corrections.json of `lmeasure correct`: what identification left is listed with what limits the robot.", metavar="FILE"),
+        option("corrections.json of `lmeasure correct`: also list the remaining error of the kinematic calibration.", metavar="FILE"),
     ] = None
     between: Annotated[
         bool, option("Compare the results of several laboratories for one robot: consensus, degrees of equivalence, E_n. Also takes DCCs.")
     ] = False
     common_mm: Annotated[float, Field(ge=0), option("Standard uncertainty that all laboratories share, for results in mm.")] = 0.0
-    artefact_mm: Annotated[
-        float, Field(ge=0), option("Standard uncertainty by which the robot differs between the measurements, for results in mm.")
-    ] = 0.0
+    artefact_mm: Annotated[float, Field(ge=0), option("Standard uncertainty of the robot between the measurements, for results in mm.")] = (
+        0.0
+    )
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def following(self) -> str:

@@ -31,45 +31,41 @@ class Settings(Writing):
             positional=True,
         ),
     ]
-    out: Annotated[Path, option("Folder for the corrected files, under their names, corrections.json and corrections.html.")]
-    identified: Annotated[Path | None, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER")] = None
+    out: Annotated[Path, option("Folder for the corrected files, corrections.json and corrections.html.")]
+    identified: Annotated[Path | None, option("Output folder of `lmeasure identify`.", metavar="FOLDER")] = None
     map: Annotated[
-        Path | None, option("Measured errors over the region, where there is no model of the robot (docs/correction.md).", metavar="FILE")
+        Path | None, option("Measured errors over the region, instead of a robot model (docs/correction.md).", metavar="FILE")
     ] = None
     columns: Annotated[
         str,
         option(
-            "Which column of a table of targets, or of the map, is which, and its unit (mm, m, cm, um, in, deg, rad).",
-            metavar="NAME=COLUMN[UNIT],...",
+            "Meaning and unit of each column of a table of targets or a map (mm, m, cm, um, in, deg, rad).", metavar="NAME=COLUMN[UNIT],..."
         ),
     ] = ""
-    dialect: Annotated[str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.")] = ""
+    dialect: Annotated[str, option("Robot language, if file names do not determine it: krl, rapid, fanuc, ur-script, csv or robodk.")] = ""
     frames: Annotated[
-        Path | None, option("Frames and tools that the program names but does not state (docs/correction.md).", metavar="FILE.toml")
+        Path | None, option("Values of frames and tools that the program only names (docs/correction.md).", metavar="FILE.toml")
     ] = None
     near: Annotated[
-        Numbers | None, option("Joint values (deg, mm) near the first target, where several ways lead to it.", metavar="Q1,Q2,...")
+        Numbers | None, option("Joint values (deg, mm) near the first target, to choose one of its joint solutions.", metavar="Q1,Q2,...")
     ] = None
     base: Annotated[
         Numbers | None,
         option(
-            "Where the robot's base is meant to stand in the instrument's frame, in mm: the program is corrected to be right there. By "
-            "default where it was found to stand.",
+            "Nominal robot base in the instrument's frame, in mm, for the corrected program. Default: the base from the kinematic "
+            "calibration.",
             metavar="X,Y,Z,QX,QY,QZ,QW",
         ),
     ] = None
     tool: Annotated[
         Numbers | None,
-        option(
-            "Where the measured target is meant to sit on the flange, in mm. By default where it was found to sit.",
-            metavar="X,Y,Z,QX,QY,QZ,QW",
-        ),
+        option("Nominal target on the flange, in mm. Default: the target from the kinematic calibration.", metavar="X,Y,Z,QX,QY,QZ,QW"),
     ] = None
-    most_mm: Annotated[float, option("Largest correction of a place.", ge=0)] = 5.0
+    most_mm: Annotated[float, option("Largest correction of a position.", ge=0)] = 5.0
     most_deg: Annotated[float, option("Largest correction of an orientation.", ge=0)] = 1.0
-    clip: Annotated[bool, option("Shorten corrections that are larger, instead of leaving their targets.")] = False
-    keep_out: Annotated[Box | None, Spans(","), option("Box in the robot's base in which the tool must not be.", metavar=BOX)] = None
-    skip: Annotated[Names, option("Targets to leave as they are.", metavar="NAME,...")] = ()
+    clip: Annotated[bool, option("Shorten larger corrections instead of excluding their targets.")] = False
+    keep_out: Annotated[Box | None, Spans(","), option("Forbidden box for the tool, in the robot's base.", metavar=BOX)] = None
+    skip: Annotated[Names, option("Targets without correction.", metavar="NAME,...")] = ()
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:

@@ -17,15 +17,13 @@ class Settings(Writing):
     """What `lmeasure demo` is asked."""
 
     NEXT: ClassVar[str] = "workbench my-cell"
-    out: Annotated[
-        Path | None, option("Folder for all files; a new one without it, lmeasure-demo or lmeasure-robot-demo.", metavar="DIR")
-    ] = None
-    seed: Annotated[int, option("Which cell, reference poses and motion, or robot, are drawn.", ge=0)] = 0
-    robot: Annotated[bool, option("Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again.")] = (
-        False
+    out: Annotated[Path | None, option("Folder for all files; default a new one, lmeasure-demo or lmeasure-robot-demo.", metavar="DIR")] = (
+        None
     )
+    seed: Annotated[int, option("Seed of the simulated cell, reference poses and motion, or robot.", ge=0)] = 0
+    robot: Annotated[bool, option("Let a simulated robot run the test cube of ISO 9283; certify, correct and certify it again.")] = False
     correct: Annotated[
-        bool, option("With a robot: correct it and certify it again; without takes half as long.", flag="--correct/--no-correct")
+        bool, option("With a robot: correct it and certify it again. --no-correct takes half as long.", flag="--correct/--no-correct")
     ] = True
 
     def paths(self) -> Paths:

@@ -17,11 +17,11 @@ class Settings(Writing):
     NEXT: ClassVar[str] = "scan"
     OUT_FILE: ClassVar[str] = "measured.toml"
     measurements: Annotated[
-        Path, option("What was measured, a drum table per observation point (docs/drum.md).", metavar="MEASUREMENTS.toml", positional=True)
+        Path, option("Measurements, one drum table per observation point (docs/drum.md).", metavar="MEASUREMENTS.toml", positional=True)
     ]
-    rig: Annotated[Path, option("The rig whose drums these are.")]
+    rig: Annotated[Path, option("Rig with these drums.")]
     out: Annotated[Path, option("Rig file to write.")]
-    point: Annotated[tuple[str, ...], option("Only this observation point; may be repeated.")] = ()
+    point: Annotated[tuple[str, ...], option("Fill only this observation point; may be repeated.")] = ()
 
     def paths(self) -> Paths:
         """A rig from a rig and measurements."""

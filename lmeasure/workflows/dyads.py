@@ -22,13 +22,13 @@ class Settings(Writing):
     NEXT: ClassVar[str] = "structure rig.toml --report structure"
     poses: Annotated[Path, option("Poses of the body: x_mm, y_mm, z_mm, qx, qy, qz, qw.", metavar="POSES", positional=True)]
     out: Annotated[Path, option("Folder for links.csv, minimax.csv and misses.csv.", metavar="DIR")]
-    links: Annotated[int, option("How many links; five leave one freedom.", ge=1, le=6)] = 5
+    links: Annotated[int, option("Number of links; five leave one freedom.", ge=1, le=6)] = 5
     reach_mm: Annotated[
-        float | None, option("How far from the poses ball joints may lie; default three times how far they spread.", ge=0)
+        float | None, option("Largest distance of ball joints from the poses; default three times the spread of the poses.", ge=0)
     ] = None
-    turn_free: Annotated[bool, option("Leave each pose's turn about the body's z open.")] = False
-    starts: Annotated[int, option("Random starts of the search.", ge=1, le=100000)] = 200
-    seed: Annotated[int, option("Their seed.", ge=0)] = 0
+    turn_free: Annotated[bool, option("Leave each pose's turn about the body's z free.")] = False
+    starts: Annotated[int, option("Number of random starts of the search.", ge=1, le=100000)] = 200
+    seed: Annotated[int, option("Seed of the starts.", ge=0)] = 0
 
     def paths(self) -> Paths:
         """Tables of links from one of poses."""

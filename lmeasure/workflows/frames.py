@@ -21,12 +21,12 @@ class Settings(Writing):
         Path, option("Poses of the flange in the robot's base: pose, x_mm, y_mm, z_mm, angles or quaternions.", metavar="FILE")
     ]
     measured: Annotated[Path, option("Poses of the target in the instrument's frame, under the same names.", metavar="FILE")]
-    out: Annotated[Path, option("Base and tool with their covariance.", metavar="FILE.json")]
+    out: Annotated[Path, option("File for base and tool with their covariance.", metavar="FILE.json")]
     angles: Annotated[str, option("Convention of angle columns.")] = "puma-oat"
     columns: Annotated[
-        str, option("Which column of the two tables is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar="NAME=COLUMN[UNIT],...")
+        str, option("Meaning and unit of each column of the two tables (mm, m, cm, um, in, deg, rad).", metavar="NAME=COLUMN[UNIT],...")
     ] = ""
-    u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
+    u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate; default from the file.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
     seed: Annotated[int, option("Seed of starts.", ge=0)] = 0
 

@@ -13,52 +13,45 @@ if TYPE_CHECKING:
     from lmeasure.robots import AnyRobot, Identified, Measurements
 
 MAPPING = "NAME=COLUMN[UNIT],..."
-TIP = option("Link of a .urdf that is the controller's flange; the chain ends there.", metavar="LINK")
-BASE_LINK = option("Link of a .urdf that is the controller's base; the chain begins there.", metavar="LINK")
+TIP = option("Flange link of a .urdf; the chain ends there.", metavar="LINK")
+BASE_LINK = option("Base link of a .urdf; the chain starts there.", metavar="LINK")
 
 
 class Settings(Writing):
     """What `lmeasure identify` is asked."""
 
     NEXT: ClassVar[str] = "correct program.csv --identified {out} --out corrected"
-    robot: Annotated[
-        str, option("The nominal robot: a name (such as ur5, generic7, gough), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")
-    ]
+    robot: Annotated[str, option("Nominal robot: a name (such as ur5, generic7, gough), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")]
     measurements: Annotated[
-        Path,
-        option("Joint values and what was measured at them; with --joints: points, a run folder, or a trajectory.", metavar="FILE|RUN"),
+        Path, option("Joint values with measured poses; with --joints: points, a run folder, or a trajectory.", metavar="FILE|RUN")
     ]
     out: Annotated[Path, option("Folder for identified.json, robot.toml, robot.urdf and report.html.")]
     joints: Annotated[
-        Path | None, option("Joint values that stand elsewhere: of points by name, of rests by time or in order.", metavar="FILE")
+        Path | None, option("Separate table of joint values: for points by name, for rests by time or in order.", metavar="FILE")
     ] = None
-    predict: Annotated[Path | None, option("Joint values of which to predict the places, into predictions.csv.", metavar="FILE")] = None
-    harmonics: Annotated[bool, option("Free the joints' errors once and twice per turn too.")] = False
+    predict: Annotated[Path | None, option("Joint values for predicted positions, written to predictions.csv.", metavar="FILE")] = None
+    harmonics: Annotated[bool, option("Also free the joints' errors once and twice per turn.")] = False
     free: Annotated[
         Names,
         option(
-            "What to free besides links: once, twice (or harmonics for both), scale, stiffness, backlash; links: nothing else. By default "
-            "what the measurements ask for.",
+            "Parameters to free besides links: once, twice (or harmonics for both), scale, stiffness, backlash; links: no others. "
+            "Default: chosen by the measurements.",
             metavar="FAMILY,...",
         ),
     ] = ()
-    columns: Annotated[str, option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar=MAPPING)] = ""
+    columns: Annotated[str, option("Meaning and unit of each column (mm, m, cm, um, in, deg, rad).", metavar=MAPPING)] = ""
     tip: Annotated[str | None, TIP] = None
     base_link: Annotated[str | None, BASE_LINK] = None
-    u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
+    u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate; default from the file.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
     u_links_mm: Annotated[
-        float | None,
-        option("How exactly lengths of links or legs were built to their drawing: standard uncertainty; absent: 3.", ge=1e-6, le=1000),
+        float | None, option("Standard uncertainty of the nominal lengths of links or legs; default 3.", ge=1e-6, le=1000)
     ] = None
-    u_links_deg: Annotated[float | None, option("The same of angles; absent: 0.5.", ge=1e-6, le=180)] = None
-    keep_outliers: Annotated[bool, option("Use rows that the others contradict, too.")] = False
-    weights: Annotated[
-        Literal["cut", "biweight"],
-        option(
-            "How rows count that the others contradict: set aside or as all others, or each by Tukey's biweight of what the others say."
-        ),
-    ] = "cut"
+    u_links_deg: Annotated[float | None, option("Standard uncertainty of the nominal angles; default 0.5.", ge=1e-6, le=180)] = None
+    keep_outliers: Annotated[bool, option("Also use rows that contradict the others.")] = False
+    weights: Annotated[Literal["cut", "biweight"], option("Weights of contradicting rows: excluded, full weight, or Tukey's biweight.")] = (
+        "cut"
+    )
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     seed: Annotated[int, option("Seed of starts, folds and random sets.", ge=0)] = 0
 
@@ -164,7 +157,7 @@ def _measured_targets(asked: "Measurements", rows: "Measurements", path: Path | 
     if not keep.any():
         raise SettingsError("predict", f"{path}: target {strange[0]!r} was not measured; measured: {measured}")
     counts = {name: int((asked.target_of == asked.targets.index(name)).sum()) for name in strange}
-    reported = [f"predict: target {name!r} was not measured (measured: {measured}): {n} rows left out" for name, n in counts.items()]
+    reported: list[str] = [message("workflows.target_not_measured", name=name, measured=measured, n=n) for name, n in counts.items()]
     return asked.of(np.flatnonzero(keep)), reported
 
 

@@ -23,15 +23,17 @@ class Settings(Writing):
         Field(min_length=1),
         option("Log of each pass: .blf, .asc, .log, .txt, .trc, .csv (all also .gz), .mf4 (extra mf4).", metavar="LOG...", positional=True),
     ]
-    rig: Annotated[Path | None, option("rig.toml; its [can] table says which frames carry the counters.")] = None
+    rig: Annotated[Path | None, option("rig.toml; its table [can] assigns frames to counters.")] = None
     out: Annotated[Path | None, option("Run folder to write.", metavar="RUN")] = None
-    scan: Annotated[bool, option("List what the logs hold, and guess at the [can] table; nothing is written.", flag="--scan")] = False
+    scan: Annotated[bool, option("List the contents of the logs and suggest a table [can], without writing files.", flag="--scan")] = False
     report: Annotated[Path | None, option("With --scan: page to write, with counts over time.", metavar="FILE.html")] = None
     browser: Annotated[bool, BROWSER] = True
     start: Annotated[Start | None, option(f"Start pose: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
-    position_mm: Annotated[Point | None, option("Start position, with --quaternion-xyzw in place of --start.", metavar="X,Y,Z")] = None
+    position_mm: Annotated[Point | None, option("Start position; use it with --quaternion-xyzw instead of --start.", metavar="X,Y,Z")] = (
+        None
+    )
     quaternion_xyzw: Annotated[Quaternion | None, option("Start orientation.", metavar="X,Y,Z,W")] = None
-    dbc: Annotated[Path | None, option("DBC file that names the counters; default the rig's.")] = None
+    dbc: Annotated[Path | None, option("DBC file with the counters; default the rig's.")] = None
     bus: Annotated[str | None, option("Read only this bus of the log.")] = None
     parquet: Annotated[bool, option("Write the counts as .parquet instead of .csv.")] = False
     rerun: Annotated[Recording | None, RERUN] = None

@@ -29,15 +29,15 @@ class Settings(Writing):
     out: Annotated[
         Path,
         option(
-            "Folder for rig.toml, drums.toml, placement.toml, scenario.toml and schemas; a name in .toml: the rig alone.",
+            "Folder for rig.toml, drums.toml, placement.toml, scenario.toml and schemas; with a name in .toml, only the rig.",
             metavar="FOLDER_OR_FILE",
             positional=True,
         ),
     ] = Path()
     template: Annotated[
-        str | None, option("Shape to begin with; without it questions are asked.", metavar="NAME", words="lmeasure.templates:TEMPLATES")
+        str | None, option("Shape to start from; without it, `init` asks questions.", metavar="NAME", words="lmeasure.templates:TEMPLATES")
     ] = None
-    list: Annotated[bool, option("Only list the templates.", flag="--list")] = False
+    list: Annotated[bool, option("List the templates only.", flag="--list")] = False
 
     def following(self) -> str:
         """Return the command that lists the adapters of this machine, or writes a rig."""

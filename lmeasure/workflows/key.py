@@ -13,7 +13,7 @@ class Settings(Writing):
 
     NEXT: ClassVar[str] = "certify trajectory.parquet --program program.toml --key {out} --out certificate"
     OUT_FILE: ClassVar[str] = "key.pem"
-    out: Annotated[Path, option("Private key to write; the public one becomes FILE.pub.", metavar="FILE")]
+    out: Annotated[Path, option("Private key to write; the public key is FILE.pub.", metavar="FILE")]
 
     def paths(self) -> Paths:
         """A private and a public key."""

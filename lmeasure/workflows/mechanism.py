@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from lmeasure.robots import Grid, ParallelFile
 
 AT_A_POSE, WORKSPACE, TABLE = "At a pose", "Workspace", "Poses of a table"
-PLACES = "start:stop:step of the places that are looked at."
+PLACES = "start:stop:step of the tested positions."
 KINDS = Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"]
 
 
@@ -36,24 +36,24 @@ class Settings(Writing):
     OUT_FILE: ClassVar[str] = "mechanism.json"
     robot: Annotated[
         str,
-        option(
-            "A mechanism by its name (such as rotopod, crank-platform) or a robot.toml of kind parallel.", metavar="ROBOT", positional=True
-        ),
+        option("Mechanism: a name (such as rotopod, crank-platform) or a robot.toml of kind parallel.", metavar="ROBOT", positional=True),
     ]
-    out: Annotated[Path | None, option("Also write all of it.", metavar="FILE.json")] = None
-    position_mm: Annotated[Point | None, option("Of the platform in the base's frame; default home.", metavar="X,Y,Z", panel=AT_A_POSE)] = (
+    out: Annotated[Path | None, option("JSON file to write all results to.", metavar="FILE.json")] = None
+    position_mm: Annotated[
+        Point | None, option("Position of the platform in the base frame; default home.", metavar="X,Y,Z", panel=AT_A_POSE)
+    ] = None
+    quaternion: Annotated[Quaternion | None, option("Orientation of the platform; default home.", metavar="X,Y,Z,W", panel=AT_A_POSE)] = (
         None
     )
-    quaternion: Annotated[Quaternion | None, option("Its orientation; default that of home.", metavar="X,Y,Z,W", panel=AT_A_POSE)] = None
     x: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     y: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     z: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
-    yaw_free: Annotated[bool, option("Inside is what is inside at any turn about the vertical.", panel=WORKSPACE)] = False
-    poses: Annotated[Path | None, option("Poses to take the platform to: x_mm, y_mm, z_mm, qx, qy, qz, qw.", panel=TABLE)] = None
-    joints: Annotated[Path | None, option("Table to write: joint values at them.", metavar="FILE.csv", panel=TABLE)] = None
+    yaw_free: Annotated[bool, option("Count a position as inside if any turn about the vertical is inside.", panel=WORKSPACE)] = False
+    poses: Annotated[Path | None, option("Poses of the platform: x_mm, y_mm, z_mm, qx, qy, qz, qw.", panel=TABLE)] = None
+    joints: Annotated[Path | None, option("Table of their joint values to write.", metavar="FILE.csv", panel=TABLE)] = None
     complete: Annotated[
         KINDS | None,
-        option("The poses tell only this of the platform, and its first rods the rest: every completion is written.", panel=TABLE),
+        option("Coordinates that the poses state; the first rods determine the others, and all solutions are written.", panel=TABLE),
     ] = None
     report: Annotated[Path | None, option("Write mechanism.html, with pictures, into this folder.", metavar="DIR")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None

@@ -14,11 +14,11 @@ class Settings(Writing):
     """What `lmeasure place` is asked."""
 
     NEXT: ClassVar[str] = "zone {out}/rig.toml --out {out}/zone.nc"
-    rig: Annotated[Path, option("The rig as it is, or a first sketch of it.", metavar="RIG.toml", positional=True)]
+    rig: Annotated[Path, option("Present rig, or a first sketch of it.", metavar="RIG.toml", positional=True)]
     task: Annotated[Path, option("Task, mounting boxes, keep-outs, tolerance.", metavar="PLACEMENT.toml")]
     out: Annotated[Path, option("Folder for rig.toml and placement.json.", metavar="DIR")]
     seed: Annotated[int, option("Seed of the search.", ge=0)] = 0
-    generations: Annotated[int, option("Most generations of the global search.", ge=1)] = 2000
+    generations: Annotated[int, option("Largest number of generations of the global search.", ge=1)] = 2000
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:

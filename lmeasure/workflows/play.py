@@ -33,29 +33,29 @@ class Settings(Asked):
     """What `lmeasure play` is asked."""
 
     NEXT: ClassVar[str] = "init my-cell"
-    rig: Annotated[Path, option("rig.toml: what a person has measured of the cell.", metavar="RIG", positional=True)]
+    rig: Annotated[Path, option("rig.toml with the measured dimensions of the cell.", metavar="RIG", positional=True)]
     bus: Annotated[
-        str | None,
-        option("Bus of this machine on which it speaks; by default one of your own for this folder.", metavar="INTERFACE:CHANNEL"),
+        str | None, option("CAN bus of this machine to send on; default an own bus of this folder.", metavar="INTERFACE:CHANNEL")
     ] = None
-    poses: Annotated[Path | None, option("Poses that the robot can be sent to.", metavar="planned.csv")] = None
+    poses: Annotated[Path | None, option("Poses for the line `go POSE`.", metavar="planned.csv")] = None
     commands: Annotated[
-        Path | None, option("Commands for `run`, as `program` writes them; else a motion of six stops.", metavar="commands.csv")
+        Path | None, option("Commands for the line `run`, as `program` writes them; default a motion of six stops.", metavar="commands.csv")
     ] = None
     at: Annotated[
-        Start | None, option("Where the robot is at home, as --start of `record`; else the base frame's origin.", metavar="X,Y,Z,O,A,T")
+        Start | None,
+        option("Home pose of the robot, in the form of --start of `record`; default the base frame's origin.", metavar="X,Y,Z,O,A,T"),
     ] = None
-    rate_hz: Annotated[float, option("Samples a second.", ge=1, le=2000, unit="Hz")] = 200.0
-    passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
-    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
-    off_mm: Annotated[float, option("Observation points lie up to so far from where the rig says.", ge=0, le=500, panel=BUILT)] = 5.0
-    off_deg: Annotated[float, option("Guides are turned by up to as much.", ge=0, le=20, panel=BUILT)] = 1.0
-    u_position_mm: Annotated[
-        float, option("How well the robot takes a pose: standard deviation of each coordinate.", ge=0, le=50, panel=BUILT)
-    ] = 0.02
-    u_rotation_deg: Annotated[float, option("The same of its orientation, about each axis.", ge=0, le=10, panel=BUILT)] = 0.003
-    exchange: Annotated[Names, option("Two channels whose encoders are exchanged.", metavar="CHANNEL,CHANNEL", panel=BUILT)] = ()
-    seed: Annotated[int, option("Which cell is drawn.", ge=0, panel=BUILT)] = 0
+    rate_hz: Annotated[float, option("Samples per second.", ge=1, le=2000, unit="Hz")] = 200.0
+    passage: Annotated[int, option("Number of the pass whose cables are connected.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    off_mm: Annotated[
+        float, option("Largest position error of the observation points relative to the rig file.", ge=0, le=500, panel=BUILT)
+    ] = 5.0
+    off_deg: Annotated[float, option("Largest angle error of the guides.", ge=0, le=20, panel=BUILT)] = 1.0
+    u_position_mm: Annotated[float, option("Standard deviation of the robot's position, per coordinate.", ge=0, le=50, panel=BUILT)] = 0.02
+    u_rotation_deg: Annotated[float, option("Standard deviation of its orientation, about each axis.", ge=0, le=10, panel=BUILT)] = 0.003
+    exchange: Annotated[Names, option("Two channels with swapped encoders.", metavar="CHANNEL,CHANNEL", panel=BUILT)] = ()
+    seed: Annotated[int, option("Seed of the simulated cell.", ge=0, panel=BUILT)] = 0
 
     def paths(self) -> Paths:
         """It writes nothing."""

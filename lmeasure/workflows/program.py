@@ -27,54 +27,52 @@ if TYPE_CHECKING:
     from lmeasure.recording import Program
 
 KEPT = "Paths within the zone"
-EDGES = "The box that the robot's program uses most, mm."
+EDGES = "Box that the robot uses most, mm."
 
 
 class Settings(Writing):
     """What `lmeasure program` is asked."""
 
     out: Annotated[Path, option("Folder for program.toml, commands.csv and robodk.csv.", metavar="DIR")]
-    zone: Annotated[Path | None, option("Take the largest cube in this accuracy zone instead of a box.", metavar="FILE.nc")] = None
+    zone: Annotated[Path | None, option("Use the largest cube in this accuracy zone instead of a box.", metavar="FILE.nc")] = None
     x: Annotated[Edges | None, option(EDGES, metavar="START:STOP[:STEP]", unit="mm")] = None
     y: Annotated[Edges | None, option(EDGES, metavar="START:STOP[:STEP]", unit="mm")] = None
     z: Annotated[Edges | None, option(EDGES, metavar="START:STOP[:STEP]", unit="mm")] = None
-    plane: Annotated[str, option("Diagonal plane of the cube that holds P1 to P5 and the paths.")] = "C1-C2-C7-C8"
+    plane: Annotated[str, option("Diagonal plane of the cube with P1 to P5 and the paths.")] = "C1-C2-C7-C8"
     quaternion: Annotated[Quaternion, option("Orientation of the tool, base_from_tool.", metavar="x,y,z,w")] = (0.0, 0.0, 0.0, 1.0)
     tests: Annotated[
-        Names, option("Which: pose, approach, stabilisation, drift, path, reorientation, posing, compliance, weaving; or all.")
+        Names, option("Tests: pose, approach, stabilisation, drift, path, reorientation, posing, compliance, weaving; or all.")
     ] = ("pose", "approach", "stabilisation", "path", "reorientation")
     speed: Annotated[float, option("Rated speed between poses, mm/s.", unit="mm/s")] = 1000.0
     path_speed: Annotated[float, option("Rated speed on paths, mm/s.", unit="mm/s")] = 500.0
-    speeds: Annotated[Numbers, option("Of the rated speeds, percent; the first is that of all other tests.", unit="%")] = (
+    speeds: Annotated[Numbers, option("Speeds in percent of the rated ones; all other tests use the first.", unit="%")] = (
         100.0,
         50.0,
         10.0,
     )
-    loads: Annotated[Numbers, option("Loads of pose and path tests, kg; the first is that of all other tests.", unit="kg")] = (0.0,)
-    cycles: Annotated[str | None, option("Other numbers of cycles than the standard's (pose=30, path=10, ...).", metavar="TEST=N,...")] = (
-        None
-    )
-    dwell: Annotated[float, option("Rest at a pose that is measured, s.", unit="s")] = 1.5
-    angles: Annotated[str | None, option("Convention in which angles are certified one by one; the rig's by default.")] = None
+    loads: Annotated[Numbers, option("Loads of pose and path tests, kg; all other tests use the first.", unit="kg")] = (0.0,)
+    cycles: Annotated[str | None, option("Numbers of cycles, if not the standard's (pose=30, path=10, ...).", metavar="TEST=N,...")] = None
+    dwell: Annotated[float, option("Rest time at a measured pose, s.", unit="s")] = 1.5
+    angles: Annotated[str | None, option("Convention of component-wise angles; default the rig's.")] = None
     limit_band: Annotated[
-        float, option("Within which of a pose the robot has arrived, for stabilisation and posing time, mm.", unit="mm")
+        float, option("Distance from a pose that counts as arrival, for stabilisation and posing time, mm.", unit="mm")
     ] = 0.1
     ran: Annotated[
-        Path | None, option("Only fill in when the robot ran the program.toml and commands.csv that --out holds.", metavar="TRAJECTORY")
+        Path | None, option("Only fill in the times of this run into program.toml and commands.csv in --out.", metavar="TRAJECTORY")
     ] = None
     columns: Annotated[str, COLUMNS] = ""
-    align: Annotated[bool, option("With --ran: the trajectory is in a frame of its own; find the program's from its rests.")] = False
+    align: Annotated[bool, option("With --ran: find the program's frame from the rests, because the trajectory has its own frame.")] = False
     loaded: Annotated[
         Path | None, option("With --ran: start_s, end_s of each force of the compliance test, in order.", metavar="FILE.csv")
     ] = None
     correct: Annotated[
         Path | None,
-        option("Instead: this program with every path led around the limits of --rig, ends kept.", metavar="PROGRAM.toml", panel=KEPT),
+        option("Change the paths of this program to stay within the limits of --rig; their ends stay.", metavar="PROGRAM.toml", panel=KEPT),
     ] = None
-    rig: Annotated[Path | None, option("With --correct: the rig.", metavar="RIG.toml", panel=KEPT)] = None
+    rig: Annotated[Path | None, option("With --correct: rig.", metavar="RIG.toml", panel=KEPT)] = None
     limit_deg: Annotated[float, option("With --correct: largest pressure angle.", panel=KEPT, within=(0.0, 90.0))] = 60.0
     length_mm: Annotated[Pair | None, option("With --correct: cable lengths.", metavar="MIN:MAX", panel=KEPT)] = None
-    drift_hours: Annotated[float, option("How long the drift test lasts.", unit="h")] = 8.0
+    drift_hours: Annotated[float, option("Duration of the drift test.", unit="h")] = 8.0
 
     def following(self) -> str:
         """Return the command that records the program, or certifies by it."""

@@ -19,14 +19,14 @@ class Settings(Writing):
     OUT_FILE: ClassVar[str] = "trajectory.parquet"
     run: Annotated[Path, option("Run folder: run.toml, rig.toml and the counts of each pass.", metavar="RUN", positional=True)]
     out: Annotated[Path, option("Trajectory to write: .parquet, .csv, .tum for the poses alone, .mcap for ROS 2.")]
-    rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own.")] = None
-    start: Annotated[Start | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
-    constraint: Annotated[str | None, option("What holds the tool where cables are too few: planar or vertical-axis.")] = None
-    repeatability_mm: Annotated[float, option("Standard deviation per axis of the robot between repeated passes.", ge=0.0)] = 0.0
+    rig: Annotated[Path | None, option("rig.toml to use instead of the run's own.")] = None
+    start: Annotated[Start | None, option(f"Start pose, instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    constraint: Annotated[str | None, option("Constraint of the tool if there are too few cables: planar or vertical-axis.")] = None
+    repeatability_mm: Annotated[float, option("Standard deviation of the robot between passes, per axis.", ge=0.0)] = 0.0
     uncertainty: Annotated[
-        Literal["linear", "monte-carlo"], option("linear, or monte-carlo: the run again and again with its inputs drawn (JCGM 101).")
+        Literal["linear", "monte-carlo"], option("Method: linear, or monte-carlo, which repeats the run with random inputs (JCGM 101).")
     ] = "linear"
-    trials: Annotated[int, option("Trials of monte-carlo.", ge=2)] = 400
+    trials: Annotated[int, option("Number of trials of monte-carlo.", ge=2)] = 400
     seed: Annotated[int, option("Seed of monte-carlo.")] = 0
     angles: Annotated[bool, option("Add the angles of the rig's convention.")] = False
     rerun: Annotated[Recording | None, RERUN] = None

@@ -24,12 +24,12 @@ class Settings(Writing):
     rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
     out: Annotated[Path, option("Run folder to write.", metavar="RUN")]
-    seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
-    start: Annotated[Start | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
-    passage: Annotated[int, option("Which repetition of the motion; later ones join the same run folder.", flag="--pass", ge=1)] = 1
-    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
-    fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
-    live: Annotated[bool, option("Show counts, speeds, the pose, faults and latency while recording; --rerun grows then too.")] = False
+    seconds: Annotated[float | None, option("Stop after this time; default with Ctrl-C.", ge=0.001, unit="s")] = None
+    start: Annotated[Start | None, option(f"Pose at zeroing of the counters: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    passage: Annotated[int, option("Number of the repetition of the motion; all passes use one run folder.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    fast: Annotated[bool, option("replay: run as fast as possible instead of in real time.")] = False
+    live: Annotated[bool, option("Show counts, speeds, the pose, faults and latency live; --rerun then grows too.")] = False
     rerun: Annotated[Recording | None, RERUN] = None
 
     def following(self) -> str:

@@ -16,71 +16,69 @@ if TYPE_CHECKING:
 
 JOBS: dict[str, dict[str, str]] = {
     "Try it": {
-        "workbench": "Open the workbench: the whole job in a browser of this machine, over a project folder.",
-        "demo": "Calibrate, record, reconstruct and map a simulated cell over a virtual CAN bus, and compare with the truth.",
+        "workbench": "Open the same tools in your browser, for one project folder.",
+        "demo": "Calibrate, record, reconstruct and map a simulated cell on a virtual CAN bus, and compare with the truth.",
         "play": (
-            "Play a simulated cell on a bus of this machine: a robot and a hand that do what is typed, for check, capture and record.\n\n"
-            "Lines typed while it runs: pull NAME [MM], let NAME, turn NAME, go POSE, home, run."
+            "Simulate a cell on a CAN bus of this machine, for check, capture and record. Your lines move its robot and cables.\n\n"
+            "Lines: pull NAME [MM], let NAME, turn NAME, go POSE, home, run."
         ),
-        "simulate": "Simulate the instrument along a motion: what its counters would record, with the true poses beside it.",
+        "simulate": "Simulate the counts of the instrument along a motion, and write the true poses too.",
     },
     "Build and calibrate a rig": {
-        "init": "Write a rig.toml to begin with, every dimension explained: how it is measured and what a millimetre of error costs.",
-        "schema": "Print the JSON Schema of a file that is written by hand, for editors that complete and check it.",
-        "place": "Search places for observation and attachment points that make the instrument best where the robot works.",
-        "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
-        "scan": "List the CAN adapters of this machine, or listen to a bus: who speaks, how often, and which bytes move.",
-        "check": "Walk through the self-test: which channel is which cable, direction, counts per turn, stroke and slack.",
-        "plan-poses": "Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings.",
+        "init": "Write a rig.toml to start from. It explains how to measure each dimension, and what a millimetre of error costs.",
+        "schema": "Print the JSON Schema of an input file, for completion and checks in your editor.",
+        "place": "Find the best positions of observation and attachment points for the robot's region.",
+        "drum": "Compute the drums of a rig file from radii, distances and the full-wind count.",
+        "scan": "List the CAN adapters of this machine, or listen to a bus and list senders, rates and changing bytes.",
+        "check": "Run the self-test: find the channel of each cable, its sign, counts per turn, stroke and slack.",
+        "plan-poses": "Choose the reference poses with the smallest length uncertainty over a zone, and show the gain of each.",
         "capture": (
-            "Go through reference poses and read the counts at each: a calibration folder, over a bus.\n\n"
-            "Lines typed while it runs: Enter reads, undo takes back the last reading, skip leaves a pose out, go POSE changes the order, "
-            "return goes back to the first pose, status, trust, quit. Broken off, the same command goes on."
+            "Record the counts at each reference pose over a bus, into a calibration folder.\n\n"
+            "Lines: Enter records, undo deletes the last reading, skip excludes a pose, go POSE changes the order, return goes back to the "
+            "first pose, status, trust, quit. Run the same command to continue after a stop."
         ),
-        "calibrate": "Find the observation points from recorded counts at reference poses, with what the data can and cannot tell.",
+        "calibrate": "Solve for the observation points from counts at reference poses, and report unobservable parameters.",
         "check-instrument": (
-            "Check a calibrated instrument in minutes, without a tracker: returns, revisits, reversal, drift, known distances, and what "
-            "has moved if they do not close."
+            "Check a calibrated instrument in minutes, without a tracker: returns, revisits, reversal, drift and known distances, and find "
+            "moved parts."
         ),
-        "zone": "Map where every pressure angle stays within the limit, and the 95 % radius of the measured position.",
+        "zone": "Map the region within the limits, and U95 of the measured position in it.",
     },
     "Measure a motion": {
-        "watch": "Watch what comes over a bus: counts, speeds, faults and the pose, before anything is recorded.",
-        "record": "Record a pass of the motion: every frame as it came, and the counts decoded from it.",
+        "watch": "Show counts, speeds, faults and the pose from a bus live, without recording.",
+        "record": "Record a pass of the motion: all frames, and the decoded counts.",
         "import": (
-            "Read log files of CAN frames into a run folder.\n\n"
-            "The start pose, at which the counters were zeroed, stands in no log: give it by --start FILE, or by --position-mm and "
-            "--quaternion-xyzw; without them it is unknown, and poses can be had only when it is stated later."
+            "Import log files of CAN frames into a run folder.\n\n"
+            "A log does not contain the start pose, at which the counters were zeroed. State it with --start FILE, or with --position-mm "
+            "and --quaternion-xyzw. You can also state it later; poses need it."
         ),
-        "reconstruct": "Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method.",
+        "reconstruct": "Reconstruct the gripper's trajectory and its uncertainty from recorded counts, by the screw method.",
         "motion": "Smooth a trajectory by local cubics and write velocity, acceleration and jerk with their uncertainties.",
-        "report": "Draw the page of a trajectory: where it went, how well that is known, what was left out, and how fast it was.",
+        "report": "Write the report of a trajectory: path, uncertainty, excluded samples, and speed.",
         "inspect": "Show any file of lmeasure, or a log of a known format, in a page: what it is, and a picture of it.",
-        "view": "Open a recording in the rerun viewer, or in a browser: the rig in space, and every figure over time.",
+        "view": "Open a 3-D recording in the rerun viewer or a browser: the rig in space, and curves over time.",
     },
     "Test a robot": {
         "program": "Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads.",
         "certify": (
-            "Certify a robot by ISO 9283: certificate.json, certificate.pdf, report.html and copies of all inputs in one sealed folder."
+            "Certify a robot according to ISO 9283: certificate.json, certificate.pdf, report.html and all inputs in one sealed folder."
         ),
         "verify": (
-            "Look at every byte of a certificate's folder and compute every figure again.\n\n"
-            "Exit 0: all the same; 1: every difference on a line; 3: nothing differs, but something could not be compared, named."
+            "Check every file's hash and recompute every result of a certificate.\n\n"
+            "Exit code 0: all equal; 1: differences, one per line; 3: no differences, but some items could not be compared."
         ),
-        "compare": (
-            "Compare certificates, or two calibrations: what differs beyond the instrument's uncertainty, what has moved, exchangeability."
-        ),
+        "compare": ("Compare certificates or two calibrations: differences beyond the uncertainty, moved parts, exchangeability."),
         "register": "Keep calibrations, checks and certificates over years: drift, control charts, next calibration, recall, audit trail.",
         "qualify": "Qualify this installation before use (ISO/IEC 17025, 7.11): files, reference data, formulas, coverage, certificates.",
-        "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
-        "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
-        "correct": "Correct a robot's program by an identification: its targets are rewritten, all else stays byte for byte.",
-        "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
+        "key": "Make an Ed25519 key. Keep FILE; give FILE.pub to people who verify.",
+        "identify": "Calibrate a robot's kinematic model from joint values and measured poses, and predict its accuracy after correction.",
+        "correct": "Correct a robot's program with a kinematic calibration: change its targets, and keep every other byte.",
+        "frames": "Calibrate robot base and target (robot-world / hand-eye, AX = YB) from poses of both.",
     },
     "Theory of mechanisms": {
-        "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
-        "mechanism": "Study a mechanism: joints at a pose, how near it is to a singular one, its workspace, its pictures.",
-        "dyads": "Find links between ball joints for poses that a body shall take, by least squares and by minimax.",
+        "structure": "Determine the structure of six links, the assembly modes of their lengths, and the distance to singular poses.",
+        "mechanism": "Analyse a mechanism: joint values at a pose, distance to singular poses, workspace, pictures.",
+        "dyads": "Find links between ball joints that guide a body through given poses, by least squares and by minimax.",
     },
 }
 """Commands by the job that they belong to, in the order in which they are listed, with their help."""

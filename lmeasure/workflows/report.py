@@ -34,15 +34,15 @@ class Settings(Writing):
     measured: Annotated[
         Path,
         option(
-            "Run folder, trajectory as `reconstruct` writes it, or another instrument's: .csv, .parquet, .tum, EuRoC.",
+            "Run folder, or trajectory from `reconstruct` or another instrument: .csv, .parquet, .tum, EuRoC.",
             metavar="RUN_OR_TRAJECTORY",
             positional=True,
         ),
     ]
     out: Annotated[Path, option("Folder for trajectory.html.", metavar="DIR")]
-    rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own; with a trajectory, draw it.")] = None
-    start: Annotated[Start | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
-    constraint: Annotated[str | None, option("What holds the tool of a run where cables are too few: planar or vertical-axis.")] = None
+    rig: Annotated[Path | None, option("rig.toml to use instead of the run's own; with a trajectory: rig to draw.")] = None
+    start: Annotated[Start | None, option(f"Start pose, instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    constraint: Annotated[str | None, option("Constraint of a run's tool if there are too few cables: planar or vertical-axis.")] = None
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 class Settings(Asked):
     """What `lmeasure scan` is asked."""
 
-    bus: Annotated[str | None, option("Listen to this bus; without it adapters are listed.", metavar="INTERFACE:CHANNEL")] = None
-    seconds: Annotated[float, option("How long to listen.", ge=0.1, le=3600, unit="s")] = 5.0
-    bit_rate: Annotated[int | None, option("Of the bus, where the adapter needs it.", ge=1, unit="bit/s")] = None
-    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    bus: Annotated[str | None, option("Listen to this bus; without it, `scan` lists the adapters.", metavar="INTERFACE:CHANNEL")] = None
+    seconds: Annotated[float, option("Listening time.", ge=0.1, le=3600, unit="s")] = 5.0
+    bit_rate: Annotated[int | None, option("Bit rate of the bus, if the adapter needs it.", ge=1, unit="bit/s")] = None
+    bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
 
     def following(self) -> str:
         """Return the command that tests what was heard, or listens."""

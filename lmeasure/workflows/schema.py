@@ -15,9 +15,9 @@ class Settings(Writing):
     NEXT: ClassVar[str] = "init my-cell"
     name: Annotated[
         str | None,
-        option("Which file's; without it they are listed.", metavar="NAME", positional=True, words="lmeasure.io.schemas:FILE_KINDS"),
+        option("Kind of file; without it, `schema` lists them.", metavar="NAME", positional=True, words="lmeasure.io.schemas:FILE_KINDS"),
     ] = None
-    out: Annotated[Path | None, option("Write it to this file instead of the screen.", metavar="FILE.json")] = None
+    out: Annotated[Path | None, option("Write the schema to this file instead of the screen.", metavar="FILE.json")] = None
 
     def paths(self) -> Paths:
         """A schema, of nothing."""

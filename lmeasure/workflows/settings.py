@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from lmeasure.text import Message
     from lmeasure.trajectory import Stated
 
-START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
+START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with a table start"
 BOX = "X0:X1,Y0:Y1,Z0:Z1"
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 _UNITS = {"mm": "mm", "mm_s": "mm/s", "deg": "deg", "rad": "rad", "s": "s", "n": "N", "percent": "%"}
@@ -143,7 +143,7 @@ class Writing(Asked):
     OUT_FILE: ClassVar[str] = ""
     """Name of the file that --out names, where the command writes one; empty where --out is a folder."""
 
-    force: Annotated[bool, option("Replace files that exist; inputs and recordings never.", flag="--force")] = False
+    force: Annotated[bool, option("Replace existing files, but never inputs and recordings.", flag="--force")] = False
 
     @field_validator("out", mode="before", check_fields=False)
     @classmethod
@@ -304,19 +304,19 @@ Names = Annotated[tuple[str, ...], Words(",", str)]
 Recording = Annotated[Path, AfterValidator(_recording)]
 Start = Annotated[str, AfterValidator(_six_or_seven), Pose()]
 """A pose as text, or a file that has it."""
-LANGUAGE = option("Language of what is to be read: en or ru; default that of the terminal (LANG).")
-RIG = option("rig.toml; its [can] table says which frames carry the counters.", metavar="RIG", positional=True, also=("--rig",))
+LANGUAGE = option("Language of the report (en, ru); default that of the terminal (LANG).")
+RIG = option("rig.toml; its table [can] assigns frames to counters.", metavar="RIG", positional=True, also=("--rig",))
 BROWSER = option("Open the page in this machine's browser, if standard output is a terminal.", flag="--browser/--no-browser")
-RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")
-TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, Motive, Nexus, .mcap."
-COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")
+RERUN = option("Also write a 3-D recording for `lmeasure view`.", metavar="FILE.rrd")
+TRAJECTORY = "Trajectory from `reconstruct` or another instrument: .csv, .parquet, .tum, EuRoC, Motive, Nexus, .mcap."
+COLUMNS = option("Meaning and unit of each column (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")
 ANGLES = option(
-    "Convention of the file's angles, where their units do not tell it.",
+    "Convention of the file's angles, if its units do not determine it.",
     metavar="CONVENTION",
     words="lmeasure.core.conventions:CONVENTIONS",
 )
-ALIGN = option("Bring the poses into the frame of this program, fitted to its poses in their windows.", metavar="program.toml")
-U_POSITION = option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)
+ALIGN = option("Transform the poses into the frame of this program, by a fit to its poses in their windows.", metavar="program.toml")
+U_POSITION = option("Standard uncertainty of each measured coordinate; default from the file.", ge=0)
 U_ROTATION = option("Standard uncertainty of a measured orientation about each axis.", ge=0)
 
 

@@ -41,46 +41,43 @@ class Settings(Writing):
         Path | None,
         option("rig.toml, robot.toml of a platform, or a table of points and links (docs/files.md).", metavar="FILE", positional=True),
     ] = None
-    out: Annotated[Path | None, option("Also write all of it.", metavar="FILE.json")] = None
-    listed: Annotated[bool, option("All structures of six links instead of a file.", flag="--list")] = False
+    out: Annotated[Path | None, option("JSON file to write all results to.", metavar="FILE.json")] = None
+    listed: Annotated[bool, option("List all structures of six links instead of reading a file.", flag="--list")] = False
     lengths_mm: Annotated[
         Numbers | None,
-        option("Lengths, in the file's order: every assembly that they allow.", metavar="L1,L2,...", panel=LENGTHS, unit="mm"),
+        option("Lengths in the file's order; finds all their assembly modes.", metavar="L1,L2,...", panel=LENGTHS, unit="mm"),
     ] = None
-    within_mm: Annotated[
-        float, option("By how much seven and more lengths may contradict each other.", panel=LENGTHS, within=(0.0, math.inf))
-    ] = 0.5
-    design: Annotated[bool, option("Cut the links' limits_mm until nothing within them is singular, and prove it.", panel=LENGTHS)] = False
+    within_mm: Annotated[float, option("Allowed contradiction of seven or more lengths.", panel=LENGTHS, within=(0.0, math.inf))] = 0.5
+    design: Annotated[bool, option("Reduce the links' limits_mm until no pose within them is singular, and prove it.", panel=LENGTHS)] = (
+        False
+    )
     position_mm: Annotated[
         Point | None,
         option(
-            "A position of the platform: how well it is held there, and which other poses have its lengths.",
-            metavar="X,Y,Z",
-            panel=AT_A_POSE,
+            "Position of the platform: determine its condition, and other poses with the same lengths.", metavar="X,Y,Z", panel=AT_A_POSE
         ),
     ] = None
-    quaternion: Annotated[Quaternion | None, option("Its orientation there; default the base's.", metavar="X,Y,Z,W", panel=AT_A_POSE)] = (
-        None
-    )
+    quaternion: Annotated[
+        Quaternion | None, option("Orientation of the platform; default the base's.", metavar="X,Y,Z,W", panel=AT_A_POSE)
+    ] = None
     to_mm: Annotated[
-        Point | None, option("Another position: determinant and condition on the straight way to it.", metavar="X,Y,Z", panel=AT_A_POSE)
+        Point | None, option("Second position: determinant and condition on the straight path to it.", metavar="X,Y,Z", panel=AT_A_POSE)
     ] = None
     boundary: Annotated[
-        Literal["xy", "xz", "yz"] | None, option("Follow the boundary of the workspace around the pose in this plane.", panel=AT_A_POSE)
+        Literal["xy", "xz", "yz"] | None, option("Trace the boundary of the workspace around the pose in this plane.", panel=AT_A_POSE)
     ] = None
     levels: Annotated[
         Range | None,
-        option("Slices at these places on the third axis; default the pose's.", metavar="START:STOP:STEP", panel=AT_A_POSE, unit="mm"),
+        option("Slices at these coordinates of the third axis; default the pose's.", metavar="START:STOP:STEP", panel=AT_A_POSE, unit="mm"),
     ] = None
     reach_mm: Annotated[
-        float | None,
-        option("How far to either side of the pose is looked; default the rig's size.", panel=AT_A_POSE, within=(0.0, math.inf)),
+        float | None, option("Half width of the window around the pose; default the rig's size.", panel=AT_A_POSE, within=(0.0, math.inf))
     ] = None
     limit_deg: Annotated[
         float | None,
-        option("Largest pressure angle in the workspace; default none but singular poses.", panel=AT_A_POSE, within=(0.0, 90.0)),
+        option("Largest pressure angle in the workspace; default no limit except singular poses.", panel=AT_A_POSE, within=(0.0, 90.0)),
     ] = None
-    length_mm: Annotated[Pair | None, option("Least and greatest length in the workspace.", metavar="MIN:MAX", panel=AT_A_POSE)] = None
+    length_mm: Annotated[Pair | None, option("Smallest and largest length in the workspace.", metavar="MIN:MAX", panel=AT_A_POSE)] = None
     report: Annotated[Path | None, option("Write structure.html, with drawings, into this folder.", metavar="DIR")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None

@@ -16,7 +16,7 @@ class Settings(Asked):
 
     NEXT: ClassVar[str] = "inspect {bundle}"
     bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True)]
-    public_key: Annotated[Path | None, option("The signature must be by the owner of this key.", metavar="FILE")] = None
+    public_key: Annotated[Path | None, option("Public key of the expected signer.", metavar="FILE")] = None
 
 
 @workflow

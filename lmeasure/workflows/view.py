@@ -13,9 +13,9 @@ class Settings(Asked):
     """What `lmeasure view` is asked."""
 
     NEXT: ClassVar[str] = "workbench my-cell"
-    recording: Annotated[Path, option("Recording that a stage wrote with --rerun, or the demo.", metavar="FILE.rrd", positional=True)]
+    recording: Annotated[Path, option("Recording from an option --rerun, or from the demo.", metavar="FILE.rrd", positional=True)]
     web: Annotated[
-        bool, option("Serve rerun's web viewer to browsers of this machine, which needs no display here; Ctrl-C ends it.", flag="--web")
+        bool, option("Serve rerun's web viewer to browsers of this machine, without a display; stop with Ctrl-C.", flag="--web")
     ] = False
     port: Annotated[int | None, option("Port of 127.0.0.1 for --web; 0 takes a free one. [9090]", ge=0, le=65535)] = None
 

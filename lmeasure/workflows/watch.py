@@ -23,11 +23,11 @@ class Settings(Asked):
     NEXT: ClassVar[str] = "record {rig} --bus {bus} --out run"
     rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
-    seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
-    start: Annotated[Start | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
-    passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
-    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
-    fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
+    seconds: Annotated[float | None, option("Stop after this time; default with Ctrl-C.", ge=0.001, unit="s")] = None
+    start: Annotated[Start | None, option(f"Pose at zeroing of the counters: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    passage: Annotated[int, option("Number of the pass whose cables are connected.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    fast: Annotated[bool, option("replay: run as fast as possible instead of in real time.")] = False
 
     def paths(self) -> Paths:
         """It writes nothing."""

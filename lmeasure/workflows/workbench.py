@@ -29,11 +29,11 @@ class Settings(Asked):
     """What `lmeasure workbench` is asked."""
 
     NEXT: ClassVar[str] = "workbench {folder}"
-    folder: Annotated[Path, option("Project folder; made where it is not there.", metavar="FOLDER", positional=True)] = Path()
-    within: Annotated[Path | None, option("Folder of projects: Home begins others in it, and opens them.", metavar="FOLDER")] = None
-    port: Annotated[int, option("Port of 127.0.0.1; 0 takes a free one.", ge=0, le=65535)] = 0
+    folder: Annotated[Path, option("Project folder; created if it does not exist.", metavar="FOLDER", positional=True)] = Path()
+    within: Annotated[Path | None, option("Folder of projects: the page Home opens and creates projects in it.", metavar="FOLDER")] = None
+    port: Annotated[int, option("Port of 127.0.0.1; 0 uses a free one.", ge=0, le=65535)] = 0
     browser: Annotated[bool, BROWSER] = True
-    language: Annotated[Literal["en", "ru"], option("Of what jobs print; pages follow the browser.")] = "en"
+    language: Annotated[Literal["en", "ru"], option("Language of the jobs' output (en, ru); pages use the browser's language.")] = "en"
 
 
 @workflow

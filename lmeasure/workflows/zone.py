@@ -27,48 +27,51 @@ class Settings(Writing):
 
     NEXT: ClassVar[str] = "program --zone {out} --out program"
     OUT_FILE: ClassVar[str] = "zone.nc"
-    rig: Annotated[Path, option("The rig; a linked calibration enters the uncertainty.", metavar="RIG.toml", positional=True)]
+    rig: Annotated[Path, option("Rig; the uncertainty includes its linked calibration.", metavar="RIG.toml", positional=True)]
     out: Annotated[Path, option("netCDF file to write.")]
     x: Annotated[
         Range | None,
-        option("Nodes of the tool origin along X [mm], both ends included; a box around the rig without it.", metavar=RANGE, unit="mm"),
+        option("Nodes of the tool origin along X [mm], both ends included; default a box around the rig.", metavar=RANGE, unit="mm"),
     ] = None
-    y: Annotated[Range | None, option("The same along Y.", metavar=RANGE, unit="mm")] = None
-    z: Annotated[Range | None, option("The same along Z.", metavar=RANGE, unit="mm")] = None
+    y: Annotated[Range | None, option("Nodes along Y [mm].", metavar=RANGE, unit="mm")] = None
+    z: Annotated[Range | None, option("Nodes along Z [mm].", metavar=RANGE, unit="mm")] = None
     tilt_deg: Annotated[float, option("Largest component of the rotation vector.", within=(0.0, 180.0))] = 0.0
     tilt_rad: Annotated[float, option("The same in radians, in place of --tilt-deg.", within=(0.0, math.pi))] = 0.0
-    tilt_steps: Annotated[int, option("Equal steps from -tilt to +tilt; 1 means no tilt.", ge=1)] = 3
-    quaternion: Annotated[UnitQuaternion | None, option("Orientation that is tilted.", metavar="X,Y,Z,W")] = None
+    tilt_steps: Annotated[int, option("Number of equal steps from -tilt to +tilt; 1 means no tilt.", ge=1)] = 3
+    quaternion: Annotated[UnitQuaternion | None, option("Centre orientation of the tilts.", metavar="X,Y,Z,W")] = None
     o: Annotated[Range | None, option("Angle O of the thesis [deg], with --a and --t, instead of tilts.", metavar=RANGE, unit="deg")] = None
     a: Annotated[Range | None, option("Angle A [deg].", metavar=RANGE, unit="deg")] = None
     t: Annotated[Range | None, option("Angle T [deg].", metavar=RANGE, unit="deg")] = None
     limit_deg: Annotated[float, option("Largest pressure angle.", panel=LIMITS, within=(0.0, 90.0))] = 60.0
     length_mm: Annotated[Pair | None, option("Cable lengths.", metavar="MIN:MAX", panel=LIMITS)] = None
-    u95_mm: Annotated[float | None, option("95 % radius of the position.", panel=LIMITS, within=MORE_THAN_0)] = None
-    u95_rotation_deg: Annotated[float | None, option("95 % radius of the orientation.", panel=LIMITS, within=MORE_THAN_0)] = None
-    u95_attachment_mm: Annotated[float | None, option("95 % radius of the worst attachment point.", panel=LIMITS, within=MORE_THAN_0)] = (
+    u95_mm: Annotated[float | None, option("Largest U95 of the position.", panel=LIMITS, within=MORE_THAN_0)] = None
+    u95_rotation_deg: Annotated[float | None, option("Largest U95 of the orientation.", panel=LIMITS, within=MORE_THAN_0)] = None
+    u95_attachment_mm: Annotated[float | None, option("Largest U95 of the worst attachment point.", panel=LIMITS, within=MORE_THAN_0)] = (
         None
     )
-    wrap_deg: Annotated[float | None, option("Angle wrapped around a pulley.", panel=LIMITS, within=MORE_THAN_0)] = None
-    clearance_mm: Annotated[
-        float | None, option("Least distance of cables from each other and bodies.", panel=LIMITS, within=MORE_THAN_0)
-    ] = None
-    bodies: Annotated[Path | None, option("Bodies the cables must not touch.", metavar="FILE.toml", panel=LIMITS)] = None
-    one_assembly: Annotated[bool, option("Keep the determinant's sign.", panel=LIMITS)] = False
+    wrap_deg: Annotated[float | None, option("Largest angle wrapped around a pulley.", panel=LIMITS, within=MORE_THAN_0)] = None
+    clearance_mm: Annotated[float | None, option("Least distance between cables, and to obstacles.", panel=LIMITS, within=MORE_THAN_0)] = (
+        None
+    )
+    bodies: Annotated[Path | None, option("Obstacles for the cables.", metavar="FILE.toml", panel=LIMITS)] = None
+    one_assembly: Annotated[bool, option("Keep to one assembly mode, by the determinant's sign.", panel=LIMITS)] = False
     singularity: Annotated[float | None, option("Least distance to a singular pose.", panel=LIMITS, within=MORE_THAN_0)] = None
     full: Annotated[bool, option("Map orientation and attachment points too.", panel=COMPUTING)] = False
     reliability: Annotated[
-        bool, option("Map which faults of single channels would show, and what one that does not does to the tool.", panel=COMPUTING)
+        bool, option("Map the detectable faults of single channels, and the effect of undetected ones on the tool.", panel=COMPUTING)
     ] = False
     refine: Annotated[
-        float | None, option("Refine the edge until the volume changes by less.", metavar="RELATIVE", panel=COMPUTING, within=(0.0, 1.0))
+        float | None,
+        option("Refine the edge until the volume changes by less than this part.", metavar="RELATIVE", panel=COMPUTING, within=(0.0, 1.0)),
     ] = None
-    workers: Annotated[int | None, option("Threads; default all cores.", panel=COMPUTING, ge=1)] = None
+    workers: Annotated[int | None, option("Number of threads; default all cores.", panel=COMPUTING, ge=1)] = None
     scheduler: Annotated[str | None, option("dask scheduler to use.", metavar="tcp://HOST:PORT", panel=COMPUTING)] = None
-    checkpoint: Annotated[Path | None, option("Keep chunks here; go on after a kill.", metavar="DIR", panel=COMPUTING)] = None
-    path: Annotated[Path | None, option("Hold a robot program against the zone; writes OUT.path.csv too.", metavar="PROGRAM.toml")] = None
+    checkpoint: Annotated[
+        Path | None, option("Folder for finished chunks; the same command continues after an interruption.", metavar="DIR", panel=COMPUTING)
+    ] = None
+    path: Annotated[Path | None, option("Check a robot program in the zone, and write OUT.path.csv.", metavar="PROGRAM.toml")] = None
     boundary: Annotated[
-        bool, option("Follow the zone's edge at every level, for angle and lengths; writes OUT.boundary.csv too.", panel=COMPUTING)
+        bool, option("Trace the zone's edge at every level, for angle and lengths, and write OUT.boundary.csv.", panel=COMPUTING)
     ] = False
     report: Annotated[Path | None, option("Write zone.html and zone.pdf into this folder.", metavar="DIR")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None

@@ -42,7 +42,7 @@ def test_the_edge_of_a_zone_lies_on_its_limit(tmp_path: Path) -> None:
     assert found.area_mm2 == pytest.approx(counted, rel=0.02)
     assert found.area_mm2 is not None
     write_zone_page(tmp_path / "zone.html", data, rig, followed=[found])
-    assert all(words in (tmp_path / "zone.html").read_text() for words in ("The edge, followed", f"closed, {found.area_mm2 / 1e6:.4g}"))
+    assert all(words in (tmp_path / "zone.html").read_text() for words in ("Traced edge", f"closed, {found.area_mm2 / 1e6:.4g}"))
     assert {limit.split(" in ")[0] for limit in found.limits} <= {f"pressure angle of {c.name}" for c in rig.cable}
     for place in found.places[:: len(found.places) // 4]:
         assert angle_at(place, turns) == pytest.approx(45.0, abs=1e-6)
@@ -91,8 +91,8 @@ def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, [str(w) for w in words])
     assert done.exit_code == 0
     lines = done.output.splitlines()
-    assert "path inside: keeps the limits" in lines
-    assert "LEFT AS IT IS: sample 1001, an end, is beyond a limit itself" in done.output
+    assert "path inside: within the limits" in lines
+    assert "NOT CHANGED: sample 1001, an end, is beyond a limit itself" in done.output
     inside, led, out = read_program(tmp_path / "led" / "program.toml").path
     assert (inside, out, led.kind) == (PATHS[0], PATHS[2], "points")
     points = led.points(5.0)

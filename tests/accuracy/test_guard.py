@@ -24,7 +24,7 @@ def test_each_part_is_told_with_its_distance_from_the_edge(tmp_path: Path) -> No
     arguments = ["zone", str(RIG), "--x", span, "--y", span, "--z", span, "--tilt-rad", "0.3", "--out", str(tmp_path / "zone.nc")]
     result = CliRunner().invoke(app, [*arguments, "--path", str(tmp_path / "program.toml")])
     assert result.exit_code == 0, result.output
-    assert "path out: angle at most" in result.output
+    assert "path out: pressure angle up to" in result.output
     assert "LEAVES THE ZONE" in result.output.split("path out")[1].split("\n")[0]
     assert "LEAVES" not in result.output.split("path round")[1]
     table = files.read_table(tmp_path / "zone.path.csv")

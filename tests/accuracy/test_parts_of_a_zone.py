@@ -168,20 +168,20 @@ def test_figures_by_their_names() -> None:
 
 def test_what_is_covered_is_said() -> None:
     exact, phased = changed(cell(), {"zero_exact": True}), changed(cell(), {"zero_exact": False})
-    none = " only: the rig links no calibration"
+    none = " only (the rig has no linked calibration)"
     assert covers(exact, None) == f"counts of +-1/2{none}"
-    assert covers(phased, None) == f"counts of +-1/2, the zero phase (as much again){none}"
+    assert covers(phased, None) == f"counts of +-1/2, the sub-count offset at zeroing (the same size){none}"
     some = changed(phased, {"zero_exact": True}, which=2)
-    mixed = "counts of +-1/2, the zero phase of those whose zero is not exact (as much again)"
+    mixed = "counts of +-1/2, the sub-count offset at zeroing of counters without an exact zero (the same size)"
     assert covers(some, None) == f"{mixed}{none}"
-    linked, since = record("B1.x_mm"), ", of the change of each length since the counters were zeroed at the start pose"
+    linked, since = record("B1.x_mm"), ", of the change of each length since zeroing at the start pose"
     assert covers(exact, linked) == f"counts of +-1/2 and the linked calibration's covariance{since}"
     stated = changed(exact, {"u_run_out_mm": 0.02})
     text = covers(stated, None)
-    assert text.startswith("counts of +-1/2 and what the rig states of ")
-    assert text.endswith(f"{since}; the rig links no calibration")
+    assert text.startswith("counts of +-1/2 and the uncertainty of")
+    assert text.endswith(f"{since}; the rig has no linked calibration")
     both = covers(stated, linked)
-    assert both == text.removesuffix(f"{since}; the rig links no calibration") + f" and the linked calibration's covariance{since}"
+    assert both == text.removesuffix(f"{since}; the rig has no linked calibration") + f" and the linked calibration's covariance{since}"
     for u_deg, how in ((0.01, ""), (0.1, ", to first order")):
         swivel = {"point": "B1", "channel": "sw1", "counts_per_revolution": 4096, "zero_deg": 1.0, "u_zero_deg": u_deg}
         rig = rig_from_dict(exact.to_dict() | {"swivel": [swivel]})

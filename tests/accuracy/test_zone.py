@@ -38,7 +38,7 @@ def test_angles_and_radius_are_those_of_the_definitions(rig: Rig) -> None:
         assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
         sure = scan_zone(exactly(rig), None, x=at[:1], y=at[1:2], z=at[2:], rotations=Rotation.concatenate([turn]))
         assert sure["u95_position_mm"].item() == pytest.approx(zone["u95_position_mm"].item() / np.sqrt(2.0), rel=1e-9)
-    assert "the zero phase (as much again)" in zone.attrs["u95_covers"]
+    assert "counts of +-1/2, the sub-count offset at zeroing (the same size)" in zone.attrs["u95_covers"]
     assert "phase" not in sure.attrs["u95_covers"]
 
 
@@ -225,5 +225,5 @@ def test_run_out_counts_by_the_turns_of_its_drum_on_the_mean_over_places() -> No
     found = drum_variance(rig, None, places, Rotation.identity(1), start=start)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
     said = covers(rig, None)
-    assert "what the rig states of run-out of drums" in said
-    assert said.endswith("; the rig links no calibration")
+    assert "the uncertainty of run-out of drums" in said
+    assert said.endswith("of the change of each length since zeroing at the start pose; the rig has no linked calibration")

@@ -56,7 +56,7 @@ def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> No
     assert result.exit_code == 0, result.output
     (x, y, z), rig = box_around(cell()), cell()
     written = " ".join(f"--{name} {a:g}:{b:g}:{step:g}" for name, (a, b, step) in zip("xyz", (x, y, z), strict=True))
-    assert result.output.startswith(f"no range was given: the box is {written}, around the rig\n")
+    assert result.output.startswith(f"no range stated; the box is {written}, around the rig\n")
     zone, points = read_zone(out), np.array([p.position_mm for p in rig.observation_point])
     for axis, name in enumerate("xyz"):
         nodes = zone[name].values
@@ -69,7 +69,7 @@ def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> No
     assert "no range" not in again.output
     some = written.split()[:2]
     part = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *some, "--force", "--out", str(out)])
-    assert part.output.startswith(f"no range was given for --y, --z: the box is {' '.join(written.split()[2:])}, around the rig\n")
+    assert part.output.startswith(f"no range stated for --y, --z; the box is {' '.join(written.split()[2:])}, around the rig\n")
 
 
 @pytest.mark.parametrize("places", [[(0, 0, 0)], [(10, 20, 3000), (900, -700, 3000)], [(1e5, 0, 0), (0, 1, 0)]])
@@ -91,7 +91,7 @@ def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
         app, ["zone", str(rig_file), *box("-100:100:100"), "--limit-deg", "1", "--out", str(rig_file.parent / "z.nc")]
     )
     assert result.exit_code == 0, result.output
-    assert "nothing of the box is in the zone: 27 nodes are kept out by pressure angle alone" in result.output
+    assert "no position of the box is in the zone; pressure angle alone excludes 27 nodes" in result.output
     assert f"lmeasure place {rig_file} --task placement.toml --out placed" in result.output
 
 

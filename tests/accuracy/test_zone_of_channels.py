@@ -208,7 +208,7 @@ def test_the_command_maps_faults_and_guards_a_program(tmp_path: Path) -> None:
     assert zone.channel_unit.values.tolist()[5:7] == ["mm", "degree"]
     assert (zone.least_fault_apart >= zone.least_fault).all()
     assert "sw6: " in done.output
-    assert "Какие ошибки каналов видны" in (tmp_path / "zone.html").read_text(encoding="utf-8")
+    assert "Обнаруживаемые ошибки" in (tmp_path / "zone.html").read_text(encoding="utf-8")
     pose = {"name": "P1", "position_mm": (0.0, 50.0, 0.0), "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "windows_s": ()}
     program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [pose]})
     (part,) = guard(read_rig(rig), None, zone, program, rotation=Rotation.identity())

@@ -131,17 +131,23 @@ def test_a_rig_that_is_wired_right_passes() -> None:
     [
         (
             {"turns": False, "wiring": [0, 4, 2, 3, 1, 5]},
-            ["cable c2: channel ch5 moved, the rig says ch2", "cable c5: channel ch2 moved, the rig says ch5"],
+            ["cable c2: channel ch5 moved, but the rig has channel ch2", "cable c5: channel ch2 moved, but the rig has channel ch5"],
         ),
         # a walk takes its time, and a person's, below, has signs exchanged too
         pytest.param(
             {"turns": False, "sign": -1},
-            [f"cable c{i}: counts down when paid out, the rig says count_sign = 1" for i in range(1, 7)],
+            [f"cable c{i}: counts down during pay-out, but the rig has count_sign = 1" for i in range(1, 7)],
             marks=pytest.mark.slow,
         ),
-        ({"scale": 0.5}, [f"cable c{i}: 3000 counts in a turn, the rig says 6000: 0.5 times as many" for i in range(1, 7)]),
+        (
+            {"scale": 0.5},
+            [
+                f"cable c{i}: 3000 counts per turn, but the rig has 6000; 0.5 times as many, as with another decoding scale"
+                for i in range(1, 7)
+            ],
+        ),
         ({"turns": False, "slip_mm": 2.0}, [f"cable c{i}: came back +1.99" for i in range(1, 7)]),
-        ({"turns": False, "trembling": 3}, ["channel ch4: moves by 10 counts at rest"]),
+        ({"turns": False, "trembling": 3}, ["channel ch4: moves by 10 counts while at rest"]),
     ],
 )
 def test_each_wrong_wiring_is_told(faults: dict[str, Any], reported: list[str]) -> None:
@@ -165,14 +171,14 @@ def two_cables() -> Rig:
 @pytest.mark.parametrize(
     ("faults", "code", "verdicts", "error"),
     [
-        ({}, 0, ["c1 ch1 ch1 +1 100.0 +0.000 6000 / 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 / 6000 ok", "with nothing to correct"], ""),
+        ({}, 0, ["c1 ch1 ch1 +1 100.0 +0.000 6000 / 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 / 6000 ok", "no corrections"], ""),
         (
             {"wiring": [1, 0], "turns": False, "sign": -1, "foreign": 0x1F5},
             1,
             [
-                "fault: cable c1: channel ch2 moved, the rig says ch1",
-                "fault: cable c2: channel ch1 moved, the rig says ch2",
-                "frames) from a sender that the rig does not name",
+                "fault: cable c1: channel ch2 moved, but the rig has channel ch1",
+                "fault: cable c2: channel ch1 moved, but the rig has channel ch2",
+                "frames) from a sender that is not in the rig file",
                 "cable c1: channel ch1 -> ch2 cable c2: channel ch2 -> ch1 drum of B1: count_sign 1 -> -1 drum of B2: count_sign 1 -> -1",
             ],
             "the first: 1F5h (",
@@ -278,18 +284,18 @@ def with_encoders(**swivel: Any) -> Rig:
         (
             {"turns": False, "encoders": [1, 0, 2], "count_sign": -1},
             [
-                "swivel of B1: channel sw2 turned, the rig says sw1",
-                "swivel of B1: counts up, the rig says count_sign = -1",
-                "swivel of B2: channel sw1 turned, the rig says sw2",
-                "swivel of B2: counts up, the rig says count_sign = -1",
+                "swivel of B1: channel sw2 turned, but the rig has channel sw1",
+                "swivel of B1: counts up, but the rig has count_sign = -1",
+                "swivel of B2: channel sw1 turned, but the rig has channel sw2",
+                "swivel of B2: counts up, but the rig has count_sign = -1",
             ],
-            ["swivel of B1: channel sw1 -> sw2; see that its", "swivel of B2: count_sign -1 -> 1"],
+            ["swivel of B1: channel sw1 -> sw2; check that zero_deg belongs to this encoder", "swivel of B2: count_sign -1 -> 1"],
         ),
         pytest.param(
             {"codes": 2**15, "play_deg": 4.0, "encoders": [0, 2, 2]},
             [
-                "swivel of B1: came back +1.10 degrees from where it was",
-                "swivel of B1: turned by 12 degrees with counts_per_revolution = 131072; if it was by about 45, a revolution",
+                "swivel of B1: came back +1.10 degrees from its start: it is loose on its shaft, or the cable slips",
+                "swivel of B1: turned by 12 degrees with counts_per_revolution = 131072; if you turned it by about 45,",
                 "swivel of B2: no swivel turned by 5 degrees, but level moved by 12 degrees",
             ],
             [],
@@ -333,8 +339,8 @@ def watched(*batches: tuple[int, int]) -> BusWatch:
 def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two plugs are exchanged, and a third cable was not pulled: the channels stay, and a sign that another drum's counter showed too."""
     seen = [
-        CableCheck("c1", "ch1", "ch2", -1, faults=("channel ch2 moved, the rig says ch1",)),
-        CableCheck("c2", "ch2", "ch1", 1, faults=("channel ch1 moved, the rig says ch2",)),
+        CableCheck("c1", "ch1", "ch2", -1, faults=("channel ch2 moved, but the rig has channel ch1",)),
+        CableCheck("c2", "ch2", "ch1", 1, faults=("channel ch1 moved, but the rig has channel ch2",)),
         CableCheck("c3", "ch3", faults=("no channel moved by 20 mm",)),
         *(CableCheck(f"c{i}", f"ch{i}", f"ch{i}", -1 if i == 6 else 1) for i in (4, 5, 6)),
     ]
@@ -344,16 +350,16 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
     reported = check_workflow.run(settings, ask=lambda step: "").summary
     assert reported == (
         "drum of B6: count_sign 1 -> -1",
-        "channels stay as they are: not every cable moved one of its own; check again, then --write",
-        f"written: {tmp_path / 'wired.toml'}, to be checked again",
+        "channels are unchanged, because some cables share a channel or moved none; check again, then --write",
+        f"written: {tmp_path / 'wired.toml'}; check it again",
     )
     wired = read_rig(tmp_path / "wired.toml")
     assert [c.channel for c in wired.cable] == [c.channel for c in RIG.cable]
     assert [p.drum.count_sign for p in wired.observation_point] == [1, 1, 1, 1, 1, -1]
     seen[5] = CableCheck("c6", "ch6", "ch6", 1)
     reported = check_workflow.run(settings.model_copy(update={"force": True}), ask=lambda step: "").summary
-    assert reported[0].startswith("channels stay as they are")
-    assert reported[1].endswith("to be checked again")  # "with nothing to correct" is of a rig that is right
+    assert reported[0].startswith("channels are unchanged, because some cables share a channel or moved none; check again, then --write")
+    assert reported[1].endswith("check it again")  # "with nothing to correct" is of a rig that is right
 
 
 def test_who_else_is_on_the_bus_is_named() -> None:
@@ -362,10 +368,10 @@ def test_who_else_is_on_the_bus_is_named() -> None:
     assert watched((0x80, 100), *six).twice() == []
     assert watched((0x80, 100), *six, (0x2A0, 7)).foreign() == ["2A0h (7 frames)"]
     assert watched((0x80, 100), *six, (0x183, 100)).twice() == [
-        "channel ch3: 200 frames 183h for 100 SYNCs: more than one device sends them"
+        "channel ch3: 200 frames 183h for 100 SYNCs; several devices send this identifier"
     ]
     (line,) = watched((0x80, 200), *six).twice()
-    assert line == "200 SYNCs for 100 frames of a counter: more than one sends the SYNC, such as another recording"
+    assert line == "200 SYNCs for 100 frames of one counter; several programs send SYNC, such as a second recording"
 
 
 @pytest.mark.parametrize(
@@ -378,7 +384,10 @@ def test_who_else_is_on_the_bus_is_named() -> None:
             [(0x80, 9), (0x181, 9), (0x300, 7)],
             "its counters' frames do not come; there are frames of 300h (7 frames), which the rig does not name",
         ),
-        ([(0x80, 90), (0x181, 90), (0x182, 180), (0x300, 7)], "channel ch2: 180 frames 182h for 90 SYNCs: more than one device sends them"),
+        (
+            [(0x80, 90), (0x181, 90), (0x182, 180), (0x300, 7)],
+            "channel ch2: 180 frames 182h for 90 SYNCs; several devices send this identifier",
+        ),
         ([(0x181, 9), (0x300, 9)], "the counters' frames come, but no SYNC 080h: nobody sends it, or sync_id of the rig is another"),
     ],
 )

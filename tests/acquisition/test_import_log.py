@@ -121,7 +121,7 @@ def test_without_a_start_pose_it_is_unknown(tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", six_cables())
     done = lmeasure("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
-    assert f"note: no start pose: where the tool started is unknown; state [start] in {tmp_path / 'run' / 'run.toml'}" in done.stdout
+    assert f"note: no start pose; state [start] in {tmp_path / 'run' / 'run.toml'}" in done.stdout
     assert "start" not in files.read_toml(tmp_path / "run" / "run.toml")
     assert read_run(tmp_path / "run").start is None
 

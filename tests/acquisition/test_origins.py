@@ -51,8 +51,11 @@ def test_values_that_mean_not_available_are_no_counts(tmp_path: Path) -> None:
     assert rows == [("no_value", s, c) for s, c in (("8", "ch2"), ("9", "ch2"), ("10", "ch2"), ("12", "ch3"))]
     # 3 of 20 values are more than a twentieth, and what gaps may hide is stated
     assert "channel ch2: 15 % of its values are reserved, error or not available in J1939" in found.summary()
-    assert "the sensor reports errors, or its message uses all values; if they are counts, set whole_range = true" in found.summary()
-    assert "largest step of a counter that a gap may hide: ch2 38 units (0.46 mm) at sample 11, ch3 37 units" in found.summary()
+    assert (
+        "which are no counts: the sensor reports errors, or its message uses all values; if they are counts, set whole_range = true"
+        in found.summary()
+    )
+    assert "largest counter jump that a gap can hide: ch2 38 units (0.46 mm) at sample 11, ch3 37 units" in found.summary()
     russian = "\n".join(map(Say("ru").message, found.summary().splitlines()))
     assert "наибольший скачок счётчика, который может скрыть пропуск: ch2: 38 единиц (0,46 мм) в замере 11, ch3: 37 единиц" in russian
 

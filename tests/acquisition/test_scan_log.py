@@ -59,11 +59,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_dialect_and_what_its_times_are_is_told(log: Path, tmp_path: Path) -> None:
     scan = scan_log(log)
-    assert scan.lines()[0].endswith(f"s; lines of candump -L, {scan.times}")
+    assert scan.lines()[0].endswith(f"s; candump -L file, {scan.times}")
     screen = tmp_path / "seen.txt"
     screen.write_text("".join(f" (1700000000.{k:02d}0000)  can0  181   [4]  {k:02X} 00 00 00\n" for k in range(30)))
     (line, *_) = scan_log(screen).lines()
-    assert line == f"{screen}: 30 frames in 0.29 s; what candump shows on a screen, times of day"
+    assert line == f"{screen}: 30 frames in 0.29 s; candump screen output, times of day"
 
 
 def test_the_guess_is_the_table_that_the_log_was_written_by(log: Path, tmp_path: Path) -> None:
@@ -89,9 +89,9 @@ def test_what_is_no_counter_is_told_as_what_it_is(log: Path) -> None:
     scan = scan_log(log)
     by_name = {c.name: c for c in scan.carried}
     assert by_name["300"].counters == ()
-    assert by_name["300"].others[0] == "byte 0: counts the frames, by 1"
-    assert by_name["300"].others[1].endswith("values, no counter (a checksum, or a measurement)")
-    assert by_name["300"].others[2] == "byte 2: toggles between 00 and 5A"
+    assert by_name["300"].others[0] == "byte 0: frame counter, step 1"
+    assert by_name["300"].others[1].endswith("values, not a counter (a checksum or a measured value)")
+    assert by_name["300"].others[2] == "byte 2: alternates between 00 and 5A"
     assert len(by_name["300"].others) == 3
     assert (by_name["700"].others, by_name["700"].counters) == ((), ())
     assert by_name["201"].rate_hz == pytest.approx(1000.0, rel=1e-6)
@@ -106,7 +106,7 @@ def test_a_log_in_which_nothing_moved_says_so(tmp_path: Path) -> None:
     (tmp_path / "still.log").write_bytes(candump_lines(noise(time_s, 0x181, np.tile([1, 2, 3, 0], (50, 1)))))
     scan = scan_log(tmp_path / "still.log")
     assert scan.table() == []
-    assert scan.lines()[-1] == "nothing moves like a counter: was the robot moved while this was logged?"
+    assert scan.lines()[-1] == "no byte changes like a counter; log again while the robot moves"
     (tmp_path / "none.log").write_text("(0.000000) can0 20000080#\n")
     with pytest.raises(FileFormatError, match="holds no CAN frame"):
         scan_log(tmp_path / "none.log")

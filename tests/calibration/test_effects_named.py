@@ -42,7 +42,7 @@ def column(model: Model, kind: str, channel: str, size: float) -> np.ndarray:
 def said_of(model: Model) -> list[str]:
     """What is named, without chance and advice."""
     named = named_effects(model, fit(model, model.start))[0]
-    return [w.text.removeprefix("what is left of the residuals follows ").split(": p =")[0] for w in named]
+    return [w.text.removeprefix("the remaining residuals have the form of ").split(": p =")[0] for w in named]
 
 
 def solved(seed: int, kind: str = "", channel: str = "") -> list[str]:
@@ -90,27 +90,27 @@ def test_of_two_effects_of_a_machine_both_are_named() -> None:
     nominal = made.nominal.model_copy(update={"observation_point": tuple(drums)})
     campaign = Campaign(nominal, made.measured, true.cable, made.recorded, np.zeros(6, np.int64))
     model = model_of(campaign, unknowns_of(campaign, ("position", "guide")))
-    assert said_of(model) == ["the law of a drum of another diameter of ch5 (0.2 %)", "the law of run-out of the drum of ch2 (0.037 mm)"]
+    assert said_of(model) == ["a wrong drum diameter of ch5 (0.2 %)", "run-out of the drum of ch2 (0.037 mm)"]
 
 
 def test_of_two_effects_as_likely_as_each_other_each_is_named_by_itself() -> None:
     """The second is no other explanation of the first, and is not named with it and once more by itself."""
     model = at_poses(24, 1)
     both = planted(model, column(model, "run-out of the drum", "ch2", 0.013) + column(model, "run-out of the drum", "ch5", 0.013))
-    assert said_of(both) == ["the law of run-out of the drum of ch5 (0.013 mm)", "the law of run-out of the drum of ch2 (0.013 mm)"]
+    assert said_of(both) == ["run-out of the drum of ch5 (0.013 mm)", "run-out of the drum of ch2 (0.013 mm)"]
 
 
 def test_what_may_stand_for_one_effect_is_named_with_it_once() -> None:
     """Two drums of another diameter, each of which another groove pitch explains as well: two findings, of a drum each."""
     model = at_poses(12, 1)
-    ch2, ch5 = (column(model, "a drum of another diameter", channel, 0.0125) for channel in ("ch2", "ch5"))
+    ch2, ch5 = (column(model, "a wrong drum diameter", channel, 0.0125) for channel in ("ch2", "ch5"))
     both = planted(model, ch2 + ch5)
     named = said_of(both)
     assert len(named) == 2
     for said, channel in zip(named, ("ch5", "ch2"), strict=True):
-        assert said.startswith(f"the law of a drum of another diameter of {channel} (0.01")
-        assert f", another groove pitch of {channel} (0.0" in said
-        assert said.endswith(", which these data do not tell apart")
+        assert said.startswith(f"a wrong drum diameter of {channel} (0.01")
+        assert f", a wrong groove pitch of {channel} (0.0" in said
+        assert said.endswith(", which these data do not distinguish")
 
 
 def test_a_drum_far_from_its_diameter_is_named_alone() -> None:
@@ -126,9 +126,7 @@ def test_a_drum_far_from_its_diameter_is_named_alone() -> None:
     ]
     nominal = made.nominal.model_copy(update={"observation_point": tuple(drums)})
     campaign = Campaign(nominal, made.measured, true.cable, made.recorded, np.zeros(6, np.int64))
-    assert said_of(model_of(campaign, unknowns_of(campaign, ("position", "guide")))) == [
-        "the law of a drum of another diameter of ch1 (0.35 %)"
-    ]
+    assert said_of(model_of(campaign, unknowns_of(campaign, ("position", "guide")))) == ["a wrong drum diameter of ch1 (0.35 %)"]
 
 
 def test_chance_is_seldom_taken_for_an_effect() -> None:
@@ -144,4 +142,4 @@ def test_what_is_solved_or_stated_is_not_tried() -> None:
     tried = {(e.kind, e.channel) for e in effects(model, model.start)}
     assert ("run-out of the drum", "ch1") not in tried
     assert ("run-out of the drum", "ch2") in tried
-    assert not any(kind == "a drum of another diameter" for kind, _ in tried)
+    assert not any(kind == "a wrong drum diameter" for kind, _ in tried)

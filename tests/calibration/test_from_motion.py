@@ -184,7 +184,7 @@ def test_commands_write_a_new_rig_or_one_line(tmp_path: Path) -> None:
     result = invoke(app, ["calibrate", folder, "--continue", "--samples", "20", "--out", str(tmp_path / "new")])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "new" / "rig.toml").exists()
-    assert "goes on from the record" in result.output
+    assert "the region of the predicted lengths" in result.output
     for more, text in (
         (["--out", str(tmp_path / "x")], "a run has no reference poses"),
         (["--self", "--distance", "start,99,100,0.1", "--out", str(tmp_path / "x")], "99 s lies outside of"),

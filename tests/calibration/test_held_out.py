@@ -53,7 +53,7 @@ def test_spectrum_counts_the_rank() -> None:
 
 def test_the_priors_share_of_lengths_is_told() -> None:
     warning = next(w for w in calibrate(draw(0, poses=5).campaign).record.warnings if w.code == "underdetermined")
-    assert "mm rms of the predicted lengths" in warning.text
+    assert "so their nominal values are used (effect on lengths:" in warning.text
 
 
 def test_optimum_is_that_of_a_generic_least_squares() -> None:

@@ -173,7 +173,9 @@ def test_a_pose_visited_again_shares_its_error(tmp_path: Path) -> None:
     edit(folder / "reference_poses.csv", lambda c: c | {"u_repeatability_mm": np.full(12, 0.02), "u_repeatability_deg": np.zeros(12)})
     V, model = covariance_of(folder)
     assert np.diag(V)[back] == pytest.approx(2 * 0.012**2 / 12 + 2 * 0.02**2, rel=0.05)
-    assert not any("come back exactly" in n for n in model.campaign.notes)
+    assert not any(
+        "no u_repeatability_mm is stated, so the robot's repeatability is NOT in the uncertainty" in n for n in model.campaign.notes
+    )
 
 
 def test_a_channel_that_never_counts_is_refused_unless_its_cable_may_have_kept_its_length(
@@ -186,7 +188,7 @@ def test_a_channel_that_never_counts_is_refused_unless_its_cable_may_have_kept_i
         read_campaign(folder)
     rig = (folder / "rig.toml").read_text(encoding="utf-8")
     (folder / "rig.toml").write_text(rig.replace("count_sign = 1\n", "count_sign = 1\nbraked = true\n"), encoding="utf-8")
-    note = "channel ch1: all its counts are zero; its cable is taken to have kept its length"
+    note = "channel ch1: all counts are zero, so its cable counts as unchanged in length; check the encoder"
     assert note in read_campaign(folder).notes
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     monkeypatch.setattr("lmeasure.calibration.campaign.files.STILL_PART", 2.0)

@@ -166,7 +166,10 @@ def test_what_the_counts_cannot_do_is_refused_in_one_line() -> None:
 def test_too_few_poses_say_what_they_leave_open() -> None:
     campaign, _ = simulated(body_rig(), 14, 2.0, 0.01)
     record = calibrate(campaign, CalibrationSettings(self_calibration=True)).record
-    assert any(w.code == "underdetermined" and "the nominal rig's priors decide" in w.text for w in record.warnings)
+    assert any(
+        w.code == "underdetermined" and "parameters undetermined, so their nominal values are used (effect on lengths" in w.text
+        for w in record.warnings
+    )
     assert record.rank < record.unknowns - 6
 
 
@@ -232,11 +235,14 @@ def test_the_command_writes_the_poses_it_found(tmp_path: Path) -> None:
     write_campaign(tmp_path / "folder", made)
     done = CliRunner().invoke(app, ["calibrate", str(tmp_path / "folder"), "--out", str(tmp_path / "out"), "--self", "--frame", "poses"])
     assert done.exit_code == 0, done.output
-    assert "6 motions of rig and poses together are free" in done.output
+    assert "6 motions of rig and poses together are free; the frame minimizes the shifts from" in done.output
     poses = read_poses(tmp_path / "out" / "poses.csv", "puma-oat")
     place, _ = aligned(poses.rows, made.poses)
     assert np.sqrt(np.mean(place**2)) < 0.05
     assert len(json.loads((tmp_path / "out" / "calibration.json").read_text())["poses"]) == 40
-    assert "6 motions of rig and poses together are free" in (tmp_path / "out" / "report.html").read_text()
+    assert (
+        "6 motions of rig and poses together are free; the frame minimizes the shifts from"
+        in (tmp_path / "out" / "report.html").read_text()
+    )
     bad = CliRunner().invoke(app, ["calibrate", str(tmp_path / "folder"), "--out", str(tmp_path / "out"), "--frame", "floor"])
     assert bad.exit_code == 2

@@ -61,8 +61,8 @@ def test_what_can_be_stated_costs_no_more_than_stating_it(case: Case, size: floa
     """The error is at most half more than with the truth stated, the finding names what is the matter, and its size."""
     made, result = calibrated(case, 0)
     text = misfits(result)[0].text
-    assert "reference poses in error by" in text
-    told_size = re.search(rf"([0-9.e-]+) {unit}", text.split("in error by")[1])
+    assert "more error than stated" in text
+    told_size = re.search(rf"([0-9.e-]+) {unit}", text.split("reference poses with")[1])
     assert told_size is not None
     assert float(told_size[1]) == pytest.approx(size, rel=0.4)
     stated = calibrate(reported(made, case), CalibrationSettings(("position", "guide")))
@@ -118,9 +118,7 @@ def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: p
         explained = explain_misfit(model, found, ["c2", "slip"])
         assert [w.code for w in explained.findings] == codes
         rms = float(np.sqrt(np.mean(found.residuals**2)))
-        assert (
-            explained.findings[-1].text == f"residuals of {rms:.3g} mm rms exceed the noise; look first at what is named above (c2, slip)"
-        )
+        assert explained.findings[-1].text == f"residuals of {rms:.3g} mm rms exceed the noise; first check the causes above (c2, slip)"
         assert explained.findings[-1].value == rms
         assert explained.model is model
         excess = found.chi2 / found.freedom

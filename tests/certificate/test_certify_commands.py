@@ -174,7 +174,7 @@ def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> Non
     code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--full", "--out", tmp_path / "c")
     assert code == 0, text
     # each pose, and the worst again in the headline
-    assert sum("capable; does not conform (< 0.1 %); ≤ 0.01" in line for line in text.splitlines()) == 4
+    assert sum("U95 small enough; does not conform (< 0.1 %); ≤ 0.01" in line for line in text.splitlines()) == 4
 
 
 def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -124,7 +124,7 @@ def test_exchangeability_is_the_largest_distance_of_any_two() -> None:
     places = [np.tile([x, 0.0, 0.0], (5, 1)) for x in (0.0, 0.3, -0.5)]
     robots = [(f"r{i}", certificate(p, 0.001, rng, i, details={"item": {"model": "R", "serial": str(i)}})) for i, p in enumerate(places)]
     found = compare_certificates(robots)
-    assert found.kind == "3 robots of one type, R"
+    assert found.kind == "3 robots of one model, R"
     assert {e.between for e in found.exchangeability} == {("r1", "r2")}
     assert found.exchangeability[0].value_mm == pytest.approx(0.8, abs=0.01)
 
@@ -146,7 +146,7 @@ def test_what_was_commanded_otherwise_is_not_compared() -> None:
     assert found.pairs[0].otherwise == ("pose P2 (position_mm)", "pose P3 (load_kg)")
     assert {c.figure.split()[-1] for c in found.pairs[0].changes} == {"P1", "P4", "P5"}
     assert [s.pose for s in found.pairs[0].shifts] == [e.pose for e in found.exchangeability] == ["P1", "P4", "P5"]
-    assert "  commanded otherwise, not compared: pose P3 (load_kg)" in lines(found)
+    assert "  different commands, not compared: pose P3 (load_kg)" in lines(found)
     assert as_dict(found)["pairs"][0]["commanded_otherwise"] == ["pose P2 (position_mm)", "pose P3 (load_kg)"]
     for row in made[1]["program"]["pose"]:
         row["load_kg"] = 10.0
@@ -291,7 +291,7 @@ def test_the_page_of_a_correction(tmp_path: Path) -> None:
     rows = [{"name": pose, "left": None, "u_identified_mm": 0.03} for pose in POSES]
     (tmp_path / "corrections.json").write_text(json.dumps({"targets": rows}))
     given = ["compare", *(str(tmp_path / f"{name}.json") for name in ("before", "after"))]
-    for language, words in (("en", "times nearer"), ("ru", "ближе")):
+    for language, words in (("en", "times smaller"), ("ru", "меньше")):
         page = tmp_path / f"{language}.html"
         asked = [*given, "--page", str(page), "--corrections", str(tmp_path / "corrections.json"), "--language", language]
         done = CliRunner().invoke(app, asked)

@@ -67,14 +67,14 @@ def test_figures_of_another_method_are_listed_beside_those_of_today() -> None:
     assert found.differences == ()
     assert found.exit_code == 3
     assert found.signer == fingerprint(key)
-    assert f"figures: made by method 2, today's is {METHOD}" in found.skipped
+    assert f"results: computed by method 2; this version uses {METHOD}" in found.skipped
     first, *others = content_of(folder)["characteristics"]
     assert len(found.beside) >= 2 + len(others)
     assert found.beside[1].startswith(f"{first['name']} of {first['pose']}: sealed ")
     assert ", today " in found.beside[1]
     done = CliRunner().invoke(app, ["verify", str(folder)])
     assert done.exit_code == 3, done.output
-    assert "hashes as sealed; " in done.output
+    assert "hashes are right; " in done.output
 
 
 def test_texts_are_compared_where_bytes_are_others(copy: Path) -> None:

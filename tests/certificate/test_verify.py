@@ -117,7 +117,7 @@ def test_a_sound_one_is_sound(folder: Path) -> None:
     assert found.exit_code == 0
     assert found.figures > 10
     assert seen[-1] == (400, 400)
-    digits = f"{content['id']}: every byte as sealed, all {found.figures} figures computed again and the same to the digit"
+    digits = f"{content['id']}: every file's hash is right, all {found.figures} results recomputed and equal to the digit"
     assert report_lines(found, asked=False) == ["unsigned: origin not proved", digits]
 
 
@@ -150,15 +150,15 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
     found = verify(folder, printers=PRINTERS)
     assert (texts(found), found.figures, found.largest, found.exit_code) == ([], 0, 0.0, 3)
     assert found.skipped == (
-        f"figures: made by method {METHOD + 1}, today's is {METHOD}",
-        f"{PAGE}: what it prints, since another version of this program prints other texts",
+        f"results: computed by method {METHOD + 1}; this version uses {METHOD}",
+        f"{PAGE}: its printed texts, because another version of lmeasure prints other texts",
     )
-    assert found.beside[0] == f"figures by method {METHOD + 1}, as sealed, beside those by method {METHOD}:"
+    assert found.beside[0] == f"results by method {METHOD + 1}, as sealed, beside those by method {METHOD}:"
     assert len(found.beside) == 1 + len(figures)
     assert found.beside[1].startswith(f"{first}: sealed 5.0")
     lines = report_lines(found, asked=False)
     assert lines[1 : 1 + len(found.beside)] == list(found.beside)
-    assert lines[-1] == f"{content['id']}: hashes as sealed; 2 not compared, named above"
+    assert lines[-1] == f"{content['id']}: hashes are right; 2 items above not compared"
     # what no method has a part in is held all the same, and so is the id
     resealed(folder, {"kind": "test certificate"}, own_id="LM-2")
     assert [t.split(" is ")[0] for t in texts(verify(folder))] == ["certificate.json: kind", "certificate.json: id"]
@@ -172,10 +172,12 @@ def test_inputs_that_are_refused_are_no_fault_of_a_certificate_by_another_method
     assert found.certificate == content["id"]
     if method > METHOD:
         assert found.differences == ()
-        assert found.skipped == (f"figures: by method {method}; today's, {METHOD}, refuses the inputs: {CERTIFICATE}: {refused}",)
+        assert found.skipped == (
+            f"results: computed by method {method}; today's method {METHOD} rejects the inputs: {CERTIFICATE}: {refused}",
+        )
     else:
         assert texts(found) == [f"{CERTIFICATE}: cannot be computed again: {CERTIFICATE}: {refused}"]
-        assert found.skipped == ("figures: see above",)
+        assert found.skipped == ("results: see above",)
 
 
 @pytest.mark.parametrize("method", [METHOD, METHOD + 1])
@@ -184,7 +186,7 @@ def test_settings_that_are_refused_are_no_fault_of_a_certificate_by_another_meth
     found = verify(folder)
     assert (texts(found) == []) == (method > METHOD)
     assert found.skipped[0].startswith(
-        f"figures: by method {method}; today's, {METHOD}, refuses" if method > METHOD else "figures: see above"
+        f"results: computed by method {method}; today's method {METHOD} rejects the inputs" if method > METHOD else "results: see above"
     )
 
 
@@ -220,10 +222,10 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
     assert [d.what for d in found.differences] == ([label(figures[number])] if differs else [])
     assert found.largest == (0.0 if differs else pytest.approx(times * RELATIVE, rel=1e-5))
     lines = report_lines(found, asked=False)
-    assert f"not compared: environment: numpy 1.0, here {np.__version__}: what the certificate states cannot be checked here" in lines
+    assert f"not compared: environment: numpy 1.0, here {np.__version__}: the certificate's environment cannot be checked here" in lines
     if not differs:
-        assert f"figures differ in their last digits, by {found.largest:.2g} at most; up to 1e-06 is no difference" in lines
-    assert lines[-1].endswith("1 difference" if differs else "the same within 1e-06; 1 not compared, named above")
+        assert f"results differ in their last digits, by at most {found.largest:.2g}; up to 1e-06 is accepted" in lines
+    assert lines[-1].endswith("1 difference" if differs else "equal within 1e-06; 1 items above not compared")
 
 
 @pytest.mark.parametrize("u95", [None, 0.0])
@@ -342,7 +344,7 @@ def test_a_table_that_is_no_certificate_is_named(folder: Path, change: dict[str,
     found = verify(folder)
     assert said in texts(found)[0]
     assert str(folder) not in texts(found)[0]
-    assert found.skipped == ("figures: see above",)
+    assert found.skipped == ("results: see above",)
 
 
 def test_every_digit_is_as_it_is_written(folder: Path) -> None:
@@ -376,7 +378,7 @@ def test_inputs_that_were_changed_are_not_computed(folder: Path) -> None:
     path.write_bytes(path.read_bytes() + b"\n")
     found = verify(folder)
     assert [d.what for d in found.differences] == ["inputs/trajectory.csv"]
-    assert found.skipped == ("figures: the inputs are not those certified",)
+    assert found.skipped == ("results: these are not the certified inputs",)
     assert found.figures == 0
 
 
@@ -404,7 +406,7 @@ def test_pages_are_printed_again(folder: Path) -> None:
     other = resealed(folder, {"environment": content["environment"] | {"typst": "0.1"}})
     (folder / PAGE).write_bytes(page.replace(content["id"].encode(), other["id"].encode()) + b"\n")
     resealed(folder, {})
-    found, text_only = verify(folder, printers=PRINTERS), f"{PAGE}: compared by its text only; what it draws, and how, was not"
+    found, text_only = verify(folder, printers=PRINTERS), f"{PAGE}: only its text was compared, not its drawings and layout"
     assert (texts(found), found.skipped[1:], found.exit_code) == ([], (text_only,), 3)
     (folder / PAGE).write_bytes(page + b"and more")
     resealed(folder, {})
@@ -421,10 +423,10 @@ def test_pages_are_printed_again(folder: Path) -> None:
     resealed(folder, {})
     found = verify(folder, printers=PRINTERS)
     assert (texts(found), found.exit_code) == ([], 3)
-    assert found.skipped[1:] == (f"{PAGE}: what it prints, since another version of this program prints other texts",)
+    assert found.skipped[1:] == (f"{PAGE}: its printed texts, because another version of lmeasure prints other texts",)
     (folder / PAGE).unlink()
     resealed(folder, {})
-    assert verify(folder, printers=PRINTERS).skipped[1:] == (f"{PAGE}: is not in the folder",)
+    assert verify(folder, printers=PRINTERS).skipped[1:] == (f"{PAGE}: missing in the folder",)
 
 
 @pytest.fixture
@@ -434,11 +436,11 @@ def stated() -> Callable[..., Verification]:
 
 def test_whose_key_signed_it_is_only_said_where_it_was_asked(stated: Callable[..., Verification]) -> None:
     signed = "signed by 0123456789abcdef: "
-    assert report_lines(stated(), asked=True)[0] == signed + "the key asked for"
-    assert report_lines(stated(), asked=False)[0] == signed + "a key nobody vouches for here"
+    assert report_lines(stated(), asked=True)[0] == signed + "the requested key"
+    assert report_lines(stated(), asked=False)[0] == signed + "nobody confirms this key here"
     other = stated(differences=(Difference(SIGNATURE, "is by another key"),))
-    assert report_lines(other, asked=True)[:2] == [signed + "a key nobody vouches for here", "signature.json: is by another key"]
-    assert report_lines(stated(differences=(Difference("a", "b"),)), asked=True)[0] == signed + "the key asked for"
+    assert report_lines(other, asked=True)[:2] == [signed + "nobody confirms this key here", "signature.json: is by another key"]
+    assert report_lines(stated(differences=(Difference("a", "b"),)), asked=True)[0] == signed + "the requested key"
     assert report_lines(stated(signer=None), asked=True)[0] == "unsigned: origin not proved"
     # a signature that cannot be read is named, and it is not said that there is none
     broken = stated(signer=None, differences=(Difference(SIGNATURE, "is not one"),))
@@ -447,14 +449,14 @@ def test_whose_key_signed_it_is_only_said_where_it_was_asked(stated: Callable[..
 
 def test_the_last_line_says_what_came_of_it(stated: Callable[..., Verification]) -> None:
     one = Difference("a", "b")
-    assert report_lines(stated(), asked=True)[-1] == "LM-1: every byte as sealed, all 7 figures computed again and the same to the digit"
-    assert report_lines(stated(figures=0), asked=True)[-1] == "LM-1: every byte as sealed"
+    assert report_lines(stated(), asked=True)[-1] == "LM-1: every file's hash is right, all 7 results recomputed and equal to the digit"
+    assert report_lines(stated(figures=0), asked=True)[-1] == "LM-1: every file's hash is right"
     assert report_lines(stated(differences=(one, one)), asked=True)[-1] == "LM-1: 2 differences"
     assert report_lines(stated(certificate="", differences=(one,)), asked=True)[-1] == "certificate: 1 difference"
     skipped = report_lines(stated(skipped=("x: y", "z")), asked=True)
     assert skipped[1:3] == ["not compared: x: y", "not compared: z"]
-    assert skipped[-1].endswith("the same to the digit; 2 not compared, named above")
+    assert skipped[-1].endswith("equal to the digit; 2 items above not compared")
     other = report_lines(stated(environment=("numpy 1.0, here 2.0",), largest=2e-9), asked=True)
-    assert other[1] == "figures differ in their last digits, by 2e-09 at most; up to 1e-06 is no difference"
-    assert other[-1].endswith("computed again and the same within 1e-06")
+    assert other[1] == "results differ in their last digits, by at most 2e-09; up to 1e-06 is accepted"
+    assert other[-1].endswith("results recomputed and equal within 1e-06")
     assert [stated(**c).exit_code for c in ({}, {"skipped": ("x",)}, {"differences": (one,), "skipped": ("x",)})] == [0, 3, 1]

@@ -109,7 +109,7 @@ def test_what_no_module_foresaw_is_one_line(monkeypatch: pytest.MonkeyPatch, cap
     assert ended.value.code == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("lmeasure: a fault of this program, ZeroDivisionError in test_faults_of_commands.py:")
-    assert "Please report this line, the command and its files; with LMEASURE_DEBUG=1" in line
+    assert "no file is half-written. Please report this line, the command and its files. For details set LMEASURE_DEBUG=1" in line
     assert len(line) < 1400
     monkeypatch.setenv("LMEASURE_DEBUG", "1")
     with pytest.raises(ZeroDivisionError):

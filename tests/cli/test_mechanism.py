@@ -64,7 +64,8 @@ def test_a_mechanism_is_told_drawn_and_recorded(tmp_path: Path) -> None:
     check_recording(tmp_path / "m.rrd")
     logos = json.loads(run("mechanism", "logos", "--quaternion", "0,0,0.17364817766693033,0.984807753012208", "--json"))
     turns = [
-        float(v) for v in next(line for line in logos["summary"] if "turn about" in line).split(" by ")[1].removesuffix(" deg").split(", ")
+        float(v)
+        for v in next(line for line in logos["summary"] if "legs about" in line).split(" axes ")[1].removesuffix(" deg").split(", ")
     ]
     assert turns[0] == pytest.approx(16.5567, abs=0.002)  # thesis 5.8: 16.555 +- 0.01
 

@@ -165,7 +165,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
         assert shown.modes() == shown.begun
         assert not shown.wide, shown.lines()
         assert "c1 ch1 ch2 +1 100.0" in shown.text()
-        assert "fault: cable c1: channel ch2 moved, the rig says ch1" in shown.text()
+        assert "fault: cable c1: channel ch2 moved, but the rig has channel ch1" in shown.text()
     given = ["--poses", "planned.csv", *bus, "--out", "campaign", "--dwell-s", "0.3", "--settle-s", "0.1", "--by", "key"]
     with on_terminal(["capture", "wired.toml", *given], tmp_path, 60, "ru_RU") as shown:
         for answer in ("0\r", "nobody knows\r", "0\r", "\r"):  # what is no number is asked again
@@ -201,7 +201,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
 
 
 def test_no_line_is_wider_than_it_may_be() -> None:
-    long = "  U95 by now: lengths 0.29 mm rms, 2.1 at worst (c2), position 0.62; 7 of 30 directions are the rig's own yet"
+    long = "  U95 by now: lengths 0.29 mm rms, 2.1 at worst (c2), position 0.62; 7 of 30 parameters still have their nominal value"
     lines = terminal.fitted(long, 40)
     assert all(len(line) <= 40 for line in lines)
     assert " ".join(line.strip() for line in lines) == long.strip()

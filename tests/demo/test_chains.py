@@ -81,7 +81,7 @@ def test_demo_tells_its_stages_and_where_to_look(ran: Ran) -> None:
     for line in ran.table:
         assert line["what"] in ran.printed
         assert line["error"] in ran.printed
-    named = [Path(x.strip()) for x in ran.printed.split("Look at")[1].splitlines() if x.startswith("  ")]
+    named = [Path(x.strip()) for x in ran.printed.split("Open")[1].splitlines() if x.startswith("  ")]
     assert len(named) > 3
     assert all(path.exists() for path in named)
     assert f"lmeasure view {ran.out / 'demo.rrd'}" in ran.printed

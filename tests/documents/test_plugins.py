@@ -222,7 +222,7 @@ def test_a_log_of_another_package_is_imported(installed: Path, tmp_path: Path) -
     assert "; package magpie 0.3: magpie (magpie:FORMAT) cannot be loaded: ZeroDivisionError" in broken.err
     assert "; package magpie 0.3: dove (dove:FORMAT) cannot be loaded: TypeError: suffixes must be a tuple of texts such as" in broken.err
     fault = "KeyError in crow.py:3: 'frames'"
-    assert failing.err == f"lmeasure: a fault of package magpie 0.3, not of this program: {fault}; nothing was left half-written\n"
+    assert failing.err == f"lmeasure: a fault of package magpie 0.3, not of lmeasure: {fault}; no file is half-written\n"
 
 
 def test_a_program_of_another_package_is_corrected(installed: Path, tmp_path: Path) -> None:

@@ -1,10 +1,13 @@
-"""Sentences of the documentation are short enough for readers whose language is not English."""
+"""Sentences of the documentation and of the program are short enough for readers whose language is not English."""
 
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from lmeasure.text.catalogue import LOCALE, read_catalogue
+from lmeasure.workflows import COMMANDS, fields_of, load
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -52,3 +55,32 @@ def test_sentences_are_short(page: Path) -> None:
     assert sum(n for n, _ in found) / len(found) <= MEAN
     long = [s for n, s in found if n > LONG]
     assert len(long) <= max(1, LONG_SHARE * len(found)), "\n".join(long)
+
+
+PRIVATE = re.compile(
+    r"\b(told|tells|stands|held against|of which|by which|reckon\w*|dear|goes on|though it were|zero phase|interim|95 % radius"
+    r"|attained less|left out|held out|whoever|nobody (?:has )?measured)\b"
+)
+"""Words that only this project used, and old ones, where its field has a term (docs/glossary.md)."""
+
+
+def shown() -> dict[str, str]:
+    """Return every text of the program by its id: the catalogue, and the help of commands and options."""
+    texts = dict(read_catalogue(LOCALE / "en.po"))
+    for name in COMMANDS:
+        workflow = load(name)
+        texts[f"{name}: help"] = workflow.help
+        texts |= {f"{name}: {key}": field.description or "" for key, field in fields_of(workflow.settings).items()}
+    return texts
+
+
+def test_sentences_of_the_program_are_short() -> None:
+    found = [(n, s) for text in shown().values() for line in text.split("\n") for n, s in lengths(re.sub(r"\{[^{}]*\}", "x", line))]
+    assert max(found)[0] <= LONGEST, max(found)
+    assert sum(n for n, _ in found) / len(found) <= MEAN
+    long = [s for n, s in found if n > LONG]
+    assert len(long) <= LONG_SHARE * len(found), "\n".join(long)
+
+
+def test_texts_of_the_program_have_the_words_of_the_field() -> None:
+    assert {key: text for key, text in shown().items() if PRIVATE.search(re.sub(r"\{[^{}]*\}", "x", text))} == {}

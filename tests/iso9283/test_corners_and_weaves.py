@@ -48,7 +48,7 @@ def test_corners_cut_and_overshot() -> None:
     above = evaluate(trajectory, program_of(SQUARE | {"stabilisation_mm": 0.5}, windows), EXACT, settings=CertificationSettings(trials=10))
     assert not [c for c in above.characteristics if c.name == "SPL"]
     assert [note for note in map(str, above.notes) if "half way" in note] == [
-        f"path square, cycle 2: corner {i}: the robot is not back within 0.5 mm half way to the next" for i in (1, 2, 3)
+        f"path square, cycle 2: after corner {i}, the robot is not within 0.5 mm half way to the next" for i in (1, 2, 3)
     ]
 
 

@@ -378,8 +378,8 @@ def test_settling_posing_and_compliance_of_a_trajectory() -> None:
     left = evaluate(trajectory_of(time_s, position), Program.model_validate(program), EXACT)
     assert {("t_s", "P2"), ("t_min", "P1-P2")}.isdisjoint(by_name(left))
     assert [note for note in map(str, left.notes) if "1e-09 mm" in note] == [
-        "pose P2, settling 1: the robot does not come to rest within 1e-09 mm in the window [0.8, 1.999] s",
-        "posing P1-P2, cycle 1: the window [0.2, 1.999] s holds no move from rest to rest within 1e-09 mm",
+        "pose P2, settling 1: the robot does not settle within 1e-09 mm in the window [0.8, 1.999] s",
+        "posing P1-P2, cycle 1: no move from rest to rest within 1e-09 mm in the window [0.2, 1.999] s",
     ]
 
 

@@ -53,7 +53,7 @@ def test_a_radius_holds_95_percent_of_the_position_that_errs_most() -> None:
 def test_the_zone_ends_beyond_its_largest_angle() -> None:
     found = asked(held("pose", "A", 60.0), held("pose", "B", 60.01), held("path", "C", math.nan))
     assert {s.name: str(why) for s, why in found.reasons.items()} == {"B": "worst pressure angle 60.0 deg; the zone ends at 60 deg"}
-    assert [str(f) for f in found.findings] == ["path C: its pressure angles are not known, and not held against the zone"]
+    assert [str(f) for f in found.findings] == ["path C: its pressure angles are unknown, so it is not checked in the zone"]
     # what has no windows is not held against it, and without a limit nothing is
     assert asked(Held(subject=Subject("distance", "A-B"), angle_deg=80.0)) == Exclusions({}, ())
     assert asked(held("pose", "B", 80.0), held("path", "C", math.nan), limit_angle_deg=None) == Exclusions({}, ())
@@ -102,7 +102,7 @@ def test_what_hangs_on_counts_that_may_be_lost_gets_no_verdict() -> None:
     tests = held("pose", "A", start=1.0), held("pose", "B", start=4.5), held("pose", "C", 70.0, start=6.0), held("pose", "D", start=3.85)
     found = asked(*tests, trajectory=trajectory)
     assert {s.name: str(why) for s, why in found.reasons.items()} == {
-        "B": "counts suspected lost: about 200 counts of ch3",
-        "C": "counts suspected lost: about 200 counts of ch3",
+        "B": "suspected lost counts: about 200 counts of ch3",
+        "C": "suspected lost counts: about 200 counts of ch3",
     }
     assert asked(*tests[:1], trajectory=trajectory) == Exclusions({}, ())

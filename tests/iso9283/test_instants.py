@@ -84,9 +84,9 @@ def test_the_certificate_says_it_in_both_languages() -> None:
     for jitter_s, asked in ((0.01, False), (0.002, True)):
         trajectory, program = run(1, jitter_s, asked)
         notes = evaluate(trajectory, program, LAW, settings=CertificationSettings(trials=100, planes=40)).notes
-        assert "time stamps jitter" in notes[0]
+        assert "time stamps are irregular" in notes[0]
         assert isinstance(notes[0], Message)
-        assert "метки времени дрожат" in notes[0].text("ru")
+        assert "метки времени неровны" in notes[0].text("ru")
     assert not evaluate(*run(1, 0.0), LAW, settings=CertificationSettings(trials=100, planes=40)).notes
 
 

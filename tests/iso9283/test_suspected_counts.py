@@ -58,8 +58,8 @@ def test_counts_lost_half_way_leave_no_verdict(campaign: Path, tmp_path: Path) -
         wrong = next(c for c in figures if c.name == "RP_l" and c.pose == "P1")
         assert wrong.value > 1.0  # 0.27 are true
         assert not any(c.capable or c.conformity for c in figures)
-        assert all("counts suspected lost: channel ch3 (cable c3) stepped by" in str(c.excluded) for c in figures)
-    assert any(note.startswith("suspected: channel ch3 (cable c3) stepped by") for note in map(str, with_run.notes))
+        assert all("suspected lost counts: channel ch3 (cable c3) jumped by" in str(c.excluded) for c in figures)
+    assert any(note.startswith("suspected: channel ch3 (cable c3) jumped by") for note in map(str, with_run.notes))
 
 
 def test_what_was_measured_before_keeps_its_verdict(campaign: Path, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_what_does_not_close_is_in_u95(campaign: Path, tmp_path: Path) -> None:
         found = measure(Inputs(tmp_path / "t.parquet", tmp_path / "program.toml", tmp_path / "run"), CertificationSettings(trials=400))
         wide[lost] = {c.name: c for c in found.evaluation.characteristics if c.pose == "P1"}
         assert ("closure of the counts" in str(found.evaluation.covers)) == bool(lost)
-        assert any("channel ch3 does not close" in note for note in map(str, found.notes)) == bool(lost)
+        assert any("between two rests at one position" in note for note in map(str, found.notes)) == bool(lost)
     for name in ("AP_p", "RP_l"):
         wrong, right = wide[LOST][name], wide[0][name]
         assert abs(wrong.value - right.value) < wrong.u95
@@ -105,5 +105,5 @@ def test_what_stepped_is_not_measured_at_all(campaign: Path, tmp_path: Path) -> 
     recorded[len(recorded) // 2 :, 2] += LOST
     write_run(tmp_path / "run", replace(run, passes=(replace(run.passes[0], recorded=recorded),)))
     write_trajectory(tmp_path / "t.parquet", reconstruct(read_run(tmp_path / "run")))
-    with pytest.raises(CertificationError, match=r"is not ok: channel ch3 stepped by about .* counts .* between .* its origin is lost"):
+    with pytest.raises(CertificationError, match=r"is not ok: channel ch3 jumped by about .* counts .* between .* its origin is lost"):
         measure(Inputs(tmp_path / "t.parquet", campaign / "program.toml", tmp_path / "run"), CertificationSettings(trials=200))

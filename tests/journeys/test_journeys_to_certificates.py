@@ -79,7 +79,7 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     assert len(found) >= 5
     # one start pose and one draw of phases for all
     assert np.abs(found[:, 0] - 0.3).max() < 2.0 * found[:, 1].max() < 0.1
-    assert "every byte as sealed" in said(monkeypatch, capsys, "verify", "certificate")
+    assert "every file's hash is right" in said(monkeypatch, capsys, "verify", "certificate")
 
 
 @pytest.mark.parametrize("asked", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
@@ -123,12 +123,12 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     monkeypatch.chdir(elsewhere)
     for what in ("copy", "en.zip"):
         reported = said(monkeypatch, capsys, "verify", what, "--public-key", "laboratory.pem.pub")
-        assert "the key asked for" in reported
-        assert "every byte as sealed" in reported
+        assert "the requested key" in reported
+        assert "every file's hash is right" in reported
     counts = Path("copy/inputs/run/pass1.csv")
     changed = bytearray(counts.read_bytes())
     changed[-3] ^= 1  # a digit of the last count
     counts.write_bytes(changed)
     reported = said(monkeypatch, capsys, "verify", "copy", "--public-key", "laboratory.pem.pub", code=1)
     assert "inputs/run/pass1.csv" in reported
-    assert "every byte as sealed" not in reported
+    assert "every file's hash is right" not in reported

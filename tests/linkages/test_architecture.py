@@ -32,11 +32,15 @@ ONE, OTHER = np.array([30.0, 40.0, 10.0]), np.array([-20.0, 5.0, 60.0])
     ("base", "platform", "words"),
     [
         (CIRCLE, 0.3 * CIRCLE @ TURN.T + [10.0, 20.0, 30.0], "similar plane figures on conics"),
-        (CIRCLE, CIRCLE @ SHEAR.T, "are plane figures on conics, one the image of the other"),
+        (CIRCLE, CIRCLE @ SHEAR.T, "base and platform are plane figures on conics that map onto each other"),
         (CIRCLE, 0.4 * CIRCLE * [1.0, -1.0, 1.0], "similar plane figures on conics"),
         (on_line(SPACE, 6, SPACE[0], ONE), SPACE[::-1], "all points of the base lie on one line"),
         (SPACE, on_line(SPACE, 6, SPACE[0], ONE), "all points of the platform lie on one line"),
-        (on_line(SPACE, 4, SPACE[0], ONE), on_line(SPACE[::-1], 4, SPACE[2], OTHER), "links 1, 2, 3, 4 join points in the same ratios"),
+        (
+            on_line(SPACE, 4, SPACE[0], ONE),
+            on_line(SPACE[::-1], 4, SPACE[2], OTHER),
+            "links 1, 2, 3, 4 connect points in the same ratios on two lines",
+        ),
     ],
 )
 def test_known_kinds_are_named(base: FloatArray, platform: FloatArray, words: str) -> None:
@@ -73,7 +77,7 @@ def test_two_triples_in_a_plane_are_no_points_on_lines_nor_on_conics(side: int) 
     degenerate = next(s for s in structures() if s.degenerate)
     bodies = list(rig(degenerate, 3)[:2])
     bodies[side] = bodies[side] * [1.0, 1.0, 0.0]
-    assert architecturally_singular(*bodies) == "the links depend on each other at every pose"
+    assert architecturally_singular(*bodies) == "the links are dependent at every pose"
 
 
 def test_points_that_are_one_lie_on_a_line() -> None:

@@ -145,7 +145,7 @@ def test_two_assemblies_are_different_where_their_boxes_tell(off: float, new: bo
         ([(0, 0), (0, 0), (1, 1), (2, 2), (3, 3), (4, 4)], "two links join the same two points"),
         (
             [(0, 1), (0, 2), (0, 3), (1, 0), (2, 0), (3, 0)],
-            "three links at a point of the platform and three at one of the base leave a turn about their line",
+            "three links at one point of the platform and three at one point of the base allow a turn about their line",
         ),
         ([(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (3, 3)], None),
         ([(0, 0), (0, 1), (1, 1), (1, 2), (2, 2), (2, 0)], None),
@@ -190,6 +190,6 @@ def test_links_that_depend_on_each_other_for_no_known_reason_are_told_so() -> No
     g = np.random.default_rng(3)
     base, platform = g.normal(size=(6, 3)) * 500.0, g.normal(size=(6, 3)) * 150.0
     platform[:3], base[3:] = platform[0], base[3]
-    assert architecture.architecturally_singular(base, platform) == "the links depend on each other at every pose"
+    assert architecture.architecturally_singular(base, platform) == "the links are dependent at every pose"
     base[5] += [30.0, -20.0, 10.0]
     assert architecture.architecturally_singular(base, platform) is None

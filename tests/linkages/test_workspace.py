@@ -129,7 +129,7 @@ def test_a_cell_beyond_singular_poses_is_no_part_of_the_workspace() -> None:
     """At z = -5 the determinant has the sign of the pose's where |x - y| > 1, and every way there is singular somewhere."""
     pieces, said = slices(Bounds(BASE, BODY, HERE, None), HERE, "xy", [-5.0], reach_mm=8.0)
     assert pieces == []
-    assert said == ["boundary at z = -5 mm: no place of the window is reached within the limits"]
+    assert said == ["boundary at z = -5 mm: no position of the window is within the limits"]
 
 
 def test_a_hole_is_followed_and_said_to_be_one() -> None:

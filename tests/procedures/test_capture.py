@@ -27,7 +27,7 @@ def test_a_robot_that_goes_through_the_poses_leaves_a_folder_that_calibrates(tmp
     assert bench.session.finished
     assert bench.session.closure is not None
     assert bench.session.closure.beyond == ()
-    assert bench.heard("closed: no more than 1.2 counts")
+    assert bench.heard("closed: at most 1.2 counts, which is within rounding")
     assert all(len(line) <= 110 for line in bench.said)
     campaign = read_campaign(tmp_path / "cal")
     assert campaign.poses.names[-1] == "1 (visit 2)"
@@ -41,14 +41,14 @@ def test_a_robot_that_goes_through_the_poses_leaves_a_folder_that_calibrates(tmp
     assert worth.enough(8)
     assert np.abs(error).max() < 3.0 * worth.worst_mm < 3.0
     # what was said of all poses in advance is what they turned out to bring, the visit aside
-    assert bench.heard("all 8 poses promise:")
+    assert bench.heard("predicted for all 8 poses:")
     assert bench.said[1].startswith("  U95: lengths ")
 
 
 def test_each_reading_says_what_it_was_worth(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.show(going(POSES, 0.25))
-    assert bench.heard("2 of at least 6 poses: too few yet")
+    assert bench.heard("2 of at least 6 poses: too few for the counts to determine any parameter")
     reported = [float(line.split("lengths ")[1].split()[0]) for line in bench.said if line.startswith("  U95 by now")]
     assert len(reported) == 3
     assert reported == sorted(reported, reverse=True)
@@ -87,12 +87,12 @@ def test_keys_read_where_the_robot_stands_and_are_refused_where_it_moves(tmp_pat
     half = len(way.time_s) // 2
     bench.show(Samples(way.time_s[:half], way.recorded[:half]))
     bench.session.command("take")
-    assert bench.said[-1].startswith("not read: the robot moves (ch")
+    assert bench.said[-1].startswith("not recorded: the robot moves (ch")
     bench.show(Samples(way.time_s[half:], way.recorded[half:]))
     bench.show(bench.at(1, 0.12))
     bench.session.command("take")
     bench.show(going(POSES[[1, 2]], 0.0))
-    assert bench.said[-1] == "not read: the robot moved during the dwell"
+    assert bench.said[-1] == "not recorded: the robot moved during the dwell"
     assert bench.read == ["1"]
 
 
@@ -105,7 +105,7 @@ def test_the_last_readings_are_taken_back_one_by_one(tmp_path: Path) -> None:
         assert bench.read == list(left)
         assert (tmp_path / "cal" / "counts.csv").exists() is bool(left)
     bench.session.command("undo")
-    assert bench.said[-1] == "nothing to take back"
+    assert bench.said[-1] == "no reading to delete"
     bench.show(going(POSES[:2], 0.25))
     assert bench.read == ["1", "2"]
 
@@ -137,8 +137,8 @@ def test_a_channel_that_lost_its_origin_is_not_called_silent(tmp_path: Path) -> 
     lost.recorded[:, 1] = np.nan
     bench.events = [Event(0, 1.0, RIG.channels[1], "reset", "from 900 to 0")]
     bench.show(lost)
-    reported = f"{RIG.channels[1]}: where it counts from is lost; end here, what comes needs a folder of its own"
-    assert bench.said[-1] == f"not read: {reported}"
+    reported = f"{RIG.channels[1]}: origin lost; quit here, and record the other poses in a new folder"
+    assert bench.said[-1] == f"not recorded: {reported}"
     assert (state_of(bench.session)["state"], state_of(bench.session)["doubted"]) == ("lost", reported)
     assert bench.session.line().startswith(f"pose 3  no origin: {RIG.channels[1]}")
     bench.events = []
@@ -147,7 +147,7 @@ def test_a_channel_that_lost_its_origin_is_not_called_silent(tmp_path: Path) -> 
     silent.recorded[:, 1] = np.nan
     fresh.show(silent)
     assert state_of(fresh.session)["state"] == "silent"
-    assert "look at the encoder" in state_of(fresh.session)["doubted"]
+    assert "check the encoder, its plug and its cable" in state_of(fresh.session)["doubted"]
 
 
 def test_a_bus_from_which_nothing_comes_is_not_a_robot_that_stands(tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_a_bus_from_which_nothing_comes_is_not_a_robot_that_stands(tmp_path: Pat
     assert state_of(bench.session)["state"] == "still"
     bench.session.look([], idle_s=3.0)
     state = state_of(bench.session)
-    assert (state["state"], state["doubted"]) == ("silent", "no counts come from the bus at all")
+    assert (state["state"], state["doubted"]) == ("silent", "the bus sends no counts")
     assert all(channel["silent"] for channel in state["channels"])
 
 
@@ -179,9 +179,9 @@ def test_poses_are_left_out_and_taken_in_another_order(tmp_path: Path) -> None:
     bench.show(bench.at(3))
     assert (bench.read, bench.session.goal) == (["4"], "2")
     bench.session.command("go nowhere")
-    assert bench.said[-1] == "there is no pose 'nowhere'; they are 1, 2, 3, 4, 5, 6, 7, 8"
+    assert bench.said[-1] == "no pose 'nowhere'; the poses are 1, 2, 3, 4, 5, 6, 7, 8"
     bench.session.command("dance")
-    assert bench.said[-1].startswith("'dance' is no command. Enter (or take): read")
+    assert bench.said[-1].startswith("'dance' is not a command. Enter (or take): record")
 
 
 def test_a_rest_elsewhere_is_no_reading(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_a_rest_elsewhere_is_no_reading(tmp_path: Path) -> None:
     beside[:3] += 6.0
     bench.show(going(np.array([POSES[6], beside]), 0.4))
     assert bench.read == list("1234567")
-    assert bench.heard("a rest, but not at pose 8: off what is expected: c")
+    assert bench.heard("the robot stopped, but not at pose 8: differs from the prediction: c")
     bench.show(going(np.array([beside, POSES[7]]), 0.4))
     assert bench.read == list("12345678")
 
@@ -210,7 +210,7 @@ def test_a_reading_by_key_at_another_pose_is_doubted(tmp_path: Path) -> None:
     bench.session.command("")
     bench.show(bench.at(7))
     assert bench.read == list("123456")
-    assert bench.heard("  ! off what is expected: c")
+    assert bench.heard("  ! differs from the prediction: c")
 
 
 def test_a_silent_channel_is_named_and_nothing_is_read(tmp_path: Path) -> None:
@@ -220,31 +220,43 @@ def test_a_silent_channel_is_named_and_nothing_is_read(tmp_path: Path) -> None:
     still.recorded[:, 1] = np.nan
     bench.show(joined([going(POSES[[1, 2]], 0.0), still]))
     assert bench.read == ["1", "2"]
-    assert bench.said[-1] == "not read: counts are missing: ch2 (100%) of the dwell"
+    assert bench.said[-1] == "not recorded: ch2 (100%) of the dwell has no counts"
     bench.session.command("")
-    assert bench.said[-1].startswith("not read: ch2: no counts come; look at the encoder")
+    assert bench.said[-1].startswith("not recorded: ch2: no counts; check the encoder, its plug and its cable")
     assert bench.session.line().startswith("pose 3  silent: ch2")
     gaps = bench.at(2, 1.0)
     gaps.recorded[::3, 0] = np.nan
     gaps.recorded[1::3, 0] = np.nan
     bench.show(joined([going(POSES[[2, 1, 2]], 0.0), gaps]))
     assert bench.read == ["1", "2"]
-    assert bench.said[-1].startswith("not read: counts are missing: ch1 (6")
-    assert not bench.said[-2].startswith("not read: counts are missing")  # once of a rest
+    assert bench.said[-1].startswith("not recorded: ch1 (6")
+    assert not bench.said[-2].startswith("not recorded: ch1 (6")  # once of a rest
     bench.session.look([], idle_s=2.0)
     bench.session.command("")
-    assert bench.said[-1] == "not read: no counts come from the bus at all"
+    assert bench.said[-1] == "not recorded: the bus sends no counts"
 
 
 def test_a_bus_from_which_nothing_comes_is_told_once_though_nobody_asks(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     for idle_s in (0.2, 3.0, 4.0):
         bench.session.look([], idle_s=idle_s)
-    assert sum(line.startswith("no counts come from the bus at all: ") for line in bench.said) == 1
+    assert (
+        sum(
+            line.startswith("the bus sends no counts; check that it is connected and on; `lmeasure check` shows the frames that arrive")
+            for line in bench.said
+        )
+        == 1
+    )
     assert bench.session.line().startswith("pose 1  no counts  ")
     bench.show(going(POSES[:1], 0.25))
     bench.session.look([], idle_s=3.0)
-    assert sum(line.startswith("no counts come from the bus at all: ") for line in bench.said) == 2
+    assert (
+        sum(
+            line.startswith("the bus sends no counts; check that it is connected and on; `lmeasure check` shows the frames that arrive")
+            for line in bench.said
+        )
+        == 2
+    )
 
 
 def test_a_dwell_of_which_most_was_not_seen_is_no_reading(tmp_path: Path) -> None:
@@ -274,17 +286,17 @@ def test_a_channel_that_leaps_is_believed_again_where_it_was_read(reported: str,
     bench.show(here)
     assert bench.read == list("123")
     assert bench.heard(
-        "channel ch1 leapt by +500 counts" if reported == "leap" else "channel ch1 went faster than its drum can turn (many units)"
+        "channel ch1 jumped by +500 counts" if reported == "leap" else "channel ch1 moved faster than its drum can turn (many units)"
     )
     lost = np.array([500.0, 0.0]) if reported == "leap" else np.zeros(2)
     bench.show(bench.at(1, off=lost))
     if reported == "leap":
         # two channels: half of them agree with a pose, which is not enough to know it
-        assert bench.said[-1].endswith("this is none of them")
+        assert bench.said[-1].endswith("this is not a recorded pose")
         bench.session.command("trust")
-        assert bench.out.notes == ["trusted before reading 4: ch1 leapt by +500 counts, alone and at once"]
+        assert bench.out.notes == ["trusted before reading 4: ch1 jumped by +500 counts while no other channel moved"]
     else:
-        assert bench.heard("the counters stand as they did at pose 2: they have kept their counts")
+        assert bench.heard("the counters agree with pose 2: no counts were lost")
         bench.show(going(POSES[[1, 3]], 0.3))
         assert bench.read == list("1234")
 
@@ -314,7 +326,7 @@ def test_absolute_encoders_begin_anew_after_a_turn(tmp_path: Path) -> None:
         table = read_table(tmp_path / "cal" / "counts.csv")
         assert set(table.numbers("sw1")) <= {4095, 0, 1000, 4094, 1}
         assert folder.readings[0].spread[2] == 1.0
-    assert any("the counters stand as they did at pose 2" in line for line in said)
+    assert any("the counters agree with pose 2" in line for line in said)
     session.command("return")
     n = 60
     still = np.column_stack([np.tile(motion(RIG, POSES[[0, 0]], 0.0).recorded[-1], (n, 1)), rng.choice([4095, 0], n)])
@@ -341,8 +353,8 @@ def test_how_well_poses_are_known_is_written_beside_what_they_are(tmp_path: Path
     ("way", "lost", "reported"),
     [
         ([0, 1, 2, 0], 0, ""),
-        ([0, 1, 2, 0], 40, "cal: ch2 did not come back to the counts of the first pose"),
-        ([0, 1], 0, "cal: ended before pose 3 was read; the same command goes on"),
+        ([0, 1, 2, 0], 40, "cal: the counts of ch2 differ at the return to the first pose"),
+        ([0, 1], 0, "cal: stopped before pose 3; run the same command to continue"),
     ],
 )
 def test_the_command_ends_with_1_where_poses_or_counts_are_missing(
@@ -366,5 +378,5 @@ def test_the_command_ends_with_1_where_poses_or_counts_are_missing(
     out, err = capsys.readouterr()
     assert end.value.code == (1 if reported else 0), out
     assert [line for line in err.splitlines() if line.startswith("lmeasure: ")] == ([f"lmeasure: {reported}"] if reported else [])
-    assert f"{len(set(way))} of 3 poses read, {len(way)} readings: cal" in out
+    assert f"{len(set(way))} of 3 poses recorded, {len(way)} readings: cal" in out
     assert len(dict.fromkeys(read_table(tmp_path / "cal" / "counts.csv").text("pose"))) == len(set(way))

@@ -21,10 +21,10 @@ def test_a_session_begun_again_goes_on_once_the_counters_are_seen_to_have_kept_t
     assert again.read == list("123")
     assert again.session.goal == "4"
     again.show(again.at(3))
-    assert again.said[-1].endswith("this is none of them")
+    assert again.said[-1].endswith("this is not a recorded pose")
     assert (tmp_path / "cal" / "counts.csv").read_bytes() == before
     again.show(going(POSES[[3, 1]], 0.25))
-    assert again.heard("the counters stand as they did at pose 2")
+    assert again.heard("the counters agree with pose 2")
     again.show(going(np.vstack([POSES[[1]], POSES[3:], POSES[:1]]), 0.25))
     assert again.session.finished
     assert again.read == [*"12345678", "1"]
@@ -32,7 +32,7 @@ def test_a_session_begun_again_goes_on_once_the_counters_are_seen_to_have_kept_t
     assert (tmp_path / "cal" / "counts.csv").read_bytes().startswith(before)
     third = Bench(tmp_path)
     assert third.session.finished
-    assert third.said[-1] == "all poses have been read; `lmeasure calibrate` takes the folder"
+    assert third.said[-1] == "all poses are recorded; run `lmeasure calibrate` on the folder"
 
 
 def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> None:
@@ -46,17 +46,18 @@ def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> Non
     still = Samples(np.arange(100) / RATE_HZ, np.tile(here - [0.0, 0.0, 777.0, 0.0], (100, 1)))
     again.show(still)
     assert again.said[-1] == (
-        "not read: the others stand as at pose 3, but off are ch3 by -777 counts: counts were lost; begin in a new folder, or `trust`"
+        "not recorded: the other channels agree with pose 3, but these do not: ch3 by -777 counts; counts were lost. "
+        "Start in a new folder, or type `trust`"
     )
 
 
 @pytest.mark.parametrize(
     ("off", "u_repeatability_mm", "lost", "reported"),
     [
-        ((0.0, 0.0), 0.0, (), "closed: no more than 1.2 counts"),
-        ((2.0, 0.0), 0.0, (), "not closed by rounding alone (ch1), but within 0.024 mm"),
-        ((2.0, 0.0), 0.02, (), "closed: no more than 7.2 counts"),
-        ((0.0, 40.0), 0.02, ("ch2",), "! ch2 came back +40 counts (+0.480 mm) off: lost counts, or a cable slipped"),
+        ((0.0, 0.0), 0.0, (), "closed: at most 1.2 counts, which is within rounding"),
+        ((2.0, 0.0), 0.0, (), "difference larger than rounding (ch1), but within 0.024 mm"),
+        ((2.0, 0.0), 0.02, (), "closed: at most 7.2 counts, which is within rounding"),
+        ((0.0, 40.0), 0.02, ("ch2",), "! ch2 differs by +40 counts (+0.480 mm) after its return: lost counts, or a slipped cable"),
     ],
 )
 def test_the_return_is_judged(

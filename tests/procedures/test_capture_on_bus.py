@@ -53,9 +53,9 @@ def test_killed_in_the_middle_a_capture_goes_on_and_loses_nothing(tmp_path: Path
     assert before.count(b'"5",') > 20
     # back where it stood when the session was killed, on to the end, and back to the first
     lines = session(np.vstack([poses[4:], poses[:1]]))
-    assert "going on: 5 readings are there, of poses 1, 2, 3, 4, 5" in lines
-    assert "the counters stand as they did at pose 5: they have kept their counts" in lines
-    assert any("closed: no more than 1.2 counts" in line for line in lines)
+    assert "continuing: 5 readings exist, of poses 1, 2, 3, 4, 5" in lines
+    assert "the counters agree with pose 5: no counts were lost" in lines
+    assert any("closed: at most 1.2 counts, which is within rounding" in line for line in lines)
     assert lines[-1] == "next: lmeasure calibrate campaign --out calibrated"
     assert (tmp_path / "campaign" / "counts.csv").read_bytes().startswith(before)
     assert sorted(p.name for p in (tmp_path / "campaign" / "frames").iterdir()) == ["1", "2"]

@@ -132,11 +132,11 @@ def test_a_start_with_another_orientation_is_not_taken_for_a_part_that_moved() -
     start = np.array(run.known_start)
     upside_down = check_instrument(replace(run, start=np.array([*start[:3], 1.0, 0.0, 0.0, 0.0])), (), LIMITS)
     for said in (verdict_text(upside_down), verdict(upside_down, "en")):
-        assert said.lower().startswith("not judged: the run is off by 4")
-        assert "most likely the start pose is not where the counters were zeroed" in said.replace("Most", "most")
+        assert said.lower().startswith("no result: the run differs by 4")
+        assert "Most likely the start pose is wrong" in said.replace("Most", "most")
     assert "начальная поза" in verdict(upside_down, "ru")
     beside = check_instrument(replace(run, start=start + [100.0, 0, 0, 0, 0, 0, 0]), (), LIMITS)
-    assert verdict_text(beside).startswith("the start pose is not where it is said to be, by 102 mm")
+    assert verdict_text(beside).startswith("the start pose differs from the stated one by 102 mm")
 
 
 def test_a_robot_that_does_not_come_back_fails_its_return() -> None:

@@ -42,7 +42,7 @@ def test_a_program_that_has_not_run_says_approaches_and_forces_all_the_same(tmp_
         ("windows_s = [[3.0, 4.0]]", "windows_s = [[3.0, nan]]", "finite number"),
         ('approaches = ["x", "y"]', 'approaches = ["x"]', "1 approaches for 2 windows"),
         ('angles = "kuka-abc"', 'angles = "abc"', "angles: 'abc' is not one of"),
-        ('to = "P2"', 'to = "P3"', "there is no pose 'P3'"),
+        ('to = "P2"', 'to = "P3"', "no pose 'P3'"),
         ("upper = 0.5", "upper = 0.5\nlower = 0.6", "is not below"),
         ("upper = 0.5", "", "needs lower, upper or both"),
         ("force_n = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]", "force_n = [[0.0, 0.0, 0.0]]", "1 force_n for 2 windows_s"),

@@ -35,7 +35,7 @@ def test_a_calibration_without_an_equation_left_over_shows_no_rounding(record: C
     assert 'id="residuals"' not in source
     assert "All are zero" in words
     assert "residuals 0 mm rms" in words
-    assert "none: no equation is left over" in words
+    assert "none: no redundant equations" in words
     # coarse solutions of as many poses as unknowns fit to rounding too
     assert "10⁻" not in words
     assert "Inputs" not in words
@@ -47,7 +47,7 @@ def test_a_calibration_without_an_equation_left_over_shows_no_rounding(record: C
 
 def test_poses_are_counted_without_that_of_the_zero(record: CalibrationRecord) -> None:
     """Of four poses three are compared with the first."""
-    assert "<td>reference poses compared with the zero pose</td><td>3</td>" in "".join(verdict(record, None))
+    assert "<td>reference poses relative to the zero pose</td><td>3</td>" in "".join(verdict(record, None))
 
 
 @pytest.mark.parametrize("ends", [(4.9, 31.0), (0.03, 31.0), (1e-4, 1e3), (5.0, 5.0)])

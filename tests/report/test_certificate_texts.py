@@ -21,16 +21,16 @@ from lmeasure.trajectory.motion.vibration import vibration
 def test_the_verdict_of_a_component_alone_stands_beside_that_of_its_vector() -> None:
     figure: dict[str, Any] = {"name": "AP_x", "pose": "P1", "value": 0.01, "u95": 0.02, "unit": "mm", "capable": True}
     reported = {
-        ("en", True, False): "capable; alone not",
-        ("en", False, True): "not capable; alone capable",
-        ("en", True, True): "capable",
-        ("ru", True, False): "пригодно; сама по себе нет",
-        ("ru", False, False): "непригодно",
+        ("en", True, False): "U95 small enough; alone too large",
+        ("en", False, True): "U95 too large; alone small enough",
+        ("en", True, True): "U95 small enough",
+        ("ru", True, False): "U95 достаточно мала; сама по себе слишком велика",
+        ("ru", False, False): "U95 слишком велика",
     }
     for (language, of_vector, alone), text in reported.items():
         assert say.verdict(language, figure | {"capable": of_vector, "capable_alone": alone}) == text
     # certificates sealed before do not say it
-    assert say.verdict("en", figure) == "capable"
+    assert say.verdict("en", figure) == "U95 small enough"
     assert say.verdict("en", figure | {"excluded": "x", "capable": False, "capable_alone": False}) == "excluded"
 
 

@@ -106,11 +106,11 @@ def test_what_a_computation_said_is_told_again() -> None:
     moved = message("calibration.silent", what=message("calibration.silent.owner", owner="B1", what=both))
     assert moved == (
         "B1 moves 0.31 mm along its line of sight (0.10, -0.20, 0.97) while guide alpha changes by +0.5 deg: "
-        "the counts stay the same, only the prior holds it"
+        "no count changes, so the nominal value is used"
     )
     assert say.message(moved) == (
         "B1 смещается на 0,31 мм вдоль линии визирования (0,10; -0,20; 0,97), при этом угол alpha направляющей меняется на +0,5°: отсчёты "
-        "не меняются, удерживает только априорное значение"
+        "не меняются, взято номинальное значение"
     )
     assert say.message("nothing that anybody has words for") == "nothing that anybody has words for"
     assert say("calibration.mm_rms", mm=0.0123) == "0,0123 мм СКЗ"

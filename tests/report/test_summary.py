@@ -74,17 +74,17 @@ def test_the_screen_gets_a_headline_and_all_on_request() -> None:
     found = [figure("AP_p", k / 10, pose=f"P{k}") for k in range(1, 40)] + [figure("RP_l", 0.05, capable=False)]
     lines = headline(certificate(found), Path("made"))
     assert lines[0] == "Test report LM-1"
-    assert lines[2].split() == ["AP_p", "pose", "accuracy", "pose", "P39,", "worst", "of", "39", "3.90", "\u00b1", "0.10", "mm", "capable"]
+    assert " ".join(lines[2].split()) == "AP_p pose accuracy pose P39, worst of 39 3.90 ± 0.10 mm U95 small enough"
     assert lines[4:] == [
-        "40 characteristics: 39 capable, 1 not capable, 0 excluded",
-        f"look at {Path('made/certificate.pdf')}, {Path('made/report.html')}",
-        "anybody checks it with: lmeasure verify made",
+        "40 characteristics: U95 small enough for a verdict in 39, too large in 1; 0 excluded",
+        f"open {Path('made/certificate.pdf')}, {Path('made/report.html')}",
+        "anyone can check it with: lmeasure verify made",
     ]
     full = every_figure(certificate(found))
     assert sum("k 1.99" in line for line in full) == 40
     assert not re.search(r"\d{6}", "".join(full))
     with_tolerances = headline(certificate([figure("AP_p", 0.5, **held(0.97)), figure("RP_l", 2.0, **held(0.01))]), Path("made"))
-    assert "2 figures with a tolerance: conforms: 1, does not conform: 1" in with_tolerances
+    assert "2 results with a tolerance: conforms: 1, does not conform: 1" in with_tolerances
 
 
 def test_parts_of_a_program_without_figures_are_named() -> None:
@@ -92,7 +92,7 @@ def test_parts_of_a_program_without_figures_are_named() -> None:
     found = [figure("AP_p", 0.5), figure("t_min", 0.4, pose="P3-P2"), figure("AT_p", 0.5, pose=None, path="line")]
     excluded = [{"kind": "pose", "name": "P4", "reason": "outside"}]
     lines = headline(certificate(found, program=program, excluded=excluded), Path("made"))
-    assert "not measured, the program states no times of: pose P5, path circle" in lines
+    assert "not measured, because the program has no times of: pose P5, path circle" in lines
     all_told = headline(
         certificate(found, program=program | {"pose": program["pose"][:4], "path": program["path"][:1]}, excluded=excluded), Path("made")
     )
@@ -111,7 +111,7 @@ def test_the_instrument_is_described() -> None:
         "6 cables from 6 observation points",
         "encoders of 6000 counts per turn of the drum, 0.012 mm of cable per count",
         "calibrated with 19 reference poses, residuals 0.021 mm rms",
-        "used up to a pressure angle of 20.5°, its zone ends at 60°",
+        "used up to a pressure angle of 20.5°; its zone ends at 60°",
     ]
     russian = say.instrument(certificate([], language="ru", measured_with=measured | {"calibration": None, "passes": 2}))
     assert not re.search(r"[A-Za-z]|\d\.\d", "".join(russian))
@@ -232,5 +232,5 @@ def test_without_uncertainties_there_are_values_and_no_verdict() -> None:
     content = certificate([figure("AP_p", 0.123456789, **nothing), figure("RP_l", 0.2)])
     lines = headline(content, Path("made"))
     assert lines[2].split() == ["AP_p", "pose", "accuracy", "pose", "P1", "0.123457", "mm", "no", "verdict"]
-    assert lines[4] == "2 characteristics: 1 capable, 0 not capable, 0 excluded, no verdict 1"
+    assert lines[4] == "2 characteristics: U95 small enough for a verdict in 1, too large in 0; 0 excluded, no verdict 1"
     assert "AP_p 0.123457 mm" in figures(content)[0].bar

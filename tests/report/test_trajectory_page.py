@@ -112,7 +112,7 @@ def test_the_path_marks_where_it_broke_off() -> None:
 @pytest.mark.parametrize(
     ("language", "heading", "state", "lane"),
     [
-        ("en", "left out or restored", "ok, origin restored", "origin restored"),
+        ("en", "excluded or restored", "ok, origin restored", "origin restored"),
         ("ru", "исключено или восстановлено", "известно, нуль восстановлен", "нуль восст."),
     ],
 )
@@ -138,7 +138,7 @@ def test_bands_are_spoken_of_where_they_are(tmp_path: Path) -> None:
         write_trajectory_page(tmp_path / "t.html", "t", along(replace(made, random=random)), None, inputs=[])
         text = page_text((tmp_path / "t.html").read_bytes())
         assert "local cubics" in text
-        assert ("Bands hold 95 %" in text) is said
+        assert ("Bands contain 95 % of each coordinate." in text) is said
         assert ("Its band includes" in text) is said
 
 

@@ -75,12 +75,12 @@ def test_page_opens_and_its_slider_in_space_works_without_a_console_error(folder
         assert page.evaluate(LOOK) == []
         assert page.errors == []
     assert "Accuracy zone of cell <b>&</b> co" in text
-    assert f"The zone holds {zone.attrs['nodes_in_zone']} of them" in text
+    assert f"The zone contains {zone.attrs['nodes_in_zone']} of them" in text
     for heading in (
-        "Figures",
+        "Results",
         "Test cube of ISO 9283 in the zone",
         "Both criteria side by side",
-        "Why nodes are not in the zone",
+        "Reasons for nodes outside the zone",
         "The rig",
     ):
         assert heading in text
@@ -223,7 +223,7 @@ def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:
     write_zone_report(tmp_path / "empty", empty, rig)
     with opened(tmp_path / "empty" / "zone.html") as page:
         page.wait("document.getElementById('left').textContent.startsWith('Within these limits: 0 of')")
-        assert "No place lies in the zone" in page.evaluate("document.body.innerText")
+        assert "No position lies in the zone. The best one has a worst pressure angle of" in page.evaluate("document.body.innerText")
         assert page.errors == []
 
 

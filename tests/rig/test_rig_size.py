@@ -48,7 +48,7 @@ def test_rigs_that_are_there_are_of_a_usual_size_and_in_other_units_not(path: Pa
     for unit, factor in SMALL.items():
         found = unlikely_size(in_unit(rig, factor), "rig.toml")
         assert found is not None
-        assert f"typed in {unit} these were" in str(found)
+        assert f"Dimensions are in millimetres; in {unit}, this would be" in str(found)
         assert found.text("ru") != found
 
 
@@ -63,11 +63,11 @@ def test_parts_in_metres_are_named_too() -> None:
     places = copy.deepcopy(rig)
     for point in places["observation_point"]:
         point["position_mm"] = [1e-3 * v for v in point["position_mm"]]
-    assert "all its points lie within" in str(unlikely_size(places, "rig.toml"))
+    assert "which is small for a cell" in str(unlikely_size(places, "rig.toml"))
     pulleys = copy.deepcopy(rig)
     for point in pulleys["observation_point"]:
         point["pulley_radius_mm"] = 0.02
-    assert "drums or pulleys have radii of at most 0.02 mm" in str(unlikely_size(pulleys, "rig.toml"))
+    assert "all drum and pulley radii are at most 0.02 mm" in str(unlikely_size(pulleys, "rig.toml"))
     for strange in ({}, {"observation_point": 3}, {"observation_point": [{"position_mm": "x"}]}, {"observation_point": [3]}):
         assert unlikely_size(strange, "rig.toml") is None  # which its own checks say
 
@@ -83,7 +83,7 @@ def test_calibrate_says_in_which_unit_a_rig_was_written(unit: str, factor: float
     error = CliRunner().invoke(app, ["calibrate", str(tmp_path), "--out", str(tmp_path / "out")]).exception
     assert isinstance(error, CalibrationError)
     assert f"where the nominal rig's dimensions are {unit}, and not millimetres" in error.lines[0]
-    assert f"typed in {unit}" in error.lines[1]
+    assert f"in {unit}, this would be" in error.lines[1]
     assert not (tmp_path / "out").exists()
 
 
@@ -92,9 +92,9 @@ def test_a_rig_in_metres_is_used_and_named(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(rig), encoding="utf-8")
     words = ["drum", str(ROOT / "docs" / "nothing.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "new.toml")]
     error = CliRunner().invoke(app, words).exception
-    assert "typed in metres" in getattr(error, "lines", [""])[-1]
+    assert "in metres, this would be" in getattr(error, "lines", [""])[-1]
     # what people answer
     spans = ["my cell", *[""] * 40]
     done = CliRunner().invoke(app, ["init", str(tmp_path / "cell")], input="\n".join(["six-cables", *spans]))
     assert done.exit_code == 0, done.output
-    assert "typed in" not in done.output
+    assert "this would be" not in done.output

@@ -27,12 +27,12 @@ def test_what_a_krl_program_changes_or_tells_in_several_frames_is_left() -> None
     assert reported == {name: f"BASE_DATA[{i}]" for name, i in {"PLAIN": 1, "SPLINED": 1, "INSIDE": 2, "CALLED": 1, "AFTER": 3}.items()}
     said = [str(u) for u in listing.unread]
     for part in (
-        "CHANGED: is changed by the program in main.src:7",
-        "GIVEN: is passed to GIVE in main.src:9",
-        "BEHIND: moved to in several frames: BASE_DATA[1] / TOOL_DATA[1], BASE_DATA[2] / TOOL_DATA[1]",
-        "LOOPED: moved to in several frames",
+        "CHANGED: the program changes it in main.src:7",
+        "GIVEN: is an argument of GIVE in main.src:9",
+        "BEHIND: used in several frames: BASE_DATA[1] / TOOL_DATA[1], BASE_DATA[2] / TOOL_DATA[1]",
+        "LOOPED: used in several frames",
         "TOOLED: the frame $TOOL changed in line 24 is not stated",
-        "LIN P: is not declared here",
+        "LIN P: no declaration with values here",
     ):
         assert any(part in line for line in said), (part, said)
     assert len(said) == 6
@@ -43,9 +43,9 @@ def test_what_a_rapid_program_changes_is_left() -> None:
     assert [t.name for t in listing.targets] == ["pPlain"]
     said = " ".join(str(u) for u in listing.unread)
     for part in (
-        "pTaught: is changed by the program in m.mod:9",
-        "pGiven: is passed to Sub in m.mod:11",
-        "pMoved: its frame wa is set by the program in m.mod:",
+        "pTaught: the program changes it in m.mod:9",
+        "pGiven: is an argument of Sub in m.mod:11",
+        "pMoved: the program sets its frame wa in m.mod",
     ):
         assert part in said, (part, said)
     displaced = RAPID_CHANGED.replace("PROC main()", "PROC main()\n  PDispSet shift;")
@@ -56,11 +56,11 @@ def test_what_a_ur_program_changes_or_tells_with_several_tools_is_left() -> None
     listing = listed("ur-script", (("m.script", UR_CHANGED),))[1].stated({})
     assert {t.name: t.tool.rpartition(":")[2] for t in listing.targets} == {"a_p": "5", "movel of line 16": "5"}
     said = " ".join(str(u) for u in listing.unread)
-    assert "movel b_p: a target that is computed or set elsewhere" in said
-    assert "movel of line 13: moved to in several frames" in said
+    assert "movel b_p: a target that is computed, or set elsewhere" in said
+    assert "movel of line 13: used in several frames" in said
 
 
 def test_what_a_fanuc_program_changes_is_left() -> None:
     listing = listed("fanuc", (("p.ls", FANUC_CHANGED),))[1]
     assert "P[2]" not in [t.name for t in listing.targets]
-    assert any("P[2]: is changed by the program in p.ls" in str(u) for u in listing.unread)
+    assert any("P[2]: the program changes it in p.ls" in str(u) for u in listing.unread)

@@ -119,7 +119,7 @@ def test_a_gantry_in_millimetres_from_positions(tmp_path: Path) -> None:
     square = [np.degrees(np.arccos(np.array([a[0] @ a[1], a[1] @ a[2], a[0] @ a[2]]))) for a in axes]
     assert np.abs(square[0] - 90.0).max() > 0.02
     np.testing.assert_allclose(square[1], square[0], atol=0.003)
-    assert any("tool.x_mm: nothing in the measurements tells it" in u["text"] for u in record["unobservable"])
+    assert any("tool.x_mm: no measurement depends on it" in u["text"] for u in record["unobservable"])
     # out again as URDF, in metres
     again = read_urdf(tmp_path / "id" / "robot.urdf").model
     np.testing.assert_allclose(again.limits, nominal.limits, atol=1e-9)

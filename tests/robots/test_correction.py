@@ -119,7 +119,7 @@ def test_limits(identified: tuple[Path, SerialRobot]) -> None:
     robot = read_identified(folder / "id")
     q = joints_of(np.random.default_rng(5), 1)[0]
     small = correct(robot.nominal, robot.found, q, Limits(most_mm=0.05))
-    assert small.refused.endswith("0.05 mm and 1° are the most")
+    assert small.refused.endswith("° exceeds the limits, 0.05 mm and 1°")
     assert np.array_equal(small.joints, q)
     clipped = correct(robot.nominal, robot.found, q, Limits(most_mm=0.05, clip=True))
     assert clipped.clipped
@@ -130,9 +130,9 @@ def test_limits(identified: tuple[Path, SerialRobot]) -> None:
     at_limit = q.copy()
     at_limit[1] = low[1]
     beyond = [correct(robot.nominal, robot.found, np.where(np.arange(6) == 1, v, q), Limits()) for v in (low[1], low[1] + 1e-9)]
-    assert any("beyond its limit" in c.refused for c in beyond) or all((c.joints >= low).all() for c in beyond)
+    assert any("outside its limit" in c.refused for c in beyond) or all((c.joints >= low).all() for c in beyond)
     wrist = np.array([0.3, 0.2, 0.4, 0.5, 1e-5, 0.1])
-    assert "near a singular pose" in correct(robot.nominal, robot.found, wrist, Limits()).refused
+    assert "a singular pose is near" in correct(robot.nominal, robot.found, wrist, Limits()).refused
 
 
 def test_boxes_are_kept_out_of_on_the_way_too() -> None:
@@ -233,7 +233,7 @@ def test_the_command(identified: tuple[Path, SerialRobot], tmp_path: Path) -> No
     path = program(tmp_path, robot, q)
     done = CliRunner().invoke(app, ["correct", str(path), "--identified", str(folder / "id"), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    assert "left as it was: p.src:30: PTP HOME: is not declared here" in done.output
+    assert "not corrected: p.src:30: PTP HOME: no declaration with values here" in done.output
     record = json.loads((tmp_path / "out" / "corrections.json").read_text())
     assert record["corrected"] == 26
     assert all(t["error_left_mm"] < 1e-6 and t["u95_mm"] < 0.15 for t in record["targets"])

@@ -68,7 +68,7 @@ def test_joint_limits_hold_after_the_correction() -> None:
         axis, end = int(rng.choice([0, 3, 5])), bool(rng.integers(2))
         q[axis] = (high if end else low)[axis]
         done = correct(ARM, built(ARM, i), q, Limits())
-        said.append("beyond its limit" in done.refused)
+        said.append("outside its limit" in done.refused)
         assert ((done.joints >= low) & (done.joints <= high)).all()
     assert 4 <= sum(said) <= 20
 
@@ -244,7 +244,7 @@ def test_a_configuration_that_may_be_passed_over_is_no_proof(conf: tuple[int, ..
     text = "ConfL\\Off;\n" * off + program([(q, conf)])
     outcome = done_with(text, rapid.DIALECT, built(ARM, 1), Limits(), near=q).outcomes[0]
     assert bool(outcome.left) == left
-    assert not off or not left or "its configuration may not hold" in outcome.left
+    assert not off or not left or "its configuration may not apply" in outcome.left
     if not left:
         assert outcome.correction is not None
         np.testing.assert_allclose(outcome.correction.before, q, atol=1e-6)

@@ -145,7 +145,7 @@ def test_a_program_is_corrected_where_the_map_reaches(sample: tuple[SerialRobot,
     done = CliRunner().invoke(app, given)
     assert done.exit_code == 0, done.output
     assert "20 of 22 targets corrected (csv)" in done.output
-    assert "T20: outside the region where errors were measured" in done.output
+    assert "T20: outside the measured region" in done.output
     assert "T21: its orientation is" in done.output
     record = json.loads((tmp_path / "out" / "corrections.json").read_text())["targets"]
     determined = np.array([row["corrected_values"] for row in record[:20]])
@@ -159,7 +159,7 @@ def test_a_program_is_corrected_where_the_map_reaches(sample: tuple[SerialRobot,
     # another tool than the one that was measured
     other = CliRunner().invoke(app, [*given, "--force", "--tool", "0,0,100"])
     assert "0 of 22 targets corrected" in other.output
-    assert "its tool tool is not the one that the map was measured with" in other.output
+    assert "its tool tool differs from the map's tool" in other.output
     small = CliRunner().invoke(app, [*given, "--force", "--most-mm", "0.2", "--clip"])
     clipped = json.loads((tmp_path / "out" / "corrections.json").read_text())["targets"][:20]
     assert small.exit_code == 0

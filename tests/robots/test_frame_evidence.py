@@ -170,7 +170,7 @@ def test_one_row_that_contradicts_itself_is_left(tmp_path: Path) -> None:
     points["drop"][1][:3, 3] += [0.0, 80.0, 0.0]
     left = {o.target.name: o.left for o in corrected(ROBOT, "p.csv", program("csv", points)).outcomes if o.left}
     assert list(left) == ["drop"]
-    assert left["drop"].startswith("its pose and its joint values are not one place: 80.0 mm")
+    assert left["drop"].startswith("its pose and its joint values differ by 80.0 mm")
     # joint values of another robot: no frame explains them
     other = {name: ((q[0], -q[1], *q[2:]), at) for name, (q, at) in points.items()}
     with pytest.raises(RobotError, match="no other base or flange explains it"):

@@ -189,8 +189,8 @@ def test_markers_are_a_body_with_the_uncertainty_that_they_scatter_by(tmp_path: 
     path = marked(tmp_path / "spoilt.tsv", spoilt)
     body = body_of(read_markers(path), path)
     said = [str(note) for note in body.notes]
-    assert "markers A and D have each other's label in 30 frames, the first at 1 s (line 111): they are put right" in said
-    assert "marker C lies off the body of the others in 5 frames, the first at 2 s (line 211): it is left out there" in said
+    assert "markers A and D are swapped in 30 frames, the first at 1 s (line 111); this is corrected" in said
+    assert "marker C is off the body in 5 frames, the first at 2 s (line 211); it is not used there" in said
     assert f"marker B is missing in 31 of {len(poses)} frames" in said
     assert np.flatnonzero(np.isnan(body.poses[:, 0])).tolist() == [300]
     there = ~np.isnan(body.poses[:, 0])

@@ -120,15 +120,17 @@ def test_lengths_of_a_wire_find_the_robot_too() -> None:
     found = identify(shipped("generic6").model, measured(rows.joints, station=[f"S{s}" for s in of], length_mm=length, u_position_mm=0.01))
     error = found.fit.problem.unknowns.residuals(found.fit.x)[:, 3]
     assert np.sqrt(np.mean(error**2)) < 0.012
-    assert "lengths alone do not tell where the robot stands" in " ".join(s.text for s in unknown_frames(found.fit))
+    assert "base: lengths alone do not determine the position of the robot; stations and targets are in the robot's base frame" in " ".join(
+        s.text for s in unknown_frames(found.fit)
+    )
 
 
 def test_what_cannot_be_told_is_said_in_words() -> None:
     found = identify(shipped("ur5").model, real(slice(0, 1000, 10)))
     texts = {frozenset(s.direction): s.text for s in silent_directions(found.fit)}
-    assert "the base frame makes up for it" in texts[frozenset({"joint_1.d_mm"})]
-    assert "they make up for each other" in texts[frozenset({"joint_3.d_mm", "joint_2.d_mm"})]
-    assert "the place of the tool makes up for it" in texts[frozenset({"joint_6.d_mm"})]
+    assert "the base frame compensates it" in texts[frozenset({"joint_1.d_mm"})]
+    assert "they compensate each other" in texts[frozenset({"joint_3.d_mm", "joint_2.d_mm"})]
+    assert "the position of the tool compensates it" in texts[frozenset({"joint_6.d_mm"})]
     # none of them moves a measured place
     problem = found.fit.problem
     for direction in silent_directions(found.fit):
@@ -161,7 +163,7 @@ def test_the_real_arm_is_predicted_as_well_as_by_outside_fits() -> None:
 @pytest.mark.parametrize(
     ("slip", "code", "said"),
     [
-        (slips._other_way(2), "sign", "joint_3 counts the other way"),
+        (slips._other_way(2), "sign", "joint_3 counts in the opposite direction"),
         (slips._robot_times(1.0, np.pi / 180), "units", "angles are radians"),
         (slips._values_swapped(1, 2), "swapped", "joint_2 and joint_3 are swapped"),
         (slips._robot_times(1e-3, 1.0), "units", "lengths are metres"),
@@ -219,7 +221,7 @@ def test_names_that_stand_twice_are_named_and_judge_nothing(tmp_path: Path) -> N
     found = identify(robot, bad)
     said = [f for f in found.findings if f.code == "same-name"]
     assert [(f.of, f.value) for f in said] == [("P1", 2.0), ("P12", pytest.approx(0.05))]
-    assert said[0].text == "row P1 (line 32): has the name of row P1 (line 3) and other joint values, as 2 rows have; all are used"
+    assert said[0].text == "row P1 (line 32): same name as row P1 (line 3), but other joint values (2 such rows); all are used"
     assert said[1].said.text("ru").startswith("строка P12 (номер в файле 63) и строка P12 (номер в файле 14): одно имя")
     assert found.kept.sum() == 61
     alone = identify(robot, measured(rows.joints[order], again, u_position_mm=0.02))

@@ -70,7 +70,7 @@ def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
     assert error.mean() < 0.13
     assert np.mean(error <= radius) >= 0.85
     page = (out / "report.html").read_text(encoding="utf-8")
-    for heading in ("Errors in space", "Histogram", "Residuals against joint values", "What the measurements cannot tell"):
+    for heading in ("Errors in space", "Histogram", "Residuals against joint values", "Unobservable parameter combinations"):
         assert heading in page
 
 
@@ -120,7 +120,7 @@ def test_few_rows_tell_no_noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(out), "--robot", "ur5") == 0
     said = capsys.readouterr().out
     assert "robot and instrument: cannot be determined" in said
-    assert "rows held out: none" in said
+    assert "cross-validation: none, too few rows" in said
     assert "warning underdetermined" in said
     record = json.loads((out / "identified.json").read_text(encoding="utf-8"))
     assert record["noise"]["position_mm"] is None

@@ -92,7 +92,7 @@ def test_poses_of_a_mechanism_are_planned_within_all_its_limits(tmp_path: Path) 
     # spread over what it can do, and better than as many at random
     assert np.ptp(flange[:, 2]) > 10.0
     line = next(line for line in done.output.splitlines() if line.startswith("  after  12: "))
-    expected, random = (float(v) for v in line.removeprefix("  after  12: ").replace(" mm, at random", "").split())
+    expected, random = (float(v) for v in line.removeprefix("  after  12: ").replace(" mm, with random poses", "").split())
     assert expected < random
 
 

@@ -98,5 +98,5 @@ def test_poses_of_one_table_alone_are_named(tmp_path: Path) -> None:
     words = ["--robot", str(tmp_path / "robot.csv"), "--measured", str(tmp_path / "seen.csv"), "--out", str(out)]
     done = CliRunner().invoke(app, ["frames", *words])
     assert done.exit_code == 0, done.output
-    assert f"warning unmatched: pose 'P0' stands in {tmp_path / 'robot.csv'} alone; it is left out" in done.output.splitlines()
+    assert f"warning unmatched: pose 'P0' is only in {tmp_path / 'robot.csv'}, and is not used" in done.output.splitlines()
     assert [w["code"] for w in json.loads(out.read_text())["warnings"]] == ["unmatched"]

@@ -143,7 +143,9 @@ def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_c
     motion = "motion = { dwell_s = 0.6, cycles = 2 }"
     robot = 'model = "crank-platform"\ncommands = "joints.csv"\nu_mm = 0.2\nu_deg = 0.02\nrepeatability_deg = 0.002'
     (tmp_path / "scenario.toml").write_text(f'schema = "lmeasure.scenario/1"\nrate_hz = 50.0\n{motion}\n[robot]\n{robot}\n')
-    assert "program.toml of their poses in robot/" in run("simulate", tmp_path / "scenario.toml", "--out", tmp_path / "run")
+    assert "in robot/: nominal robot, joints.csv of its rests and program.toml of their poses; true robot in robot/true/" in run(
+        "simulate", tmp_path / "scenario.toml", "--out", tmp_path / "run"
+    )
     folder = tmp_path / "run" / "robot"
     program, model = read_program(folder / "program.toml"), any_shipped("crank-platform").model
     assert [(p.name, p.cycles) for p in program.pose] == [(f"P{i}", 2) for i in range(1, 15)]
@@ -158,14 +160,14 @@ def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_c
     built = ("--u-links-mm", 0.2, "--u-links-deg", 0.02, "--free", "links")
     measured = ("--measurements", tmp_path / "run", "--joints", folder / "joints.csv")
     out = run("identify", "--robot", folder / "robot.toml", *measured, *built, "--out", tmp_path / "identified")
-    before, after = (float(v) for v in out.partition("errors ")[2].partition(" after")[0].split(" mm before, "))
+    before, after = (float(v) for v in out.partition("mean error ")[2].partition(" mm after")[0].split(" mm before, "))
     assert after < 0.2 * before
 
 
 def test_a_platform_of_three_freedoms_says_that_the_rest_follows(tmp_path: Path) -> None:
     waypoint = [{"position_mm": [0.0, 0.0, -2.0], "quaternion_xyzw": [0.02, 0.01, 0.0, np.sqrt(1 - 5e-4)]}]
     run = simulate_robot(*scenario_from_dict(of({"model": "crank-platform"}, waypoint=waypoint)), tmp_path)
-    assert [text for text in run.remarks if "is commanded in rx, ry, z alone: the others follow" in text]
+    assert [text for text in run.remarks if "is commanded in rx, ry, z only; the other joints follow, and its tool is up to" in text]
     rest = int(run.performance.spans[0].end_s * 100) - 1
     assert run.performance.poses[rest, 2] == pytest.approx(-2.0, abs=1e-4)
     turn = se3.matrices(run.performance.poses[rest])[:, 2]

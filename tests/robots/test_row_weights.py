@@ -146,7 +146,7 @@ def test_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert "with --weights biweight every row has the weight that the others leave it" in capsys.readouterr().err
     assert run("--weights", "biweight", "--language", "ru") == 0
     said = capsys.readouterr().out
-    assert "weighed by Tukey's biweight: they count as 4" in said
+    assert "weights by Tukey's biweight, equal to 4" in said
     assert "warning down-weighted: " in said
     record = json.loads((tmp_path / "out" / "identified.json").read_text(encoding="utf-8"))
     weights = [r["weight"] for r in record["residuals"]]

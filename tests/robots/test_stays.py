@@ -60,7 +60,7 @@ def test_ten_readings_say_what_their_means_say(tmp_path: Path, monkeypatch: pyte
         assert found[name]["stays"] == 40
         assert found[name]["held_out"]["mean_mm"] == pytest.approx(0.18, abs=0.01)
     one, other = found["ten_readings"], found["means"]
-    assert "400 rows at 40 stays; errors" in capsys.readouterr().out
+    assert "400 rows at 40 stays; mean error" in capsys.readouterr().out
     assert one["noise"]["reading_mm"] == pytest.approx(0.002, rel=0.05)
     assert [p["u"] for p in one["parameters"]] == pytest.approx([p["u"] for p in other["parameters"]], rel=0.02)
     assert one["freedom"] == pytest.approx(other["freedom"], rel=0.02)
@@ -189,10 +189,10 @@ def test_a_joint_that_never_moved_is_named(tmp_path: Path, monkeypatch: pytest.M
     files = ["--measurements", str(tables["measured"]), "--predict", str(tables["asked"]), "--out", str(out)]
     assert run(monkeypatch, "identify", "--robot", "ur5", *files) == 0
     said = capsys.readouterr().out
-    assert "warning joint-unmoved: joint_4 stayed at 28.6479 deg in all measurements" in said
+    assert "warning joint-unmoved: joint_4 was at 28.6479 deg in all measurements" in said
     determined = read_table(out / "predictions.csv")
     most = f"{determined.numbers('u95_mm').max():.3g}"
-    assert f"asked.csv: 8 rows move joint_4, which stayed still in all measurements: their U95 is up to {most} mm" in said
+    assert f"asked.csv: 8 rows move joint_4, which did not move in any measurement; their U95 is up to {most} mm" in said
     # what `correct` reads states the same, but for the instrument, of which nothing is known here
     joints = np.radians(read_table(tables["asked"]).matrix(NAMES))
     assert read_identified(out).u95_mm(joints) == pytest.approx(determined.numbers("u95_mm"), rel=0.1)

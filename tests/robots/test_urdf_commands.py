@@ -57,7 +57,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
         out.parent / "asked.csv",
     )  # fmt: skip
     assert "of the .urdf: base 'base_link' (--base-link), flange 'tool0' (--tip)" in said
-    assert "warning predict: target 'ball' was not measured (measured: tool): 1 rows left out" in said
+    assert "warning predict: target 'ball' was not measured (measured: tool); its 1 rows are not used" in said
     return out
 
 
@@ -136,6 +136,6 @@ def test_rapid_targets_whose_configuration_is_not_fixed_ask_for_near(identified:
     (tmp_path / "m.mod").write_text(program)
     said = ran("correct", tmp_path / "m.mod", "--identified", identified, "--out", tmp_path / "c")
     assert "0 of 1 targets corrected" in said
-    assert "nothing says where the robot comes from; state --near" in said
+    assert "its configuration may not apply (ConfJ or ConfL \\Off), and the robot's position before it is unknown; state --near" in said
     said = ran("correct", tmp_path / "m.mod", "--identified", identified, "--near", "10,15,-20,30,40,-25", "--out", tmp_path / "d")
     assert "1 of 1 targets corrected" in said

@@ -136,7 +136,7 @@ def test_an_inferred_width_is_noted() -> None:
     shown = (k + 2**15) % 2**16 - 2**15
     lengths = lengths_from_counts(run_of(shown))
     assert lengths.counts[:, 1] == pytest.approx(-2 * k[:, 1])
-    assert "pass1.csv: channel ch2: counter_bits is not stated; its jumps are those of 16 bits" in map(str, lengths.notes)
+    assert "pass1.csv: counter_bits of channel ch2 is not stated; 16 bits are assumed from its jumps" in map(str, lengths.notes)
 
 
 def test_a_foreign_value_and_an_unsure_counter() -> None:
@@ -146,7 +146,7 @@ def test_a_foreign_value_and_an_unsure_counter() -> None:
     t = np.array([0, 0.001, 0.002, 0.003, 0.003 + 0.04, 0.044])
     lengths = lengths_from_counts(run_of(recorded, r, t))
     assert lengths.flags.tolist() == [0, 0, Status.JUMP, 0, Status.GAP, Status.GAP]
-    assert "a value that a counter of 16 bits does not have" in str(lengths.cause[2])
+    assert "has a value outside a 16-bit counter" in str(lengths.cause[2])
     assert "may have wrapped unseen" in str(lengths.cause[4])
 
 
@@ -178,7 +178,7 @@ def test_a_hole_in_a_later_pass_is_not_filled() -> None:
     assert str(lengths.cause[0]) == "pass 2 does not cover this time"
     hole = (t1 > t2[t2 < 0.03].max()) & (t1 < t2[t2 > 0.06].min())
     assert (lengths.flags[hole] == Status.GAP).all()
-    assert set(map(str, lengths.cause[hole])) == {"pass 2 has no samples around this time"}
+    assert set(map(str, lengths.cause[hole])) == {"pass 2 has no samples near this time"}
     assert (lengths.flags[1:][~hole[1:]] == Status.OK).all()
     assert np.isnan(lengths.counts[hole, 2]).all()
 

@@ -234,7 +234,8 @@ def test_monte_carlo_draws_what_is_stated() -> None:
     u = np.sqrt(np.einsum("nii->ni", linear.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", drawn.systematic)), u, rtol=0.17, atol=1e-9)
     assert linear.covers == (
-        "counts of half a unit, dimensions as stated, run-out of drums, eccentric pulleys and play of drums: the rig links no calibration"
+        "counts of half a unit, dimensions as stated, run-out of drums, eccentric pulleys and play of drums: "
+        "the rig has no linked calibration"
     )
 
 

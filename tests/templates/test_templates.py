@@ -108,7 +108,7 @@ def test_questions_are_asked_where_no_template_is_named(tmp_path: Path) -> None:
     ]  # fmt: skip
     made = CliRunner().invoke(app, ["init", str(tmp_path)], input="\n".join(answers))
     assert made.exit_code == 0, made.output
-    assert "'four' is none of them" in made.output
+    assert "'four' is not in the list. Which" in made.output
     assert "'x' is not a number" in made.output
     assert "'1,2' is not 3 numbers" in made.output
     rig = read_rig(tmp_path / "rig.toml")
@@ -183,13 +183,13 @@ def test_from_an_empty_folder_to_a_placed_zone(tmp_path: Path) -> None:
     record = read_calibration_record(tmp_path / "calibrated" / "calibration.json")
     assert not [w.code for w in record.warnings if w.code in ("sign", "swapped", "scale", "edge", "outlier")]
     reported = done("zone", "@calibrated/rig.toml", "--tilt-rad", "0.1", "--out", "@zone.nc")
-    assert "the box is --x" in reported
+    assert "the box is --x, around the rig" in reported
     assert int(read_zone(tmp_path / "zone.nc")["in_zone"].sum()) > 0
     # a smaller task than the one that comes along takes a fraction of its time
     text = (tmp_path / "placement.toml").read_text()
     (tmp_path / "placement.toml").write_text(text.replace("tilt_steps = 3", "tilt_steps = 1").replace("nodes = 3", "nodes = 2"))
     reported = done("place", "@calibrated/rig.toml", "--task", "@placement.toml", "--out", "@placed", "--generations", "5")
-    before, after = map(float, re.findall(r"at the task ([\d.]+) -> ([\d.]+) deg", reported)[0])
+    before, after = map(float, re.findall(r"worst pressure angle in the task ([\d.]+) -> ([\d.]+) deg", reported)[0])
     assert after < before
 
 

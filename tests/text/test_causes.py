@@ -22,29 +22,29 @@ EVERY: list[tuple[Message, str]] = [
     ),
     (
         message("cause.wrapped", channel="a", key="max_speed_deg_s", limit=1e6),
-        "channel a may have wrapped unseen at max_speed_deg_s = 1000000",
+        "channel a may have wrapped undetected at max_speed_deg_s = 1000000",
     ),
-    (message("cause.foreign.bits", channel="a", bits=16), "channel a shows a value that a counter of 16 bits does not have"),
-    (message("cause.foreign.codes", channel="a", codes=4096), "channel a shows a value that an encoder of 4096 codes does not have"),
-    (message("cause.pass.hole", passage=2), "pass 2 has no samples around this time"),
+    (message("cause.foreign.bits", channel="a", bits=16), "channel a has a value outside a 16-bit counter"),
+    (message("cause.foreign.codes", channel="a", codes=4096), "channel a has a value outside an encoder of 4096 codes"),
+    (message("cause.pass.hole", passage=2), "pass 2 has no samples near this time"),
     (message("cause.without", cause=NO_COUNT), "without it: channel ch7 has no count"),
     (
         message("joined", first=message("cause.singular"), then=DETERMINED),
-        "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here; not determined: a turn about "
+        "the cables do not determine the pose: it is singular here or on the path to it; not determined: a turn about "
         "the axis through (40.0, -25.0, 0.0) mm along (0.000, 0.000, 1.000); determined since the last pose, within 0.0123 mm and 0.0021 "
         "deg: a shift by (0.100, -0.200, 30.000) mm and a turn by (0.000, 0.500, 0.250) deg",
     ),
     (
         message("cause.nearly_singular", screw=message("screw", at=(1.0, 2.0, 3.0), along=(0.6, 0.8, 0.0), mm=-12.0), mm=0.0123),
-        "nearly singular: 1 mm of a turn about the axis through (1.0, 2.0, 3.0) mm along (0.600, 0.800, 0.000) that goes -12 mm along it "
+        "nearly singular: 1 mm of a turn about the axis through (1.0, 2.0, 3.0) mm along (0.600, 0.800, 0.000), with -12 mm along it "
         "per turn changes the lengths by 0.012 mm",
     ),
     (
         message("joined", first=message("cause.without", cause=NO_COUNT), then=SUSPECTED),
-        "without it: channel ch7 has no count; counts suspected lost: channel ch3 (cable c3) stepped by -200 counts (+2.400 mm) between "
+        "without it: channel ch7 has no count; suspected lost counts: channel ch3 (cable c3) jumped by -200 counts (+2.400 mm) between "
         "10.39 and 11.6 s",
     ),
-    (message("cause.restored", cable="c3", after_s=1.25), "restored origin: c3 goes on from another origin behind 1.25 s"),
+    (message("cause.restored", cable="c3", after_s=1.25), "restored origin: c3 continues from another origin after 1.25 s"),
 ]
 
 

@@ -65,6 +65,6 @@ def test_a_pose_is_no_position() -> None:
         for domain, english, russian in reported()
         if re.search(r"\bposes?\b", english, re.IGNORECASE)
         and not re.search(r"position|place|platform|where a robot|mount|stood", english, re.IGNORECASE)
-        and re.search(r"(?<!пред)положени", russian, re.IGNORECASE)
+        and re.search(r"(?<!пред)(?<!особ.. )(?<!особ... )положени", russian, re.IGNORECASE)
     ]
     assert wrong == []

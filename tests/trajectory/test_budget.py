@@ -62,7 +62,7 @@ def test_at_the_start_the_pose_is_as_uncertain_as_was_stated() -> None:
     run = replace(record(rig, *motion(3)), u_start=U_START)
     found = reconstruct(run)
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.systematic))[0], np.repeat(U_START[::-1], 3), rtol=1e-9)
-    assert found.covers == "counts of half a unit and the start pose: the rig links no calibration"
+    assert found.covers == "counts of half a unit and the start pose: the rig has no linked calibration"
     assert set(covariances(found, run).sources) == {"start pose"}
 
 
@@ -89,7 +89,7 @@ def test_passes_have_sources_of_their_own() -> None:
     _, run = two_passes()
     found = reconstruct(run, repeatability_mm=0.05)
     budget = covariances(found, run, slice(100, 200), repeatability_mm=0.05)
-    assert budget.sources == ("place of pass 1",) * 3 + ("place of pass 2",) * 3
+    assert budget.sources == ("position of pass 1",) * 3 + ("position of pass 2",) * 3
     np.testing.assert_allclose(budget.systematic, found.systematic[100:200], rtol=1e-9)
     # both passes displaced alike displace the pose alike, whatever the rig
     np.testing.assert_allclose(

@@ -124,10 +124,12 @@ def test_one_that_errs_is_left_out_as_long_as_it_does_and_by_how_much() -> None:
     assert spans_of(found) == [(2, 0.99, 1.99, "cable.left_out")]
     # at most, whatever its sign; of four the mean of the three others
     assert found.every[0].said.values == pytest.approx({"mm": -0.25, "u_mm": U * np.sqrt(4.0 / 3.0)})
-    assert str(found.every[0].said).startswith("does not follow the other cables, by up to -0.25 mm")
+    assert str(found.every[0].said).startswith("differs from the other cables by up to -0.25 mm (standard uncertainty")
     assert [n.code for n in found.notes] == ["cables.left_out"]
     name = RIG.cable[2].name
-    assert str(found.notes[0]).startswith(f"from 0.99 s to 1.99 s: cable {name} does not follow the other cables, by up to -0.25 mm")
+    assert str(found.notes[0]).startswith(
+        f"from 0.99 s to 1.99 s: cable {name} differs from the other cables by up to -0.25 mm (standard uncertainty"
+    )
     # not used any more, what it showed is kept
     assert np.isnan(epochs.change_mm[100:200, 2]).all()
     assert np.isfinite(np.delete(epochs.change_mm, 2, axis=1)).all()
@@ -185,8 +187,8 @@ def test_what_is_used_by_fewer_channels_has_fewer_degrees_of_freedom() -> None:
     assert [(d[0], d[3]) for d in spans_of(found)] == [(EVERY, "contradiction.among")]
     names = [RIG.cable[j].name for j in (1, 2)]
     assert found.every[0].said.values == {"cables": " or ".join(names)}
-    among = f"{names[0]} or {names[1]} is wrong, and which cannot be determined"
-    assert str(found.notes[0]).endswith(f": the cables contradict each other: {among}")
+    among = f"the cables contradict each other; one of {names[0]} or {names[1]} is wrong"
+    assert str(found.notes[0]).endswith(f"the cables contradict each other; one of {among}")
     epochs = with_errors((2, 100, 130, 0.2))
     epochs.change_mm[90:250, [0, 1, 3]] = np.nan
     assert not judged(epochs).every
@@ -205,7 +207,7 @@ def test_two_pairs_that_agree_among_themselves_tell_of_none_which_is_wrong() -> 
     epochs = with_errors((0, 100, 200, 0.2), (1, 100, 200, 0.2))
     found = judged(epochs)
     assert spans_of(found) == [(EVERY, 0.99, 1.99, "contradiction")]
-    assert str(found.notes[0]) == "from 0.99 s to 1.99 s: the cables contradict each other, and which is wrong cannot be determined"
+    assert str(found.notes[0]) == "from 0.99 s to 1.99 s: the cables contradict each other; the wrong one cannot be determined"
     # settled, and not left out
     assert np.isfinite(epochs.change_mm).all()
 
@@ -213,7 +215,7 @@ def test_two_pairs_that_agree_among_themselves_tell_of_none_which_is_wrong() -> 
 def test_all_that_contradict_each_other_are_explained_by_none_for_the_whole_run() -> None:
     found = judged(with_errors((0, 100, 200, 0.2), (1, 100, 200, 0.5), (2, 100, 200, -0.4)))
     assert spans_of(found) == [(EVERY, -np.inf, np.inf, "contradiction.none")]
-    assert str(found.notes[0]) == "from the beginning to the end: the cables contradict each other, and no single one explains it"
+    assert str(found.notes[0]) == "from the beginning to the end: the cables contradict each other, and no single cable explains it"
 
 
 @pytest.mark.parametrize("length", [1, 20])

@@ -108,7 +108,7 @@ def test_a_step_is_found_where_and_as_large_as_it_is(counts: int) -> None:
         ok = trajectory.status[i:] == Status.OK
         assert not ok.any(), "no rest can prove it"
         (determined,) = (
-            re.match(r"channel .* stepped by about ([-+]\d+) counts \(within (\d+)\) between", n) for n in map(str, trajectory.notes[:1])
+            re.match(r"channel .* jumped by about ([-+]\d+) counts \(within (\d+)\) between", n) for n in map(str, trajectory.notes[:1])
         )
         assert determined is not None, trajectory.notes
         assert abs(int(determined[1]) - counts) <= int(determined[2]) <= max(25, found.u_mm / COUNT_MM + 1)
@@ -149,7 +149,7 @@ def test_a_second_jump_minutes_later_proves_nothing_but_a_rest_does() -> None:
         assert lost[n // 2 :].all() != proved
         assert lost[n // 2 :].any() != proved
         if proved:
-            assert any("it has lost nothing" in note for note in map(str, trajectory.notes))
+            assert any("but the other cables show that no counts are lost" in note for note in map(str, trajectory.notes))
 
 
 def test_a_channel_that_stands_while_its_point_moves_is_told() -> None:
@@ -176,11 +176,11 @@ def test_steps_that_nothing_could_show_are_not_called_seen(samples: int) -> None
     if samples > 3:
         recorded[:, 1] = np.nan
         recorded[::4, 4] = np.nan
-    (said,) = (note for note in map(str, reconstruct(with_recorded(run, recorded)).notes) if note.startswith("steps of"))
+    (said,) = (note for note in map(str, reconstruct(with_recorded(run, recorded)).notes) if note.startswith("counter jumps"))
     if samples > 3:
-        assert re.match(r"steps of a counter by \d+ counts .* being the limit; of ch2, ch5, without four counts on end, none are$", said)
+        assert re.match(r"counter jumps of \d+ counts .*\. Jumps of ch2, ch5 are not detected: no four consecutive counts$", said)
     else:
-        assert said == "steps of counters are not seen: no channel has four counts on end"
+        assert said == "counter jumps are not detected, because no channel has four consecutive counts"
 
 
 @pytest.mark.parametrize("flips", [3, 40])

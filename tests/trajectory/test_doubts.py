@@ -51,11 +51,11 @@ def test_each_break_doubts_its_channel_up_to_the_next() -> None:
     assert spans(doubts) == [(2, 5.0, 9.0), (4, 7.0, np.inf), (2, 9.0, np.inf)]
     assert {d.status for d in doubts.every} == {Status.ORIGIN_LOST}
     sign = cell().observation_point[2].drum.count_sign
-    first = f"channel ch3 stepped by about {sign * 200:+d} counts (within 25) between 5 and 5.1 s: its origin is lost"
+    first = f"channel ch3 jumped by about {sign * 200:+d} counts (within 25) between 5 and 5.1 s: its origin is lost"
     assert tuple(map(str, doubts.notes)) == (
-        f"{first}, and it errs again at 9 s",
-        "channel ch5 does not follow the tool between 7 and 7.1 s, which goes on evenly: its origin is lost",
-        f"channel ch3 stepped by about {sign * -100:+d} counts (within 25) between 9 and 9.1 s: its origin is lost",
+        f"{first}; it fails again at 9 s",
+        "channel ch5 does not follow the smooth motion of the tool between 7 and 7.1 s: its origin is lost",
+        f"channel ch3 jumped by about {sign * -100:+d} counts (within 25) between 9 and 9.1 s: its origin is lost",
     )
 
 
@@ -106,21 +106,23 @@ def test_moments_away_and_stands() -> None:
     ]  # fmt: skip
     assert [d.status for d in doubts.every] == [Status.JUMP] * 3 + [Status.ORIGIN_LOST]
     assert tuple(map(str, doubts.notes)) == (
-        "channel ch1 was elsewhere for a moment, 2 times, first behind 1 s",
-        "channel ch6 was elsewhere for a moment behind 3 s",
-        "channel ch4 stands from 6 s on while its point is drawn far: it does not count",
+        "channel ch1 had a short wrong value 2 times, first after 1 s",
+        "channel ch6 had a short wrong value after 3 s",
+        "channel ch4 does not count from 6 s, although its point moves far",
     )
 
 
 def test_what_is_said_behind_a_stand() -> None:
     stood = (Stood(3, 6.0, 8.0),)
     goes_on = doubts_of(cell(), found(Break(3, 8.0, np.nextafter(8.0, 9.0), np.nan, np.nan), stood=stood), NO_RESTS)
-    assert str(goes_on.notes[-1]) == "channel ch4 stood up to 8 s and counts again: its origin is lost"
-    assert str(goes_on.notes[0]) == "channel ch4 stands from 6 s on while its point is drawn far: it does not count"
+    assert str(goes_on.notes[-1]) == "channel ch4 did not count until 8 s: its origin is lost"
+    assert str(goes_on.notes[0]) == "channel ch4 does not count from 6 s, although its point moves far"
     assert spans(goes_on) == [(3, 6.0, 8.0), (3, 8.0, np.inf)]
     # that of another channel, and what began elsewhere, is something else
     for other in (Break(2, 8.0, 8.1, np.nan, np.nan), Break(3, 7.0, 7.1, np.nan, np.nan)):
-        assert any("does not follow the tool" in note for note in map(str, doubts_of(cell(), found(other, stood=stood), NO_RESTS).notes))
+        assert any(
+            "does not follow the smooth motion" in note for note in map(str, doubts_of(cell(), found(other, stood=stood), NO_RESTS).notes)
+        )
 
 
 @pytest.mark.parametrize(
@@ -146,7 +148,7 @@ def test_a_rest_where_all_is_back_proves_it(length: FloatArray, proved: bool) ->
     rests = resting((1.0, PLACE), (6.0, length))
     doubts = doubts_of(cell(), found(at(2, 3.0)), rests)
     assert bool(doubts.every) is not proved
-    assert ("; but it is back where it was at the rest at 6 s: it has lost nothing" in str(doubts.notes[0])) is proved
+    assert ("but at the rest at 6 s it is back: no counts are lost" in str(doubts.notes[0])) is proved
 
 
 def test_what_proves_nothing() -> None:
@@ -180,21 +182,17 @@ def test_of_many_notes_the_first_are_told() -> None:
     doubts = doubts_of(cell(), found(*(at(j % 6, 1.0 + j) for j in range(15))), NO_RESTS)
     assert len(doubts.every) == 15
     assert len(doubts.notes) == 13
-    assert str(doubts.notes[-1]) == "and 3 more of the kind"
+    assert str(doubts.notes[-1]) == "and 3 more of this kind"
     assert len(doubts_of(cell(), found(*(at(j % 6, 1.0 + j) for j in range(12))), NO_RESTS).notes) == 12
 
 
 @pytest.mark.parametrize(
     ("clock_s", "determined"),
-    [
-        ((4.0, 5.0), "behind 4, 5 s"),
-        ((1.0, 2.0, 3.0), "behind 1, 2, 3 s"),
-        ((1.0, 2.0, 3.0, 4.0, 5.0), "behind 1, 2, 3 s and at 2 more instants"),
-    ],
+    [((4.0, 5.0), "4, 5 s"), ((1.0, 2.0, 3.0), "1, 2, 3 s"), ((1.0, 2.0, 3.0, 4.0, 5.0), "1, 2, 3 s and at 2 other times")],
 )
 def test_steps_of_the_clock_are_said(clock_s: tuple[float, ...], determined: str) -> None:
     (said,) = doubts_of(cell(), found(clock_s=clock_s), NO_RESTS).notes
-    assert str(said) == f"all channels step as if the clock had, {determined}"
+    assert str(said) == f"all channels jump as if the clock had stepped, after {determined}"
 
 
 def scaled(scale: float) -> Rig:
@@ -208,15 +206,17 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
     least = np.array([0.3, 0.6, 0.3, np.inf, 0.3, 0.3])
     said = unseen_steps(scaled(2.0), Continuity((), (), (), 1234.0, least))
     assert str(said) == (
-        "steps of a counter by 100 counts (0.6 mm) and more are seen, the acceleration of the motion itself, 1230 mm/s2, being the "
-        "limit; of ch4, without four counts on end, none are"
+        "counter jumps of 100 counts (0.6 mm) or more are detected. The limit comes from the motion's own acceleration, 1230 mm/s2"
+        ". Jumps of ch4 are not detected: no four consecutive counts"
     )
     assert "too slowly" not in str(unseen_steps(cell(), found(least_mm=1.0)))
-    assert str(unseen_steps(cell(), found(least_mm=1.01))).endswith("; it is sampled too slowly for its speed to show smaller ones")
+    assert str(unseen_steps(cell(), found(least_mm=1.01))).endswith("for smaller jumps, the sampling is too slow for this speed")
     jitter = replace(found(least_mm=1.5), jitter_mm=np.full(6, 1.0))
-    assert str(unseen_steps(cell(), jitter)).endswith("(1.5 mm) and more are seen, the jitter of the time stamps being the limit")
+    assert str(unseen_steps(cell(), jitter)).endswith("counts (1.5 mm) or more are detected. The limit comes from irregular time stamps")
     for rounded in (0.0, 2.2e-11):
         still = replace(found(least_mm=0.1), acceleration_mm_s2=rounded, jitter_mm=np.zeros(6))
-        assert str(unseen_steps(cell(), still)).endswith("(0.1 mm) and more are seen, the rounding of the counts being the limit")
+        assert str(unseen_steps(cell(), still)).endswith(
+            "counts (0.1 mm) or more are detected. The limit comes from the rounding of the counts"
+        )
     (stepped,) = doubts_of(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes
     assert "+100 counts" in str(stepped)

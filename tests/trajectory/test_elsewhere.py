@@ -281,7 +281,7 @@ def test_motion_says_what_times_and_windows_do_not_fit(said: Said, tmp_path: Pat
     assert (late[0], "ns.tum: motion: no window of +-0.02 s holds 8 poses, which are 1e+07 s apart" in str(late[1]["error"])) == (1, True)
     assert not out.exists()
     fast = said("motion", made("mm.tum", time_s, places), "--half-width-s", "0.1", "--out", out)
-    assert (fast[0], fast[1]["warnings"]) == (0, ["note: no robot moves at 500 m/s: places or times are in other units than stated"])
+    assert (fast[0], fast[1]["warnings"]) == (0, ["note: 500 m/s is too fast for a robot; check the units of positions and times"])
     right = said("motion", tmp_path / "t.tum", "--half-width-s", "0.1", "--force", "--out", out)
     assert (right[0], right[1]["warnings"]) == (0, [])
 
@@ -298,8 +298,8 @@ def test_a_tool_that_is_upside_down_at_every_pose_is_remarked(
         words = ["--program", tmp_path / "program.toml", *U, "--trials", "100", "--out", tmp_path / name[0]]
         code, document = said("certify", tmp_path / name, *words)
         assert (code, len(document["warnings"])) == (0, notes), document
-    assert document["warnings"][0].startswith("note: at every pose the tool is turned by at least 180 deg")
-    assert "is the order of quaternions x, y, z, w" in document["summary"][-1]
+    assert document["warnings"][0].startswith("note: at every pose, the tool is turned by at least 180 deg")
+    assert "the order of quaternions is x, y, z, w" in document["summary"][-1]
 
 
 def test_two_angles_of_three_are_not_passed_over_in_silence(said: Said, tmp_path: Path) -> None:
@@ -308,7 +308,10 @@ def test_two_angles_of_three_are_not_passed_over_in_silence(said: Said, tmp_path
     table.to_csv(tmp_path / "seen.csv", index=False)
     code, document = said("motion", tmp_path / "seen.csv", "--half-width-s", "0.1", "--out", tmp_path / "m.csv")
     assert (code, len(document["warnings"])) == (0, 1)
-    assert "not under known names (qx, qy, qz, qw, or the angles of a controller)" in document["warnings"][0]
+    assert (
+        "no orientation, or not under known column names (qx, qy, qz, qw, or a controller's angles); no result for rotations"
+        in document["warnings"][0]
+    )
 
 
 def test_the_convention_of_angles_is_that_of_units_and_program(said: Said, tmp_path: Path) -> None:

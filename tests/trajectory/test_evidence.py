@@ -188,7 +188,7 @@ def test_the_trajectory_says_it_from_the_step_on(tmp_path: Path) -> None:
     suspect = np.array([within(cause, SUSPECTED) is not None for cause in trajectory.cause])
     np.testing.assert_array_equal(suspect, time_s > step.after_s)
     assert set(trajectory.status.tolist()) == {0}
-    said = f"note: suspected: channel ch3 (cable c3) stepped by {step.counts:+.0f} counts"
+    said = f"note: suspected: channel ch3 (cable c3) jumped by {step.counts:+.0f} counts"
     assert said in trajectory.summary()
     assert abs(step.counts + 200) < 8
     # and from file to file, where it must be known before the first piece is written
@@ -214,10 +214,10 @@ def test_what_does_not_close_enters_the_uncertainty(tmp_path: Path) -> None:
     assert np.flatnonzero(found.closure_mm).tolist() == [1]
     sign = run.rig.point("B2").drum.count_sign
     assert found.closure_mm[1] == pytest.approx(sign * 90 * COUNT_MM, abs=0.15)
-    assert any(note.startswith("channel ch2 does not close: +") for note in map(str, found.notes))
+    assert any(note.startswith("between two rests at one position+") for note in map(str, found.notes))
     sound = rested({}, cycles=1)[0]
     plain, trajectory = reconstruct(sound), reconstruct(run)
-    assert "what does not close in the counts" in trajectory.covers
+    assert "and the closure error of the counts" in trajectory.covers
     assert "close" not in plain.covers
     error = np.linalg.norm(trajectory.poses[-1, :3] - truth[-1, :3])
     u = np.linalg.norm(trajectory.u[:, :3], axis=1)
@@ -228,7 +228,7 @@ def test_what_does_not_close_enters_the_uncertainty(tmp_path: Path) -> None:
     np.testing.assert_allclose(factors.systematic, trajectory.systematic, atol=1e-12)
     write_run(tmp_path / "run", run)
     text = reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "t.parquet").text()
-    assert "channel ch2 does not close" in text
+    assert "between two rests at one position" in text
     np.testing.assert_allclose(read_trajectory(tmp_path / "t.parquet").u, trajectory.u, rtol=1e-9)
 
 
@@ -254,7 +254,7 @@ def test_a_recorded_closure_is_taken_where_the_rests_tell_none() -> None:
     found = align(replace(still, recorded=(entry,))).evidence
     sign = rig.point("B5").drum.count_sign
     assert found.closure_mm.tolist() == pytest.approx([0, 0, 0, 0, -60 * COUNT_MM * sign, 0])
-    assert any("ch5 does not close: -60.0 counts" in note for note in map(str, found.notes))
+    assert any("between two rests at one position" in note for note in map(str, found.notes))
     # a robot that went elsewhere, or a count or two
     for closure in ({f"ch{i}": 1000.0 * i for i in range(1, 7)}, {"ch5": 2.0}):
         assert align(replace(still, recorded=(Recorded(1, closure_counts=closure),))).evidence.sound

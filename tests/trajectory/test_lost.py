@@ -67,7 +67,7 @@ def test_a_run_into_a_singular_pose_says_what_is_lost() -> None:
     found = reconstruct(record(cell(), times, poses))
     refused = np.flatnonzero(found.status == Status.SINGULAR)
     assert len(refused)
-    assert "singular here or on the way here; not determined: a turn about the axis" in str(found.cause[refused[0]])
+    assert "it is singular here or on the path to it; not determined: a turn about the axis" in str(found.cause[refused[0]])
     near = np.flatnonzero((found.status == Status.OK) & (found.worst_pressure_angle_deg > 88.0))
     assert len(near)
     assert all(str(found.cause[i]).startswith("nearly singular: 1 mm of a turn") for i in near)

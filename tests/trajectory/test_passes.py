@@ -223,5 +223,5 @@ def test_stamps_that_jitter_in_either_pass_are_carried_into_poses(law: str, edge
         squares.append(float(error @ np.linalg.solve(found.random[i] + found.systematic[i], error)))
         law_of_file = covariances(found, run, np.array([i]))
         np.testing.assert_allclose(law_of_file.systematic[0], found.systematic[i], rtol=1e-6, atol=1e-18)
-    assert sum("time stamps jitter" in note for note in map(str, found.notes)) == 2
+    assert sum("time stamps are irregular" in note for note in map(str, found.notes)) == 2
     assert 0.005 < chi2.sf(sum(squares), 6 * len(squares)) < 0.995, np.mean(squares) / 6

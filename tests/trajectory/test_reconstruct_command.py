@@ -148,7 +148,7 @@ def test_tum_holds_the_known_poses_in_metres(folder: Path, tmp_path: Path, monke
 def test_monte_carlo_by_command(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monte_carlo = ["--uncertainty", "monte-carlo", "--trials", "300"]
     assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet", *monte_carlo) == 0
-    assert "Monte Carlo of 300 trials" in capsys.readouterr().out
+    assert "by Monte Carlo with 300 trials (JCGM 101)" in capsys.readouterr().out
     assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "b.parquet") == 0
     a, b = read_trajectory(tmp_path / "a.parquet"), read_trajectory(tmp_path / "b.parquet")
     np.testing.assert_array_equal(a.poses, b.poses)

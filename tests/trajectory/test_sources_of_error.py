@@ -132,16 +132,20 @@ def situation_of(rig: Rig) -> Situation:
 
 
 @pytest.mark.parametrize(
-    ("exact", "said"), [(True, "the counts' resolution only"), (False, "the counts' resolution and the zero phase only")]
+    ("exact", "said"),
+    [
+        (True, "the counts' resolution only"),
+        (False, "the counts' resolution and the sub-count offset at zeroing only: the rig has no linked calibration"),
+    ],
 )
 def test_counts_alone_are_said_to_be_counts_alone(exact: bool, said: str) -> None:
     data = cell().to_dict()
     for point in data["observation_point"]:
         point["drum"]["zero_exact"] = exact
-    assert budget_of(rig_from_dict(data)).covers == f"{said}: the rig links no calibration"
+    assert budget_of(rig_from_dict(data)).covers == f"{said}: the rig has no linked calibration"
     determined = budget_of(rig_from_dict(data), u_start=(0.3, 0.001)).covers
     assert determined.startswith("counts of half a unit")
-    assert determined.endswith("the start pose: the rig links no calibration") == exact
+    assert determined.endswith("the start pose: the rig has no linked calibration") == exact
 
 
 def two_passes() -> Rig:
@@ -170,14 +174,14 @@ def test_the_cables_of_a_pass_are_displaced_together_and_late_together() -> None
     own = {name: [every[:, :, k] for k, n in enumerate(budget.sources) if n == name] for name in budget.sources}
     passage = np.array([c.passage for c in rig.cable])
     for number in (1, 2):
-        for axis, found in enumerate(own[f"place of pass {number}"]):
+        for axis, found in enumerate(own[f"position of pass {number}"]):
             moved = POSES.copy()
             moved[:, axis] += step
             rate = (span_lengths(rig, moved) - span_lengths(rig, POSES)) / step
             np.testing.assert_allclose(found, np.where(passage == number, 0.1 * rate, 0.0), atol=1e-6)
     (late,) = own["clock of pass 2"]
     np.testing.assert_allclose(late, np.where(passage == 2, 0.001 * speed, 0.0), rtol=1e-12)
-    assert set(own) == {"place of pass 1", "place of pass 2", "clock of pass 2"}
+    assert set(own) == {"position of pass 1", "position of pass 2", "clock of pass 2"}
 
 
 def test_one_motion_is_what_passes_repeat_exactly() -> None:

@@ -132,9 +132,11 @@ def test_temperature_that_is_not_stated_or_differs_is_flagged(
 
 def test_a_rig_without_calibration_has_its_dimensions_at_its_reference() -> None:
     run = replace(plain_run(), temperature_c=26.0)
-    note = [line for line in reconstruct(run).summary().splitlines() if line.startswith("note: no expansion")]
+    note = [line for line in reconstruct(run).summary().splitlines() if line.startswith("note: no thermal expansion")]
     assert len(note) == 1
-    assert note[0].startswith("note: no expansion is stated, and it was up to 6.0 K off the rig's 20.0 deg C: steel would add up to 0.0")
+    assert note[0].startswith(
+        "note: no thermal expansion is stated, and the temperature was up to 6.0 K off the rig's 20.0 deg C; steel would add up to 0.0"
+    )
 
 
 def test_sizes_of_temperature_are_those_of_rigs_that_grow() -> None:
@@ -173,7 +175,7 @@ def test_a_calibration_lists_it_and_its_page_has_a_table(tmp_path: Path) -> None
     assert not [w for w in found.record.warnings if w.code == "temperature"]
     write_calibration_page(tmp_path / "report.html", found)
     page = (tmp_path / "report.html").read_text()
-    assert "Taken as exact, not stated" in page
+    assert "NOT included in the uncertainty (no value given)" in page
     assert "eccentric pulleys" in page
 
 
@@ -191,7 +193,7 @@ def test_a_rig_that_grows_wants_to_know_how_warm_it_was() -> None:
     base = campaign()
     grown = replace(base, rig=base.rig.model_copy(update={"frame_expansion_per_k": 1.2e-5}))
     (warning,) = [w for w in calibrate(grown).record.warnings if w.code == "temperature"]
-    assert warning.text == "the rig states expansions and no file a temperature_c: 20 deg C is taken, the rig's reference"
+    assert warning.text == "the rig has expansion coefficients, but no file has a temperature_c; the rig's reference, 20 deg C, is used"
 
 
 def test_a_zone_says_it_on_its_page() -> None:

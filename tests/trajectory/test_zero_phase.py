@@ -52,7 +52,7 @@ def test_a_run_with_phases_errs_as_much_as_was_met_and_stated() -> None:
     found = reconstruct(run)
     assert rms(position_error(found.poses, truth)) == pytest.approx(0.005714, rel=1e-3)
     assert rms(rotation_error(found.poses, truth)) == pytest.approx(6.878e-5, rel=1e-3)
-    assert found.covers == "the counts' resolution and the zero phase only: the rig links no calibration"
+    assert found.covers == "the counts' resolution and the sub-count offset at zeroing only: the rig has no linked calibration"
     stated = mean_error_squared(found, truth, covariances(found, run))
     assert 0.01 < chi2.sf(stated, 6) < 0.99
     # with zeros taken as exact it is told beyond doubt that something is wrong
@@ -145,7 +145,7 @@ def test_an_exact_zero_has_no_phase() -> None:
     assert np.sqrt(count_variance(rig)[4]) == pytest.approx(COUNT_MM / 2.0 / np.sqrt(12.0))
     sure = record(exactly(rig), *motion(5))
     assert covariances(reconstruct(sure), sure).factors.shape == (5, 6, 0)
-    assert reconstruct(sure).covers == "the counts' resolution only: the rig links no calibration"
+    assert reconstruct(sure).covers == "the counts' resolution only: the rig has no linked calibration"
 
 
 def test_a_rig_keeps_the_key(tmp_path: Any) -> None:

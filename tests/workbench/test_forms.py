@@ -162,7 +162,11 @@ def test_what_is_not_there_or_lacking_is_said_in_the_readers_language(tmp_path: 
         asked.headers["Accept-Language"] = language
         reported = asked.post("/line/plan-poses", data=form).json()
         assert reported["option"] == "box"
-        assert ("Укажите, где может двигаться робот" if language == "ru" else "Say where the robot may go") in reported["error"]
+        assert (
+            "Укажите, где может двигаться робот"
+            if language == "ru"
+            else "State the region of the robot: a box, or a calibration to extend."
+        ) in reported["error"]
         refused = asked.post("/run/plan-poses", data=form)
         assert refused.status_code == 422
         assert reported["error"] in refused.text

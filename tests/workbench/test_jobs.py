@@ -41,14 +41,14 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
         assert job["line"] == "lmeasure init --template six-cables"
         page = asked.get("/jobs/1").text
         assert "/look/rig.toml" in page
-        assert "Put in its dimensions" in page
+        assert "Enter its dimensions" in page
         # once more: it writes over no file, and says so
         again = asked.post("/api/jobs", json={"command": "init", "settings": {"template": "six-cables"}}).json()["number"]
         until(lambda: asked.get(f"/api/jobs/{again}").json()["state"] != "running")
         failed = asked.get(f"/api/jobs/{again}").json()
         assert failed["state"] == "failed"
         assert "rig.toml: exists" in failed["result"]["error"]
-        assert "Put in its dimensions" not in asked.get(f"/jobs/{again}").text
+        assert "Enter its dimensions" not in asked.get(f"/jobs/{again}").text
     files = sorted(p.relative_to(by_hand) for p in by_hand.rglob("*") if p.is_file())
     assert len(files) > 5
     for file in files:
@@ -67,7 +67,7 @@ def test_what_exists_is_said_on_the_form_before_a_job_begins(tmp_path: Path) -> 
             assert answer.status_code == 422
             (wrong,) = re.findall(r'<div class="field wrong">(.*?)</div>', answer.text, re.DOTALL)
             assert 'type="checkbox" id="init-force"' in wrong
-            assert "scenario.toml exists: tick this to replace it, or give another name." in wrong
+            assert "scenario.toml exists: tick this to replace it, or choose another name." in wrong
             assert answer.text.count("<details open>") == 1, "it is seen"
         assert asked.get("/api/jobs").json()["jobs"] == []
         assert (tmp_path / "scenario.toml").read_text() == "mine"
@@ -132,14 +132,14 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
         page = asked.get("/jobs/1").text
         assert "interrupted" in page
         assert asked.get("/look/run").status_code == 200
-        assert "No run has its start pose" in asked.get("/robot").text
+        assert "No run has a start pose. State it on the run's page; every further step needs it." in asked.get("/robot").text
         # stated by the page, it may be certified once there is a trajectory
         assert asked.post("/start/run", data={"start": "1,2"}).status_code == 422
         assert asked.post("/start/run", data={"start": "/etc/passwd"}).status_code == 422
         assert asked.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
         # as it may be typed again
         assert "<code>0, 0, 0, 0, 0, 0, 1</code>" in asked.get("/start/run").text
-        assert "No run has its start pose" not in asked.get("/robot").text
+        assert "No run has a start pose. State it on the run's page; every further step needs it." not in asked.get("/robot").text
 
 
 @pytest.mark.slow

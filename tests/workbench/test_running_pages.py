@@ -77,7 +77,7 @@ def test_a_recording_tells_in_the_words_of_who_reads(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("LANGUAGE", "ru")
     reported = live(counting, 0.5, monkeypatch, capsys)
     assert "пропусков 3" in reported["faults_shown"]
-    assert reported["pose"]["text"] == "нет позы: без --start неизвестно, откуда начал инструмент"
+    assert reported["pose"]["text"] == "нет позы: начальная поза неизвестна; задайте --start"
     assert live(counting, 9.0, monkeypatch, capsys)["pose"]["shown"] == "нет отсчётов"
 
 
@@ -113,9 +113,9 @@ def test_a_file_that_cannot_be_read_is_there(tmp_path: Path) -> None:
         for path in ("/trajectory/moved.parquet", "/start/run"):
             answer = asked.get(path)
             assert answer.status_code == 422
-            assert "It cannot be read" in answer.text
+            assert "Cannot be read" in answer.text
             assert f"{tmp_path}/" not in answer.text
-        assert "It cannot be read" not in asked.get("/start/nowhere").text
+        assert "Cannot be read" not in asked.get("/start/nowhere").text
         runs = asked.get("/runs").text
         assert "run/run.toml" in runs
         assert f"{tmp_path}/run" not in runs
@@ -125,7 +125,7 @@ def test_a_file_that_cannot_be_read_is_there(tmp_path: Path) -> None:
         (tmp_path / "rig.toml").write_text(text.replace("position_mm", "position_mn", 1))
         page = asked.get("/rig")
         assert page.status_code == 200
-        assert "The file as it is cannot be used:" in page.text
+        assert "This file cannot be used:" in page.text
         assert "did you mean" in page.text
         assert "did you mean" in asked.get("/scene?file=rig.toml").json()["error"]
 

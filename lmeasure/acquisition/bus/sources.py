@@ -28,6 +28,7 @@ from lmeasure.acquisition.counters.clock import MODULI_S
 from lmeasure.acquisition.logs.read import log_batches
 from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.core import AcquisitionError, LMeasureError
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import can
@@ -198,18 +199,18 @@ class BusSource:
                 raise self._lost
             return None if self._done.is_set() else no_frames(self.name, self.timestamp_source)
         arrived = [self._arrived.popleft() for _ in range(count)]
-        taken = [(message, at) for message, at, _ in arrived if message is not None]
-        frames = frames_from_messages((message for message, _ in taken), self.timestamp_source, self.name, classes=self._classes)
+        taken = [(one, at) for one, at, _ in arrived if one is not None]
+        frames = frames_from_messages((one for one, _ in taken), self.timestamp_source, self.name, classes=self._classes)
         step = self._clock.correct(frames.time_s, np.array([at for _, at in taken]))
         if step:
-            self._notices.append(Notice("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))
+            self._notices.append(Notice("clock_step", message("acquisition.clock_moved", bus=self.name, step=step)))
         row = 0
-        for message, _, lost in arrived:
+        for one, _, lost in arrived:
             if lost:
                 behind = float(frames.time_s[row]) if row < len(frames) else None
-                text = f"{lost} frames came while {MOST_WAITING} waited to be taken: they are lost"
+                text = message("acquisition.frames_lost", lost=lost, waiting=MOST_WAITING)
                 self._notices.append(Notice("overflow", text, behind, lost))
-            row += message is not None
+            row += one is not None
         return frames
 
     def _reopen(self, error: Exception) -> None:
@@ -225,7 +226,7 @@ class BusSource:
                     raise AcquisitionError(f"{self.name}: lost ({why}), and not back after {self._patience_s:g} s: {again}") from again
                 self._done.wait(REOPEN_EVERY_S)
             else:
-                text = f"{self.name}: {why}; open again after {time.monotonic() - lost:.3f} s"
+                text = message("acquisition.open_again", bus=self.name, why=why, seconds=time.monotonic() - lost)
                 self._notices.append(Notice("bus_off", text))
                 return
 
