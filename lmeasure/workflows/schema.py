@@ -19,6 +19,10 @@ class Settings(Writing):
     ] = None
     out: Annotated[Path | None, option("Write the schema to this file instead of the screen.", metavar="FILE.json")] = None
 
+    def following(self) -> str:
+        """Return the command that writes such files; none behind a schema that is printed, which programs read."""
+        return "" if self.name is not None and self.out is None else super().following()
+
     def paths(self) -> Paths:
         """A schema, of nothing."""
         return Paths(present(self.out))

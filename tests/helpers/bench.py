@@ -71,17 +71,18 @@ def served_apart(folder: Path, browser: str = "") -> Iterator[str]:
     program that it opens with its page."""
     words = [sys.executable, "-m", "lmeasure", "workbench", str(folder), *(() if browser else ("--no-browser",))]
     environment = os.environ | {"BROWSER": browser}
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True, env=environment)
+    # a browser opens only from a terminal
+    ours, theirs = os.openpty() if browser else os.pipe()
+    process = subprocess.Popen(words, stdout=theirs, stderr=subprocess.STDOUT, start_new_session=True, env=environment)
+    os.close(theirs)
     try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert "http://127.0.0.1:" in line, line + process.stdout.read()
-        yield next(word for word in line.split() if word.startswith("http://"))
+        with os.fdopen(ours, encoding="utf-8") as printed:
+            line = printed.readline()
+            assert "http://127.0.0.1:" in line, line
+            yield next(word for word in line.split() if word.startswith("http://"))
     finally:
         process.kill()
         process.wait()
-        if process.stdout is not None:
-            process.stdout.close()
 
 
 def token(folder: Path) -> str:

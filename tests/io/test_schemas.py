@@ -116,7 +116,7 @@ def test_what_is_refused_does_not_validate() -> None:
 def test_the_command_lists_prints_and_writes(tmp_path: Path) -> None:
     listed = CliRunner().invoke(app, ["schema"])
     assert listed.exit_code == 0
-    assert [line.split()[0] for line in listed.output.splitlines()] == list(FILE_KINDS)
+    assert [line.split()[0] for line in listed.output.splitlines()] == [*FILE_KINDS, "next:"]
     printed = CliRunner().invoke(app, ["schema", "rig"])
     assert json.loads(printed.output) == schema_of("rig")
     out = tmp_path / "schemas" / "rig.json"

@@ -122,7 +122,7 @@ def test_questions_are_asked_where_no_template_is_named(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["init", str(tmp_path / "other")], input="").exit_code == 2
     assert CliRunner().invoke(app, ["init", str(tmp_path / "other"), "--template", "nine"]).exit_code == 2
     assert not (tmp_path / "other").exists()
-    assert len(CliRunner().invoke(app, ["init", "--list"]).output.splitlines()) == len(TEMPLATES)
+    assert len(CliRunner().invoke(app, ["init", "--list"]).output.splitlines()) == len(TEMPLATES) + 1  # and the command to type next
 
 
 def test_numbers_that_make_no_rig_are_asked_for_again(tmp_path: Path) -> None:
@@ -157,7 +157,7 @@ def test_what_is_said_to_come_next_can_be_pasted(tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("LANGUAGE", "ru")
     reported = CliRunner().invoke(app, ["init", str(tmp_path / "моя ячейка"), "--template", "three-drums"]).output
     assert f"{tmp_path / 'моя ячейка' / 'rig.toml'}: три барабана, " in reported
-    command = re.search("`lmeasure (.*)`", reported)
+    command = re.search("^дальше: lmeasure (.*)$", reported, re.MULTILINE)
     assert command is not None
     assert CliRunner().invoke(app, shlex.split(command[1])).exit_code == 0
     assert (tmp_path / "моя ячейка" / "measured.toml").is_file()
