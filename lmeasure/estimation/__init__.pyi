@@ -45,3 +45,4 @@ from .robust import (
     scatter as scatter,
     trust as trust,
 )
+from .variance_components import Sizes as Sizes, sizes as sizes

@@ -19,6 +19,7 @@ from .effect_laws import (
 )
 from .imperfect_parts import (
     PART_ECCENTRICITY as PART_ECCENTRICITY,
+    PART_RUN_OUT as PART_RUN_OUT,
     PLAY as PLAY,
     Parts as Parts,
     every_part as every_part,

@@ -12,7 +12,7 @@ from lmeasure.sensors.imperfect_parts import every_part
 
 def further_solved(record: CalibrationRecord | None) -> bool:
     """Whether a calibration solved any of `parameters.FURTHER`, which the kernels do not know."""
-    return record is not None and any(p.name.rpartition(".")[2] in FURTHER_KEYS for p in record.parameters)
+    return record is not None and any(name.rpartition(".")[2] in FURTHER_KEYS for name in record.names)
 
 
 def channel_names(rig: Rig, cables: tuple[Observed, ...] | None = None, *, wide: bool = False) -> list[list[str]]:

@@ -55,7 +55,7 @@ from lmeasure.rig import FURTHER, PHASED, Cable, Rig, further_names, value_of
 from lmeasure.sensors.effect_laws import thicker
 from lmeasure.sensors.wrap import arms, by_guide, drum_of, guide, span
 
-RUN_OUT, PART_ECCENTRICITY, OFFSET, OVERSIZE, PLAY = slice(0, 2), slice(2, 4), 4, 5, 6
+PART_RUN_OUT, PART_ECCENTRICITY, OFFSET, OVERSIZE, PLAY = slice(0, 2), slice(2, 4), 4, 5, 6
 """Where each stands among `FURTHER`."""
 
 

@@ -138,7 +138,7 @@ def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
     """What of drums and pulleys a rig states to be uncertain and its calibration has not solved, and what is left of what it has."""
     if record is None:
         return stated(rig, kinds=OTHERS)
-    u = {p.name: p.u for p in record.parameters}
+    u = {p.name: p.u for p in record.parameters} | {d.name: d.u for d in record.dimensions}
     every = [Variable(kind, owner, 1.0) for kind, owner in _places(rig, None, OTHERS)]
     solved = [v for v in every if v.names[0] in u and v.kind is not FRICTION]
     left = [Variable(v.kind, v.owner, math.sqrt(sum(u[n] ** 2 for n in v.names) / len(v.names))) for v in solved]

@@ -45,10 +45,10 @@ class Settings(Writing):
     solve: Annotated[
         Names,
         option(
-            "Parameters: position, guide, radius, scale, tangent, axial, pitch, attachment; run-out, eccentricity, offset, diameter, "
-            "backlash, tilt. For one observation point: run-out:B3."
+            "Parameters, default all uncertain ones: position, guide, radius, scale, tangent, axial, pitch, attachment; run-out, "
+            "eccentricity, offset, diameter, backlash, tilt. For one observation point: run-out:B3."
         ),
-    ] = ("position", "guide")
+    ] = ()
     neighbourhood_mm: Annotated[float, option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5)] = 100.0
     neighbourhood_deg: Annotated[float, option("Half width of the search around the nominal guide angles.", ge=1e-3, le=180)] = 15.0
     prior: Annotated[bool, option("Use the nominal rig's priors for all parameters, not only for unobservable ones.")] = False
@@ -82,6 +82,10 @@ class Settings(Writing):
     unstated: Annotated[
         Literal["typical", "exact"] | None,
         option("What a missing u_... key of the rig means, instead of its own unstated: typical, a typical size; exact, 0."),
+    ] = None
+    reference: Annotated[
+        Literal["tracker", "robot", "unknown"] | None,
+        option("Source of the reference poses, instead of the column in their file. The errors of a robot vary smoothly with the pose."),
     ] = None
     columns: Annotated[str, COLUMNS] = ""
     compare: Annotated[
@@ -124,6 +128,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     campaign = replace(
         campaign, rig=rig, poses=campaign.poses.with_uncertainty(settings.u_position_mm, radians_of(settings.u_rotation_deg))
     )
+    campaign = campaign if settings.reference is None else replace(campaign, source=settings.reference)
     earlier = None if settings.compare is None else read_earlier(settings.compare)
     fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
     known = tuple(Distance(*each) for each in distances(settings.distance))

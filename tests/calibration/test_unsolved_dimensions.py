@@ -22,11 +22,13 @@ FloatArray = NDArray[np.float64]
 
 DRAWS = 5
 U_MM, U_RAD = 0.02, 1e-4
+START = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 
 def campaign_of(true: real_rig.RealRig, names: tuple[str, ...], rng: np.random.Generator, poses: int = 16) -> Campaign:
     """A campaign on a rig as drawn, whose drawing states what may be wrong with it."""
-    rows = real_rig.scattered(rng, poses)
+    # drums and pulleys stand in a run as they do here
+    rows = np.vstack([START, real_rig.scattered(rng, poses - 1)])
     data = true.drawing(rng, 2.0, 0.5)
     for point in data["observation_point"]:
         point["drum"]["zero_exact"] = True
@@ -72,7 +74,7 @@ def test_runs_after_a_calibration_err_as_is_stated(names: tuple[str, ...]) -> No
         true, rng = drawn(seed, names)
         found = calibrate(campaign_of(true, names, rng))
         assert not [w for w in found.record.warnings if w.code == "misfit"], seed
-        start = np.array([0.0, 0, 0, 0, 0, 0, 1])
+        start = START
         poses = np.vstack([start[None], real_rig.scattered(rng, 1, 200.0, 0.2)])
         way = np.linspace(0.0, 1.0, 30)[:, None]
         poses = np.hstack([way * poses[1, :3], way * poses[1, 3:] + (1 - way) * start[3:]])
@@ -87,7 +89,7 @@ def test_runs_after_a_calibration_err_as_is_stated(names: tuple[str, ...]) -> No
         independent = Run(found.rig, start, unlinked.passes, found.record.model_copy(update={"dimensions": ()}))
         twice = covariances(measured, independent, np.array([29])).systematic[0][3:, 3:]
         apart.append(np.sqrt(np.trace(twice) / np.trace(budget.systematic[0][3:, 3:])))
-        if found.record.dimensions:
+        if "attachment" in names:
             off = true_dimensions(true, found.record) - [d.value for d in found.record.dimensions]
             own = np.array([d.covariance[-len(off) :] for d in found.record.dimensions])
             width = np.sqrt(np.diag(own))
@@ -128,7 +130,7 @@ def test_corrected_dimensions_are_those_that_solving_would_give() -> None:
     determined, solved = calibrate(campaign), calibrate(campaign, CalibrationSettings(solve=("position", "guide", "scale"), prior=True))
     for d in determined.record.dimensions:
         scale = next(p for p in solved.record.parameters if p.name == d.name.replace("count_length_mm", "scale"))
-        assert d.value / real_rig.COUNT_MM == pytest.approx(1.0 / scale.value, abs=0.2 * scale.u)
+        assert d.value / real_rig.COUNT_MM == pytest.approx(1.0 / scale.value, abs=0.25 * scale.u)
         assert d.u / real_rig.COUNT_MM == pytest.approx(scale.u, rel=0.05)
     rms = [np.sqrt(np.mean([r.mm**2 for r in c.record.residuals])) for c in (determined, solved)]
     assert rms[0] == pytest.approx(rms[1], rel=0.02)

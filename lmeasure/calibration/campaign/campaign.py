@@ -3,7 +3,7 @@
 import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from lmeasure.core import BoolArray, CalibrationError, DataFrame, FloatArray, In
 from lmeasure.recording import Poses, joined
 from lmeasure.rig import Cable, Input, Observed, Rig, cables_among
 from lmeasure.sensors import Channels, zeroed_exactly
+
+Source = Literal["tracker", "robot", "unknown"]
+"""What may have measured reference poses."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,6 +52,8 @@ class Campaign(Shown):
     u_visit: FloatArray | None = None
     """(n, 6) standard uncertainties of a visit about its reference pose (rotation [rad]; position [mm]), base frame; or None."""
 
+    source: Source = "unknown"
+    """What measured the reference poses. The errors of a robot vary smoothly with the pose."""
     free_of_play: bool = False
     """Whether the stated play of the rig is already removed from the counts."""
     counted: IntArray | None = None

@@ -4,10 +4,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import cast, get_args
 
 import numpy as np
 
-from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.calibration.campaign.campaign import Campaign, Source
 from lmeasure.calibration.campaign.dwells import mean_variance, pooled_scatter
 from lmeasure.core import CalibrationError, FileFormatError, FloatArray, GeometryError, IntArray, conventions
 from lmeasure.io import Column, files, gathered, no_folder
@@ -124,6 +125,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
         u_visit=_repeatability(stated),
         counted=counted,
         angles=_angles(stated, conventions.convention(rig.angles).columns),
+        source=_source(stated),
     )
     return _unwrapped(_checked(_with_visits(campaign, again), path))
 
@@ -195,6 +197,16 @@ def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
 def _angles(table: files.Table, columns: tuple[str, ...]) -> FloatArray | None:
     """(n, 3) the angles as the table has them, or None without them."""
     return np.column_stack([table.numbers(name) for name in columns]) if set(columns) <= set(table.columns) else None
+
+
+def _source(table: files.Table) -> Source:
+    """What measured the reference poses, by the column `reference`; FileFormatError where it names several, or nothing that is known."""
+    given = dict.fromkeys(table.text("reference")) if "reference" in table.columns else {"unknown": None}
+    if len(given) != 1 or not set(given) <= set(get_args(Source)):
+        raise FileFormatError(
+            f"{table.path}: column 'reference': has {', '.join(map(repr, given))}; write one of {', '.join(get_args(Source))} in every row"
+        )
+    return cast(Source, next(iter(given)))
 
 
 def _column(table: files.Table, name: str) -> FloatArray | None:

@@ -17,7 +17,6 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit
 from lmeasure.rig import Dimension, Rig, value_of, with_values
-from lmeasure.sensors import DIMENSIONS
 
 
 @dataclass(frozen=True)
@@ -47,26 +46,28 @@ class Dimensions:
         )
 
 
-def dimensions_of(model: Model, found: Fit) -> Dimensions:
-    """What a fit tells of the dimensions that its rig states to be uncertain, none where it states none.
+def dimensions_of(model: Model, found: Fit, spread: FloatArray, *, corrected: bool) -> Dimensions:
+    """What a fit tells of the dimensions and parts that its rig states to be uncertain, or that are assumed to be; none where it has none.
 
-    Where the residuals are larger than anything explains they are not believed to tell it: nothing is corrected.
+    Where the residuals are larger than anything explains they are not believed to tell it: nothing is corrected. Nor is it where only
+    chosen groups are to be solved: corrected. spread (P + q, k): what is not known of their sizes, as columns.
     """
-    listed = [(name, v.u, v.kind in DIMENSIONS) for v in model.unsolved.variables for name in v.names]
-    mine = [i for i, (_, _, dimension) in enumerate(listed) if dimension]
-    u = np.array([listed[i][1] for i in mine])
-    names = tuple(listed[i][0] for i in mine)
+    u = np.array([v.u for v in model.unsolved.variables for _ in v.names])
+    names = model.unsolved.names
     if not names:
         return Dimensions((), u, u, np.empty((0, 0)), np.empty((model.own, 0)), found.residuals)
-    C = model.unsolved_shifts(found.theta)[:, mine]
+    C = model.unsolved_shifts(found.theta)
     follows = found.gain @ C
     z, covariance = np.zeros(len(u)), np.eye(len(u))
-    if found.excess == 1.0:
+    if found.excess == 1.0 and corrected:
         z = -C.T @ np.linalg.solve(found.V, found.residuals)
         left = C - found.jacobian @ follows
         covariance = covariance - C.T @ np.linalg.solve(found.V, left)
         covariance = _possible(found.covariance[: model.own, : model.own], -follows[: model.own], (covariance + covariance.T) / 2)
-    return Dimensions(names, u * z, u, covariance * np.outer(u, u), -follows[: model.own] * u, found.residuals + C @ z)
+    own, others = spread[len(found.theta) :], spread[: model.own]
+    return Dimensions(
+        names, u * z, u, covariance * np.outer(u, u) + own @ own.T, -follows[: model.own] * u + others @ own.T, found.residuals + C @ z
+    )
 
 
 def _possible(T: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:

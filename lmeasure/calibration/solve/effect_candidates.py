@@ -210,7 +210,7 @@ def _with(model: Model, found: Fit, solve: tuple[str, ...]) -> tuple[Model, Fit]
     wider = Parameters(
         (*known.names, *(p.name for p in more)), np.r_[known.nominal, nominal], np.r_[known.width, [p.prior_u for p in more]]
     )
-    wide = model_of(campaign, wider, tuple(model.free.tolist()), model.frame).with_noise(model.noise)
+    wide = model_of(campaign, wider, tuple(model.free.tolist()), model.frame).with_noise(model.noise).with_sizes(model.sizes)
     near = fit(wide, np.r_[found.theta[: model.own], nominal, found.theta[model.own :]], prior_everywhere=found.prior_everywhere)
     if scipy.stats.chi2.sf(near.chi2, max(near.freedom, 1)) > CHANCE:
         return wide, near

@@ -86,8 +86,8 @@ class CalibrationSettings:
     100.0
     """
 
-    solve: tuple[str, ...] = ("position", "guide")
-    """Groups of parameters to estimate, such as "position", "guide" and "radius"."""
+    solve: tuple[str, ...] = ()
+    """Groups of parameters to estimate, such as "position", "guide" and "radius". Default: all that is uncertain."""
     neighbourhood_mm: float = 100.0
     """Search range of a point's coordinates about their nominal values [mm]."""
     neighbourhood_deg: float = 15.0
@@ -106,6 +106,11 @@ class CalibrationSettings:
     """Known distances between poses, which determine the scale of a self-calibration."""
     frame: Frame = "rig"
     """Reference of a self-calibration's frame: the nominal rig or the reference poses."""
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """What is solved for freely: what else is uncertain follows from its prior."""
+        return self.solve or ("position", "guide")
 
 
 @dataclass(frozen=True)
@@ -140,7 +145,7 @@ def solve_point(campaign: Campaign, name: str, settings: CalibrationSettings, ro
     """Coarse solutions, search boxes and the best of several polished starts for one observation
     point; roughly as in `estimation.fit_result`."""
     own = _of_point(campaign, name)
-    unknowns = unknowns_of(own, settings.solve)
+    unknowns = unknowns_of(own, settings.groups)
     model = Model(own, unknowns)
     nominal = campaign.rig.point(name)
     coarse = {}

@@ -1,6 +1,7 @@
 """What a calibration solves for, and the residuals of a campaign as a function of it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -92,7 +93,9 @@ class Residuals(Problem):
         self._further = np.array([[place.get(n, -1) for n in row] for row in further_names(campaign.rig, drums)])
         self._tilt = _Tilt(campaign.rig, campaign.cables, place, self._where[:, [BY_ALPHA, BY_BETA]] >= 0)
         self._travel = campaign.travel[:, : len(drums)]
-        self.unsolved = Unsolved(campaign.rig, stated(campaign.rig, drums, unknowns.names), drums)
+        self.sizes: Mapping[str, float] = {}
+        self.variables = stated(campaign.rig, drums, unknowns.names)
+        self.unsolved = Unsolved(campaign.rig, self.variables, drums)
         self._slots = slots = Slots(self._rows, self._where >= 0)
         self._in_slots = self._where[slots.cable, slots.parameter]
         self._scaled = np.flatnonzero(self._where[:, SCALE] >= 0)

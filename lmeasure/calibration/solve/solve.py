@@ -34,6 +34,7 @@ from lmeasure.calibration.solve.points import CalibrationSettings, Point, box_of
 from lmeasure.calibration.solve.prediction import Prediction, predict, taken_as_exact
 from lmeasure.calibration.solve.record import held_out_entry, make_record, nominal_entry, predicted_entry
 from lmeasure.calibration.solve.residuals import unknowns_of
+from lmeasure.calibration.solve.sizes import with_play
 from lmeasure.calibration.solve.unknown_poses import counted_poses, free_components
 from lmeasure.calibration.solve.unknowns import Model, rig_with
 from lmeasure.calibration.validation import observability
@@ -43,9 +44,9 @@ from lmeasure.calibration.validation.guard import AgainstNominal, against_nomina
 from lmeasure.calibration.validation.hold_out import HeldOut, held_out, shifted_lengths
 from lmeasure.calibration.validation.misfit import explain_misfit
 from lmeasure.core import CalibrationError, DataFrame, FloatArray, Shown
-from lmeasure.estimation import BENT, BIWEIGHT, EXCLUDED, Fit, Group, Weights, fit, linear_objective, regions, robust_fit
+from lmeasure.estimation import BENT, BIWEIGHT, EXCLUDED, Fit, Group, Regions, Weights, fit, linear_objective, regions, robust_fit
 from lmeasure.rig import FURTHER, PLACE, TABLE, TILT, CalibrationRecord, Finding, Rig, SolvedEffect
-from lmeasure.sensors import phased
+from lmeasure.sensors import phased, stated
 from lmeasure.text import message
 
 LAWS = ("radius", "scale", "pitch", *dict.fromkeys(p.group for p in (*FURTHER, *TILT)))
@@ -225,8 +226,9 @@ def calibrate(campaign: Campaign, settings: CalibrationSettings | None = None, p
     they were unknown. CalibrationError when there is nothing to solve.
     """
     settings = settings or CalibrationSettings()
-    zeroed, names = campaign.poses.rows[campaign.zero[: len(campaign.drums)]], unknowns_of(campaign, settings.solve).names
-    campaign = replace(campaign, rig=phased(campaign.rig, names, zeroed, campaign.drums))
+    zeroed, names = campaign.poses.rows[campaign.zero[: len(campaign.drums)]], unknowns_of(campaign, settings.groups).names
+    more = [] if settings.solve else [name for v in stated(campaign.rig, campaign.drums, names) for name in v.names]
+    campaign = replace(campaign, rig=phased(campaign.rig, (*names, *more), zeroed, campaign.drums))
     result, compared = _calibrated(campaign, settings, progress)
     if result.refused is not None or compared is None or not compared.worse:
         return result
@@ -264,11 +266,19 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     model, found = explained.model, explained.fit
     found, of_lengths = with_distances(model, found, settings.distances)
     misfits = [*misfits, *of_lengths]
-    where = regions(found, settings.seed, found.freedom if explained.estimated else None)
+    q = len(found.theta) + len(model.unsolved.names)
+    spread = np.zeros((q, 0)) if explained.spread is None else explained.spread
+    where = _widened(regions(found, settings.seed, found.freedom if explained.estimated else None), spread[: model.own])
+    of_sizes = spread[: len(found.theta)]
+    found = replace(found, covariance=found.covariance + of_sizes @ of_sizes.T)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *wrong.findings, *misfits]
     # by the stated noise: what explains residuals as noise would hide the law that they follow
-    named, shown = ([], ()) if blamed else named_effects(begun.model, begun.first)
+    named, shown = (
+        ([], ())
+        if blamed
+        else named_effects(*(begun.model, begun.first) if explained.sized is None else (explained.sized.model, explained.sized.fit))
+    )
     findings += named
     findings += shape_findings(campaign, model.parameters, found, begun.points, searched=begun.searched)
     if where.bend > BENT and not len(found.silent):
@@ -277,9 +287,14 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     compared = against_nominal(model, found, begun.first)
     judged = _held_out(whole, model, found, kept_out, settings.seed)
     campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
-    dimensions = dimensions_of(model, found)
+    dimensions = dimensions_of(model, found, spread, corrected=not settings.solve)
     u = np.sqrt(np.maximum(np.diag(found.covariance)[: model.own], 0.0))
-    rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u=u), dimensions)
+    rig = with_play(
+        rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u=u),
+        model.variables,
+        None if explained.sized is None else explained.sized.size.get("play"),
+    )
+    rig = with_dimensions(rig, dimensions)
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
     silent = observability.unobservable_directions(model.parameters, found.silent, sight)
     record = make_record(campaign, model, found, where, findings=findings, silent=silent, rig=rig, dimensions=dimensions)
@@ -320,12 +335,19 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     return Calibration(rig, record, campaign, predicted, refused), compared
 
 
+def _widened(where: Regions, spread: FloatArray) -> Regions:
+    """The regions with further independent errors, columns (p, k)."""
+    covariance = where.covariance + spread @ spread.T
+    wider = np.sqrt(np.diag(covariance) / np.maximum(np.diag(where.covariance), 1e-300))
+    return replace(where, covariance=covariance, U95=where.U95 * wider)
+
+
 def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _Begun:
     """Each point alone first, at the reference poses: coarse solutions, LP-search, descent. Again where the files were corrected."""
     begun = _from_points(campaign, settings, progress, steps)
 
     def judge(other: Campaign) -> Fit | None:
-        model = model_of(other, unknowns_of(other, settings.solve))
+        model = model_of(other, unknowns_of(other, settings.groups))
         start = model.start
         # where nobody measured the nominal values the search begins
         for name in dict.fromkeys(n.split(".")[0] for n in other.rig.assumed):
@@ -340,7 +362,7 @@ def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress
         return min(fits, key=lambda f: f.objective, default=None)
 
     def screen(other: Campaign) -> float:
-        return linear_objective(model_of(other, unknowns_of(other, settings.solve)))
+        return linear_objective(model_of(other, unknowns_of(other, settings.groups)))
 
     stated = judge(campaign) or fit(begun.model, begun.first.theta, prior_everywhere=True)
     found = diagnose(campaign, judge, screen, stated, poses_known=True, places_known=True, aside=not settings.robust)
@@ -351,7 +373,7 @@ def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress
 
 def _from_points(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _Begun:
     """The fit of a campaign as it is, from the solutions of its single points."""
-    model = model_of(campaign, unknowns_of(campaign, settings.solve))
+    model = model_of(campaign, unknowns_of(campaign, settings.groups))
     points: list[Point] = []
     for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.drums)):
         if progress:
@@ -373,16 +395,16 @@ def _begun_jointly(campaign: Campaign, settings: CalibrationSettings, free: tupl
     """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
 
     def solved(campaign: Campaign) -> tuple[Model, Fit]:
-        return solve_jointly(campaign, settings.solve, settings.prior, free, frame=settings.frame, seed=settings.seed)
+        return solve_jointly(campaign, settings.groups, settings.prior, free, frame=settings.frame, seed=settings.seed)
 
     model, first = solved(campaign)
 
     def judge(other: Campaign) -> Fit:
-        own = unknowns_of(other, settings.solve)
+        own = unknowns_of(other, settings.groups)
         return begun_jointly(replace(other, poses=campaign.poses), own, free, settings.frame, seed=settings.seed)[1]
 
     def screen(other: Campaign) -> float:
-        return linear_objective(model_of(other, unknowns_of(other, settings.solve), free, model.frame))
+        return linear_objective(model_of(other, unknowns_of(other, settings.groups), free, model.frame))
 
     stated = fit(model, first.theta, prior_everywhere=True)
     found = diagnose(model.campaign, judge, screen, stated, poses_known=False, places_known=model.places_known, aside=False)
@@ -399,7 +421,11 @@ def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...],
     if not poses:
         return []
     free = tuple(model.free.tolist())
-    every = model_of(replace(whole, poses=model.campaign.poses), model.parameters, free, model.frame).with_noise(model.noise)
+    every = (
+        model_of(replace(whole, poses=model.campaign.poses), model.parameters, free, model.frame)
+        .with_noise(model.noise)
+        .with_sizes(model.sizes)
+    )
     theta = every.start
     theta[np.isin(every.names, model.names)] = found.theta
     for name in poses if free else ():

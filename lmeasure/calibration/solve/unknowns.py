@@ -2,19 +2,25 @@
 
 import copy
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.noise import Noise
+from lmeasure.calibration.solve.reference_field import field_covariance
 from lmeasure.calibration.solve.residuals import Residuals
 from lmeasure.core import BoolArray, FloatArray, IntArray, se3
 from lmeasure.estimation import Parameters
 from lmeasure.kernels import BY_ATTACHMENT, COUNT_LENGTH, length_gradients
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig, SensorTable, with_values
-from lmeasure.sensors import ATTACHMENT, PLAY, Zero
+from lmeasure.sensors import ATTACHMENT, ECCENTRICITY, PART_ECCENTRICITY, PART_RUN_OUT, PLAY, RUN_OUT, Unsolved, Zero
+
+TURNING = {RUN_OUT: PART_RUN_OUT, ECCENTRICITY: PART_ECCENTRICITY}
+"""Errors that depend on how drum and pulley stood where counting began, and which of `sensors.Parts` each is."""
 
 
 class Model(Residuals):
@@ -29,6 +35,14 @@ class Model(Residuals):
         """The same with other uncertainties."""
         out = copy.copy(self)
         out.noise = noise
+        return out
+
+    def with_sizes(self, sizes: Mapping[str, float]) -> Self:
+        """The same with other sizes of the errors that are assumed: times a factor, by the code of their kind."""
+        out, campaign = copy.copy(self), self.campaign
+        out.sizes = sizes
+        own = [replace(v, u=v.u * sizes.get(v.kind.code, 1.0)) if v.assumed else v for v in self.variables]
+        out.unsolved = Unsolved(campaign.rig, [v for v in own if v.u], campaign.drums)
         return out
 
     def reading_covariance(self) -> FloatArray:
@@ -101,6 +115,16 @@ class Model(Residuals):
         begun = Zero(poses[zero], counts[zero, np.arange(m)], np.zeros(m))
         drawn = self.unsolved.shifts(rows[:m], begun, poses, np.ascontiguousarray(counts[:, :m]))
         out = np.asarray(self._of_drums(drawn)[self.pose_index, self.cable_index])
+        if any(v.kind in TURNING for v in self.unsolved.variables):
+            # by the phases that the rig states
+            there, at_zero = self._parts.added(*self._of_parts(theta), travel=self._travel)
+            by_part = self._of_drums(there.by_values - at_zero.by_values)[self.pose_index, self.cable_index]
+            column = 0
+            for v in self.unsolved.variables:
+                if v.kind in TURNING:
+                    own = np.array([c.from_point == v.owner for c in self.campaign.cables])[self.cable_index]
+                    out[own, column : column + len(v.names)] = v.u * by_part[own, TURNING[v.kind]]
+                column += len(v.names)
         if len(rows) == m or not any(v.kind is ATTACHMENT for v in self.unsolved.variables):
             return out
         # an encoder sees where its cable is tied to the tool too
@@ -133,12 +157,17 @@ class Model(Residuals):
         A dimension, a drum that runs out, an eccentric pulley err alike in all equations. Which way a cable was pulled to where it rests
         nobody recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
         """
-        play, begun = (half[self.cable_index] ** 2 for half in self._play_mm)
+        play, begun = self._play_mm
         if not (self.unsolved or begun.any()):
             return None
         shifts = self.unsolved_shifts(theta)
-        same = (self.cable_index[:, None] == self.cable_index) & self._since
-        return np.asarray(shifts @ shifts.T + np.diag(play) + np.where(same, begun, 0.0))
+        return np.asarray(shifts @ shifts.T + self.play_covariance(play, begun))
+
+    def play_covariance(self, play: FloatArray, begun: FloatArray | None = None) -> FloatArray:
+        """(e, e) [mm^2] of play (m,) [mm] of every reading, and of where the counters were zeroed, default the same."""
+        j = self.cable_index
+        same = (j[:, None] == j) & self._since
+        return np.asarray(np.diag(play[j] ** 2) + np.where(same, (play if begun is None else begun)[j] ** 2, 0.0))
 
     def measurement_covariance(self, theta: FloatArray) -> FloatArray:
         """(e, e) covariance of the residuals [mm^2] from whole counts and reference poses."""
@@ -169,6 +198,8 @@ class Model(Residuals):
         unsolved = self.unsolved_covariance(theta)
         if unsolved is not None:
             V = V + unsolved
+        if any(name.startswith("field_") for name in self.sizes):
+            V = V + field_covariance(self.campaign.source, self.sizes, self.poses(theta), self.pose_jacobian(theta))
         if noise.robust_variance_mm2 is not None:
             campaign = self.campaign
             same = self.cable_index[:, None] == self.cable_index

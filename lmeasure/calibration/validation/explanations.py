@@ -30,7 +30,11 @@ class Otherwise:
         if group in solved:
             return None
         wider = unknowns_of(problem.campaign, (*solved, group))
-        return model_of(problem.campaign, wider, tuple(problem.free.tolist()), problem.frame).with_noise(problem.noise)
+        return (
+            model_of(problem.campaign, wider, tuple(problem.free.tolist()), problem.frame)
+            .with_noise(problem.noise)
+            .with_sizes(problem.sizes)
+        )
 
     def errors(self, problem: Model, theta: FloatArray) -> list[Explanation]:
         """Sizes in mm, of rotations the mm that they move the attachment points by; "stated" in stated ones."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.calibration.solve.noise import ASSUMED
+from lmeasure.calibration.solve.reference_field import field_covariance
+from lmeasure.calibration.solve.sizes import Sized, with_estimated_sizes
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.explanations import Otherwise, arm_mm, every_length
 from lmeasure.calibration.validation.hold_out import outlier_poses, slipped_counters
@@ -21,6 +23,9 @@ DOUBTED = 0.02
 REDUNDANT = 12
 """Degrees of freedom from which residuals tell how uncertain poses are that do not say it."""
 
+NOTED = 0.5
+"""Part of the residuals' variance from which smooth errors of poses of unknown origin are reported."""
+
 _OPTIONS = {"position": "--u-position-mm", "rotation": "--u-rotation-deg"}
 
 
@@ -34,6 +39,10 @@ class Explained:
     findings: list[Finding]
     estimated: bool
     u_length_mm: FloatArray
+    spread: FloatArray | None = None
+    """(P + q, k) what is not known of assumed sizes, as columns: of the unknowns, and of dimensions that are not solved."""
+    sized: Sized | None = None
+    """What was estimated of sizes that nobody stated."""
 
 
 def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
@@ -44,16 +53,24 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     elsewhere too. blamed: channels that a gross diagnosis has named already; their residuals are no measure of anything.
     """
     absent = model.noise.absent if model.places_known else ()
+    spread = None
     telling = bool(absent) and found.freedom >= REDUNDANT and not blamed
     alternatives, state = Otherwise(model.noise.bare() if telling else model.noise), State(model, found)
     findings = [_assumed(name) for name in absent]
-    if telling:
+    sized = None if blamed else with_estimated_sizes(model, found)
+    if sized is not None:
+        model, found = sized.model, sized.fit
+        alternatives, state = Otherwise(model.noise), State(model, found)
+        findings = [_sized(name, ASSUMED[name] * sized.size[name]) for name in absent]
+        findings += _smooth(sized)
+        spread = sized.spread
+    elif telling:
         keys = tuple((name, None) for name in absent)
         state = settled(replace(state, sizes=dict.fromkeys(keys, 0.0), unstated=keys), alternatives)
         findings = [_estimated(state, name) for name in absent]
-    if not (telling or improbable(found)):
+    if not ((telling and sized is None) or improbable(found)):
         doubt = evidence(found, found.V).best(every_length(model))[0] if improbable(found, DOUBTED) else 0.0
-        return Explained(model, found, findings, False, np.where(_drawn(model), doubt, 0.0))
+        return Explained(model, found, findings, False, np.where(_drawn(model), doubt, 0.0), spread, sized)
     if blamed:
         rms = _rms(found)
         text = message("calibration.residuals_mm_rms_exceed", rms=rms, blamed=tuple(blamed))
@@ -61,7 +78,9 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     if improbable(state.fit):
         findings += _contradictions(state.problem, state.fit)
     begun, state = state, explained(state, alternatives)
-    return _covered(state, [*findings, *_told(state, begun)], _rms(begun.fit))
+    return replace(
+        _covered(state, [*findings, *_told(state, begun)], _rms(begun.fit)), spread=spread if state.problem is model else None, sized=sized
+    )
 
 
 def _drawn(model: Model) -> BoolArray:
@@ -99,7 +118,10 @@ def _assumed(name: str) -> Finding:
 
 
 def _estimated(state: State[Model], name: str) -> Finding:
-    u = _size(state, name)
+    return _sized(name, _size(state, name))
+
+
+def _sized(name: str, u: float) -> Finding:
     size = u if name == "position" else math.degrees(u)
     text = message(f"calibration.estimated_{name}", size=size, option=_OPTIONS[name])
     return Finding(code=f"assumed_{name}", text=text, value=size)
@@ -109,6 +131,20 @@ def _size(state: State[Model], name: str, channel: str | None = None) -> float:
     """Of an error: [mm], a rotation in rad."""
     u = state.sizes[name, channel]
     return u / arm_mm(state.problem) if name == "rotation" else u
+
+
+def _smooth(sized: Sized) -> list[Finding]:
+    """How far smooth errors of the reference poses limit the calibration, where a robot measured them or seems to have."""
+    model, source = sized.model, sized.model.campaign.source
+    own = {name: size for name, size in sized.size.items() if name.startswith("field_")}
+    if not own:
+        return []
+    theta = sized.fit.theta
+    errors = field_covariance(source, own, model.poses(theta), model.pose_jacobian(theta))
+    mm, part = float(np.sqrt(np.mean(np.diag(errors)))), float(np.trace(errors) / np.trace(sized.fit.V))
+    if source == "unknown" and part < NOTED:
+        return []
+    return [Finding(code="note", text=message(f"calibration.smooth_errors_{source}", mm=mm), value=mm)]
 
 
 def _told(state: State[Model], begun: State[Model]) -> list[Finding]:

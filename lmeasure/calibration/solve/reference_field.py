@@ -1,0 +1,47 @@
+"""Errors of reference poses that a robot states of itself: smooth over its poses, and not independent of each other.
+
+A robot whose links are not as its controller takes them errs alike at poses that are near each other. Such errors are a Gaussian process
+over positions and orientations, a sum of fields of several reaches, each with an unknown size (`calibration.solve.sizes`). What moves all
+poses together is the robot's base frame, and no error. Joint values are not needed.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from lmeasure.core import FloatArray, se3
+
+REACHES = (600.0, 3000.0)
+"""How far such errors are alike [mm], a turn counting as what it moves at `ARM_MM`."""
+ARM_MM = 1000.0
+HELD_MM = 30.0
+FIELD_MM = {"unknown": 0.3, "robot": 0.3}
+"""Typical size of a field [mm], by what measured the poses."""
+
+
+def fields(source: str, poses: FloatArray, J: FloatArray) -> dict[str, FloatArray]:
+    """Return covariances (e, e) of residuals by fields of a typical size, by name; J (e, n, 6) derivatives by errors of the poses (n, 7).
+
+    The covariance of a field at two poses is exp(-d^2/2), d their distance in units of its reach.
+    """
+    n, arm = len(poses), ARM_MM
+    turned = np.abs(poses[:, 3:] @ poses[:, 3:].T).clip(0.0, 1.0)
+    square = np.sum((poses[:, None, :3] - poses[None, :, :3]) ** 2, axis=2) + (arm * 2.0 * np.arccos(turned)) ** 2
+    # the base frame is where the positions are on the whole; turns count little, and only where positions alone do not hold it
+    moved = np.zeros((n, 6, 6))
+    moved[:, :3, :3], moved[:, 3:] = np.eye(3), se3.at_points(poses[:, :3])[:, 3:]
+    G, weight = moved.reshape(6 * n, 6), np.tile(np.repeat([HELD_MM, 1.0], 3), n)
+    F = J.reshape(len(J), 6 * n)
+    F = F - (F @ G) @ np.linalg.pinv(G * weight[:, None]) * weight
+    by_pose = FIELD_MM[source] * (F / np.tile(np.repeat([arm, 1.0], 3), n)).reshape(len(J), n, 6)
+    out = {}
+    for name, own in (("field_position", by_pose[:, :, 3:]), ("field_rotation", by_pose[:, :, :3])):
+        for reach in REACHES:
+            smooth = np.einsum("enc,nk->ekc", own, np.exp(-0.5 * square / reach**2), optimize=True)
+            out[f"{name}_{reach:g}"] = np.tensordot(smooth, own, axes=((1, 2), (1, 2)))
+    return out
+
+
+def field_covariance(source: str, sizes: Mapping[str, float], poses: FloatArray, J: FloatArray) -> FloatArray:
+    """Return the covariance (e, e) of residuals by fields of these sizes, in units of the typical one."""
+    return np.asarray(sum((sizes[name] ** 2 * A for name, A in fields(source, poses, J).items()), start=np.zeros((len(J), len(J)))))
