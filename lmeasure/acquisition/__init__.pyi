@@ -4,7 +4,7 @@ from .bus.feed import Pace as Pace, play as play, record_feed as record_feed
 from .bus.frames import EXTENDED as EXTENDED, FD as FD, Frames as Frames
 from .bus.sources import bus_opener as bus_opener, open_source as open_source
 from .check.self_test import Check as Check, corrected as corrected, not_corrected as not_corrected, self_test as self_test
-from .check.watch import Ask as Ask, Moved as Moved, Step as Step
+from .check.watch import Ask as Ask, Finished as Finished, Moved as Moved, Step as Step
 from .counters.counting import STALE_S as STALE_S, Progress as Progress, watch as watch
 from .counters.decoders import counter_fields as counter_fields
 from .counters.events import Event as Event

@@ -2,6 +2,7 @@
 
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,15 +61,27 @@ def watching(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
 
 def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
     """With a person who does what is asked while the counts are shown, and the table of what came of it."""
+    from lmeasure.acquisition import Finished
+
     keys = TypedLines()
+    alone = sys.stdin is not None and sys.stdin.isatty() and not events.asked()
     with state_line(keys) as (say, show):
 
         def ask(step: "Step") -> str:
-            text = rendered(step.text)
-            say(f"{step.number}/{step.of} {word('cli.press_enter', text=text)}")
+            text, begun = rendered(step.text), time.monotonic()
+            finished, warned = Finished(step, begun), False
+            say(f"{step.number}/{step.of} {word('cli.or_wait' if alone and not step.question else 'cli.press_enter', text=text)}")
             if events.asked():  # a page has a button for it
                 events.tell("asked", text=text, number=step.number, of=step.of, act=step.act)
-            while not (lines := keys.typed()):
+            while True:
+                lines = keys.typed()
+                if alone and lines and time.monotonic() - keys.waited_s < begun + JUST_BEGUN_S:
+                    lines = []  # it was typed for the step before, which has gone on by itself
+                elif alone and lines and not finished.moved and not warned:
+                    warned = True
+                    say(word("cli.nothing_moved"))
+                elif lines:
+                    return lines[0]
                 if keys.gone:
                     raise typer.Abort
                 state = step.look()
@@ -76,7 +89,8 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
                     show(state)
                 if events.asked():
                     events.moved(step.moved())
-            return lines[0]
+                if finished.seen(time.monotonic()) and alone:
+                    return ""
 
         result: Result[Check] = workflow.run(settings, lambda fraction, text: say(text), ask=ask)
     _print(result.made)
@@ -171,6 +185,8 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
     return workflow.run(settings, lambda fraction, address: typer.echo(word("cli.workbench_at", address=address)), serve=serve)
 
 
+JUST_BEGUN_S = 0.5
+"""For so long a step takes no answer that may have been meant for the one before."""
 Face = Callable[["Workflow", Any], "Result[Any]"]
 FACES: dict[str, Face] = {
     "capture": capturing,

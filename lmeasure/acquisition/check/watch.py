@@ -50,9 +50,36 @@ class Step:
     """The same of each channel, by the last look."""
     act: str = ""
     """By which a simulated cell does it, as `play` takes it; empty where nothing is to be moved."""
+    question: bool = False
+    """Whether it is a question, which only a person can answer."""
 
     def __str__(self) -> str:
         return f"{self.number} of {self.of}: {self.text}"
+
+
+STILL = 0.02
+"""Part of a motion that is asked for, within which channels stand still."""
+HELD_S, READY_S = 1.5, 1.0
+"""How long channels stand still after a motion, and where nothing is to be moved."""
+
+
+class Finished:
+    """Sees by the counters when a step is done: what was to move has moved, and everything has stood still since."""
+
+    def __init__(self, step: Step, now_s: float) -> None:
+        self._step, self._since_s, self._at = step, now_s, dict[str, float]()
+        self.moved = not step.act
+        """Whether there was a motion, or none is wanted."""
+
+    def seen(self, now_s: float) -> bool:
+        """Whether the step is done, by its last look."""
+        found = self._step.moved()
+        self.moved = self.moved or any(one.moves for one in found)
+        still = {"mm": STILL * LEAST_PULL_MM, "deg": STILL * LEAST_TURN_DEG}
+        if any(not abs(one.by - self._at.get(one.channel, math.inf)) <= still[one.unit] for one in found):
+            self._at, self._since_s = {one.channel: one.by for one in found}, now_s
+        waits = HELD_S if self._step.act else READY_S
+        return bool(found) and self.moved and not self._step.question and now_s - self._since_s >= waits
 
 
 Ask = Callable[[Step], str]
@@ -109,14 +136,16 @@ class Watch:
         self._ask(Step(text, self.number, self._of, lambda: self._said(self.last, ""), lambda: self._moved(self.last, "")))
         self.look(0.0)
 
-    def step(self, text: str, wanted: str = "", act: str = "") -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-        """The counts when the person has done it, and the least and largest on the way; wanted: the channel that should move; act: see
-        `Step`."""
+    def step(
+        self, text: str, wanted: str = "", act: str = "", *, question: bool = False
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+        """The counts when the person has done it, and the least and largest on the way; wanted: the channel that should move; act and
+        question: see `Step`."""
         self.look(0.02)
         self.number += 1
         self._least = self._most = np.full(len(self.channels), np.nan)
         begun = self.last
-        step = Step(text, self.number, self._of, lambda: self._said(begun, wanted), lambda: self._moved(begun, wanted), act)
+        step = Step(text, self.number, self._of, lambda: self._said(begun, wanted), lambda: self._moved(begun, wanted), act, question)
         if self._ask(step).strip().lower() == AGAIN:
             raise Again
         _, rows = self.look(self._settle_s)
@@ -134,7 +163,7 @@ class Watch:
                 what, faults = reported(found)
                 if faults:
                     self.number -= 1  # a question, and no step more
-                    self.step(message("check.again", what=what, faults=joined(faults), again=AGAIN))
+                    self.step(message("check.again", what=what, faults=joined(faults), again=AGAIN), question=True)
             except Again:
                 continue
             return found
