@@ -24,6 +24,8 @@ from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
 if TYPE_CHECKING:
     import xarray as xr
 
+    from lmeasure.report import Part
+
 
 from scipy.stats import chi2
 
@@ -101,6 +103,9 @@ STAGES = COUNT, CALIBRATE, RECORD, RECONSTRUCT, MAP, DRAW = (
     "draw",
 )
 
+PAGE = "demo.html"
+LOST_COUNTS = 200
+"""By which the fault of the page changes a counter."""
 RUN_RATE_HZ = 1000.0
 WAYPOINTS = 12
 ZONE_HALF_MM, ZONE_STEP_MM = 900.0, 100.0
@@ -128,7 +133,7 @@ class Demo:
 def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     """Run the whole chain on a simulated cell, every count over a virtual CAN bus, and write all files into the folder `out`."""
     # slow to import, and needed only for pages and pictures
-    from lmeasure.report import write_zone_page
+    from lmeasure.report import write_demo_page, write_zone_page
     from lmeasure.view import write_recording
 
     out = Path(out)
@@ -162,6 +167,10 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     write_zone_page(out / "zone.html", zone, run.rig, run.calibration, language=of_terminal())
 
     report = step(DRAW)
+    fault, shown = counter_fault(run)
+    write_demo_page(
+        out / PAGE, message("demo_page.title"), page_parts(run, calibration, trajectory, errors, zone, (fault, shown)), of_terminal()
+    )
     write_recording(
         out / "demo.rrd",
         run.rig,
@@ -185,7 +194,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
         *(f"calibration: {w.text}" for w in calibration.record.warnings),
     )
     mark(out, lines)
-    look = ("demo.rrd", "zone.html", "calibration/report.html", "trajectory.parquet", "run", "zone.nc")
+    look = (PAGE, "demo.rrd", "zone.html", "calibration/report.html", "trajectory.parquet", "run", "zone.nc")
     figures = {
         "samples": float(len(trajectory.status)),
         "with_a_pose": float((trajectory.status == Status.OK).sum()),
@@ -197,6 +206,60 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
         "zone_volume_mm3": float(zone.attrs["zone_volume_mm3"]),
     }
     return Demo(lines, figures, remarks, tuple(out / name for name in look))
+
+
+def counter_fault(run: Run) -> tuple[Trajectory, float]:
+    """Let a counter jump in the middle of the run; return the trajectory that is reconstructed then, and the time of the jump [s]."""
+    counts = run.passes[0]
+    recorded = counts.recorded.copy()
+    row = len(recorded) // 2
+    recorded[row:, 0] += LOST_COUNTS
+    return reconstruct(replace(run, passes=(replace(counts, recorded=recorded), *run.passes[1:]))), float(counts.time_s[row])
+
+
+def page_parts(
+    run: Run, calibration: Calibration, trajectory: Trajectory, errors: Errors, zone: "xr.Dataset", fault: tuple[Trajectory, float]
+) -> "list[Part]":
+    """Return the steps of the demo's page, each with its picture."""
+    from lmeasure.accuracy import radii_95
+    from lmeasure.report import Part, errors_beside_figure, figure_of, playing_figure
+
+    time_s, u95 = trajectory.time_s, radii_95((trajectory.random + trajectory.systematic)[:, 3:, 3:])
+    error = np.linalg.norm(errors.position_mm, axis=1)
+    broken, at = fault
+    bad = broken.status != Status.OK
+    inside = zone["in_zone"].values.astype(bool)
+    best = float(zone["u95_position_mm"].values[inside].min()) if inside.any() else math.nan
+    of_counts = figure_of(run.passes[0])
+    of_counts.add_vline(x=at, line={"color": "#c1272d", "dash": "dash"})
+    if bad.any():
+        of_counts.add_vrect(x0=float(broken.time_s[bad][0]), x1=float(broken.time_s[bad][-1]), fillcolor="#c1272d", opacity=0.15)
+    text = message
+    return [
+        Part(
+            text("demo_page.cell"), text("demo_page.cell.text", cables=len(run.rig.cable), samples=len(time_s)),
+            playing_figure(run.rig, trajectory), "demo.rrd", "lmeasure reconstruct run --out trajectory.parquet",
+        ),
+        Part(
+            text("demo_page.error"),
+            text("demo_page.error.text", percent=100.0 * float(np.nanmean(error <= u95)), rms=vector_rms(errors.position_mm)),
+            errors_beside_figure(time_s, error, u95), "trajectory.parquet", "lmeasure report trajectory.parquet --out report",
+        ),
+        Part(
+            text("demo_page.calibration"),
+            text("demo_page.calibration.text", poses=len(calibration.campaign.poses), rms=calibration.record.noise["residual_rms_mm"]),
+            figure_of(calibration), "calibration/report.html", "lmeasure calibrate campaign --out calibration",
+        ),
+        Part(
+            text("demo_page.zone"), text("demo_page.zone.text", volume=_volume(zone), best=best),
+            figure_of(zone, run.rig), "zone.html", "lmeasure zone calibration/rig.toml --out zone.nc",
+        ),
+        Part(
+            text("demo_page.fault"), text("demo_page.fault.text", counts=LOST_COUNTS, at=at, samples=int(bad.sum())),
+            of_counts, "run/pass1.csv", "lmeasure reconstruct run --out trajectory.parquet",
+        ),
+        Part(text("demo_page.robot"), text("demo_page.robot.text"), None, "", "lmeasure demo --robot"),
+    ]  # fmt: skip
 
 
 def map_zone(run: Run, progress: Callable[[int, int], None] | None = None) -> "xr.Dataset":

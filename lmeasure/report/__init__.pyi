@@ -9,11 +9,18 @@ from .certificate import (
 from .certificate_text import about as about, title as title
 from .comparison import reported as reported, write_comparison_page as write_comparison_page
 from .correction import write_correction_page as write_correction_page
+from .demonstration import Part as Part, write_demo_page as write_demo_page
 from .html import kept as kept
 from .inspection import write_inspection_page as write_inspection_page
 from .interim import write_check_page as write_check_page
 from .mechanism import workspace_words as workspace_words, write_mechanism_page as write_mechanism_page
-from .plots import Figure as Figure, figure_of as figure_of, scans_figure as scans_figure
+from .plots import (
+    Figure as Figure,
+    errors_beside_figure as errors_beside_figure,
+    figure_of as figure_of,
+    playing_figure as playing_figure,
+    scans_figure as scans_figure,
+)
 from .qualification import qualification_pdf as qualification_pdf
 from .robot import write_robot_page as write_robot_page
 from .structure import write_list_page as write_list_page, write_structure_page as write_structure_page

@@ -82,6 +82,7 @@ HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 STEP_MM = 5.0
 MOST_POINTS = 20_000
 MOST_PANELS = 24
+FRAMES = 90
 AXES = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
 
 
@@ -146,6 +147,48 @@ def _trajectory(trajectory: Trajectory, rig: Rig | None) -> go.Figure:
     time_s = [f"{t:.6g} s" for t in trajectory.time_s[::step]]
     figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line=line, text=time_s, name="tool origin")
     return figure
+
+
+def playing_figure(rig: Rig, trajectory: Trajectory) -> go.Figure:
+    """Draw the cell with its cables and the tool as it moves along its path; it plays by itself, and again by a button."""
+    known = np.flatnonzero(~np.isnan(trajectory.poses).any(axis=1))
+    shown = known[np.linspace(0, len(known) - 1, min(FRAMES, len(known))).astype(int)]
+    rows, poses = rig.cable_rows(), trajectory.poses[shown]
+    _, tangent, attachment, _ = wrap_geometry(rows, poses)
+    gap = np.full((len(shown), len(rows), 1, 3), np.nan)
+    base = np.broadcast_to(rows[:, BASE_XYZ], attachment.shape)
+    cables = np.concatenate([np.stack([base, tangent, attachment], axis=2), gap], axis=2).reshape(len(shown), -1, 3)
+    figure = _space()
+    points = np.array([p.position_mm for p in rig.observation_point])
+    names = [html.label(p.name) for p in rig.observation_point]
+    x, y, z = points.T
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 5, "color": "black"}, name="drums")
+    x, y, z = trajectory.poses[known[:: max(1, len(known) // MOST_POINTS)], :3].T
+    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 3, "color": "#56b4e9"}, name="path of the gripper")
+
+    def moving(i: int) -> list[go.Scatter3d]:
+        (cx, cy, cz), (tx, ty, tz) = cables[i].T, attachment[i].T
+        return [
+            go.Scatter3d(x=cx, y=cy, z=cz, mode="lines", line={"width": 4, "color": "#d55e00"}, name="cables"),
+            go.Scatter3d(x=tx, y=ty, z=tz, mode="markers", marker={"size": 6, "color": "#0072b2"}, name="gripper"),
+        ]
+
+    figure.add_traces(moving(0))
+    figure.frames = [go.Frame(data=moving(i), traces=[2, 3], name=str(i)) for i in range(len(shown))]
+    pace = {"frame": {"duration": 80, "redraw": True}, "transition": {"duration": 0}}
+    button = {"label": "▶", "method": "animate", "args": [None, {**pace, "fromcurrent": False}]}
+    figure.update_layout(updatemenus=[{"type": "buttons", "buttons": [button], "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "top"}])
+    return figure
+
+
+def errors_beside_figure(time_s: FloatArray, errors_mm: FloatArray, u95_mm: FloatArray) -> go.Figure:
+    """Draw distances from the truth (n,) and the U95 (n,) that was stated without it over time."""
+    step = max(1, len(time_s) // 4000)
+    figure = go.Figure()
+    figure.add_scatter(x=time_s[::step], y=u95_mm[::step], mode="lines", fill="tozeroy", line={"color": "#56b4e9"}, name="stated U95")
+    figure.add_scatter(x=time_s[::step], y=errors_mm[::step], mode="lines", line={"color": "#d55e00"}, name="true error")
+    figure.update_xaxes(title_text="time, s").update_yaxes(title_text="mm")
+    return figure.update_layout(height=380, margin={"t": 20})
 
 
 def _simulated(made: Simulated, rig: Rig | None) -> go.Figure:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from lmeasure.core import pasted
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Paths, Writing, option
+from lmeasure.workflows.settings import BROWSER, Paths, Writing, option
 
 if TYPE_CHECKING:
     from lmeasure.demo import Demo, RobotDemo
@@ -25,6 +25,8 @@ class Settings(Writing):
     correct: Annotated[
         bool, option("With a robot: correct it and certify it again. --no-correct takes half as long.", flag="--correct/--no-correct")
     ] = True
+
+    browser: Annotated[bool, BROWSER] = True
 
     def paths(self) -> Paths:
         """Everything in the folder that the demo writes."""
@@ -68,12 +70,18 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
             figures |= {"mean_distance_before_mm": better.before_mm[0], "mean_distance_after_mm": better.after_mm[0]}
             figures |= {"improvement": better.factor, "improvement_at_least": better.factor_95[0], "noise_floor_mm": better.floor_mm}
         said = _told([head, *rows], tested.remarks, tested.look, corrected)
-        return Result(tested, said, figures, tested.remarks, tested.look)
+        page = tested.look[0] if tested.look[0].suffix == ".html" else None
+        return Result(tested, said, figures, tested.remarks, tested.look, page=page)
     from lmeasure.demo import demo
 
     shown = demo(settings.out or fresh("lmeasure-demo"), step, settings.seed)
-    lines = [("", "error against the truth", "stated without knowing it"), *((x.what, x.error, x.stated) for x in shown.lines)]
-    return Result(shown, _told(lines, shown.remarks, shown.look), shown.figures, shown.remarks, shown.look)
+    found = shown.figures
+    lines = (
+        message("demo_page.measured", poses=int(found["with_a_pose"]), mm=found["error_of_position_mm"]),
+        message("demo_page.honest", percent=100.0 * found["positions_inside_95"]),
+        message("demo_page.page", page=shown.look[0]),
+    )
+    return Result(shown, lines, found, shown.remarks, shown.look, page=shown.look[0])
 
 
 def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...], more: tuple[str, ...] = ()) -> tuple[str, ...]:

@@ -86,7 +86,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     figures = {"poses": len(plan.poses), "recorded": plan.recorded, "usable_part": plan.usable, "equations": plan.equations}
     figures |= {"unknowns": len(plan.parameters), "directions_determined": plan.outlook.rank}
     figures |= {"u_length_rms_mm": plan.outlook.rms_mm, "u_length_worst_mm": plan.outlook.worst_mm}
-    return Result(plan, (*plan_summary(plan).splitlines(), message("workflow.written_5", out=out, fill_in=fill_in)), figures)
+    answer = message("workflow.planned", poses=len(plan.poses), mm=plan.outlook.worst_mm, out=out, fill_in=fill_in)
+    return Result(plan, (*plan_summary(plan).splitlines(), "", answer), figures)
 
 
 def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Campaign":

@@ -1,6 +1,7 @@
 import csv
 import json
 import math
+import re
 import subprocess
 import sys
 import tomllib
@@ -70,7 +71,7 @@ def test_demo_leaves_the_folders_of_every_stage(ran: Ran) -> None:
         "campaign/rig.toml", "campaign/reference_poses.csv", "campaign/counts.csv", "campaign/true/rig.toml",
         "campaign/true/reference_poses.csv", "calibration/rig.toml", "calibration/calibration.json", "calibration/report.html",
         "run/run.toml", "run/rig.toml", "run/calibration.json", "run/pass1.csv", "trajectory.parquet", "truth.parquet", "zone.nc",
-        "zone.html", "demo.rrd", "demo.json",
+        "zone.html", "demo.rrd", "demo.json", "demo.html",
     }  # fmt: skip
     assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == expected
 
@@ -78,13 +79,19 @@ def test_demo_leaves_the_folders_of_every_stage(ran: Ran) -> None:
 def test_demo_tells_its_stages_and_where_to_look(ran: Ran) -> None:
     places = [ran.reported.index(stage) for stage in STAGES]
     assert places == sorted(places)
-    for line in ran.table:
-        assert line["what"] in ran.printed
-        assert line["error"] in ran.printed
-    named = [Path(x.strip()) for x in ran.printed.split("Open")[1].splitlines() if x.startswith("  ")]
-    assert len(named) > 3
-    assert all(path.exists() for path in named)
-    assert f"lmeasure view {ran.out / 'demo.rrd'}" in ran.printed
+    error, _ = ran.line("gripper position")
+    first, second, third, following = ran.printed.splitlines()
+    assert f"{error:.3f} mm (rms) from the true ones" in first
+    assert second.endswith("without knowing the truth")
+    assert following.startswith("next: lmeasure ")
+    page = Path(third.partition(": ")[2])
+    text = page.read_text(encoding="utf-8")
+    # the path plays, and each step has a link to a file that is there and its command
+    assert "Plotly.addFrames" in text
+    links = re.findall(r'<a href="([^"]+)">', text)
+    assert len(links) > 4
+    assert all((page.parent / link).exists() for link in links)
+    assert text.count("<code>lmeasure ") > len(links)
 
 
 def test_demo_table_against_its_own_files(ran: Ran) -> None:
