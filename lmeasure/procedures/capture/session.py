@@ -388,7 +388,7 @@ class Session:
         if not self.folder.of_pass:
             # nothing tells yet where the robot stands
             return self.settings.by == "rest" or not self.keys
-        mean = np.nanmean(self.rest.counts, axis=0)
+        mean = self.rest.middle
         assert self.goal is not None
         expected = self.progress.expected(self.goal, mean)
         if expected is None or not surprising(expected).any():
