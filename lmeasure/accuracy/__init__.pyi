@@ -36,6 +36,7 @@ from .zone_dataset import (
     read_zone as read_zone,
     reasons as reasons,
     said as said,
+    sole_reasons as sole_reasons,
     summary as summary,
     write_zone as write_zone,
 )

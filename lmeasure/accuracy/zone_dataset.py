@@ -77,6 +77,12 @@ def reasons(zone: "xr.Dataset") -> dict[str, int]:
     return {reason: int((because >> bit & 1).sum()) for bit, reason in enumerate(REASONS)}
 
 
+def sole_reasons(zone: "xr.Dataset") -> dict[str, int]:
+    """Return how many nodes each of `REASONS` takes from the zone without any other."""
+    because = zone["rejected_because"].values
+    return {reason: int((because == 1 << bit).sum()) for bit, reason in enumerate(REASONS)}
+
+
 def summary(zone: "xr.Dataset") -> str:
     """A few lines for a person: how much of the box is in the zone, the best node, why the rest is not."""
     angle, inside = zone["worst_pressure_angle_deg"], zone["in_zone"].values.astype(bool)
@@ -126,9 +132,7 @@ def goes_on(zone: "xr.Dataset") -> list[str]:
 
 def advice(zone: "xr.Dataset", rig: Path) -> list[str]:
     """What can be done where no node is in the zone."""
-    because = zone["rejected_because"].values
-    alone = {reason: int((because == 1 << bit).sum()) for bit, reason in enumerate(REASONS)}
-    reason, nodes = max(alone.items(), key=lambda item: item[1])
+    reason, nodes = max(sole_reasons(zone).items(), key=lambda item: item[1])
     command = f"lmeasure place {pasted(rig)} --task placement.toml --out placed"
     because_of = message("zone_line.nothing_because", nodes=nodes, reason=message(f"zone_reason.{reason}"))
     return [

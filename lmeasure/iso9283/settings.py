@@ -30,7 +30,7 @@ class CertificationSettings:
     """Largest pressure angle of the instrument's zone [deg]; None: no limit."""
     limit_u95_mm: float | None = None
     """Largest expanded uncertainty U95 of the position in the instrument's zone [mm]; None: no limit."""
-    rule: Rule = "simple"
+    rule: Rule = "guarded"
     """Decision rule for tolerances: "simple" or "guarded" (JCGM 106)."""
     planes: int = 102
     """Number of planes normal to a path. With 4 k + 2, two of them are at the quarters of a line (`quarters`)."""

@@ -30,5 +30,4 @@ from .trajectory import (
     trajectory_summary as trajectory_summary,
     write_trajectory_page as write_trajectory_page,
 )
-from .zone import write_zone_report as write_zone_report
-from .zone_html import write_zone_page as write_zone_page
+from .zone_html import write_zone_page as write_zone_page, write_zone_report as write_zone_report

@@ -6,13 +6,13 @@ import plotly.graph_objects as go
 
 from lmeasure.calibration import Calibration
 from lmeasure.kernels import wrap_geometry
-from lmeasure.report import html
+from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.report.zone_maps import ticks
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.text import ENGLISH, Say
 
-BEFORE, AFTER = html.PALETTE[1], html.PALETTE[0]
+BEFORE, AFTER = figures.PALETTE[1], figures.PALETTE[0]
 """As other pages have them."""
 POWERS = 1e6
 """Range over which each power of ten has a mark on a telephone."""
@@ -50,7 +50,7 @@ def rig_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
     x, y, z = zip(*(p.position_mm for p in points), strict=True)
     names = [html.label(p.name) for p in points]
     figure.add_scatter3d(
-        x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 4, "color": "black"},
+        x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 4, "color": figures.POINT},
         name=say("page.observation_points"),
     )  # fmt: skip
     x, y, z = campaign.poses.rows[:, :3].T
@@ -71,7 +71,7 @@ def worst_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
         "size": 4,
         "color": worst,
         "colorscale": "Viridis",
-        "colorbar": {"title": {"text": say("calibration.u_length_mm"), "side": "top"}} | html.BAR,
+        "colorbar": {"title": {"text": say("calibration.u_length_mm"), "side": "top"}} | figures.BAR,
     }
     reported = f"%{{marker.color:.4f}} {unit}<br>%{{x:.0f}}, %{{y:.0f}}, %{{z:.0f}}<extra></extra>"
     figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=reported))

@@ -132,7 +132,7 @@ def headline(content: dict[str, Any], folder: Path) -> list[str]:
     if rows:
         out.append(word(language, "headline", figures=len(content["characteristics"])))
         out += _columns([(r.symbol, r.name, where, r.value, f"{r.u95} {r.unit}".strip(), _verdict(r)) for r, where in rows])
-    out += counted(content)
+    out += [say.outcome(content)[1], *counted(content)]
     without = _without_figures(content)
     out += [f"{word(language, 'headline.without')}: {', '.join(without)}"] if without else []
     out.append(f"{word(language, 'headline.look')} {folder / PDF}, {folder / PAGE}")
@@ -152,11 +152,15 @@ def _without_figures(content: dict[str, Any]) -> list[str]:
 
 
 def every_figure(content: dict[str, Any]) -> list[str]:
-    """All figures, place by place."""
+    """Return all figures, test by test."""
     out = [f"{say.title(content)} {content['id']}"]
-    for _, place, rows in say.results(content):
-        out.append(f"{place}:")
-        out += _columns([(r.symbol, r.name, r.value, f"{r.u95} {r.unit}".strip(), f"k {r.k}" if r.k else "", _verdict(r)) for r in rows])
+    for test in say.results(content):
+        out.append(f"{test.title}:")
+        rows: list[tuple[str, ...]] = [
+            (place, r.symbol, r.name, r.value, f"{r.u95} {r.unit}".strip(), f"k {r.k}" if r.k else "", _verdict(r))
+            for place, r in test.rows
+        ]
+        out += _columns(rows)
     return _plain(out)
 
 

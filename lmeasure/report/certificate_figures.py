@@ -4,15 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 from plotly.colors import qualitative
 
 from lmeasure.certificate import Measured, magnification, way
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import AttainedPath, Evaluation
-from lmeasure.report import certificate_text as say, html
+from lmeasure.report import certificate_text as say, figures, html
 from lmeasure.report.certificate_pictures import MOST_CYCLES
 from lmeasure.report.text import unit, word
-from lmeasure.text import number, texts
+from lmeasure.text import number
 from lmeasure.trajectory import AttainedPose
 
 SCALE = "Viridis"
@@ -20,28 +21,19 @@ LONGEST = 30
 COMMANDED, MEAN = "#7a8194", "#b3261e"
 
 
-def figures(language: str, measured: Measured) -> list[str]:
-    """Heading, explanation and figure, one after the other; nothing where there is nothing to draw."""
+def plots(language: str, measured: Measured) -> list[tuple[str, str, Markup]]:
+    """Return (title, explanation, plot) of the measurement in space, over time and along the paths; none where there is nothing to draw."""
     evaluation = measured.evaluation
     if not evaluation.poses and not evaluation.paths:
         return []
     factor = magnification(evaluation)
-    reported = word(language, "space.text", factor=number(language, factor, "g"))
-    drawn = [("space", reported, _space(language, measured, factor))]
+    drawn = [("space", word(language, "space.text", factor=number(language, factor, "g")), _space(language, measured, factor))]
     if evaluation.poses:
         drawn.append(("drift", "", _drift(language, evaluation)))
     if evaluation.paths:
         drawn.append(("deviation", word(language, "deviation.text"), _along(language, evaluation)))
         drawn.append(("speed", word(language, "speed.text"), _speed(language, evaluation)))
-    out = []
-    for i, (name, text, figure) in enumerate(drawn):
-        figure.update_layout(separators=texts(language)["number.decimal_mark"] + texts(language)["number.thousands"])
-        out += [
-            html.heading(word(language, name), 3),
-            *([html.paragraph(text)] if text else []),
-            html.figure(figure, name, first=i == 0, language=language),
-        ]
-    return out
+    return [(word(language, name), text, figures.figure(plot, name, language)) for name, text, plot in drawn]
 
 
 def _name(value: object) -> str:
@@ -78,7 +70,7 @@ def _cycles(figure: go.Figure, path: AttainedPath, x: FloatArray, values: FloatA
         )  # fmt: skip
 
 
-_LINES = (*html.PALETTE, *qualitative.Dark24)
+_LINES = (*figures.PALETTE, *qualitative.Dark24)
 
 
 def _one_of(figure: go.Figure, language: str, names: Sequence[object]) -> None:
@@ -144,7 +136,7 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
         scene={
             **axes,
             "aspectmode": "data",
-            "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}, "center": html.CAMERA["center"] | {"z": -0.28}},
+            "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}, "center": figures.CAMERA["center"] | {"z": -0.28}},
         },
     )
     return figure
@@ -165,7 +157,7 @@ def _path_in_space(figure: go.Figure, path: AttainedPath, factor: float, worst: 
     figure.add_scatter3d(
         x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", showlegend=False, name=_name(path.name),
         line={"width": 4, "color": np.nan_to_num(colour), "colorscale": SCALE, "cmin": 0.0, "cmax": worst or 1.0, "showscale": first,
-              "colorbar": html.BAR | {"title": {"text": word(language, "axis.deviation"), "side": "top"}}},
+              "colorbar": figures.BAR | {"title": {"text": word(language, "axis.deviation"), "side": "top"}}},
     )  # fmt: skip
 
 

@@ -42,46 +42,58 @@ def _unescaped(match: re.Match[str]) -> str:
 
 
 def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
-    language = certificate["language"]
-    logo = measured.logo
-    sections = ("summary", "contents", "about", "results", "commanded", "excluded", "uncertainty", "notes", "inputs", "program")
+    language, logo = certificate["language"], measured.logo
+    sections = ("summary", "about", "results", "pictures", "commanded", "excluded", "uncertainty", "notes", "inputs", "program")
+    words = ("authoriser", "signature", "end", "page", "of", "only_item", "no_results", "nothing_excluded", "bullseye.text")
+    state, outcome = say.outcome(certificate)
     return {
         "title": say.title(certificate),
         "id": certificate["id"],
         "language": language,
         "date": [int(part) for part in certificate["created"][:10].split("-")],
-        "only": word(language, "only_item"),
-        "page": word(language, "page"),
-        "of": word(language, "of"),
         "logo": None if logo is None else {"format": logo.kind, "bytes": list(logo.content)},
         "code": drawings.code(certificate["id"], certificate["id"]),
         "statements": say.statements(certificate),
         "summary": _summary(certificate),
+        "result": with_indices(summary.sentence(certificate)),
+        "outcome": {
+            "state": state,
+            "text": outcome,
+            "rules": [word(language, f"uncertainty.{rule}") for rule in sorted(say.rules(certificate))],
+        },
+        "limits": summary.limits(certificate),
         "about": say.about(certificate),
-        "header": [
-            with_indices(word(language, f"column.{key}")) for key in ("characteristic", "clause", "value_with_u95", "k", "n", "verdict")
+        "header": [with_indices(word(language, f"column.{key}")) for key in ("characteristic", "value_with_u95", "k", "n", "verdict")],
+        "results": [{"title": one.title, "rows": [_row(place, row) for place, row in one.rows]} for one in say.results(certificate)],
+        "pictures": [
+            {"kind": kind, "name": say.visible(name), "svgs": drawn.svgs, "caption": drawn.caption}
+            for (kind, name), drawn in pictures.beside(language, measured.evaluation).items()
         ],
-        "results": _results(certificate, measured),
         "commanded": say.commanded(certificate),
+        "commanded_header": say.commanded_header(language),
         "excluded": say.excluded(certificate),
+        "excluded_header": [word(language, "column.part"), word(language, "column.reason")],
         "uncertainty": [with_indices(line) for line in say.uncertainty(certificate)],
         "notes": [with_indices(line) for line in say.notes(certificate)],
         "inputs": say.inputs(certificate),
+        "inputs_header": [word(language, "column.file"), "SHA-256"],
         "program": say.program(certificate),
         "authoriser": say.authoriser(certificate),
-        "words": {
-            **{key: word(language, f"section.{key}") for key in sections},
-            "none": word(language, "no_results"),
-            "nothing": word(language, "nothing_excluded"),
-            "commanded_header": say.commanded_header(language),
-            "excluded_header": [word(language, "column.part"), word(language, "column.reason")],
-            "inputs_header": [word(language, "column.file"), "SHA-256"],
-            "bullseye": word(language, "bullseye.text"),
-            "authoriser": word(language, "authoriser"),
-            "signature": word(language, "signature"),
-            "end": word(language, "end"),
-        },
+        "words": {key: word(language, f"section.{key}") for key in sections} | {key: word(language, key) for key in words},
     }
+
+
+def _row(place: str, r: say.Result) -> list[Any]:
+    decided = " ".join(t for t in (r.limits, r.conformity) if t)
+    return [
+        place,
+        say.symbol_pieces(r.symbol),
+        r.component,
+        summary.value_of(r),
+        r.k,
+        r.cycles,
+        "\n".join(t for t in (r.verdict, decided) if t),
+    ]
 
 
 def _summary(certificate: dict[str, Any]) -> dict[str, Any]:
@@ -90,14 +102,10 @@ def _summary(certificate: dict[str, Any]) -> dict[str, Any]:
     figures = [
         {
             "symbol": say.symbol_pieces(f.result.symbol),
-            "name": f.result.name,
-            "where": f.where,
-            "value": _value(f.result),
-            "k": f.result.k,
-            "limits": f.result.limits,
-            "verdict": f.result.verdict,
-            "conformity": f.result.conformity,
+            "value": summary.value_of(f.result),
             "bar": f.bar,
+            "where": f.where,
+            **{key: getattr(f.result, key) for key in ("name", "k", "limits", "verdict", "conformity")},
         }
         for f in pictures.figures(certificate)
     ]
@@ -111,29 +119,3 @@ def _summary(certificate: dict[str, Any]) -> dict[str, Any]:
         "bars": with_indices(word(language, "summary.bars")),
         "space": None if space is None else {"title": word(language, "errors"), "svg": space.svgs[0], "caption": space.caption},
     }
-
-
-def _value(result: say.Result) -> str:
-    return f"{' '.join(t for t in (result.value, result.u95) if t)}\u00a0{result.unit}"
-
-
-def _results(certificate: dict[str, Any], measured: Measured) -> list[dict[str, Any]]:
-    drawn = pictures.beside(certificate["language"], measured.evaluation)
-    out = []
-    for (kind, name), place, rows in say.results(certificate):
-        picture = drawn.get((kind, name))
-        table = [
-            [
-                say.symbol_pieces(r.symbol),
-                r.name,
-                r.clause,
-                _value(r),
-                r.k,
-                r.cycles,
-                "\n".join(t for t in (r.verdict, " ".join(t for t in (r.limits, r.conformity) if t)) if t),
-            ]
-            for r in rows
-        ]
-        shown = None if picture is None else {"svgs": picture.svgs, "caption": picture.caption}
-        out.append({"kind": kind, "place": place, "rows": table, "picture": shown})
-    return out

@@ -1,8 +1,9 @@
 """What a certificate says, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
 
 import datetime
+import math
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from lmeasure.certificate import with_u95 as with_u95
@@ -134,11 +135,22 @@ def part_of(language: str, figure: Mapping[str, Any]) -> str:
 
 
 def characteristic_name(language: str, name: str) -> str:
-    """What a characteristic such as AP_p is called; empty where no installed package knows it."""
+    """Return what a characteristic such as AP_x is called, with its component; empty where no installed package knows it."""
     known = quantity_of(name)
     if known is None:
         return ""
-    return texts(language, "certificate").get(f"name.{known.symbol}") or known.labels.get(language, known.label)
+    own = texts(language, "certificate").get(f"name.{known.symbol}") or known.labels.get(language, known.label)
+    of = component(language, name)
+    return f"{own}, {of}" if of and name.partition("_")[2] not in WHOLE else own
+
+
+WHOLE = ("p", "l")
+"""Indices of what is meant where no component is named."""
+
+
+def component(language: str, name: str) -> str:
+    """Return the component of a characteristic in words, such as along X for AP_x; empty where it has none."""
+    return texts(language, "certificate").get(f"component.{name.partition('_')[2]}", "")
 
 
 def symbol_pieces(name: str) -> list[tuple[str, str]]:
@@ -148,10 +160,12 @@ def symbol_pieces(name: str) -> list[tuple[str, str]]:
 
 
 class Result(NamedTuple):
-    """A characteristic as it is printed: symbol such as AP_p, name in words, numbers and verdicts; empty where there is nothing."""
+    """A characteristic as it is printed: symbol such as AP_p, name in words, its component alone, numbers
+    and verdicts; empty where there is nothing."""
 
     symbol: str
     name: str
+    component: str
     clause: str
     value: str
     u95: str
@@ -172,28 +186,84 @@ def result(certificate: dict[str, Any], figure: Mapping[str, Any]) -> Result:
     extension = f"({word(language, 'extension')})" if figure.get("extension") else ""
     part = part_of(language, figure)
     k = figure.get("coverage_factor")
+    of = component(language, str(figure["name"]))
+    full, short = (" ".join(filter(None, (", ".join(filter(None, (own, part))), extension))) for own in (name, of))
     return Result(
-        visible(figure["name"]),
-        " ".join(text for text in (", ".join(t for t in (name, part) if t), extension) if text),
-        visible(figure.get("clause", "")),
-        decimal(language, value),
-        f"±\u00a0{decimal(language, u95)}" if stated else "",
-        unit(language, visible(figure["unit"])),
-        str(figure.get("cycles", "")),
-        "" if k is None else number(language, k, ".2f"),
-        verdict(language, figure),
-        *tolerance(language, figure.get("conformity"), name_rule=len(rules(certificate)) > 1),
+        symbol=visible(figure["name"]),
+        name=full,
+        component=short,
+        clause=visible(figure.get("clause", "")),
+        value=decimal(language, value),
+        u95=f"±\u00a0{decimal(language, u95)}" if stated else "",
+        unit=unit(language, visible(figure["unit"])),
+        cycles=str(figure.get("cycles", "")),
+        k="" if k is None else number(language, k, ".2f"),
+        verdict=verdict(language, figure),
+        **dict(
+            zip(("limits", "conformity"), tolerance(language, figure.get("conformity"), name_rule=len(rules(certificate)) > 1), strict=True)
+        ),
     )
 
 
-def results(certificate: dict[str, Any]) -> list[tuple[tuple[str, str], str, list[Result]]]:
-    """((kind, name), heading, figures) of each pose, path or pair of them; the kind is pose, path or program."""
-    out: dict[tuple[str, str], tuple[str, list[Result]]] = {}
+class ResultTable(NamedTuple):
+    """The results of one test of the standard: its heading, and each figure with its pose or path."""
+
+    title: str
+    rows: list[tuple[str, Result]]
+
+
+def results(certificate: dict[str, Any]) -> list[ResultTable]:
+    """Return all figures, by test: clause and quantity."""
+    language, out = certificate["language"], dict[tuple[str, str], ResultTable]()
     for figure in certificate["characteristics"]:
-        kind = next((k for k in ("pose", "path") if figure.get(k) is not None), "program")
-        place = place_of(certificate["language"], figure)
-        out.setdefault((kind, place), (str(figure.get(kind, "")), []))[1].append(result(certificate, figure))
-    return [((kind, name), place, rows) for (kind, place), (name, rows) in out.items()]
+        known = quantity_of(str(figure["name"]))
+        symbol = str(figure["name"]).partition("_")[0] if known is None else known.symbol
+        clause = visible(figure.get("clause", ""))
+        if (clause, symbol) not in out:
+            own = "" if known is None else texts(language, "certificate").get(f"name.{symbol}") or known.labels.get(language, known.label)
+            name = own[:1].upper() + own[1:]
+            out[clause, symbol] = ResultTable(" ".join(t for t in (clause, name, symbol.partition("_")[0]) if t), [])
+        out[clause, symbol].rows.append((place_of(language, figure), result(certificate, figure)))
+    return list(out.values())
+
+
+def outcome(certificate: dict[str, Any]) -> tuple[str, str]:
+    """Return state and sentence of pass or fail against the stated tolerances."""
+    language = certificate["language"]
+    held = [f["conformity"]["verdict"] for f in certificate["characteristics"] if "conformity" in f and not f.get("excluded")]
+    counts = {"number": len(held), "failed": held.count("does not conform"), "open": held.count("not decided")}
+    if not held:
+        return "", word(language, "outcome.none")
+    if counts["failed"]:
+        return "bad", word(language, "outcome.fail", **counts)
+    return ("warn", word(language, "outcome.open", **counts)) if counts["open"] else ("good", word(language, "outcome.pass", **counts))
+
+
+def load_and_speed(certificate: dict[str, Any]) -> tuple[str, str]:
+    """Return the loads and the speeds of the program; empty where none is stated."""
+    language, program = certificate["language"], certificate["program"]
+    parts = [*program["pose"], *program["path"]]
+
+    def joined(values: Iterable[float | None], sign: str) -> str:
+        known = sorted({v for v in values if v is not None})
+        ends = dict.fromkeys(number(language, v, "g") for v in (known[0], known[-1])) if known else ()
+        return " … ".join(ends) + f"\u00a0{unit(language, sign)}" if known else ""
+
+    loads = joined((part.get("load_kg", program.get("load_kg")) for part in parts), "kg")
+    speeds = joined((part.get("speed_percent") for part in parts), "%"), joined((part.get("speed_mm_s") for part in parts), "mm/s")
+    return loads, ", ".join(filter(None, speeds))
+
+
+def left_out(certificate: dict[str, Any]) -> str:
+    """Return what U95 leaves out, with its total and its largest part; empty where it leaves out nothing."""
+    language = certificate["language"]
+    found = [m for e in certificate.get("findings", ()) if (m := from_stated(e)) is not None and m.code == "exact"]
+    if not found:
+        return ""
+    largest = max(found, key=lambda m: float(m.values["mm"]))
+    total = math.hypot(*(float(m.values["mm"]) for m in found))
+    values = {"total": number(language, total, ".2g"), "largest": largest.values["what"].text(language), "number": len(found)}
+    return word(language, "left_out", mm=number(language, largest.values["mm"], ".2g"), **values)
 
 
 def verdict(language: str, figure: Mapping[str, Any]) -> str:
@@ -320,6 +390,7 @@ def uncertainty(certificate: dict[str, Any]) -> list[str]:
         word(language, "uncertainty.signed"),
     ]
     out += [word(language, f"uncertainty.{rule}") for rule in ("simple", "guarded") if rule in rules(certificate)]
+    out += [line for line in (left_out(certificate),) if line]
     if rules(certificate):
         out.append(word(language, "conformity.percent"))
     if settings.get("limit_angle_deg") is not None:

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from lmeasure.certificate import SIGNIFICANT, Comparison, Improvement, Pair, with_u95
-from lmeasure.report import html
+from lmeasure.report import figures, html
 from lmeasure.report.text import axes, unit
 from lmeasure.text import ENGLISH, Say, decimal, message
 
@@ -31,17 +31,68 @@ def write_comparison_page(
 ) -> None:
     """Write a self-contained HTML page of the comparison, whole or not at all; certificates: by name, content; better: of a robot that was
     corrected between the first and the later of two."""
-    say = Say(language)
-    body: list[str] = []
+    say, plots = Say(language), {}
+    values: dict[str, Any] = {}
     if better is not None:
-        body += _improved(better, say, language)
-    for pair in found.pairs:
-        body += _pair(pair, say, several=len(found.pairs) > 1)
-    body += [html.paragraph(say("comparison.note", note=say.message(note))) for note in found.notes]
-    rows = [(name, content["id"], content["created"][:10], len(content["characteristics"])) for name, content in certificates]
-    header = (say("comparison.certificate"), say("comparison.number"), say("comparison.written"), say("comparison.figures"))
-    body += [html.heading(say("comparison.certificates")), html.table(header, rows, "text")]
-    html.write_page(path, say("comparison.certificates_side_side"), body, language)
+        vectors, times = vectors_figure(better, say)
+        plots["vectors"] = figures.figure(vectors, "vectors", language)
+        values = {"times": times, "floor": better.floor_mm, "at_floor": better.after_mm[0] <= AT_THE_FLOOR * better.floor_mm}
+    html.write_page(
+        path, "comparison.html", answer(found, better, certificates, say), say,
+        pairs=[_pair(pair, say, several=len(found.pairs) > 1) for pair in found.pairs], plots=plots, notes=found.notes, better=better,
+        parts=[] if better is None else _parts(better, say), percent=100.0 * SIGNIFICANT, **values,
+        certificates=[(name, content["id"], content["created"][:10], len(content["characteristics"])) for name, content in certificates],
+    )  # fmt: skip
+
+
+def answer(found: Comparison, better: Improvement | None, certificates: Sequence[tuple[str, dict[str, Any]]], say: Say) -> html.Answer:
+    """Return the first screen: how much nearer the robot is, or what has changed, what limits that, and what to do next."""
+    changes = [c for pair in found.pairs for c in pair.changes]
+    beyond = sum(c.beyond for c in changes)
+    moved = [s for pair in found.pairs for s in pair.shifts if s.moved]
+    rows = [
+        html.Number(
+            say("comparison.beyond"), say("page.of", n=beyond, of=len(changes)), say("comparison.by_chance", chance=0.05 * len(changes))
+        )
+    ]
+    rows.append(html.Number(say("comparison.poses_moved"), say("page.of", n=len(moved), of=sum(len(pair.shifts) for pair in found.pairs))))
+    if better is None:
+        state, verdict = ("warn", say("comparison.has_moved")) if moved else ("good", say("comparison.has_not_moved"))
+        limits = say("comparison.both_were_measured_one" if all(p.shared for p in found.pairs) else "comparison.two_have_no_calibration")
+        picture = figures.figure(changes_figure(found, say), "changes", say.language, hero=True)
+        step = html.Step(say("comparison.next_identify"), "lmeasure identify --robot ROBOT --measurements FILE.csv --out identified")
+        caption = say("comparison.changes_caption")
+    else:
+        low, high = better.factor_95
+        values = {"before": better.before_mm[0], "after": better.after_mm[0], "factor": better.factor, "low": low, "high": high}
+        verdict = say("comparison.times_nearer_95" if math.isfinite(high) else "comparison.times_nearer_more_95", **values)
+        state = "good" if low > 1.0 else "warn"
+        rows.insert(0, html.Number(say("comparison.mean_distance"), say("comparison.before_after_mm", **values)))
+        rows.insert(1, html.Number(say("comparison.noise_floor"), say("comparison.mm", mm=better.floor_mm), say("comparison.floor_note")))
+        at_floor = better.after_mm[0] <= AT_THE_FLOOR * better.floor_mm
+        limits = say("comparison.robot_without_any_error" if at_floor else "comparison.robot_without_any_error_but", floor=better.floor_mm)
+        picture = figures.figure(distances_figure(better, say), "distances", say.language, hero=True)
+        step = html.Step(
+            say("comparison.next_keep" if at_floor else "comparison.next_identify_again"),
+            "lmeasure identify --robot ROBOT --measurements FILE.csv --out identified",
+        )
+        caption = say("comparison.distances_caption")
+    subject = " · ".join(f"{Path(name).name}, {content['created'][:10]}" for name, content in certificates)
+    return html.Answer(say("comparison.certificates_side_side"), verdict, state, tuple(rows), limits, (step,), picture, subject, caption)
+
+
+MOST_CHANGES = 12
+
+
+def changes_figure(found: Comparison, say: Say = ENGLISH) -> go.Figure:
+    """Return the largest differences over their U95."""
+    known = [(abs(c.later - c.first) / c.u95, c) for pair in found.pairs for c in pair.changes if c.u95 > 0.0]
+    largest = sorted(known, key=lambda one: -one[0])[:MOST_CHANGES]
+    figure = go.Figure()
+    colour = [BEFORE if c.beyond else AFTER for _, c in largest]
+    figure.add_bar(x=[part for part, _ in largest], y=[html.label(c.figure) for _, c in largest], orientation="h", marker={"color": colour})
+    figure.add_vline(x=1.0, line={"dash": "dot"})
+    return figure.update_xaxes(title=say("comparison.difference_u95")).update_yaxes(autorange="reversed", dtick=1, automargin=True)
 
 
 def reported(better: Improvement) -> list[str]:
@@ -57,30 +108,6 @@ def reported(better: Improvement) -> list[str]:
         f"improvement: {better.factor:.3g} times ({within}, at 95 %)",
         f"noise floor {better.floor_mm:.4f} mm: {limits}",
         "what is left is at the noise floor" if after <= AT_THE_FLOOR * better.floor_mm else "what is left is above the noise floor",
-    ]
-
-
-def _improved(better: Improvement, say: Say, language: str) -> list[str]:
-    low, high = better.factor_95
-    values = {"before": better.before_mm[0], "after": better.after_mm[0], "factor": better.factor, "low": low, "high": high}
-    reported = say("comparison.robot_stood_mm_from", **values)
-    nearer = say("comparison.times_nearer_95" if math.isfinite(high) else "comparison.times_nearer_more_95", **values)
-    floor = {"floor": better.floor_mm}
-    if better.after_mm[0] <= AT_THE_FLOOR * better.floor_mm:
-        at = say("comparison.robot_without_any_error", **floor)
-    else:
-        at = say("comparison.robot_without_any_error_but", **floor)
-    vectors, times = vectors_figure(better, say)
-    enlarged = say("comparison.errors_attained_means_each", times=times)
-    return [
-        html.paragraph(f"{reported} {nearer}", "verdict" if low > 1.0 else "verdict doubt"),
-        html.heading(say("comparison.limits")),
-        html.table((say("comparison.attained_mean"), say("comparison.standard_uncertainty_mm")), _parts(better, say), "text"),
-        html.paragraph(at),
-        html.heading(say("comparison.before_after")),
-        html.figure(distances_figure(better, say), "distances", first=True, language=language),
-        html.paragraph(enlarged),
-        html.figure(vectors, "vectors", first=False, language=language),
     ]
 
 
@@ -126,40 +153,29 @@ def vectors_figure(better: Improvement, say: Say = ENGLISH) -> tuple[go.Figure, 
     return figure, times
 
 
-def _pair(pair: Pair, say: Say, *, several: bool) -> list[str]:
-    title = say("comparison.against", later=pair.later, first=pair.first) if several else say("comparison.figures_side_side")
-    shared = say("comparison.both_were_measured_one") if pair.shared else say("comparison.two_have_no_calibration")
+def _pair(pair: Pair, say: Say, *, several: bool) -> dict[str, Any]:
+    """Return title, sentences and rows of two certificates side by side."""
     rows = []
     for c in pair.changes:
         first, later, change = (with_u95(v, c.u95)[0] for v in (c.first, c.later, c.later - c.first))
-        u95 = with_u95(0.0, c.u95)[1]
-        cells = (decimal(say.language, v) for v in (first, later, change, u95))
+        cells = (decimal(say.language, v) for v in (first, later, change, with_u95(0.0, c.u95)[1]))
         symbol, _, where = c.figure.partition(" of ")
         name = say("comparison.of", figure=symbol, pose=where) if where else c.figure
         rows.append((html.indexed(name), *cells, unit(say.language, c.unit), say("page.yes") if c.beyond else ""))
-    header = (
-        say("page.figure"),
-        say("page.before"),
-        say("comparison.after"),
-        say("comparison.difference"),
-        "U95",
-        say("page.unit"),
-        say("comparison.beyond_u95"),
-    )
     beyond, many = sum(c.beyond for c in pair.changes), len(pair.changes)
-    chance = say("comparison.figures_differ_more_than", beyond=beyond, many=many, chance=0.05 * many)
-    return [html.heading(title), html.paragraph(shared), *_moved(pair, say), html.paragraph(chance), html.table(header, rows, "changes")]
+    return {
+        "title": say("comparison.against", later=pair.later, first=pair.first) if several else say("comparison.figures_side_side"),
+        "shared": say("comparison.both_were_measured_one") if pair.shared else say("comparison.two_have_no_calibration"),
+        "chance": say("comparison.figures_differ_more_than", beyond=beyond, many=many, chance=0.05 * many),
+        "rows": rows,
+        "shifts": [_shift(s, say) for s in pair.shifts],
+    }
 
 
-def _moved(pair: Pair, say: Say) -> list[str]:
+def _shift(s: Any, say: Say) -> tuple[str, ...]:
     number = say.number
-    rows = []
-    for s in pair.shifts:
-        if s.probability is None:
-            verdict, chance = say("comparison.too_few_cycles_tell"), ""
-        else:
-            verdict, chance = say("page.moved") if s.moved else say("comparison.not_shown_have_moved"), number(s.probability, ".2g")
-        rows.append((s.pose, number(s.distance_mm, ".4f"), number(s.u95_mm, ".4f"), chance, verdict))
-    header = (say("page.pose"), say("comparison.shift_mean_mm"), "U95", say("comparison.probability_chance"), say("comparison.verdict"))
-    reported = say("comparison.pose_said_have_moved", percent=100.0 * SIGNIFICANT)
-    return [html.table(header, rows, "text moved"), html.paragraph(reported)] if rows else []
+    if s.probability is None:
+        verdict, chance = say("comparison.too_few_cycles_tell"), ""
+    else:
+        verdict, chance = say("page.moved") if s.moved else say("comparison.not_shown_have_moved"), number(s.probability, ".2g")
+    return s.pose, number(s.distance_mm, ".4f"), number(s.u95_mm, ".4f"), chance, verdict

@@ -1,13 +1,14 @@
-"""The page of a corrected program: how many targets were corrected, by how much, what is left, and every target with its line."""
+"""Values of the page of a corrected program: targets corrected, errors before and left, and every target with its line."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 from plotly.subplots import make_subplots
 
-from lmeasure.report import html
+from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.robot_programs import Corrected, Listing, Outcome
 from lmeasure.text import ENGLISH, Say
@@ -22,58 +23,52 @@ def write_correction_page(
     path: Path, found: Corrected, listing: Listing, *, inputs: Sequence[tuple[str, str]], language: str = "en"
 ) -> None:
     """Write a self-contained HTML page of what became of a program, whole or not at all; inputs: files with their SHA-256."""
-    say = Say(language)
-    done = found.done
-    body = [html.paragraph(*_verdict(found, listing, say)), html.table((), _figures(found, say), "text")]
-    if done:
-        reported = say("correction.how_far_robot_known")
-        space, times = space_figure(done, say)
-        enlarged = say("correction.how_much_controller_told", times=times)
-        body += [html.heading(say("correction.errors_before_after")), html.paragraph(reported)]
-        body += [html.figure(errors_figure(done, say), "errors", first=True, language=language)]
-        body += [html.heading(say("correction.corrections_space")), html.paragraph(enlarged)]
-        body += [html.figure(space, "space", first=False, language=language)]
-    body += _targets(found, say)
-    if listing.unread:
-        lines = "".join(f"<li>{html.kept(say.message(u.text))}</li>" for u in listing.unread)
-        body += [html.heading(say("correction.positions_were_not_read")), f"<ul>{lines}</ul>"]
-    body += [html.heading(say("page.inputs")), html.table((say("page.file"), "SHA-256"), inputs, "text hashes")]
-    html.write_page(path, say("correction.corrected_program", name=", ".join(source.name for source in listing.sources)), body, language)
+    say, plots, times = Say(language), {}, 0.0
+    if found.done:
+        space, times = space_figure(found.done, say)
+        plots["space"] = figures.figure(space, "space", language)
+    html.write_page(
+        path, "correction.html", answer(found, listing, say), say,
+        plots=plots, times=times, targets=_targets(found, say), more=max(0, len(found.outcomes) - MOST_ROWS), unread=listing.unread,
+        inputs=inputs,
+    )  # fmt: skip
 
 
-def _verdict(found: Corrected, listing: Listing, say: Say) -> tuple[str, str]:
-    left = len(found.outcomes) - found.changed
+def answer(found: Corrected, listing: Listing, say: Say) -> html.Answer:
+    """Return the first screen: whether every target was corrected, errors before and left, what limits them, and what to do next."""
+    left, done = len(found.outcomes) - found.changed, found.done
+    state, verdict = "good", say("correction.every_target_corrected")
     if left or listing.unread:
-        reported = say("correction.targets_were_left_they", left=left, unread=len(listing.unread))
-        return reported, "verdict doubt" if found.changed else "verdict bad"
-    return say("correction.every_target_corrected"), "verdict"
+        state = "warn" if found.changed else "bad"
+        verdict = say("correction.targets_were_left_they", left=left, unread=len(listing.unread))
+    corrections = [o.correction for o in done if o.correction is not None]
 
+    def mm(value: float) -> str:
+        return say("correction.mm", mm=value)
 
-def _whole(said: str) -> str:
-    """A number that is not parted from its unit."""
-    return said.replace(" ", "\u00a0")
-
-
-def _figures(found: Corrected, say: Say) -> list[tuple[str, str]]:
-    rows = [(say("correction.targets_corrected"), _whole(say("page.of", n=found.changed, of=len(found.outcomes))))]
-    done = found.done
-    if done:
-        corrections = [o.correction for o in done if o.correction is not None]
+    rows = [html.Number(say("correction.targets_corrected"), say("page.of", n=found.changed, of=len(found.outcomes)))]
+    limits = say("correction.limited_nothing")
+    if corrections:
+        both = say("comparison.before_after_mm", before=max(c.was_mm for c in corrections), after=max(c.left_mm for c in corrections))
+        rows.append(html.Number(say("correction.largest_error"), both, say("correction.of_those")))
         u95 = max(o.u95_mm for o in done)
-        rows += [
-            (say("correction.largest_correction"), _whole(say("correction.mm", mm=max(c.size_mm for c in corrections)))),
-            (say("correction.largest_error_before_those"), _whole(say("correction.mm", mm=max(c.was_mm for c in corrections)))),
-            (say("correction.largest_error_left_those"), _whole(say("correction.mm", mm=max(c.left_mm for c in corrections)))),
-            (
-                say("correction.largest_u95_where_goes"),
-                _whole(say("correction.mm", mm=u95)) if np.isfinite(u95) else say("correction.cannot_told"),
-            ),
-        ]
+        known = mm(u95) if np.isfinite(u95) else say("correction.cannot_told")
+        rows.append(html.Number(say("correction.largest_u95_where_goes"), known, say("correction.of_those")))
+        rows.append(html.Number(say("correction.largest_correction"), mm(max(c.size_mm for c in corrections))))
+        limits = say("correction.limited_identification")
     # what nobody corrected is as wrong as before; without this the page looks as if nothing were wrong any more
     stays = [o.correction.was_mm for o in found.outcomes if o.left and o.correction is not None]
     if stays:
-        rows.append((say("correction.largest_error_those_left"), _whole(say("correction.mm", mm=max(stays)))))
-    return rows
+        rows.append(html.Number(say("correction.largest_error_those_left"), mm(max(stays)), "", "warn"))
+        limits += " " + say("correction.limited_left", left=left)
+    picture = figures.figure(errors_figure(done, say), "errors", say.language, hero=True) if done else Markup()
+    name = ", ".join(source.name for source in listing.sources)
+    return html.Answer(
+        say("correction.corrected_program", name=name), verdict, state, tuple(rows), limits,
+        (html.Step(say("correction.next_measure"), "lmeasure certify TRAJECTORY --program program.toml --out certificate-after"),
+         html.Step(say("correction.next_compare"), "lmeasure compare certificate certificate-after --page comparison.html")),
+        picture, say("correction.subject", targets=len(found.outcomes)), say("correction.errors_before_after"),
+    )  # fmt: skip
 
 
 def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
@@ -114,25 +109,14 @@ def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure
     return figure, times
 
 
-def _targets(found: Corrected, say: Say) -> list[str]:
-    """Every target: where it stands, by how much it changes, what remains, and why it was left."""
+def _targets(found: Corrected, say: Say) -> list[tuple[str, ...]]:
+    """Return every target: its line, by how much it changes, what remains, and why it was left."""
     number = say.number
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for o in found.outcomes[:MOST_ROWS]:
         c = o.correction
         sizes = ("", "", "") if c is None else (number(c.size_mm, ".3f"), number(np.degrees(c.size_rad), ".4f"), number(c.was_mm, ".3f"))
         u95 = number(o.u95_mm, ".3f") if np.isfinite(o.u95_mm) else ""
         left = say("correction.shortened") if c is not None and c.clipped and not o.left else say.message(o.left)
         rows.append((o.target.name, f"{o.file}:{o.target.line}", *sizes, u95, left))
-    header = (
-        say("correction.target"),
-        say("correction.line"),
-        say("correction.correction_mm"),
-        say("correction.correction_2"),
-        say("correction.error_before_mm"),
-        say("page.u95_mm"),
-        say("correction.remark"),
-    )
-    more = len(found.outcomes) - len(rows)
-    note = [html.paragraph(say("correction.more_corrections_json", n=more))] if more else []
-    return [html.heading(say("correction.targets_2")), html.table(header, rows, "targets"), *note]
+    return rows

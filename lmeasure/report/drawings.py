@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import segno
+from markupsafe import escape
 
 from lmeasure.certificate import Target, round_scale, round_up
 from lmeasure.core import FloatArray
-from lmeasure.report import html
 from lmeasure.text import number, settled
 
 INK, SOFT, LINE, RED, GREEN, WITHIN, BEYOND = "#30343f", "#7a8194", "#c8ccd4", "#b3261e", "#1a7f4b", "#cfe8d8", "#f5d9d6"
@@ -23,7 +23,7 @@ CHARACTER = 0.56
 
 
 def _svg(box: tuple[float, float, float, float], content: str, label: str = "") -> str:
-    said = f'role="img" aria-label="{html.text(label)}"' if label else 'aria-hidden="true"'
+    said = f'role="img" aria-label="{escape(label)}"' if label else 'aria-hidden="true"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{" ".join(f"{v:g}" for v in box)}" {FONT} {said}>{content}</svg>'
 
 
@@ -33,7 +33,7 @@ def _line(points: Iterable[Any], colour: str, width: float, more: str = "") -> s
 
 
 def _text(x: float, y: float, size: float, text: str, anchor: str = "start", colour: str = INK) -> str:
-    return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size:g}" text-anchor="{anchor}" fill="{colour}">{html.text(text)}</text>'
+    return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size:g}" text-anchor="{anchor}" fill="{colour}">{escape(text)}</text>'
 
 
 def bar(figure: Mapping[str, Any], label: str) -> str:

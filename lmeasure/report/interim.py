@@ -1,4 +1,4 @@
-"""The page of an interim check: the verdict first, every closure against what may be expected, what may have moved, and the trend."""
+"""Values of the page of an intermediate check: its verdict, every closure beside its U95, what may have moved, and the trend."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from lmeasure.io import files
 from lmeasure.procedures import Cause, Checked, Closure, Trend, said
-from lmeasure.report import html
-from lmeasure.text import number, texts
+from lmeasure.report import figures, html
+from lmeasure.text import Say, number, texts
 
 FINE, FAILED = "#009e73", "#c1272d"
 
@@ -18,23 +17,49 @@ def write_check_page(
     path: Path, found: Checked, trend: Trend | None, *, inputs: Sequence[tuple[str, str]], language: str = "en", when: str = ""
 ) -> None:
     """Write a self-contained HTML page of the check, whole or not at all; inputs: files with their SHA-256."""
-    words = texts(language, "interim")
-    body = [
-        html.paragraph(verdict(found, language), "verdict" if found.passed else "verdict bad"),
-        html.paragraph(words["when"].format(when=_when(when), stops=len(found.stops), tests=len(found.closures))) if when else "",
-        html.heading(words["closures"]),
-        html.paragraph(words["closures.text"].format(limit=number(language, 100 * found.limit, ".2g"))),
-        html.figure(closures_figure(found, language), "closures", first=True, language=language),
-        html.table([words[f"column.{c}"] for c in ("kind", "name", "value", "u95", "probability")], _rows(found, language)),
-        *_agreement(found, language),
-    ]
-    if trend is not None:
-        body += [html.heading(words["trend"]), html.paragraph(words["trend.text"])]
-        body.append(html.figure(trend_figure(trend, language), "trend", first=False, language=language))
-    if found.notes:
-        body += [html.heading(words["notes"]), *(html.paragraph(note) for note in said(found, language))]
-    body += [html.heading(words["inputs"]), html.table((words["file"], "SHA-256"), inputs, "text hashes")]
-    files.write_text(path, html.page(words["title"].format(rig=found.rig), body, language))
+    say = Say(language)
+    plots = {} if trend is None else {"trend": figures.figure(trend_figure(trend, language), "trend", language)}
+    html.write_page(
+        path, "check.html", answer(found, when, say), say,
+        closures=_rows(found, language), limit=say.number(100 * found.limit, ".2g"), agreement=found.agreement,
+        chance="" if found.agreement is None else _chance(language, found.agreement.probability),
+        causes=_causes(found, language), plots=plots, notes=said(found, language), inputs=inputs,
+    )  # fmt: skip
+
+
+def answer(found: Checked, when: str, say: Say) -> html.Answer:
+    """Return the first screen: passed or what has moved, how near to its limit the worst closure is, and what to do next."""
+    words = texts(say.language, "interim")
+    rows = [html.Number(say("interim.closed"), say("page.of", n=len(found.closures) - len(found.failed), of=len(found.closures)))]
+    limits = say("interim.limited_none")
+    if found.closures:
+        worst = max(found.closures, key=lambda c: abs(c.value_mm) / c.u95_mm)
+        name = f"{words['kind.' + worst.kind]} {_of(worst)}"
+        values = {"value": say.number(worst.value_mm, ".3f"), "u95": say.number(worst.u95_mm, ".3f")}
+        rows.append(html.Number(say("interim.worst"), say("interim.value_u95", **values), name, "bad" if worst in found.failed else ""))
+        limits = say("interim.limited_u95", mm=max(c.u95_mm for c in found.closures))
+    if found.agreement is not None:
+        chance = _chance(say.language, found.agreement.probability)
+        rows.append(
+            html.Number(
+                words["agreement"],
+                f"p {chance}" if chance.startswith("<") else f"p = {chance}",
+                say("interim.significance", limit=say.number(found.limit, ".2g")),
+            )
+        )
+        parts = [c.detectable for c in found.agreement.causes if c.kind == "point"]
+        if parts:
+            limits += " " + say("interim.limited_detectable", mm=max(parts))
+    if found.passed:
+        steps = (html.Step(say("interim.next_go_on"), "lmeasure reconstruct RUN --out trajectory.parquet"),)
+    else:
+        steps = (html.Step(say("interim.next_calibrate"), "lmeasure calibrate FOLDER --out calibrated"),)
+    subject = words["when"].format(when=_when(when), stops=len(found.stops), tests=len(found.closures)) if when else ""
+    return html.Answer(
+        words["title"].format(rig=found.rig), verdict(found, say.language), "good" if found.passed else "bad", tuple(rows), limits, steps,
+        figures.figure(closures_figure(found, say.language), "closures", say.language, hero=True), subject,
+        words["closures.text"].format(limit=say.number(100 * found.limit, ".2g")),
+    )  # fmt: skip
 
 
 def verdict(found: Checked, language: str) -> str:
@@ -124,31 +149,17 @@ def trend_figure(trend: Trend, language: str) -> go.Figure:
         figure.add_scatter(x=times, y=worst, mode="lines+markers", name=words[f"kind.{kind}"])
     figure.add_hline(y=1.0, line={"dash": "dot"})
     figure.update_layout(height=420, margin={"t": 20}, yaxis={"title": words["part"], "rangemode": "tozero"})
-    figure.update_xaxes(title=words["time"], **html.of_dates(language))
+    figure.update_xaxes(title=words["time"], **figures.of_dates(language))
     return figure
 
 
-def _agreement(found: Checked, language: str) -> list[str]:
-    words, reported = texts(language, "interim"), found.agreement
-    if reported is None:
-        return []
-    values = {
-        "chi2": number(language, reported.chi_squared, ".4g"),
-        "freedom": reported.freedom,
-        "probability": _chance(language, reported.probability),
-    }
-    header = [words[f"column.{c}"] for c in ("cause", "size", "u", "detectable", "rest")]
-    rows = [
+def _causes(found: Checked, language: str) -> list[tuple[str, ...]]:
+    words = texts(language, "interim")
+    return [
         (
             words[f"cause.{c.kind}"].split("{")[0].strip() + f" {c.name}" if c.kind != "start" else words["start"],
             *(number(language, value, ".3g") + _unit(c, language) for value in (c.size, c.u, c.detectable)),
             number(language, c.rest, ".1f"),
         )
-        for c in reported.causes
-    ]
-    return [
-        html.heading(words["agreement"]),
-        html.paragraph(words["agreement.text"].format(**values)),
-        html.table(header, rows),
-        html.paragraph(words["causes.text"]),
+        for c in (found.agreement.causes if found.agreement else ())
     ]

@@ -1,4 +1,4 @@
-"""The page of a mechanism: in space at a pose, its joints, how far it goes, and slices of its workspace."""
+"""Values of a mechanism's page: its figure at a pose, its joints, how far it goes, and slices of its workspace."""
 
 from pathlib import Path
 from typing import Any
@@ -7,13 +7,15 @@ import numpy as np
 import plotly.graph_objects as go
 
 from lmeasure.core import FloatArray
-from lmeasure.report import html
+from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.robots import Drawn, Grid, ParallelFile, Workspace, drawn
 from lmeasure.text import ENGLISH, Say
 
 BASE, PLATFORM, LEG, ARM, INSIDE = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 MOST_SLICES = 6
+NEAR = 1e-3
+"""Smallest over largest singular value below which a pose is called near-singular."""
 RIM = 1e-6
 """In mm: by how much an outline at the edge of the grid lies beyond it."""
 
@@ -22,31 +24,37 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
     """Write a self-contained page of a mechanism, its record (`parallel.study.described`) and its workspace where it was looked for."""
     say = Say(language)
     pose = np.array([*record["position_mm"], *record["quaternion_xyzw"]])
-    many = {"freedoms": record["freedoms"], "parameters": record["parameters"]}
-    reported = say("mechanism.1_freedom_parameters", **many) if many["freedoms"] == 1 else say("mechanism.freedoms_parameters", **many)
-    near = say("mechanism.distance_from_singular_pose", near=record["nearness"])
-    body = [html.paragraph(reported), html.paragraph(near), html.heading(say("page.space"))]
-    body.append(html.figure(space_figure(file, pose, grid, say), "space", first=True, language=language))
+    slices = grid is not None and bool(grid.found.inside.any())
+    plots = {"slices": figures.figure(slices_figure(grid.found, say), "slices", language)} if grid is not None and slices else {}
+    workspace = "" if grid is None else workspace_words(grid, say)
+    html.write_page(
+        path, "mechanism.html", answer(file, pose, record, grid, say), say, record=record, plots=plots, workspace=workspace,
+        units={name: "°" if name.startswith("r") else say("page.mm") for name in record.get("ranges", ())},
+    )  # fmt: skip
+
+
+def answer(file: ParallelFile, pose: FloatArray, record: dict[str, Any], grid: Grid | None, say: Say) -> html.Answer:
+    """Return the first screen: freedoms, distance from a singular pose, workspace and what ends it, and what to do next."""
+    near, freedoms = float(record["nearness"]), record["freedoms"]
     rows = [
-        (name, say.number(v, ".3f"), *(say.number(w, "g") for w in record["joint_limits"][name])) for name, v in record["joints"].items()
+        html.Number(say("mechanism.freedoms"), str(freedoms), say("mechanism.parameters", number=record["parameters"])),
+        html.Number(say("mechanism.nearness"), say.number(near, ".3g"), say("mechanism.nearness_note"), "warn" if near < NEAR else ""),
     ]
-    body += [
-        html.heading(say("mechanism.joints")),
-        html.table((say("page.joint"), say("page.value"), say("mechanism.lowest"), say("mechanism.highest")), rows),
-    ]
-    if "ranges" in record:
-        body += [html.heading(say("mechanism.how_far_goes_from"))]
-        units = {name: "°" if name.startswith("r") else say("page.mm") for name in record["ranges"]}
-        rows = [(f"{n}, {units[n]}", *(say.number(v, ".2f") for v in ends)) for n, ends in record["ranges"].items()]
-        body.append(html.table((say("mechanism.coordinate"), say("mechanism.lowest"), say("mechanism.highest")), rows))
-    if "leg_turns_deg" in record:
-        rows = [(name, say.number(v, ".3f")) for name, v in record["leg_turns_deg"].items()]
-        body += [html.heading(say("mechanism.how_much_legs_turn")), html.table((say("mechanism.leg"), "°"), rows)]
+    limits = say("mechanism.limited_unknown")
+    step = html.Step(
+        say("mechanism.next_workspace"), f"lmeasure mechanism {file.name} --x -100:100:10 --y -100:100:10 --z 0:200:10 --report page"
+    )
     if grid is not None:
-        body += [html.heading(say("mechanism.workspace")), html.paragraph(workspace_words(grid, say))]
-        if grid.found.inside.any():
-            body.append(html.figure(slices_figure(grid.found, say), "slices", first=False, language=language))
-    html.write_page(path, say("mechanism.mechanism", name=file.name), body, language)
+        rows.append(html.Number(say("mechanism.workspace"), say("mechanism.litres", volume=grid.found.volume_mm3 / 1e6)))
+        if grid.ended_by:
+            name, number = max(grid.ended_by.items(), key=lambda one: one[1])
+            limits = say("mechanism.limited", limit=limit_words(say)[name], number=number)
+        step = html.Step(say("mechanism.next_identify"), f"lmeasure identify --robot {file.name} --measurements FILE.csv --out identified")
+    state, verdict = ("warn", say("mechanism.near_singular")) if near < NEAR else ("good", say("mechanism.away_from_singular"))
+    return html.Answer(
+        say("mechanism.mechanism", name=file.name), verdict, state, tuple(rows), limits, (step,),
+        figures.figure(space_figure(file, pose, grid, say), "space", say.language, hero=True), "", say("mechanism.caption"),
+    )  # fmt: skip
 
 
 def workspace_words(grid: Grid, say: Say = ENGLISH) -> str:
@@ -127,7 +135,7 @@ def slices_figure(found: Workspace, say: Say = ENGLISH) -> go.Figure:
     # a rim of nothing around the grid: what ends at its edge is an outline too, that closes
     x, y = (np.pad(axis, 1, mode="linear_ramp", end_values=(axis[0] - RIM, axis[-1] + RIM)) for axis in (found.x_mm, found.y_mm))
     inside = np.pad(found.inside, ((1, 1), (1, 1), (0, 0)))
-    for colour, level in zip(html.PALETTE, chosen, strict=False):
+    for colour, level in zip(figures.PALETTE, chosen, strict=False):
         figure.add_contour(
             x=x, y=y, z=inside[:, :, level].T.astype(float),
             contours={"start": 0.5, "end": 0.5, "coloring": "lines"}, line={"color": colour, "width": 2, "smoothing": 0}, showscale=False,

@@ -24,7 +24,7 @@ from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.iso9283 import Evaluation
 from lmeasure.kernels import BASE_XYZ, wrap_geometry
 from lmeasure.recording import Counts, Poses, Program, Run
-from lmeasure.report import correction, html, structure
+from lmeasure.report import correction, figures, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
 from lmeasure.report.zone_figures import slices_figure, space_figure
@@ -90,7 +90,7 @@ def figure_of(what: Any, rig: Rig | None = None) -> go.Figure:
     """The figure of a noun; rig is drawn with what lies in space. LMeasureError for what is none."""
     for kind, draw in DRAWN.items():
         if isinstance(what, kind):
-            return ShownFigure(html.settled(draw(what, rig)))
+            return ShownFigure(figures.settled(draw(what, rig)))
     known = ", ".join(kind.__name__ for kind in DRAWN)
     raise LMeasureError(f"{type(what).__name__} is nothing that can be drawn; what can: {known}")
 
@@ -110,7 +110,7 @@ def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray) -> None:
         figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=f"cable {html.label(cable.name)}")
     x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
     names = [html.label(p.name) for p in rig.observation_point]
-    marker = {"size": 5, "color": "black"}
+    marker = {"size": 5, "color": figures.POINT}
     figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker=marker, name="observation points")
 
 

@@ -1,16 +1,17 @@
-"""The page of a structure: drawn, in space with its assemblies, tetrahedra and screws, along a way, and the workspace's boundary."""
+"""Values of a structure's page: its figure with assemblies, tetrahedra and screws, along a path, and the workspace's boundary."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 from plotly.subplots import make_subplots
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.kernels import wrap_geometry
 from lmeasure.linkages import LINKS, incidence, parse, rim_mm, structures
-from lmeasure.report import html
+from lmeasure.report import figures, html
 from lmeasure.report.structure_drawing import svg
 from lmeasure.report.text import axes
 from lmeasure.structure import Linkage, lines
@@ -18,7 +19,6 @@ from lmeasure.text import ENGLISH, Say
 
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
-CARD = 'style="display:inline-block;vertical-align:top;width:200px;margin:0 0 1rem 0;font-size:.8rem;text-align:center"'
 SMALL = 0.25
 """Of the base's extent: the names of a smaller platform's points would lie on each other, and are read by pointing."""
 FACES = ((0, 0, 0, 1), (1, 1, 2, 2), (2, 3, 3, 3))
@@ -28,42 +28,49 @@ def write_structure_page(
     path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None, language: str = "en"
 ) -> None:
     """Write a self-contained page of links and their record (`structure.record.described`); pose (7,) at which they were looked at."""
-    say = Say(language)
-    body = [html.paragraph(say.message(line.text), "warning" if line.warns else "") for line in lines(record) if not line.detail]
-    if len(linkage.base) == LINKS:
-        body.append(svg(incidence(linkage.base, linkage.platform).structure))
-        body.append(html.paragraph(say("structure.platform_above_base_below")))
-    figures = [(say("page.space"), space_figure(linkage, record, pose, say), _space_words(record, say))]
+    say, plots = Say(language), {}
     if "way" in record:
-        words = say("structure.determinant_whose_size_depends")
-        figures.append((say("structure.way"), way_figure(record["way"], say), words))
+        plots["way"] = figures.figure(way_figure(record["way"], say), "way", language)
     if record.get("boundary", {}).get("slices"):
-        words = say("structure.boundary_each_level_coloured")
-        figures.append((say("structure.boundary_workspace"), slices_figure(record["boundary"], pose, say), words))
-    for number, (title, figure, words) in enumerate(figures):
-        body += [html.heading(title), html.paragraph(words)]
-        body.append(html.figure(figure, f"figure{number}", first=number == 0, language=language))
-    place = (say("page.x_mm"), say("page.y_mm"), say("page.z_mm"))
-    header: tuple[str, ...]
+        plots["boundary"] = figures.figure(slices_figure(record["boundary"], pose, say), "boundary", language)
+    drawing = svg(incidence(linkage.base, linkage.platform).structure) if len(linkage.base) == LINKS else ""
+    html.write_page(
+        path, "structure.html", answer(name, linkage, record, pose, say), say, plots=plots,
+        said=[line for line in lines(record) if not line.detail], drawing=drawing,
+        assemblies=_rows(record, say) if record.get("assemblies") else [], at_pose=_at_pose(record, say) if "rank" in record else [],
+        design=record.get("design"), links=_links(linkage, say), place=[say("page.x_mm"), say("page.y_mm"), say("page.z_mm")],
+    )  # fmt: skip
+
+
+def answer(name: str, linkage: Linkage, record: dict[str, Any], pose: FloatArray | None, say: Say) -> html.Answer:
+    """Return the first screen: whether the lengths determine the pose, how well, the motion they see least, and what to do next."""
+    rows = [html.Number(say("structure.class"), str(record["class"]), say("structure.of_links", number=len(linkage.base)))]
+    assemblies = record["complex_assemblies"]
+    known = say("structure.closed_form") if record["closed_form"] else say("structure.homotopy")
+    if assemblies is not None:
+        rows.append(html.Number(say("structure.complex_assemblies"), str(assemblies), known))
     if record.get("assemblies"):
-        header = ("", *place, say("structure.quaternion_x_y_z"), say("structure.proved"))
-        body += [html.heading(say("structure.assemblies")), html.table(header, _rows(record, say))]
+        rows.append(html.Number(say("structure.assemblies_real"), str(len(record["assemblies"]))))
+    state, verdict, limits = "good", say("structure.verdict_class"), say("structure.limited_unknown")
     if "rank" in record:
-        body += [html.heading(say("structure.pose")), html.table((say("page.figure"), say("page.value")), _at_pose(record, say), "text")]
-    if "design" in record:
-        made = record["design"]
-        rows = [(n, *(say.number(v, ".4f") for v in (*made["given"][n], *made["free"][n]))) for n in made["given"]]
-        header = (
-            say("structure.link"),
-            say("structure.given_from_mm"),
-            say("structure.mm_2"),
-            say("structure.free_from_mm"),
-            say("structure.mm_2"),
+        u95 = record["u95_mm_per_mm"]
+        rows.append(html.Number(say("structure.u95_by_1_mm"), say("page.none") if u95 is None else say("structure.in_mm", mm=u95)))
+        rows.append(html.Number(say("structure.worst_pressure_angle"), f"{say.number(max(record['pressure_angles_deg']), '.1f')}°"))
+        limits = say("structure.limited_screw", mm=record["least_seen_screw"]["mm_per_mm"])
+        state, verdict = (
+            ("good", say("structure.verdict_regular")) if record["rank"] == FREEDOMS else ("bad", say("structure.verdict_singular"))
         )
-        body += [html.heading(say("structure.lengths_within_nothing_singular")), html.table(header, rows)]
-    header = (say("structure.link"), say("page.from"), *place, say("page.to"), *place)
-    body += [html.heading(say("structure.links")), html.table(header, _links(linkage, say))]
-    html.write_page(path, say("structure.structure", name=name), body, language)
+    if record["degenerate"] or record["architecturally_singular"]:
+        state, verdict = "bad", say("structure.verdict_degenerate")
+    ask = html.Step(say("structure.next_pose"), f"lmeasure structure {name} --out s.json --position-mm 0,0,0 --quaternion 0,0,0,1")
+    zone = html.Step(say("calibration.next_zone"), "lmeasure zone RIG.toml --x -500:500:50 --y -500:500:50 --z 0:500:50 --out zone.nc")
+    return html.Answer(
+        say("structure.structure", name=name), verdict, state, tuple(rows), limits, (zone if "rank" in record else ask,),
+        figures.figure(space_figure(linkage, record, pose, say), "figure0", say.language, hero=True), "", _space_words(record, say),
+    )  # fmt: skip
+
+
+FREEDOMS = 6
 
 
 def _space_words(record: dict[str, Any], say: Say) -> str:
@@ -278,7 +285,7 @@ def slices_figure(workspace: dict[str, Any], pose: FloatArray | None, say: Say =
             reach = keep | np.append(False, keep[:-1])
             x, y = np.where(reach, places[:, a], np.nan), np.where(reach, places[:, b], np.nan)
             how = say("page.closed") if piece["closed"] else say("page.open")
-            colour = html.PALETTE[met.index(limit) % len(html.PALETTE)]
+            colour = figures.PALETTE[met.index(limit) % len(figures.PALETTE)]
             label = say("structure.mm_3", mm=piece["level_mm"], how=how, limit=say.message(limit))
             figure.add_scatter(
                 x=x, y=y, mode="lines", line={"color": colour}, name=html.label(say.message(limit)),
@@ -296,20 +303,24 @@ def slices_figure(workspace: dict[str, Any], pose: FloatArray | None, say: Say =
 
 def write_list_page(path: Path, every: list[dict[str, Any]], language: str = "en") -> None:
     """Write a page with drawings of all structures of six links."""
-    say = Say(language)
-    cards, classes = [], {one["class"] for one in every}
-    for one in every:
-        (structure,) = parse(one["notation"])
-        how = (
-            say("structure.determines_no_pose")
-            if one["degenerate"]
-            else say("structure.closed_form")
-            if one["closed_form"]
-            else say("structure.homotopy")
-        )
-        title, words = one["notation"].split(":")
-        cards.append(
-            f"<div {CARD}>{svg(structure)}<br><b>{title}</b><br>{words}<br>{one['koliskor']}: {one['complex_assemblies']}, {how}</div>"
-        )
-    reported = say("structure.structures_six_links_platform", number=len(structures()), classes=len(classes))
-    html.write_page(path, say("structure.structures_six_links"), [html.paragraph(reported), *cards], language)
+    say, classes = Say(language), {one["class"] for one in every}
+    good = [one for one in every if not one["degenerate"]]
+    closed = [one for one in good if one["closed_form"]]
+    rows = (
+        html.Number(say("structure.number"), str(len(every)), say("structure.number_classes", number=len(classes))),
+        html.Number(say("structure.number_regular"), str(len(good))),
+        html.Number(say("structure.number_closed"), str(len(closed))),
+    )
+    picture = max(closed, key=lambda one: -int(one["complex_assemblies"]))
+    shown = html.Answer(
+        say("structure.structures_six_links"),
+        say("structure.verdict_list", number=len(good)), "", rows,
+        say("structure.limited_list", number=len(every) - len(good)),
+        (html.Step(say("structure.next_own"), "lmeasure structure STRUCTURE.toml --out s.json --report page"),),
+        Markup('<div class="drawn">{}</div>').format(html.themed(svg(parse(picture["notation"])[0]))),
+        caption=say("structure.simplest", notation=picture["notation"]),
+    )  # fmt: skip
+    about = say("structure.structures_six_links_platform", number=len(structures()), classes=len(classes))
+    html.write_page(
+        path, "structures.html", shown, say, about=about, cards=[(html.themed(svg(parse(one["notation"])[0])), one) for one in every]
+    )

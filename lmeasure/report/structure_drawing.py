@@ -59,7 +59,7 @@ def _polygon(places: Sequence[Place], fill: str, ink: str) -> str:
 def svg(structure: Structure) -> str:
     """A picture of its own, for a page."""
     high = HEIGHT + BELOW
-    return f'<svg viewBox="0 0 {WIDTH:g} {high:g}" width="{WIDTH:g}" height="{high:g}" role="img">{drawing(structure)}</svg>'
+    return f'<svg viewBox="0 0 {WIDTH:g} {high:g}" width="{WIDTH:g}" height="{high:g}" aria-hidden="true">{drawing(structure)}</svg>'
 
 
 def sheet(structures: Sequence[Structure], captions: Sequence[Sequence[str]], columns: int = 6) -> str:

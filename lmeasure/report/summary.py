@@ -47,27 +47,48 @@ def _goodness(figure: Mapping[str, Any]) -> tuple[float, float]:
     return (2.0 if held is None else float(held["probability"]), -abs(float(figure["value"])))
 
 
+def sentence(certificate: dict[str, Any]) -> str:
+    """Return the result in one sentence: the worst of the first two names that show most of a robot, at what speed and load."""
+    language, found = certificate["language"], chosen(certificate)[:2]
+    if not found:
+        return word(language, "no_results")
+    parts: list[str] = []
+    for one in found:
+        shown = say.result(certificate, one.figure)
+        values = {"name": shown.name, "value": value_of(shown), "place": say.place_of(language, one.figure)}
+        part = word(language, "sentence.worst" if one.of > 1 and not parts else "sentence.other", **values)
+        parts.append(part if one.figure["capable"] is not False else f"{part} ({word(language, 'not_capable')})")
+    load, speed = say.load_and_speed(certificate)
+    text = ", ".join([*parts, *([word(language, "sentence.speed", speed=speed)] if speed else []), *([load] if load else [])])
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def value_of(result: say.Result) -> str:
+    """Return a value with its U95 and unit, in one piece."""
+    return "\u00a0".join(t for t in (result.value, result.u95, result.unit) if t)
+
+
+def limits(certificate: dict[str, Any]) -> str:
+    """Return what limits the first figure's U95, and what U95 leaves out."""
+    language, found = certificate["language"], chosen(certificate)[:1]
+    parts: list[str] = []
+    if found and found[0].figure["u95"] is None:
+        parts.append(word(language, "limited.unknown"))
+    elif found:
+        larger = "systematic" if (found[0].figure.get("u_systematic") or 0.0) > (found[0].figure.get("u_random") or 0.0) else "random"
+        parts.append(word(language, f"limited.{larger}"))
+    return " ".join([*parts, *filter(None, [say.left_out(certificate)])])
+
+
 def counted(certificate: Mapping[str, Any]) -> list[str]:
-    """Of how many figures the instrument is capable, and how many keep their tolerances."""
+    """Return how many figures there are, how many have U95 small enough for a verdict, and how many keep their tolerances."""
     language, figures = certificate["language"], certificate["characteristics"]
-    capable = sum(bool(f["capable"]) for f in figures)
-    excluded = sum(bool(f.get("excluded")) for f in figures)
-    unjudged = sum(f["capable"] is None and not f.get("excluded") for f in figures)
-    not_capable = len(figures) - capable - excluded - unjudged
-    number = {"figures": len(figures), "capable": capable, "not_capable": not_capable, "excluded": excluded}
-    reported = word(language, "counted", **number)
-    lines = [f"{reported}, {word(language, 'no_verdict')} {unjudged}" if unjudged else reported]
+    lines = [word(language, "counted", figures=len(figures), capable=sum(bool(f["capable"]) for f in figures))]
     held = [f["conformity"]["verdict"] for f in figures if "conformity" in f]
     if held:
         counts = ((v, held.count(v)) for v in ("conforms", "does not conform", "not decided"))
-        lines.append(
-            word(
-                language,
-                "tolerances_counted",
-                number=len(held),
-                reported=", ".join(f"{word(language, v.replace(' ', '_'))}: {n}" for v, n in counts if n),
-            )
-        )
+        told = ", ".join(f"{word(language, v.replace(' ', '_'))}: {n}" for v, n in counts if n)
+        lines.append(word(language, "tolerances_counted", number=len(held), reported=told))
     return lines
 
 
@@ -90,6 +111,8 @@ def facts(certificate: dict[str, Any]) -> say.Rows:
     rows.append(
         (word(language, "dates.measured"), measured) if measured else (word(language, "created"), say.moment(certificate["created"]))
     )
+    load, speed = (text or word(language, "not_stated") for text in say.load_and_speed(certificate))
+    rows += [(word(language, "column.load"), load), (word(language, "column.speed"), speed)]
     program = certificate["program"]
     rows.append(
         (word(language, "summary.commanded"), word(language, "summary.program", poses=len(program["pose"]), paths=len(program["path"])))

@@ -10,9 +10,8 @@ from plotly.subplots import make_subplots
 from lmeasure.accuracy import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
 from lmeasure.certificate import with_u95
 from lmeasure.core import WORDS, FloatArray
-from lmeasure.io import files
 from lmeasure.kernels import BASE_XYZ, wrap_geometry
-from lmeasure.report import html
+from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.rig import Rig
 from lmeasure.text import Cause, Say, decimal, is_of, number, settled, signs, texts
@@ -31,52 +30,71 @@ FAULT, LESS = "#c1272d", "#e69f00"
 COLOURS = {"broke": FAULT, "fewer": LESS, "restored": LESS}
 TITLE = 43.0
 """What a lane stands apart from the one above, with the title between them, in pixels."""
-STYLE = "<style>.figures td{text-align:left;overflow-wrap:anywhere}.figures th,.kinds td,.kinds th{text-align:left}</style>"
 
 
 def write_trajectory_page(
     path: Path, name: str, found: Along, rig: Rig | None, *, inputs: Sequence[tuple[str, str]], language: str = "en"
 ) -> None:
     """Write a self-contained HTML page of the trajectory called name, whole or not at all; inputs: files with their SHA-256."""
-    words = texts(language, "trajectory")
-    shown = {"space.text": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
+    say, kinds = Say(language), _kinds(found, language)
     over_time = {
         "time.bands": _banded(found.trajectory), "time.text": True, "time.turns": not np.isnan(found.rotation_deg).all(),
         "time.thinned": len(found.rows) < len(found.u95_mm),
     }  # fmt: skip
-    body = [
-        STYLE,
-        *_verdict(found, rig, language),
-        html.table(("", ""), trajectory_summary(found, language), "figures"),
-        *_left_out(found, language),
-        html.heading(words["space"]),
-        html.paragraph(" ".join(words[key] for key, there in shown.items() if there)),
-        html.figure(space_figure(found, rig, language), "space", first=True, language=language),
-        html.heading(words["time"]),
-        html.paragraph(" ".join(words[key] for key, there in over_time.items() if there)),
-        html.figure(time_figure(found, language), "time", first=False, language=language),
-        html.heading(words["known"]),
-        "<ul>" + "".join(f"<li>{html.kept(line)}</li>" for line in _known(found, language)) + "</ul>",
-        html.heading(words["inputs"]),
-        html.table((words["file"], "SHA-256"), inputs, "text hashes"),
-    ]
-    files.write_text(path, html.page(words["title"].format(name=name), body, language))
+    html.write_page(
+        path, "trajectory.html", answer(name, found, rig, say), say,
+        summary=trajectory_summary(found, language), kinds=kinds[:MOST_LINES], more=max(0, len(kinds) - MOST_LINES),
+        restored=any(map(_restored, found.stretches)), known=list(_known(found, language)), inputs=inputs,
+        over_time=" ".join(say(f"trajectory.{key}") for key, there in over_time.items() if there),
+        plots={"time": figures.figure(time_figure(found, language), "time", language)},
+    )  # fmt: skip
 
 
-def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
-    """One sentence that says whether anything is missing."""
-    words = texts(language, "trajectory")
-    samples = len(found.u95_mm)
+def answer(name: str, found: Along, rig: Rig | None, say: Say) -> html.Answer:
+    """Return the first screen: whether every sample has a pose, how well the worst is known and why, and what to do next."""
+    words, number, trajectory = texts(say.language, "trajectory"), say.number, found.trajectory
+    samples, time_s = len(found.u95_mm), found.trajectory.time_s
     bad = sum(s.samples for s in found.stretches if not s.ok)
+    shown = {"space.text": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
+    rows = [html.Number(words["ok"], say("page.of", n=samples - bad, of=samples), "", "warn" if bad else "")]
+    limits = say("trajectory.limited_unknown")
+    if (i := found.worst) is not None:
+        span = say("calibration.mm_from_to", low=float(np.nanmin(found.u95_mm)), high=float(found.u95_mm[i]))
+        rows.insert(0, html.Number(say("trajectory.u95_place"), span, say("trajectory.best_worst")))
+        place = say.numbers(trajectory.poses[i, :3], ".1f")
+        limits = say("trajectory.limited_place", time=number(settled(time_s[i]), ".6g"), place=place)
+        if np.isfinite(angle := trajectory.worst_pressure_angle_deg[i]):
+            limits += " " + say("trajectory.limited_angle", angle=float(angle))
+    if not np.isnan(found.u95_rad).all():
+        rows.append(html.Number(words["worst.turn"], f"{number(float(np.degrees(np.nanmax(found.u95_rad))), '.3g')}°"))
+    if found.motion is not None:
+        rows.append(html.Number(words["speed"], _speed(found, say.language)))
+    return html.Answer(
+        words["title"].format(name=name), *_verdict(found, rig, say), tuple(rows), limits, _steps(name, found, bad, say),
+        figures.figure(space_figure(found, rig, say.language), "space", say.language, hero=True),
+        say("trajectory.subject", samples=samples, seconds=float(time_s[-1] - time_s[0])),
+        " ".join(words[key] for key, there in shown.items() if there),
+    )  # fmt: skip
+
+
+def _verdict(found: Along, rig: Rig | None, say: Say) -> tuple[str, str]:
+    """Return one sentence that says whether anything is missing, and its state."""
+    samples = len(found.u95_mm)
+    if bad := sum(s.samples for s in found.stretches if not s.ok):
+        return say("trajectory.verdict.bad", bad=bad, samples=samples, percent=say.number(100 * bad / samples, ".3g")), "bad"
+    if fewer := sum(s.samples for s in found.stretches):
+        return say(f"trajectory.verdict.{'restored' if all(map(_restored, found.stretches)) else 'fewer'}", fewer=fewer), "warn"
+    return say(f"trajectory.verdict.{'whole' if rig is None else 'good'}"), "good"
+
+
+def _steps(name: str, found: Along, bad: int, say: Say) -> tuple[html.Step, ...]:
+    steps = []
+    if found.worst is None:
+        steps.append(html.Step(say("trajectory.next_state"), f"lmeasure report {name} --u-position-mm 0.05 --out page"))
     if bad:
-        said = words["verdict.bad"].format(bad=bad, samples=samples, percent=number(language, 100 * bad / samples, ".3g"))
-        return [html.paragraph(said, "warning")]
-    fewer = sum(s.samples for s in found.stretches)
-    if fewer and all(map(_restored, found.stretches)):
-        return [html.paragraph(words["verdict.restored"].format(fewer=fewer), "warning")]
-    if fewer:
-        return [html.paragraph(words["verdict.fewer"].format(fewer=fewer), "warning")]
-    return [html.paragraph(words["verdict.whole" if rig is None else "verdict.good"])]
+        steps.append(html.Step(say("trajectory.next_causes"), "lmeasure check-instrument RUN --out check"))
+    certify = f"lmeasure certify {name if found.worst is None else 'TRAJECTORY'} --program program.toml --out certificate"
+    return (*steps, html.Step(say("trajectory.next_certify"), certify))
 
 
 def trajectory_summary(found: Along, language: str) -> list[tuple[str, str]]:
@@ -109,14 +127,19 @@ def trajectory_summary(found: Along, language: str) -> list[tuple[str, str]]:
     if not np.isnan(trajectory.worst_pressure_angle_deg).all():
         rows.append((words["angle"], f"{own(np.nanmax(trajectory.worst_pressure_angle_deg), '.1f')}°"))
     if found.motion is not None:
-        speed, u95 = found.motion.largest_speed()
-        reported = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [own(speed)]
-        rows.append((words["speed"], f"{' ± '.join(reported)} {words['mm/s']}"))
+        rows.append((words["speed"], _speed(found, language)))
         rows.append((words["path"], f"{own(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
         rows.extend((words["vibration"].format(axis=v.axis.upper()), _vibration(v, language)) for v in found.motion.vibration)
     else:
         rows.append((words["speed"], words["no_speed"].format(why=found.no_motion)))
     return rows
+
+
+def _speed(found: Along, language: str) -> str:
+    assert found.motion is not None
+    speed, u95 = found.motion.largest_speed()
+    reported = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [number(language, settled(speed), ".4g")]
+    return f"{' ± '.join(reported)} {texts(language, 'trajectory')['mm/s']}"
 
 
 def _vibration(v: Vibration, language: str) -> str:
@@ -130,33 +153,18 @@ def _vibration(v: Vibration, language: str) -> str:
     return texts(language, "trajectory")["vibration.value"].format(**values)
 
 
-def _left_out(found: Along, language: str) -> list[str]:
-    """What has no pose, or was measured without a cable, by cause."""
-    words, say = texts(language, "trajectory"), Say(language)
-    if not found.stretches:
-        return []
+def _kinds(found: Along, language: str) -> list[tuple[str, ...]]:
+    """Return what has no pose, or was measured without a cable, by cause."""
+    say, second = Say(language), texts(language, "trajectory")["s"]
     kinds: dict[tuple[int, Cause, str], list[Stretch]] = {}
     for s in found.stretches:
         kinds.setdefault((s.status, s.cause, s.cable), []).append(s)
-    rows = []
-    for (_, cause, cable), own in sorted(kinds.items(), key=lambda item: -sum(s.samples for s in item[1]))[:MOST_LINES]:
-        longest = max(s.end_s - s.begin_s for s in own)
-        first = f"{number(language, own[0].begin_s, '.6g')}\u00a0{words['s']}"
-        rows.append(
-            (
-                _state(own[0], language),
-                say.message(cause),
-                cable,
-                str(sum(s.samples for s in own)),
-                str(len(own)),
-                first,
-                f"{number(language, longest, '.4g')}\u00a0{words['s']}",
-            )
-        )
-    header = [words[f"column.{key}"] for key in ("status", "cause", "cable", "samples", "stretches", "first", "longest")]
-    more = [html.paragraph(words["more"].format(more=len(kinds) - len(rows)))] if len(kinds) > len(rows) else []
-    heading = words["left_out_or_restored" if any(map(_restored, found.stretches)) else "left_out"]
-    return [html.heading(heading), html.table(header, rows, "kinds"), *more]
+    rows: list[tuple[str, ...]] = []
+    for (_, cause, cable), own in sorted(kinds.items(), key=lambda item: -sum(s.samples for s in item[1])):
+        first, longest = say.number(own[0].begin_s, ".6g"), say.number(max(s.end_s - s.begin_s for s in own), ".4g")
+        counts = str(sum(s.samples for s in own)), str(len(own))
+        rows.append((_state(own[0], language), say.message(cause), cable, *counts, f"{first}\u00a0{second}", f"{longest}\u00a0{second}"))
+    return rows
 
 
 def _banded(trajectory: Trajectory) -> bool:
@@ -202,7 +210,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
     u95_um = 1e3 * found.u95_mm[rows]
     line: dict[str, object] = {"width": 6, "color": "#555555"}
     if found.worst is not None:
-        bar = {"title": {"text": words["bar"], "side": "top"}} | html.BAR
+        bar = {"title": {"text": words["bar"], "side": "top"}} | figures.BAR
         line = {"width": 6, "color": u95_um, "colorscale": "Viridis", "colorbar": bar}
     about = [
         f"{number(t, '.6g')} {words['s']}" + ("" if np.isnan(u) else f"<br>U95 {number(u, '.4g')} {words['um']}")
@@ -220,8 +228,8 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
                 x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": COLOURS[key], "symbol": "diamond"}, text=reported,
                 name=words[key], hoverinfo="text",
             )  # fmt: skip
-    scene = axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.2}, "center": html.CAMERA["center"]}}
-    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 135}, scene=scene, legend=html.LEGEND)
+    scene = axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.2}, "center": figures.CAMERA["center"]}}
+    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 135}, scene=scene, legend=figures.LEGEND)
 
 
 def _mark(s: Stretch) -> str:
@@ -255,7 +263,7 @@ def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray, label: str) -> None:
         z=z,
         mode="markers+text",
         text=names,
-        marker={"size": 4, "color": "black"},
+        marker={"size": 4, "color": figures.POINT},
         showlegend=False,
         hoverinfo="x+y+z+text",
         visible=HIDDEN,

@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from lmeasure.core import FloatArray
 from lmeasure.kernels import BASE_XYZ, wrap_geometry
-from lmeasure.report import html
+from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.report.zone_maps import SCALE, log_colours
 from lmeasure.rig import Rig
@@ -50,7 +50,7 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
     figure = go.Figure()
     levels = _shown_levels(len(z))
     first = len(levels) // 2
-    bar = {"title": {"text": say("zone.worst_angle"), "side": "top"}} | html.BAR
+    bar = {"title": {"text": say("zone.worst_angle"), "side": "top"}} | figures.BAR
     for n, k in enumerate(levels):
         figure.add_surface(
             x=x, y=y, z=np.full((len(y), len(x)), z[k]), surfacecolor=np.float32(angle[:, :, k].T), cmin=0, cmax=90, colorscale=SCALE,
@@ -82,7 +82,7 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
     figure.add_scatter3d(
         x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text",
         text=[html.label(p.name) for p in rig.observation_point],
-        marker={"size": 4, "color": "black"}, name=say("page.observation_points"),
+        marker={"size": 4, "color": figures.POINT}, name=say("page.observation_points"),
     )  # fmt: skip
     others = [True] * (len(figure.data) - len(levels))
     steps = [
@@ -93,7 +93,7 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
         sliders=[
             {"active": first, "currentvalue": {"prefix": say("zone.level_z"), "suffix": say("zone.mm")}, "steps": steps, "pad": {"t": 84}}
         ],
-        scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}, "center": html.CAMERA["center"]}},
+        scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}, "center": figures.CAMERA["center"]}},
         height=760,
         margin={"t": 10, "b": 10, "l": 10, "r": 10},
         legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
@@ -155,6 +155,36 @@ def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
     return figure
 
 
+def fullest_level(zone: xr.Dataset) -> int:
+    """Return the number of the level with most of the zone, the middle one where there is none."""
+    held = zone["in_zone"].values.sum(axis=(0, 1))
+    return int(np.argmax(held)) if held.any() else len(held) // 2
+
+
+def u95_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
+    """U95 of the position at the level with most of the zone, and its edge."""
+    x, y, k = zone["x"].values, zone["y"].values, fullest_level(zone)
+    radius = zone["u95_position_mm"].values[:, :, k]
+    known = radius[np.isfinite(radius) & (radius > 0.0)]
+    low, top = (float(known.min()), float(np.percentile(known, 95))) if len(known) else (0.1, 1.0)
+    top = max(top, 1.01 * low)
+    u95 = np.log10(radius, out=np.full(radius.shape, np.nan), where=np.isfinite(radius) & (radius > 0.0))
+    figure = go.Figure(
+        go.Heatmap(
+            x=x, y=y, z=np.float32(u95.T), zmin=np.log10(low), zmax=np.log10(top), colorscale=SCALE, customdata=np.float32(radius.T),
+            colorbar={"title": say("page.mm"), "thickness": 14} | log_colours(low, top, say),
+            hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>%{{customdata:.4f}} {say('page.mm')}<extra></extra>",
+        )
+    )  # fmt: skip
+    figure.add_contour(
+        x=x, y=y, z=np.float32(_margin(zone)[:, :, k].T), showscale=False, hoverinfo="skip",
+        contours={"start": 0, "end": 0, "size": 1, "coloring": "none"}, line={"color": "white", "width": 3},
+    )  # fmt: skip
+    figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain")
+    figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain", scaleanchor="x")
+    return figure.update_layout(height=450, margin={"t": 10, "b": 40, "l": 60}, showlegend=False)
+
+
 def views(zone: xr.Dataset, rig: Rig) -> list[tuple[str, str, list[Any]]]:
     """(horizontal axis, vertical axis, lines) of the rig seen from above and from the side, for drawing on paper."""
     rows = rig.cable_rows()
@@ -166,3 +196,35 @@ def views(zone: xr.Dataset, rig: Rig) -> list[tuple[str, str, list[Any]]]:
         box = np.array([[low[h], low[v]], [high[h], low[v]], [high[h], high[v]], [low[h], high[v]], [low[h], low[v]]])
         out.append(("xyz"[h], "xyz"[v], [box, *(line[:, [h, v]] for line in lines)]))
     return out
+
+
+def faults_figure(zone: xr.Dataset, say: Say) -> go.Figure:
+    """Effect on the tool at that level: of the worst channel, or of one that is chosen."""
+    x, y = zone["x"].values, zone["y"].values
+    effect = zone["fault_effect_mm"].values[:, :, fullest_level(zone)]
+    known = effect[np.isfinite(effect) & (effect > 0.0)]
+    low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.01, 1.0)
+    high = max(high, 1.01 * low)
+    figure = go.Figure()
+    names = [say("zone.worst_channel"), *map(str, zone["channel"].values)]
+    for n, values in enumerate([effect.max(axis=2), *np.moveaxis(effect, 2, 0)]):
+        shown = np.where(np.isfinite(values) & (values > 0.0), values, np.nan)
+        figure.add_trace(
+            go.Heatmap(
+                x=x, y=y, z=np.float32(np.log10(shown).T), customdata=np.float32(values.T), visible=n == 0, colorscale="Viridis_r",
+                zmin=np.log10(low), zmax=np.log10(high), colorbar={"title": say("page.mm")} | log_colours(low, high, say),
+                hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>%{{customdata:.3g}} {say('page.mm')}<extra></extra>",
+            )
+        )  # fmt: skip
+    buttons = [
+        {"label": html.label(name), "method": "restyle", "args": [{"visible": [i == n for i in range(len(names))]}]}
+        for n, name in enumerate(names)
+    ]
+    figure.update_layout(
+        updatemenus=[{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}],
+        height=530,
+        margin={"t": 70, "b": 20},
+    )
+    figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain", scaleanchor="y")
+    figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain")
+    return figure

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
+from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from lmeasure.accuracy import REASONS, ellipsoids
 from lmeasure.core import FloatArray
-from lmeasure.report import html
+from lmeasure.report import figures
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.text import ENGLISH, Say, texts
 
@@ -28,35 +29,29 @@ RADIUS = float(np.sqrt(chi2.ppf(0.95, 3)))
 """Of the ellipsoid that holds 95 %, in standard deviations."""
 
 
-def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say: Say) -> list[str]:
-    """The parts of the page: sliders, what they leave of the zone, both maps, and the place that was clicked. Plotly's code must stand
-    before them."""
+def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say: Say) -> dict[str, Any]:
+    """Return what the template shows: sliders (name, title, low, high, value, step), both maps, the ellipsoid of a place, and the data and
+    code of the script that fills them."""
     seen = thinned(zone)
     held = seen["in_zone"].values.sum(axis=(0, 1))
     # the middle where the zone is there, else where there is most of it
     middle = len(held) // 2
     level = middle if held[middle] or not held.any() else int(np.argmax(held))
     data = _data(seen, zone, rig, calibration) | {"words": _words(say), "mark": texts(say.language)["number.decimal_mark"]}
-    angle, u95 = data["limit_deg"], data["limit_u95"]
-    controls = (
-        _slider("level", say("zone.level_z_2"), 0, len(data["z"]) - 1, level, 1)
-        + _slider("angle", say("zone.largest_pressure_angle"), 0, 90, angle, 0.5)
+    sliders = (
+        ("level", say("zone.level_z_2"), 0, len(data["z"]) - 1, level, 1),
+        ("angle", say("zone.largest_pressure_angle"), 0, 90, data["limit_deg"], 0.5),
         # its position is on a logarithmic scale, as the colours are
-        + _slider("u95", say("zone.largest_95_radius_position"), 0, 1000, round(1000 * _part(u95, data)), 1)
+        ("u95", say("zone.largest_95_radius_position"), 0, 1000, round(1000 * _part(data["limit_u95"], data)), 1),
     )
-    angles = _map(data, [0.0, 90.0], say)
-    radii = _map(data, list(np.log10(data["range_u95"])), say, log=True)
-    figures = _titled(say("zone.worst_pressure_angle_2"), angles, "map-angle", say)
-    figures += _titled(say("zone.95_radius_position_mm"), radii, "map-u95", say)
-    ellipsoid = html.figure(_ellipsoid(say), "ellipsoid", first=False, language=say.language)
-    return [
-        f'<div class="controls">{controls}</div>',
-        '<p class="strong" id="left"></p>',
-        f'<div class="row">{figures}</div>',
-        f'<div class="beside"><div id="place"></div>{ellipsoid}</div>',
-        f'<script type="application/json" id="zone-data">{json.dumps(data).replace("<", chr(92) + "u003c")}</script>',
-        f"<script>{SCRIPT.read_text(encoding='utf-8')}</script>",
-    ]
+    return {
+        "sliders": sliders,
+        "angles": figures.figure(_map(data, [0.0, 90.0], say), "map-angle", say.language),
+        "radii": figures.figure(_map(data, list(np.log10(data["range_u95"])), say, log=True), "map-u95", say.language),
+        "ellipsoid": figures.figure(_ellipsoid(say), "ellipsoid", say.language),
+        "data": Markup(json.dumps(data).replace("<", chr(92) + "u003c")),
+        "script": Markup(SCRIPT.read_text(encoding="utf-8")),
+    }
 
 
 def _words(say: Say) -> dict[str, str]:
@@ -126,11 +121,6 @@ def _part(u95: float, data: dict[str, Any]) -> float:
     return float((np.log10(u95) - low) / (high - low))
 
 
-def _slider(name: str, title: str, low: float, high: float, value: float, step: float) -> str:
-    limits = f'min="{low:g}" max="{high:g}" step="{step:g}" value="{value:g}"'
-    return f'<label>{html.text(title)}: <b id="{name}-reported"></b><input type="range" id="{name}" {limits}></label>'
-
-
 def ticks(low: float, high: float) -> list[float]:
     """1, 2 and 5 times powers of ten within a range, for a scale of logarithms; its ends where there are fewer than two."""
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
@@ -142,10 +132,6 @@ def log_colours(low: float, high: float, say: Say = ENGLISH) -> dict[str, Any]:
     """A colour scale of logarithms that is labelled by the values themselves."""
     values = ticks(low, high)
     return {"tickvals": [float(np.log10(v)) for v in values], "ticktext": [say.number(v, ".3g") for v in values]}
-
-
-def _titled(title: str, figure: go.Figure, name: str, say: Say) -> str:
-    return f"<div>{html.heading(title, 3)}{html.figure(figure, name, first=False, language=say.language)}</div>"
 
 
 def _map(data: dict[str, Any], span: list[float], say: Say, *, log: bool = False) -> go.Figure:

@@ -164,9 +164,9 @@ def criteria(zone: xr.Dataset, say: Say) -> Rows:
     return [(name, str(int(mask.sum())), say.number(mask.sum() * cell, ".5g")) for name, mask in masks]
 
 
-def rejected(zone: xr.Dataset, say: Say) -> Rows:
-    """How many nodes each reason takes from the zone; a node may have several."""
-    words = {
+def reason_words(say: Say) -> dict[str, str]:
+    """Return what each reason is called that takes a node from the zone."""
+    return {
         "cable_cannot_run": say("zone.cable_cannot_run"),
         "singular": say("zone.singular"),
         "pressure_angle": say("zone.pressure_angle_2"),
@@ -180,6 +180,11 @@ def rejected(zone: xr.Dataset, say: Say) -> Rows:
         "other_assembly": say("zone.another_assembly"),
         "near_singular": say("zone.near_singular_pose"),
     }
+
+
+def rejected(zone: xr.Dataset, say: Say) -> Rows:
+    """How many nodes each reason takes from the zone; a node may have several."""
+    words = reason_words(say)
     total = zone["in_zone"].size
     rows: Rows = [(words[reason], str(n), f"{say.number(100 * n / total, '.1f')} %") for reason, n in reasons(zone).items() if n]
     return rows or [(say("page.none"), "0", "0 %")]

@@ -52,7 +52,7 @@ class Settings(Writing):
     capability: Annotated[float, option("Largest U95 as a part of the result, for a verdict.", ge=0.0, le=1.0, panel=CHOICES)] = 0.25
     limit_deg: Annotated[float, option("Largest pressure angle for a verdict.", ge=0.0, le=90.0, panel=CHOICES)] = 60.0
     limit_u95_mm: Annotated[float | None, option("Largest U95 of a pose for a verdict.", ge=0.0, panel=CHOICES)] = None
-    rule: Annotated[Literal["simple", "guarded"], option("Decision rule for tolerances: simple or guarded.", panel=CHOICES)] = "simple"
+    rule: Annotated[Literal["simple", "guarded"], option("Decision rule for tolerances: simple or guarded.", panel=CHOICES)] = "guarded"
     still_mm: Annotated[float, option("Largest motion within a pose window.", ge=0.0, panel=CHOICES)] = 0.2
     trials: Annotated[int, option("Number of Monte Carlo trials.", ge=100, panel=CHOICES)] = 4000
     seed: Annotated[int, option("Seed of Monte Carlo.", ge=0, panel=CHOICES)] = 0

@@ -53,7 +53,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
         "200",
     )
     assert code == 0, text
-    assert text.startswith("Протокол испытаний LM-")
+    assert text.startswith("Протокол испытаний робота, ISO 9283:1998 LM-")
     assert "\nхарактеристик 52: пригодно " in text
     assert len(text.splitlines()) < 20
     for target in (out, tmp_path / "c.zip"):

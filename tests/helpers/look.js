@@ -1,7 +1,9 @@
 (() => {
   const out = [], wide = innerWidth;
   if (document.documentElement.scrollWidth > wide) out.push(`the page is ${document.documentElement.scrollWidth} wide`);
+  const shut = (e) => e.closest('details:not([open]) > :not(summary)');
   const shown = (e) => {
+    if (shut(e)) return false;
     const box = e.getBoundingClientRect(), style = getComputedStyle(e);
     return box.width > 0.5 && box.height > 0.5 && style.visibility !== 'hidden' && style.display !== 'none' && Number(style.opacity) > 0.05;
   };
@@ -23,13 +25,14 @@
   }
   // plots: as large as their places
   for (const plot of document.querySelectorAll('.js-plotly-plot')) {
+    if (!plot.clientWidth) continue; // in a part that is closed
     const {width, height} = plot._fullLayout;
     if (Math.abs(width - plot.clientWidth) > 1) out.push(`${plot.id}: drawn ${width} wide in ${plot.clientWidth}`);
     if (plot.closest('.scene') && Math.abs(height - plot.clientHeight) > 1)
       out.push(`${plot.id}: drawn ${height} high in ${plot.clientHeight}`);
   }
   // sections: none over another, nothing of one beyond it
-  const sections = [...document.querySelectorAll('main > section')].map((e) => [e, e.getBoundingClientRect(), e.textContent.trim()]);
+  const sections = [...document.querySelectorAll('main .first > *, main .details > *')].map((e) => [e, e.getBoundingClientRect(), e.textContent.trim()]);
   sections.forEach(([e, a, text], i) => {
     if (e.scrollWidth > e.clientWidth + 8) out.push(`section '${text.slice(0, 30)}' is ${e.scrollWidth} wide in ${e.clientWidth}`);
     for (const [, b, other] of sections.slice(0, i)) {
@@ -42,6 +45,7 @@
     if (wide > 1000 && box.scrollWidth > box.clientWidth + 1) out.push(`table '${box.textContent.slice(0, 40)}' is cut off`);
   // a number, a name or a unit is in one piece: what may be broken is long, or has a hyphen
   for (const cell of document.querySelectorAll('td, th')) {
+    if (shut(cell)) continue;
     const range = document.createRange(), walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
     while (walker.nextNode()) for (const found of walker.currentNode.data.matchAll(/[^\s–-]+/g)) {
       if (found[0].length > (/^\p{L}+$/u.test(found[0]) ? 16 : 11)) continue;
@@ -53,6 +57,7 @@
   }
   // what belongs together stands in one line: a number and its unit, an option, a date, a ratio
   for (const e of document.querySelectorAll('p, li, td, th, h1, h2, h3, small, figcaption')) {
+    if (shut(e)) continue;
     const range = document.createRange(), walker = document.createTreeWalker(e, NodeFilter.SHOW_TEXT);
     const units = /[\d⁰¹²³⁴-⁹]\s(?:mm|мм|%|°|deg)(?![\wа-я])|\d\s[:×±]\s\d/gu;
     const whole = /--[a-z][\w-]*|(?<![\w-])\d{4}-\d\d-\d\d(?![\w-])|LM-[\dA-F-]{17}/gu;

@@ -1,6 +1,7 @@
 """The page of a calibration: its marks have figures, its label stands apart, and what rounding leaves is no result."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,6 @@ import pytest
 from lmeasure.calibration import compare
 from lmeasure.calibration.validation.compare import Earlier
 from lmeasure.report import write_calibration_page
-from lmeasure.report.calibration import verdict
 from lmeasure.report.calibration_figures import narrowed_figure, spectrum_figure
 from lmeasure.report.readable import page_text
 from lmeasure.rig import CalibrationRecord
@@ -34,7 +34,7 @@ def test_a_calibration_without_an_equation_left_over_shows_no_rounding(record: C
     source, words = written(tmp_path, record.model_copy(update={"residuals": exact, "noise": noise, "inputs": ()}))
     assert 'id="residuals"' not in source
     assert "All are zero" in words
-    assert "residuals 0 mm rms" in words
+    assert re.search(r"Residuals of the fit [^.]* 0 mm rms", words)
     assert "none: no redundant equations" in words
     # coarse solutions of as many poses as unknowns fit to rounding too
     assert "10⁻" not in words
@@ -43,11 +43,6 @@ def test_a_calibration_without_an_equation_left_over_shows_no_rounding(record: C
     assert 'id="residuals"' in source
     assert "All are zero" not in words
     assert "Inputs file SHA-256 rig.toml" in words
-
-
-def test_poses_are_counted_without_that_of_the_zero(record: CalibrationRecord) -> None:
-    """Of four poses three are compared with the first."""
-    assert "<td>reference poses relative to the zero pose</td><td>3</td>" in "".join(verdict(record, None))
 
 
 @pytest.mark.parametrize("ends", [(4.9, 31.0), (0.03, 31.0), (1e-4, 1e3), (5.0, 5.0)])
@@ -78,6 +73,6 @@ def test_a_column_that_marks_nothing_is_not_there(tmp_path: Path) -> None:
     for comparison, columns in ((found, [5, 5]), (moved, [6, 5])):
         write_calibration_page(tmp_path / "report.html", pages.again(), comparison)
         source = (tmp_path / "report.html").read_text(encoding="utf-8")
-        tables = source[source.index("Since the calibration") : source.index("The rig")].split("<table>")[1:3]
+        tables = source[source.index("Since the calibration") : source.index("Predicted standard")].split("<table>")[1:3]
         assert [table.split("</tr>")[0].count("<th>") for table in tables] == columns
         assert [table.split("</tr>")[1].count("<td>") for table in tables] == columns

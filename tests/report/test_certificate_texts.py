@@ -21,11 +21,11 @@ from lmeasure.trajectory.motion.vibration import vibration
 def test_the_verdict_of_a_component_alone_stands_beside_that_of_its_vector() -> None:
     figure: dict[str, Any] = {"name": "AP_x", "pose": "P1", "value": 0.01, "u95": 0.02, "unit": "mm", "capable": True}
     reported = {
-        ("en", True, False): "U95 small enough; alone too large",
-        ("en", False, True): "U95 too large; alone small enough",
+        ("en", True, False): "U95 small enough; alone no verdict",
+        ("en", False, True): "no verdict (uncertainty); alone small enough",
         ("en", True, True): "U95 small enough",
-        ("ru", True, False): "U95 достаточно мала; сама по себе слишком велика",
-        ("ru", False, False): "U95 слишком велика",
+        ("ru", True, False): "U95 достаточно мала; сама по себе без решения",
+        ("ru", False, False): "без решения (неопределённость)",
     }
     for (language, of_vector, alone), text in reported.items():
         assert say.verdict(language, figure | {"capable": of_vector, "capable_alone": alone}) == text
@@ -76,10 +76,10 @@ def test_limits_and_probabilities_of_conformity() -> None:
         stated = {"lower": lower, "upper": upper, "rule": "simple", "verdict": "conforms", "probability": probability}
         return [cell.replace("\u00a0", " ") for cell in say.tolerance("en", stated, name_rule=False)]
 
-    assert reported(None, 0.8, 0.9731) == ["≤ 0.8", "conforms (97.3 %)"]
+    assert reported(None, 0.8, 0.9731) == ["≤ 0.8", "pass (97.3 %)"]
     # nothing is certain
-    assert reported(0.2, None, 0.99999) == ["≥ 0.2", "conforms (> 99.9 %)"]
-    assert reported(-0.2, 0.2, 1e-9) == ["-0.2 … 0.2", "conforms (< 0.1 %)"]
+    assert reported(0.2, None, 0.99999) == ["≥ 0.2", "pass (> 99.9 %)"]
+    assert reported(-0.2, 0.2, 1e-9) == ["-0.2 … 0.2", "pass (< 0.1 %)"]
 
 
 def test_a_scatter_too_small_for_paper_is_enlarged_and_said_to_be() -> None:

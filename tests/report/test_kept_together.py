@@ -3,6 +3,7 @@
 import pypdfium2
 import pytest
 import typst
+from markupsafe import Markup
 
 from lmeasure.report import certificate_pdf, html
 from lmeasure.report.readable import page_text
@@ -18,16 +19,17 @@ from lmeasure.report.readable import page_text
         # a column would be wider than its numbers
         ("first length, mm", "first length, mm"),
         ("p = 0.001, probability < 10⁻⁹ (u 0.2)", "p~=~0.001, probability &lt;~10⁻⁹ (u~0.2)"),
-        ("about (0.5, -1, 20) and (1; -2,5)", "about (0.5,~-1,~20) and (1;~-2,5)"),
+        ("about (0.5, -1, 20) and (1; -2,5)", "about (0.5,~−1,~20) and (1;~−2,5)"),
         ("(a, b) and (1 of 2)", "(a, b) and (1 of 2)"),
         ("say --u-mm (--limit)", 'say <span class="kept">--u-mm</span> (<span class="kept">--limit</span>)'),
         ("or --solve eccentricity:B5 <now>", 'or <span class="kept">--solve eccentricity:B5</span> &lt;now&gt;'),
         ("a -- b, x--y", "a -- b, x--y"),
-        ("1.6·10⁷ mm³, at (1, -2) mm, off by 1 mm, mm", "1.6·10⁷~mm³, at (1,~-2) mm, off by 1~mm,~mm"),
+        ("1.6·10⁷ mm³, at (1, -2) mm, off by 1 mm, mm", "1.6·10⁷~mm³, at (1,~−2) mm, off by 1~mm,~mm"),
         ("0,8 мм на мм, 0.8 mm per mm", "0,8~мм на~мм, 0.8~mm per~mm"),
         ("50 : 1; 2 × 3 × 4 mm; 21,5 ± 0,5 °C; a : 1", "50~:~1; 2~×~3~×~4~mm; 21,5~±~0,5~°C; a : 1"),
         ("of 2026-03-02, 0001-2026-03-02", 'of <span class="kept">2026-03-02</span>, 0001-2026-03-02'),
         ("report LM-0123ABCD-4567CDEF", 'report <span class="kept">LM-0123ABCD-4567CDEF</span>'),
+        ("from -1 to -2.5, a-1, 1-2, -x, --1, P-3", "from −1 to −2.5, a-1, 1-2, -x, --1, P-3"),
         ("a_b <a_very_long/name_of_a_path>", "a_b &lt;a_<wbr>very_<wbr>long/<wbr>name_<wbr>of_<wbr>a_<wbr>path&gt;"),
     ],
 )
@@ -36,15 +38,15 @@ def test_what_belongs_together(text: str, expected: str) -> None:
 
 
 def test_what_is_ready_stays() -> None:
-    assert html.kept(html.Ready("<b>0.1 mm --x</b>")) == "<b>0.1 mm --x</b>"
+    assert html.kept(Markup("<b>0.1 mm --x</b>")) == "<b>0.1 mm --x</b>"
 
 
 def test_a_page_says_the_same_as_without() -> None:
     """Sealed pages of before are compared by their words."""
     said = "state it (--u-mm), 0.1 mm or --solve eccentricity:B5."
-    assert page_text(html.paragraph(said).encode()) == page_text(f"<p>{said}</p>".encode()) == said
+    assert page_text(html.kept(said).encode()) == page_text(f"<p>{said}</p>".encode()) == said
     named = "by a_very_long_name_of_a_path of 2026-03-02"
-    assert page_text(html.paragraph(named).encode()) == named
+    assert page_text(html.kept(named).encode()) == named
     assert page_text(b"<td>a<small>b</small></td><td>c</td>") == "a b c"
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from lmeasure.report import html
+from lmeasure.report import figures
 from lmeasure.report.labels import GAP
 
 
@@ -14,7 +14,7 @@ def drawn(points: list[tuple[float, float, float]], names: list[str], *more: go.
     x, y, z = zip(*points, strict=True)
     figure = go.Figure([*more, go.Scatter3d(x=x, y=y, z=z, mode="markers+text", text=names)])
     figure.update_layout(scene={"camera": {"eye": {"x": 0.0, "y": -2.0, "z": 0.0}}})  # X to the right, Z upwards
-    return html.settled(figure).data[-1]
+    return figures.settled(figure).data[-1]
 
 
 def test_a_label_goes_where_nothing_stands() -> None:
@@ -41,14 +41,14 @@ def test_what_is_hidden_or_nowhere_is_in_nobodys_way() -> None:
 
 def test_a_flat_drawing_has_a_side_of_its_own_and_is_seen_whole() -> None:
     corners = go.Scatter3d(x=[0.0, 1000.0], y=[0.0, 800.0], z=[3.0, 3.0], mode="lines")
-    scene = html.settled(go.Figure([corners], {"scene": {"aspectmode": "data"}})).layout.scene
+    scene = figures.settled(go.Figure([corners], {"scene": {"aspectmode": "data"}})).layout.scene
     assert scene.zaxis.range == pytest.approx((3.0 - 25.0, 3.0 + 25.0))
     sides = np.array([scene.aspectratio[axis] for axis in "xyz"])
     assert scene.aspectmode == "manual"
     np.testing.assert_allclose(sides / sides[0], [1.0, 0.8, 0.05])
     eye = np.array([scene.camera.eye[axis] for axis in "xyz"])
     cube = go.Scatter3d(x=[0.0, 9.0], y=[0.0, 9.0], z=[0.0, 9.0], mode="lines")
-    plain = html.settled(go.Figure([cube], {"scene": {"aspectmode": "data"}})).layout.scene
+    plain = figures.settled(go.Figure([cube], {"scene": {"aspectmode": "data"}})).layout.scene
     assert plain.aspectmode == "data"
     # as far away, in diagonals of what is drawn
     assert np.linalg.norm(eye) / np.linalg.norm(sides) == pytest.approx(np.linalg.norm([plain.camera.eye[a] for a in "xyz"]) / np.sqrt(3.0))
@@ -65,7 +65,7 @@ def test_a_flat_drawing_has_a_side_of_its_own_and_is_seen_whole() -> None:
 def test_a_scene_is_as_much_higher_as_what_stands_under_it(names: list[str], bar: dict[str, str], beside: int) -> None:
     figure = go.Figure([go.Scatter3d(x=[0, 1], y=[0, 1], z=[0, 1], name=name, marker_colorbar=bar) for name in names])
     figure.update_layout(height=640)
-    found = re.search(r"vw \+ (\d+)px", html.figure(figure, "scene", first=False))
+    found = re.search(r"vw \+ (\d+)px", figures.figure(figure, "scene"))
     assert found is not None
     assert int(found[1]) == beside
 
@@ -73,7 +73,7 @@ def test_a_scene_is_as_much_higher_as_what_stands_under_it(names: list[str], bar
 def test_no_wall_of_a_scene_is_filled() -> None:
     """What is filled hides what of a label lies behind it."""
     named = go.Scatter3d(x=[0.0, 9.0], y=[0.0, 9.0], z=[0.0, 9.0], mode="markers+text", text=["a", "b"])
-    scene = html.settled(go.Figure([named])).layout.scene
+    scene = figures.settled(go.Figure([named])).layout.scene
     assert [scene[f"{axis}axis"].showbackground for axis in "xyz"] == [False] * 3
 
 
@@ -93,16 +93,16 @@ def test_figures_of_the_upright_axis_stand_clear_of_its_foot(
     low: float, high: float, wide: float, expected: tuple[float, ...] | None
 ) -> None:
     line = go.Scatter3d(x=[0.0, wide], y=[0.0, 0.0], z=[low, high], mode="lines")
-    assert html.settled(go.Figure([line])).layout.scene.zaxis.tickvals == expected
+    assert figures.settled(go.Figure([line])).layout.scene.zaxis.tickvals == expected
 
 
 @pytest.mark.parametrize(("up", "high"), [(20.0, 140), (5.0, 35)])
 def test_a_drawing_of_one_scale_is_no_higher_than_it_is_drawn(up: float, high: int) -> None:
     figure = go.Figure(go.Scatter(x=[0.0, 10.0], y=[0.0, up]), {"height": 600, "xaxis": {"scaleanchor": "y"}})
-    assert f'style="height:min(37.5rem, calc({high}vw + {html.ROOM + html.UNDER}px))"' in html.figure(figure, "one", first=False)
+    assert f'style="height:min(37.5rem, calc({high}vw + {figures.ROOM + figures.UNDER}px))"' in figures.figure(figure, "one")
 
 
 def test_lines_that_ask_for_no_colour_are_told_apart_without_colour_vision() -> None:
-    figure = html.settled(go.Figure([go.Scatter(y=[1.0, 2.0])] * 2))
+    figure = figures.settled(go.Figure([go.Scatter(y=[1.0, 2.0])] * 2))
     assert figure.layout.colorway[:3] == ("#0072b2", "#d55e00", "#009e73")
-    assert len(set(html.PALETTE)) == len(html.PALETTE)
+    assert len(set(figures.PALETTE)) == len(figures.PALETTE)

@@ -73,10 +73,11 @@ def test_a_name_with_a_tolerance_is_not_left_out_for_one_without() -> None:
 def test_the_screen_gets_a_headline_and_all_on_request() -> None:
     found = [figure("AP_p", k / 10, pose=f"P{k}") for k in range(1, 40)] + [figure("RP_l", 0.05, capable=False)]
     lines = headline(certificate(found), Path("made"))
-    assert lines[0] == "Test report LM-1"
+    assert lines[0] == "Robot test report, ISO 9283:1998 LM-1"
     assert " ".join(lines[2].split()) == "AP_p pose accuracy pose P39, worst of 39 3.90 ± 0.10 mm U95 small enough"
     assert lines[4:] == [
-        "40 characteristics: U95 small enough for a verdict in 39, too large in 1; 0 excluded",
+        "No tolerance is stated, so there is no pass or fail.",
+        "40 characteristics, 39 of them with U95 small enough for a verdict.",
         f"open {Path('made/certificate.pdf')}, {Path('made/report.html')}",
         "anyone can check it with: lmeasure verify made",
     ]
@@ -84,7 +85,7 @@ def test_the_screen_gets_a_headline_and_all_on_request() -> None:
     assert sum("k 1.99" in line for line in full) == 40
     assert not re.search(r"\d{6}", "".join(full))
     with_tolerances = headline(certificate([figure("AP_p", 0.5, **held(0.97)), figure("RP_l", 2.0, **held(0.01))]), Path("made"))
-    assert "2 results with a tolerance: conforms: 1, does not conform: 1" in with_tolerances
+    assert "2 results have a tolerance: pass: 1, fail: 1." in with_tolerances
 
 
 def test_parts_of_a_program_without_figures_are_named() -> None:
@@ -231,6 +232,6 @@ def test_without_uncertainties_there_are_values_and_no_verdict() -> None:
     nothing: dict[str, Any] = {"u95": None, "capable": None, "coverage_factor": None}
     content = certificate([figure("AP_p", 0.123456789, **nothing), figure("RP_l", 0.2)])
     lines = headline(content, Path("made"))
-    assert lines[2].split() == ["AP_p", "pose", "accuracy", "pose", "P1", "0.123457", "mm", "no", "verdict"]
-    assert lines[4] == "2 characteristics: U95 small enough for a verdict in 1, too large in 0; 0 excluded, no verdict 1"
+    assert " ".join(lines[2].split()) == "AP_p pose accuracy pose P1 0.123457 mm no verdict (no uncertainty stated)"
+    assert lines[5] == "2 characteristics, 1 of them with U95 small enough for a verdict."
     assert "AP_p 0.123457 mm" in figures(content)[0].bar

@@ -67,7 +67,7 @@ def constants() -> tuple[frozenset[str], tuple[re.Pattern[str], ...]]:
                 parts = [str(part.value) if isinstance(part, ast.Constant) else None for part in node.values]
                 if len("".join(filter(None, parts))) > 2:
                     patterns.add("".join(r"[\w.%/ -]*" if part is None else re.escape(part) for part in parts))
-    for path in (ROOT / "workbench").rglob("*.*"):
+    for path in (*(ROOT / "workbench").rglob("*.*"), *(ROOT / "report").rglob("*.html")):
         if path.suffix in (".html", ".svg"):
             plain |= set(re.findall(r"""['">]([\w./%]+)['"<]""", path.read_text(encoding="utf-8")))
     return frozenset(plain), tuple(map(re.compile, sorted(patterns)))
@@ -100,8 +100,8 @@ def calls() -> Iterator[str]:
 def test_every_id_of_the_code_has_a_text() -> None:
     known = own("en")
     assert sorted(set(calls()) - set(known)) == []
-    templates = [path.read_text(encoding="utf-8") for path in (ROOT / "workbench" / "templates").glob("*.html")]
-    assert [key for text in templates for key in re.findall(r"""\b_\(["']([\w./%]+)["'][,)]""", text) if key not in known] == []
+    templates = [path.read_text(encoding="utf-8") for package in ("workbench", "report") for path in (ROOT / package).rglob("*.html")]
+    assert [key for text in templates for key in re.findall(r"""\b(?:_|say)\(["']([\w./%]+)["'][,)]""", text) if key not in known] == []
     begin = {key.partition(".")[0] for key in known} - set(SUBJECTS)
     named = {text for text in constants()[0] if re.fullmatch(r"[a-z_]+(\.[a-z0-9_/%]+)+", text) and not text.endswith(ENDINGS)}
     assert sorted(text for text in named if text.startswith("workbench.") and text.partition(".")[0] in begin and text not in known) == []
