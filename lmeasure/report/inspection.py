@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import plotly.graph_objects as go
+from markupsafe import Markup
 
-from lmeasure.report import html
-from lmeasure.text import Message
+from lmeasure.report import figures, html
+from lmeasure.text import Message, Say
 
 
 def write_inspection_page(path: Path, title: str, what: Message, lines: Sequence[str], figure: go.Figure | None, language: str) -> None:
@@ -27,10 +28,8 @@ def write_inspection_page(path: Path, title: str, what: Message, lines: Sequence
     language
         Language of the page.
     """
+    say = Say(language)
     shown = [line.text(language) if isinstance(line, Message) else line for line in lines]
-    body = [html.paragraph(what.text(language))]
-    if figure is not None:
-        body.append(html.figure(figure, "picture", first=True, language=language))
-    if shown:
-        body.append(f"<pre>{html.text(chr(10).join(shown))}</pre>")
-    html.write_page(path, title, body, language)
+    plot = Markup() if figure is None else figures.figure(figure, "picture", language)
+    answer = html.Answer(title, what.text(language), "", (), "", (), Markup())
+    html.write_page(path, "inspection.html", answer, say, plot=plot, text="\n".join(shown))
