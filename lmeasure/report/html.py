@@ -104,7 +104,7 @@ def indexed(value: str) -> Markup:
 
 def pieces(value: Sequence[tuple[str, str]]) -> Markup:
     """Pieces of a text, each with the index behind it."""
-    return Markup("".join(kept(plain) + (f"<sub>{html.escape(index)}</sub>" if index else "") for plain, index in value))
+    return Markup("").join(kept(plain) + (Markup("<sub>{}</sub>").format(index) if index else "") for plain, index in value)
 
 
 _KINDS = {"svg": "svg+xml", "png": "png", "jpg": "jpeg"}
