@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import plotly.graph_objects as go
+from markupsafe import Markup
 
-from lmeasure.report import html
-from lmeasure.text import Message
+from lmeasure.report import figures, html
+from lmeasure.text import Message, Say
 
 
 class Part(NamedTuple):
@@ -23,11 +24,16 @@ class Part(NamedTuple):
 
 def write_demo_page(path: Path, title: Message, parts: Sequence[Part], language: str) -> None:
     """Write a self-contained page, whole or not at all."""
-    body: list[str] = []
-    for number, part in enumerate(parts):
-        link = f'<a href="{html.text(part.link)}">{html.text(part.link)}</a> ' if part.link else ""
-        body += [html.heading(part.heading.text(language)), html.paragraph(part.sentence.text(language))]
-        if part.figure is not None:
-            body.append(html.figure(part.figure, f"picture-{number}", first=number == 0, language=language))
-        body.append(f"<p>{link}<code>{html.text(part.command)}</code></p>")
-    html.write_page(path, title.text(language), body, language)
+    say = Say(language)
+    shown = [
+        {
+            "heading": part.heading.text(language),
+            "sentence": part.sentence.text(language),
+            "plot": Markup() if part.figure is None else figures.figure(part.figure, f"picture-{number}", language),
+            "link": part.link,
+            "command": part.command,
+        }
+        for number, part in enumerate(parts)
+    ]
+    answer = html.Answer(title.text(language), parts[0].sentence.text(language), "", (), "", (), Markup())
+    html.write_page(path, "demo.html", answer, say, parts=shown)
