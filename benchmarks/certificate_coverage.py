@@ -68,7 +68,7 @@ class Instrument:
         with tempfile.TemporaryDirectory() as folder:
             write_campaign(Path(folder), c)
             found = calibrate(read_campaign(Path(folder)))
-        self.run = Run(found.rig, START, (), found.record)
+        self.run = Run(found.rig, START, (), found.record, unstated="exact")
         self.solver = reconstruction_of(RunModel(found.rig, START, found.record))
 
     def measure(self, motion: Motion, rng: np.random.Generator) -> tuple[Run, Trajectory]:

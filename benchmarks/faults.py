@@ -155,7 +155,7 @@ class Cell:
     def run(self, recorded: FloatArray) -> Run:
         """A run with these recorded counts."""
         counts = Counts(self.time_s, tuple(c.channel for c in self.rig.cable), recorded)
-        return Run(self.rig, self.poses[0], (counts,), self.record)
+        return Run(self.rig, self.poses[0], (counts,), self.record, unstated="exact")
 
 
 def errors_mm(found: Any, poses: FloatArray) -> FloatArray:

@@ -272,7 +272,7 @@ def long_log(lines: list[str], samples: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "run"
         first = Counts(np.zeros(1), tuple(c.channel for c in rig.cable), np.zeros((1, 6)))
-        write_run(folder, Run(rig, START, (first,)), suffix=".parquet")
+        write_run(folder, Run(rig, START, (first,), unstated="exact"), suffix=".parquet")
         with files.table_writer(folder / "pass1.parquet") as write:
             for begin in range(0, samples, piece):
                 times = np.arange(begin, begin + piece) / 1000.0
@@ -305,7 +305,7 @@ def commands(lines: list[str]) -> None:
     rig = cell()
     times, poses = motion(10_000)
     recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, START))
-    run = Run(rig, START, (Counts(times, tuple(c.channel for c in rig.cable), recorded),))
+    run = Run(rig, START, (Counts(times, tuple(c.channel for c in rig.cable), recorded),), unstated="exact")
     with tempfile.TemporaryDirectory() as folder:
         write_run(Path(folder) / "run", run)
         lmeasure = [sys.executable, "-m", "lmeasure"]

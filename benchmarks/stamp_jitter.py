@@ -135,7 +135,7 @@ def recorded(law: Law, period_s: float, rng: np.random.Generator) -> tuple[Run, 
     poses = places(true)
     poses[:, :3] += rng.uniform(-1.0, 1.0, 3)  # where within a count
     counts = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0]))
-    return Run(rig, poses[0], (Counts(stamps, tuple(c.channel for c in rig.cable), counts),)), true
+    return Run(rig, poses[0], (Counts(stamps, tuple(c.channel for c in rig.cable), counts),), unstated="exact"), true
 
 
 FIGURES = ("speed", "largest", "AV", "RV", "FV")

@@ -77,10 +77,10 @@ def _case_of(seed: int, rig: str, noise: str) -> Case | None:
     recorded = counts_from_poses(drawn.truth, poses, poses[0]) + drawn_phases(drawn.truth, rng)
     recorded = np.rint(recorded) if noise == "rounded" else recorded + rng.normal(0.0, 1.0 / np.sqrt(12.0), recorded.shape)
     counts = Counts(np.arange(SAMPLES, dtype=np.float64) / 1000.0, tuple(c.channel for c in drawn.truth.cable), recorded)
-    run = Run(drawn.truth, poses[0], (counts,))
+    run = Run(drawn.truth, poses[0], (counts,), unstated="exact")
     if rig == "calibrated":
         stated, (found, record) = displaced(poses[0], rng), calibrated(drawn)
-        run = Run(found, stated, (counts,), record, U_START)
+        run = Run(found, stated, (counts,), record, U_START, unstated="exact")
     trajectory = reconstruct(run)
     i = int(rng.integers(SAMPLES))
     if trajectory.status[i] != Status.OK:

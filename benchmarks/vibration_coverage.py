@@ -93,7 +93,7 @@ def known(seed: int) -> Rig:
 def measured(rig: Rig, time_s: FloatArray, poses: FloatArray) -> tuple[Run, Trajectory]:
     """What the rig records of a motion, whole counts, and the trajectory that it makes of them."""
     recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, START))
-    run = Run(rig, START, (Counts(time_s, tuple(c.channel for c in rig.cable), recorded, source="simulated"),))
+    run = Run(rig, START, (Counts(time_s, tuple(c.channel for c in rig.cable), recorded, source="simulated"),), unstated="exact")
     solver = reconstruction_of(RunModel(rig, START))
     lengths = lengths_from_counts(run)
     return run, trajectory_of(time_s, solver.solve(solver.model.scheme.rows, solver.model.zero_pose, lengths.change_mm, lengths.flags))

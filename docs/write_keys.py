@@ -9,9 +9,15 @@ from pathlib import Path
 
 from lmeasure.io import FILE_KINDS
 from lmeasure.io.schemas import keys_of, prose, schema_of, tables_of
+from lmeasure.rig import TYPICAL_SIZES
 
 ROOT = Path(__file__).parents[1]
-PAGES = {"rig.md": ("rig", "drums", "placement", "bodies"), "files.md": ("run", "scenario", "program", "details", "robot", "structure")}
+PAGES = {
+    "rig.md": ("rig", "drums", "placement", "bodies"),
+    "files.md": ("run", "scenario", "program", "details", "robot", "structure"),
+    "assumed-sizes.md": (),
+}
+SIZES = re.compile(r"(<!-- typical sizes, made by docs/write_keys.py -->\n).*?(<!-- end of sizes -->)", re.DOTALL)
 MARK = re.compile(r"(<!-- keys of (\w+), made by docs/write_keys.py -->\n).*?(<!-- end of keys -->)", re.DOTALL)
 
 
@@ -40,8 +46,15 @@ def listed(name: str) -> str:
     return "\n".join(parts.values())
 
 
+def sizes() -> str:
+    """Return the table of typical sizes."""
+    rows = [f"| {s.what} | `{s.key}` | {s.size} | {s.reason} | {s.stated_size} |" for s in TYPICAL_SIZES.values()]
+    return "\n".join(["| error | key | typical size | why | reached by measurement |", "|---|---|---|---|---|", *rows])
+
+
 def page(text: str) -> str:
-    """Return a page with the keys of the current models."""
+    """Return a page with the keys of the current models and the current typical sizes."""
+    text = SIZES.sub(lambda found: f"{found[1]}\n{sizes()}\n\n{found[2]}", text)
     return MARK.sub(lambda found: f"{found[1]}\n{listed(found[2])}\n{found[3]}", text)
 
 

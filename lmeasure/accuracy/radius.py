@@ -5,9 +5,7 @@ from scipy.optimize import brentq
 from scipy.special import gammainc, gammaincinv
 
 from lmeasure.core import FloatArray
-from lmeasure.kernels import RADIUS_95
-
-DEGREE = 5
+from lmeasure.trajectory import radii_95 as radii_95
 
 
 def exact_radius_95(eigenvalues: FloatArray, coverage: float = 0.95) -> float:
@@ -32,15 +30,6 @@ def exact_radius_95(eigenvalues: FloatArray, coverage: float = 0.95) -> float:
 
     low, high = (2.0 * gammaincinv(freedom / 2.0, coverage) for freedom in (1, 3))
     return float(np.sqrt(scale * brentq(excess, 0.9 * low, 1.1 * high, xtol=1e-13)))
-
-
-def radii_95(covariances: FloatArray) -> FloatArray:
-    """(n,) radii that hold 95 % of Gaussians with covariances (n, 3, 3), by the kernels' polynomial; 0 where there is none."""
-    eigenvalues = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
-    e1 = eigenvalues.sum(axis=1)
-    x, y, z = (eigenvalues / np.where(e1 > 0.0, e1, 1.0)[:, None]).T
-    coefficients = np.array([row + (0.0,) * (DEGREE + 1 - len(row)) for row in RADIUS_95])
-    return np.asarray(np.sqrt(e1) * np.polynomial.polynomial.polyval2d(3.0 * (x * y + y * z + z * x), 27.0 * x * y * z, coefficients))
 
 
 def stated_radii_95(covariances: FloatArray) -> FloatArray:

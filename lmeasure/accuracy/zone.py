@@ -19,27 +19,24 @@ from lmeasure.accuracy.limits import Body, Limits, body_rows, broken_limits
 from lmeasure.accuracy.readings import determined, readings_of
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, with_faults, within
-from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, covariance_root, se3
-from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, span_lengths as cable_kernels_span_lengths, span_rows_of
+from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, LMeasureError, covariance_root, se3
+from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, span_lengths as cable_kernels_span_lengths
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import (
     PLAY,
-    Taken,
     Unsolved,
-    Warmth,
     cable_covariance,
     every_part,
-    exact as unsolved_exact,
     length_variance,
     of_record,
     span_lengths,
+    span_rows as span_rows_and_readings,
     stated as unsolved_stated,
-    taken_as_exact as unsolved_taken_as_exact,
     zero_at,
     zeroed_exactly,
 )
 from lmeasure.text import Message, message, table
-from lmeasure.trajectory import NEAR_RAD, zeros_of
+from lmeasure.trajectory import NEAR_RAD, Assumed, Budget, RunModel, Situation, zero_readings, zeros_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -297,7 +294,7 @@ def map_zone(
 
     import xarray as xr
 
-    covered, exact = covers(rig, calibration), [t.said for t in taken_as_exact(rig, calibration, positions, rotations, start=start)]
+    covered, assumed = covers(rig, calibration), assumed_in_zone(rig, calibration, positions, rotations, start=start)
     data = xr.Dataset(
         {
             name: (DIMS, values.reshape([len(a) for a in axes]), about(*ABOUT[name]))
@@ -313,8 +310,9 @@ def map_zone(
             "node_spacing_mm": list(spacing),
             "u95_covers": str(covered),
             "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
-            "taken_as_exact": "\n".join(exact),
-            "messages": json.dumps(table([covered, exact]), ensure_ascii=False),
+            "u95_assumed_mm": assumed.part_mm,
+            "assumed": "\n".join(assumed.lines),
+            "messages": json.dumps(table([covered, assumed.lines]), ensure_ascii=False),
             "plan_sha256": plan.digest(),
         },
     )
@@ -404,34 +402,25 @@ def drum_variance(
     return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2 + known**2
 
 
-def taken_as_exact(
+def assumed_in_zone(
     rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray
-) -> tuple[Taken, ...]:
-    """What nobody stated and nothing has solved, and what it would add at the better half of the places of a scan."""
-    rows = rig.cable_rows()
-    poses, begun = sampled(positions, rotations), cable_kernels_span_lengths(rows, start[None])
-    lengths = cable_kernels_span_lengths(rows, poses)
-    poses = poses[np.isfinite(lengths).all(axis=1)]
-    if not (len(poses) and np.isfinite(begun).all()):
-        return ()
-    if rig.sensors:
-        found = determined(readings_of(rig, calibration, start, np.zeros(len(rows))), poses)
-        poses, well, twists = poses[found.known], 1.0 / found.norm2, found.G[:, :, : len(rows)]
-    else:
-        weights = np.sqrt(1.0 / length_variance(rig))
-        U, s, V = np.linalg.svd(weights[:, None] * span_rows_of(rows, poses), full_matrices=False)
-        well, twists = s.prod(axis=1), (np.swapaxes(V, 1, 2) / s[:, None]) @ np.swapaxes(U, 1, 2) * weights
-    if not len(poses):
-        return ()
-    chosen = well >= max(float(np.median(well)), np.finfo(float).tiny)
-    poses, twists = poses[chosen], twists[chosen]
-    counts = counts_from_changes(rows, np.ascontiguousarray(cable_kernels_span_lengths(rows, poses) - begun))
-    variables = unsolved_exact(rig, None, () if calibration is None else calibration.names)
-    reference = None if calibration is None else calibration.temperature_c
-    warmth = Warmth(reference, None, None, False)
-    return unsolved_taken_as_exact(
-        rig, variables, rows, zero_at(start, len(rows), 0.0), poses=poses, counts=counts, twists=twists, warmth=warmth
-    )
+) -> Assumed:
+    """What sizes that are assumed because nobody stated them make of U95 at the better half of the places of a scan. Start and temperature
+    are those of a run."""
+    model = RunModel(rig, start, calibration)
+    try:
+        budget = Budget(model)
+    except LMeasureError:
+        return Assumed()
+    rows, poses = model.scheme.rows, sampled(positions, rotations)
+    changes = span_rows_and_readings(rows, poses)[0] - zero_readings(model, rows, model.zero_pose)
+    runs = np.isfinite(changes).all(axis=1)
+    poses, counts = poses[runs], counts_from_changes(rows, np.ascontiguousarray(changes[runs]))
+    nothing = np.zeros_like(counts)
+    found = budget.of(np.zeros(len(poses)), poses, counts=counts, speed_mm_s=nothing, compiled=False)
+    spread = np.einsum("nii->n", (found.random + found.systematic)[:, 3:, 3:])
+    well = np.isfinite(spread) & (spread <= np.nanmedian(spread)) if len(spread) else np.zeros(0, np.bool_)
+    return budget.assumed(Situation(np.zeros(int(well.sum())), poses[well], counts[well], nothing[well]))
 
 
 def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:
@@ -468,7 +457,10 @@ def covers(rig: Rig, calibration: CalibrationRecord | None) -> Message:
     zeros = zeros_of(rig, calibration)
     if zeros.any():
         counts = message("covers.zeros_first_order" if zeros.max() > NEAR_RAD else "covers.zeros", counts=counts)
-    also = [v.kind.said for v in unsolved_stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
+    unsolved = unsolved_stated(rig, None, () if calibration is None else calibration.names)
+    also = [v.kind.said for v in unsolved if not v.assumed]
+    if any(v.assumed for v in unsolved):
+        also.append(message("covers.of.assumed"))
     stated = [message("accuracy.rig_states", what=tuple(dict.fromkeys(also)))] if also else []
     if calibration is None and not stated:
         return message("accuracy.only_rig_links_no", counts=counts)

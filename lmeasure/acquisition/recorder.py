@@ -365,8 +365,9 @@ class _Writer:
                 entry["stamps_brought_back_s"] = self.counting.assembler.stamps_moved_s
             if ended != "complete":
                 entry["why"] = ended
-            # a start that was stated meanwhile, by a page or an editor, is kept
-            stated = {key: value for key, value in files.read_toml(self.folder / "run.toml").items() if key == "start"}
+            # what was stated meanwhile, by a page or an editor, is kept
+            now = files.read_toml(self.folder / "run.toml")
+            stated = {key: now[key] for key in ("start", "unstated", "temperature_c") if key in now}
             files.write_toml(self.folder / "run.toml", self._table | stated)
         return replace(result, faults=dict(events.tally), notes=tuple(events.notes()))
 

@@ -210,13 +210,14 @@ def _measured(inputs: Inputs, program: Program, settings: CertificationSettings,
         _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    notes: tuple[Message | str, ...] = (*trajectory.notes, *(taken.said for taken in trajectory.taken_as_exact))
+    notes: tuple[Message | str, ...] = (*trajectory.notes, *trajectory.assumed.lines)
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 
 def _systematic(run: Run) -> str | None:
     # the start pose, clocks of passes and the temperature err anew in every run
-    if run.calibration is None or any(run.u_start) or run.rig.passes > 1 or run.temperature_c is not None:
+    of_run = any(run.start_errors.u) or run.rig.passes > 1 or run.temperature_c is not None or run.unstated == "typical"
+    if run.calibration is None or of_run:
         return None
     # drums and pulleys stand otherwise in every run
     if unsolved_stated(run.rig, kinds=OTHERS):

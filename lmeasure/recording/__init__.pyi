@@ -47,7 +47,9 @@ from .run import (
     write_run as write_run,
 )
 from .start import (
+    StartErrors as StartErrors,
     StatedStart as StatedStart,
+    UStart as UStart,
     start_from_text as start_from_text,
     start_of_rig as start_of_rig,
     start_uncertainty as start_uncertainty,

@@ -14,8 +14,8 @@ from pydantic import AfterValidator, ConfigDict, Field
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, TrajectoryError, conventions, framed
 from lmeasure.io import Strict, checked, files, inside, no_folder
 from lmeasure.recording.counts import Counts, read_counts, write_counts
-from lmeasure.recording.start import StartTable, StatedStart, start_of_rig, start_uncertainty, uncertainty_entries
-from lmeasure.rig import CalibrationRecord, Rig, read_linked_rig as read_linked_rig, write_calibration_record, write_rig
+from lmeasure.recording.start import StartErrors, StartTable, StatedStart, UStart, start_of_rig, start_uncertainty, uncertainty_entries
+from lmeasure.rig import CalibrationRecord, Rig, Unstated, read_linked_rig as read_linked_rig, write_calibration_record, write_rig
 from lmeasure.text import Message, count_of, message, numbers
 
 SCHEMA = "lmeasure.run/1"
@@ -40,6 +40,8 @@ class RunFile(Strict):
     """Kind and version of the file."""
     rig: str | None = None
     """Rig file in the run folder; not needed with `--rig`."""
+    unstated: Unstated = "typical"
+    """Meaning of a missing uncertainty of the start or of a missing temperature: typical, a typical size; exact, none."""
     passes: Annotated[tuple[RunPass, ...], Field(alias="pass")]
     """Passes in order, one table `[[pass]]` each."""
     temperature_c: Annotated[float, AfterValidator(_temperature)] | None = None
@@ -160,12 +162,15 @@ class Run(Shown):
     """Counts of each pass."""
     calibration: CalibrationRecord | None = None
     """Linked calibration record of the rig, or None."""
-    u_start: tuple[float, ...] = (0.0, 0.0)
-    """Standard uncertainties of the start pose: each coordinate [mm], rotation about each axis [rad], and each length [mm] if stated."""
+    u_start: UStart = (None, None)
+    """Standard uncertainties of the start pose: each coordinate [mm], rotation about each axis [rad], and each length [mm] if stated.
+    None: not stated."""
     temperature_c: float | None = None
     """Temperature at the start pose, and of passes without recorded temperatures [°C]."""
     recorded: tuple[Recorded, ...] = ()
     """Recording conditions of the passes, if known."""
+    unstated: Unstated = "typical"
+    """Whether missing uncertainties of the start and a missing temperature mean typical sizes, or none ("exact")."""
 
     def about(self) -> dict[str, str]:
         """Rig, samples, start, calibration."""
@@ -187,6 +192,11 @@ class Run(Shown):
         """(7,) the start pose; TrajectoryError, which says what to do, where it is unknown."""
         return known(self.start, self.passes[0].source if self.passes else "", self.rig)
 
+    @property
+    def start_errors(self) -> StartErrors:
+        """The standard uncertainties of the start pose, typical ones where none are stated."""
+        return StartErrors.of(self.u_start, self.unstated)
+
 
 @dataclass(frozen=True)
 class RunHead:
@@ -197,14 +207,20 @@ class RunHead:
     counts: tuple[Path, ...]
     torn: tuple[bool, ...]
     calibration: CalibrationRecord | None = None
-    u_start: tuple[float, ...] = (0.0, 0.0)
+    u_start: UStart = (None, None)
     temperature_c: float | None = None
     recorded: tuple[Recorded, ...] = ()
+    unstated: Unstated = "typical"
 
     @property
     def known_start(self) -> FloatArray:
         """As that of `Run`."""
         return known(self.start, str(self.counts[0]), self.rig)
+
+    @property
+    def start_errors(self) -> StartErrors:
+        """As those of `Run`."""
+        return StartErrors.of(self.u_start, self.unstated)
 
 
 def known(start: FloatArray | None, source: str, rig: Rig) -> FloatArray:
@@ -249,7 +265,7 @@ def read_run(folder: Path, rig_path: Path | None = None, start: StatedStart | No
     """
     head = read_run_head(folder, rig_path, start)
     passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
-    return Run(head.rig, head.start, passes, head.calibration, head.u_start, head.temperature_c, head.recorded)
+    return Run(head.rig, head.start, passes, head.calibration, head.u_start, head.temperature_c, head.recorded, head.unstated)
 
 
 def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> RunHead:
@@ -274,8 +290,8 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     torn = tuple(any(r.early and r.passage == number for r in recorded) for number in range(1, len(counts) + 1))
     stated, where = (data.get("start"), str(path)) if start is None else (start.table, start.source)
     pose = None if stated is None else start_of_rig(stated, rig, where)
-    u_start = (0.0, 0.0) if stated is None else start_uncertainty(stated, where)
-    return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, table.temperature_c, recorded)
+    u_start = (None, None) if stated is None else start_uncertainty(stated, where)
+    return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, table.temperature_c, recorded, table.unstated)
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
@@ -313,6 +329,7 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
     files.write_toml(
         folder / "run.toml",
         {"schema": SCHEMA, "rig": "rig.toml"}
+        | ({} if run.unstated == "typical" else {"unstated": run.unstated})
         | ({} if run.temperature_c is None else {"temperature_c": run.temperature_c})
         | start
         | {"pass": [{"counts": n} for n in names]}

@@ -14,7 +14,7 @@ from lmeasure.core import FileFormatError, FloatArray, conventions
 from lmeasure.io import Strict, files
 from lmeasure.kernels import ATTACHMENT_XYZ
 from lmeasure.recording.poses import poses_from_rows
-from lmeasure.rig import Rig
+from lmeasure.rig import TYPICAL_SIZES, Rig, Unstated
 
 LENGTHS = "lengths_mm"
 TYPED = "angles"
@@ -48,11 +48,11 @@ class StartTable(Strict):
     lengths_mm: dict[str, float] | None = None
     """Length of each cable by its name, along the cable from observation point to attachment point."""
     u_position_mm: Annotated[float, Field(ge=0)] | None = None
-    """Standard uncertainty of each coordinate; default: 0."""
+    """Standard uncertainty of each coordinate; default: see `unstated`."""
     u_rotation_deg: Annotated[float, Field(ge=0)] | None = None
-    """Standard uncertainty of the rotation about each axis; default: 0."""
+    """Standard uncertainty of the rotation about each axis; default: see `unstated`."""
     u_length_mm: Annotated[float, Field(ge=0)] | None = None
-    """Standard uncertainty of each length; default: 0."""
+    """Standard uncertainty of each length; default: see `unstated`."""
 
 
 @dataclass(frozen=True)
@@ -198,23 +198,47 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
         raise FileFormatError(f"{path}: start: {error}") from None
 
 
-def start_uncertainty(start: dict[str, Any], path: Path | str) -> tuple[float, ...]:
+UStart = tuple[float | None, ...]
+"""Standard uncertainties of a start as stated, None where they are not: of each coordinate [mm], about each axis [rad], of each length."""
+
+
+@dataclass(frozen=True)
+class StartErrors:
+    """Standard uncertainties of a start pose, in the order of `UStart`; assumed: which typical size each is, empty of a stated one."""
+
+    u: tuple[float, ...]
+    assumed: tuple[str, ...]
+
+    @classmethod
+    def of(cls, stated: UStart, unstated: Unstated) -> "StartErrors":
+        """Return them with typical sizes for what is not stated, or 0. A pose that comes from lengths errs with these alone."""
+        keys = [key if u is None and unstated == "typical" else "" for key, u in zip(START_UNCERTAINTY, stated, strict=False)]
+        if len(stated) > 2:
+            keys[:2] = "", ""
+        sizes = (0.0 if not key else TYPICAL_SIZES[key].value * (math.radians(1.0) if key.endswith("_deg") else 1.0) for key in keys)
+        return cls(tuple(size if u is None else u for u, size in zip(stated, sizes, strict=True)), tuple(keys))
+
+
+def start_uncertainty(start: dict[str, Any], path: Path | str) -> UStart:
     """(mm, rad) standard uncertainties of a [start] table, per coordinate and per axis, and behind them that of each length [mm] where the
-    pose comes from lengths; zero where it states none."""
-    values = []
+    pose comes from lengths; None where it states none."""
+    values: list[float | None] = []
     for key in START_UNCERTAINTY:
-        value = start.get(key, 0.0)
+        value = start.get(key)
+        if value is None:
+            values.append(None)
+            continue
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= conventions.MAX_LENGTH_MM:
             raise FileFormatError(f"{path}: start: {key} = {value!r} is not a standard uncertainty: a number that is not negative")
         values.append(float(value))
     from_lengths = LENGTHS in start or START_UNCERTAINTY[2] in start
-    return values[0], math.radians(values[1]), *(values[2:] if from_lengths else ())
+    return values[0], None if values[1] is None else math.radians(values[1]), *(values[2:] if from_lengths else ())
 
 
-def uncertainty_entries(u_start: tuple[float, ...]) -> dict[str, float]:
-    """The entries of a [start] table that `start_uncertainty` reads, those that are not zero."""
-    values = (u_start[0], math.degrees(u_start[1]), *u_start[2:])
-    return {key: value for key, value in zip(START_UNCERTAINTY, values, strict=False) if value}
+def uncertainty_entries(u_start: UStart) -> dict[str, float]:
+    """The entries of a [start] table that `start_uncertainty` reads."""
+    values = (u_start[0], None if u_start[1] is None else math.degrees(u_start[1]), *u_start[2:])
+    return {key: value for key, value in zip(START_UNCERTAINTY, values, strict=False) if value is not None}
 
 
 def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> FloatArray:

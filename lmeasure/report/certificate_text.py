@@ -1,7 +1,6 @@
 """What a certificate says, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
 
 import datetime
-import math
 import unicodedata
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
@@ -255,15 +254,10 @@ def load_and_speed(certificate: dict[str, Any]) -> tuple[str, str]:
 
 
 def left_out(certificate: dict[str, Any]) -> str:
-    """Return what U95 leaves out, with its total and its largest part; empty where it leaves out nothing."""
-    language = certificate["language"]
-    found = [m for e in certificate.get("findings", ()) if (m := from_stated(e)) is not None and m.code == "exact"]
-    if not found:
-        return ""
-    largest = max(found, key=lambda m: float(m.values["mm"]))
-    total = math.hypot(*(float(m.values["mm"]) for m in found))
-    values = {"total": number(language, total, ".2g"), "largest": largest.values["what"].text(language), "number": len(found)}
-    return word(language, "left_out", mm=number(language, largest.values["mm"], ".2g"), **values)
+    """Return how much of U95 is assumed because nobody stated it, and the statement that would help most; empty where nothing is."""
+    every = (from_stated(e) for e in certificate.get("findings", ()))
+    found = [m.text(certificate["language"]) for m in every if m is not None and m.code.startswith("assumed.")]
+    return "; ".join(found[:2])
 
 
 def verdict(language: str, figure: Mapping[str, Any]) -> str:

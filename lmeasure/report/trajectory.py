@@ -187,7 +187,7 @@ def _known(found: Along, language: str) -> Iterable[str]:
     words, trajectory, say = texts(language, "trajectory"), found.trajectory, Say(language)
     yield words["covers"].format(covers=say.message(trajectory.covers))
     yield from (signs(note.text(language)) for note in trajectory.notes)
-    yield from (taken.said.text(language) for taken in trajectory.taken_as_exact)
+    yield from (line.text(language) for line in trajectory.assumed.lines)
     if found.motion is not None:
         said = words["smoothed"].format(half=number(language, 1e3 * found.motion.half_width_s, ".4g"))
         yield f"{said} {words['smoothed.band']}" if _banded(trajectory) else said

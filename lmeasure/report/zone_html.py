@@ -62,7 +62,7 @@ def write_zone_page(
         plots["faults"] = figure(faults_figure(zone, say), "faults", language)
     html.write_page(
         path, "zone.html", answer(path.parent.name, zone, found, rig, calibration, say), say,
-        findings=zone_text.findings(zone, found, say), exact=zone_text.taken_as_exact(zone, say), edge=zone_text.has_edge(zone),
+        findings=zone_text.findings(zone, found, say), unstated=zone_text.assumed(zone, say), edge=zone_text.has_edge(zone),
         maps=maps(zone, rig, calibration, say), plots=plots, followed=[_edge(piece, say) for piece in followed],
         fault_rows=_fault_rows(zone, say) if "faults" in plots else [], z=float(zone["z"].values[fullest_level(zone)]),
         tables=zone_text.tables(zone, found, rig, say), assumed=", ".join(rig.assumed),

@@ -31,7 +31,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
         "language": language,
         "title": zone_text.title(rig, say),
         "findings": zone_text.findings(zone, found, say),
-        "exact": zone_text.taken_as_exact(zone, say),
+        "assumed": zone_text.assumed(zone, say),
         "slices": [{"level": say("zone.z_mm", mm=level), "svg": svg} for level, svg in _slices(zone)],
         "scale": _scale(float(zone.attrs["limit_deg"])),
         "limit": float(zone.attrs["limit_deg"]) / 90.0,

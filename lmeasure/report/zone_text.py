@@ -53,9 +53,9 @@ def findings(zone: xr.Dataset, found: Extent, say: Say) -> list[str]:
     return [*lines, say("zone.95_radius_covers", covers=say.message(messages_of(zone, "u95_covers")[0]))]
 
 
-def taken_as_exact(zone: xr.Dataset, say: Say) -> list[str]:
-    """What nobody stated and nothing has solved, a sentence each."""
-    reported = map(say.message, messages_of(zone, "taken_as_exact"))
+def assumed(zone: xr.Dataset, say: Say) -> list[str]:
+    """Return how much of U95 is assumed because nobody stated it, and the statements that would help most, a sentence each."""
+    reported = map(say.message, messages_of(zone, "assumed"))
     return [f"{line[:1].upper()}{line[1:]}." for line in reported]
 
 

@@ -12,42 +12,61 @@ Unstated = Literal["typical", "exact"]
 @dataclass(frozen=True)
 class TypicalSize:
     """Typical standard uncertainty of what the key of a file states: its value in the unit of the key, a share of the stated quantity where
-    `relative`; size: how reports write it; code: name in the catalogue."""
+    `relative`. stated: a size that a careful measurement reaches, in the same unit; unit: code of the sizes' text; code: name in the
+    catalogue."""
 
     key: str
     value: float
-    size: Message
+    stated: float
+    unit: str
     code: str
     relative: bool = False
+
+    @property
+    def what(self) -> Message:
+        """Return the name of the error."""
+        return message(f"exact.{self.code}")
 
     @property
     def reason(self) -> Message:
         """Return why this size is typical."""
         return message(f"typical.{self.code}")
 
+    @property
+    def size(self) -> Message:
+        """Return the typical size as reports write it."""
+        return self._written(self.value)
 
-def _mm(key: str, value: float, code: str) -> TypicalSize:
-    return TypicalSize(key, value, message("size.mm", mm=value), code)
+    @property
+    def stated_size(self) -> Message:
+        """Return the size that a careful measurement reaches, likewise."""
+        return self._written(self.stated)
 
+    @property
+    def stated_share(self) -> float:
+        """Return the share of the typical size that such a measurement leaves."""
+        return self.stated / self.value
 
-def _band(key: str, half: float, code: str) -> TypicalSize:
-    return TypicalSize(key, half, message("size.band", counts=round(2.0 * half)), code)
+    def _written(self, value: float) -> Message:
+        if self.unit == "band":
+            return message("size.band", counts=round(2.0 * value))
+        return message(f"size.{self.unit}", **{self.unit: 100.0 * value if self.unit == "percent" else value})
 
 
 WARMER_K = 5.0
 _SIZES = (
-    TypicalSize("u_count_length_mm", 5e-4, message("size.percent", percent=0.05), "count_length", relative=True),
-    _mm("u_groove_pitch_mm", 0.01, "groove_pitch"),
-    _mm("u_run_out_mm", 0.02, "run_out"),
-    _mm("u_pulley_eccentricity_mm", 0.05, "pulleys"),
-    _mm("u_swivel_offset_mm", 0.05, "swivels"),
-    _mm("u_attachment_mm", 0.3, "attachment"),
-    _band("u_backlash_counts", 1.0, "backlash"),
-    _band("u_friction_counts", 4.0, "friction"),
-    TypicalSize("temperature_c", WARMER_K, message("size.kelvin", kelvin=WARMER_K), "temperature"),
-    _mm("u_position_mm", 0.3, "start_position"),
-    TypicalSize("u_rotation_deg", 0.05, message("size.deg", deg=0.05), "start_rotation"),
-    _mm("u_length_mm", 0.3, "start_length"),
+    TypicalSize("u_count_length_mm", 5e-4, 1e-4, "percent", "count_length", relative=True),
+    TypicalSize("u_groove_pitch_mm", 0.01, 0.002, "mm", "groove_pitch"),
+    TypicalSize("u_run_out_mm", 0.02, 0.005, "mm", "run_out"),
+    TypicalSize("u_pulley_eccentricity_mm", 0.05, 0.01, "mm", "pulleys"),
+    TypicalSize("u_swivel_offset_mm", 0.05, 0.01, "mm", "swivels"),
+    TypicalSize("u_attachment_mm", 0.3, 0.05, "mm", "attachment"),
+    TypicalSize("u_backlash_counts", 1.0, 0.0, "band", "backlash"),
+    TypicalSize("u_friction_counts", 4.0, 1.0, "band", "friction"),
+    TypicalSize("temperature_c", WARMER_K, 0.5, "kelvin", "temperature"),
+    TypicalSize("u_position_mm", 0.3, 0.02, "mm", "start_position"),
+    TypicalSize("u_rotation_deg", 0.05, 0.003, "deg", "start_rotation"),
+    TypicalSize("u_length_mm", 0.3, 0.05, "mm", "start_length"),
 )
 TYPICAL_SIZES = {size.key: size for size in _SIZES}
 """The one table of typical sizes, by the key that states each: of rig.toml down to friction, then of run.toml and its [start]."""

@@ -6,6 +6,7 @@ from .cable_parameters import (
     length_gradients_since as length_gradients_since,
     solved_covariance as solved_covariance,
     unsolved_columns as unsolved_columns,
+    unsolved_dimensions as unsolved_dimensions,
     width_of as width_of,
 )
 from .channels import Channels as Channels
@@ -56,13 +57,14 @@ from .stated_errors import (
     Variable as Variable,
     Warmth as Warmth,
     exact as exact,
+    free_lengths as free_lengths,
     last_travel as last_travel,
     of_record as of_record,
     stated as stated,
     taken_as_exact as taken_as_exact,
     worst as worst,
 )
-from .wrap import arms as arms, guide as guide, span as span, span_rows as span_rows
+from .wrap import arms as arms, drum_of as drum_of, guide as guide, span as span, span_rows as span_rows
 from .zero_phase import (
     drawn_phases as drawn_phases,
     length_variance as length_variance,

@@ -67,8 +67,16 @@ def solved_covariance(
 def unsolved_columns(
     rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
 ) -> FloatArray:
+    """(13 m, s) the errors of `unsolved_dimensions`."""
+    return unsolved_dimensions(rig, record, cables, wide=wide)[0]
+
+
+def unsolved_dimensions(
+    rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
+) -> tuple[FloatArray, tuple[str, ...]]:
     """(13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of the dimensions that
-    the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them.
+    the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them; (s,) which
+    typical size each is, empty of what is stated or calibrated.
 
     What a record says of a dimension counts, and not the rig, whose statement was the calibration's prior.
     """
@@ -76,16 +84,20 @@ def unsolved_columns(
     names = channel_names(rig, chosen, wide=wide)
     known = () if record is None else record.dimensions
     solved = () if record is None else record.names
-    stated = {n: v.u for v in stated_errors.stated(rig, chosen, solved, DIMENSIONS) for n in v.names}
+    variables = stated_errors.stated(rig, chosen, solved, DIMENSIONS)
+    stated = {n: v.u for v in variables for n in v.names}
+    assumed = {n: v.typical for v in variables for n in v.names}
     # zeros of sensors are sources of their own, which a run may tell
     for sensor in {c.channel: c.table for c in chosen if isinstance(c, SensorChannel)}.values():
         own = {f"{sensor.channel}.{p.key}": sensor.u(p) * p.factor for p in sensor.solvable() if p.key != sensor.zero}
         stated |= {name: u for name, u in own.items() if u and name not in solved}
     own = _selected(rig, chosen, names, tuple(stated)) * np.array(list(stated.values()))
+    keys = tuple(assumed.get(name, "") for name in stated)
     if record is None or not known:
-        return own
+        return own, keys
     of_dimensions, followed = record.dimension_columns(names)
-    return np.column_stack([_selected(rig, chosen, names, tuple(d.name for d in known)) @ of_dimensions + followed, own])
+    calibrated = _selected(rig, chosen, names, tuple(d.name for d in known)) @ of_dimensions + followed
+    return np.column_stack([calibrated, own]), ("",) * calibrated.shape[1] + keys
 
 
 def _selected(rig: Rig, cables: tuple[Observed, ...], names: list[list[str]], dimensions: tuple[str, ...]) -> FloatArray:

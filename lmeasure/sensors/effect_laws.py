@@ -120,7 +120,7 @@ PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "groove_pitch", paramet
 RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "run_out", adds=_of_run_out)
 ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "pulleys", adds=_of_eccentricity)
 ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "attachment", parameter="attachment", adds=_of_attachment)
-OFFSET = CableEffect("u_swivel_offset_mm", "swivel axes beside the groove", "swivels", adds=_of_offset)
+OFFSET = CableEffect("u_swivel_offset_mm", "swivel axes off the groove", "swivels", adds=_of_offset)
 OVERSIZE = CableEffect("u_cable_oversize_mm", "cable diameter", "cable_diameter", adds=_of_oversize)
 BACKLASH = CableEffect("u_backlash_counts", "backlash", "backlash")
 FRICTION = CableEffect("u_friction_counts", "friction", "friction")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmeasure.core import FloatArray, se3
+from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, TANGENT, last_travel as kernels_last_travel
 from lmeasure.rig import TYPICAL_SIZES, WARMER_K, Cable, CalibrationRecord, Observed, Rig, attachment_names
 from lmeasure.sensors.cable_effects import Zero
@@ -99,6 +99,11 @@ class Variable:
     assumed: bool = False
 
     @property
+    def typical(self) -> str:
+        """The key of the typical size that it is, empty where it is stated."""
+        return self.kind.key if self.assumed else ""
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of its components, those of a calibration's parameters where it could be one."""
         if self.kind is ATTACHMENT:
@@ -185,17 +190,25 @@ class Unsolved:
         self.variables = [v for v in chosen if v.kind not in (BACKLASH, FRICTION)]
         self.names = tuple(name for v in self.variables for name in v.names)
         self.sources = tuple(v.kind.said for v in self.variables for _ in v.names)
-        # as they obey one law they are one variable
+        self.assumed = tuple(v.typical for v in self.variables for _ in v.names)
+        """Which typical size each column of `shifts` is, empty of what is stated."""
+        played = [v for v in chosen if v.kind in (BACKLASH, FRICTION)]
+        # as they obey one law they are one variable: of what is stated, and of what is assumed
+        self._plays = [(FRICTION.key if assumed else "", self._band(rig, played, assumed)) for assumed in (False, True)]
+        self._plays = [(key, band) for key, band in self._plays if band.any()]
+        self.play_mm = np.sqrt(sum((band**2 for _, band in self._plays), start=np.zeros(len(self._cables))))
+        """(m,) half the width of the band, one standard uncertainty of it [mm]."""
+
+    def _band(self, rig: Rig, played: list[Variable], assumed: bool) -> FloatArray:
+        """(m,) half the width of the band [mm] by the variables that are assumed, or by the others."""
         squares: dict[str, float] = {}
-        for v in chosen:
-            if v.kind in (BACKLASH, FRICTION):
+        for v in played:
+            if v.assumed is assumed:
                 squares[v.owner] = squares.get(v.owner, 0.0) + v.u**2
         drums = [rig.point(c.from_point).drum for c in self._cables]
-        self.play_mm = np.array(
+        return np.array(
             [np.sqrt(squares.get(c.from_point, 0.0)) * d.count_length_mm / d.scale for c, d in zip(self._cables, drums, strict=True)]
         )
-        """(m,) half the width of the band, one standard uncertainty of it [mm]."""
-        self._played = [point for point in dict.fromkeys(c.from_point for c in self._cables) if point in squares]
 
     def __bool__(self) -> bool:
         return bool(self.variables) or bool(self.play_mm.any())
@@ -215,15 +228,26 @@ class Unsolved:
 
         A variable for each drum, and one for each cable's count where it was zeroed.
         """
-        own = [np.array([c.from_point == point for c in self._cables]) for point in self._played]
-        along = [np.where(mask, -travel * self.play_mm, 0.0) for mask in own]
-        begun = [np.where(np.arange(len(u)) == j, (travel != 0.0) * u, 0.0) for u in [self.play_mm] for j in np.flatnonzero(u)]
-        return np.moveaxis(np.array([*along, *begun]).reshape(-1, *travel.shape), 0, 2)
+        columns = []
+        for _, u in self._plays:
+            columns += [np.where(mask, -travel * u, 0.0) for mask in self._drums_of(u)]
+            columns += [np.where(np.arange(len(u)) == j, (travel != 0.0) * u, 0.0) for j in np.flatnonzero(u)]
+        return np.moveaxis(np.array(columns).reshape(-1, *travel.shape), 0, 2)
+
+    def _drums_of(self, u: FloatArray) -> list[BoolArray]:
+        """The cables (m,) of each drum that has play u (m,) [mm]."""
+        drums = np.array([c.from_point for c in self._cables])
+        return [drums == point for point in dict.fromkeys(drums[u > 0.0].tolist())]
+
+    @property
+    def play_assumed(self) -> tuple[str, ...]:
+        """(p,) which typical size each column of `play` is, empty of what is stated."""
+        return tuple(key for key, u in self._plays for _ in range(len(self._drums_of(u)) + int(np.count_nonzero(u))))
 
     @property
     def play_sources(self) -> tuple[str, ...]:
         """(p,) what the columns of `play` stand for."""
-        return (message("sensors.play_drums"),) * (len(self._played) + int(np.count_nonzero(self.play_mm)))
+        return (message("sensors.play_drums"),) * len(self.play_assumed)
 
     def _at(self, rows: FloatArray, poses: FloatArray, counts: FloatArray) -> FloatArray:
         """(n, m, q) what each variable adds to F(P) - D(k)."""

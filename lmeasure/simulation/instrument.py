@@ -49,7 +49,7 @@ def simulate_run(
     """Every pass of the rig along the same motion, zeroed at its first pose, anywhere within a count unless the drum's zero is exact.
 
     noise_mm, noise_deg: standard deviation of each length and angle at each sample, independent. temperature_c (n,), the first at the
-    zero pose, has the effects that the rig states. The run's rig says that all is exact which it does not state. GeometryError when a cable
+    zero pose, has the effects that the rig states. Run and rig say that all is exact which they do not state. GeometryError when a cable
     cannot run at a pose.
     """
     rig = rig.model_copy(update={"unstated": "exact"})
@@ -70,7 +70,7 @@ def simulate_run(
         passes.append(
             Counts(time_s, tuple(c.channel for c in cables), recorded, source=f"simulated pass {number}", temperature_c=temperature_c)
         )
-    return SimulatedRun(Run(rig, start, tuple(passes), temperature_c=warm), poses)
+    return SimulatedRun(Run(rig, start, tuple(passes), temperature_c=warm, unstated="exact"), poses)
 
 
 def simulate_campaign(

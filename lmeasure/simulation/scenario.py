@@ -279,7 +279,7 @@ def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] |
     if scenario.unstated == "exact":
         return Simulated(run, campaign)
     return Simulated(
-        None if run is None else replace(run, run=replace(run.run, rig=_typical(run.run.rig))),
+        None if run is None else replace(run, run=replace(run.run, rig=_typical(run.run.rig), unstated="typical")),
         None if campaign is None else replace(campaign, nominal=_typical(campaign.nominal), true=_typical(campaign.true)),
     )
 

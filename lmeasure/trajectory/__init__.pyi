@@ -33,9 +33,14 @@ from .reconstruction.runs import (
     reconstruct as reconstruct,
     reconstruct_stream as reconstruct_stream,
 )
-from .reconstruction.screw_method import Reconstruction as Reconstruction, reconstruction_of as reconstruction_of
+from .reconstruction.screw_method import (
+    Reconstruction as Reconstruction,
+    reconstruction_of as reconstruction_of,
+    zero_readings as zero_readings,
+)
 from .time.passes import Alignment as Alignment, align as align
 from .time.stamps import Stamps as Stamps, stamps_of as stamps_of
+from .uncertainty.assumed import Assumed as Assumed, Statement as Statement, radii_95 as radii_95
 from .uncertainty.budget import RESTORED_ORIGIN as RESTORED_ORIGIN, Budget as Budget, PoseCovariances as PoseCovariances
 from .uncertainty.pose_errors import (
     ErrorModel as ErrorModel,
@@ -51,4 +56,10 @@ from .uncertainty.rounding import (
     phases as phases,
     roundings as roundings,
 )
-from .uncertainty.sources import NEAR_RAD as NEAR_RAD, UNKNOWN_MM as UNKNOWN_MM, zero_columns as zero_columns, zeros_of as zeros_of
+from .uncertainty.sources import (
+    NEAR_RAD as NEAR_RAD,
+    UNKNOWN_MM as UNKNOWN_MM,
+    Situation as Situation,
+    zero_columns as zero_columns,
+    zeros_of as zeros_of,
+)

@@ -80,7 +80,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
     stated = _start(settings)
     rig, calibration = read_linked_rig(settings.rig)
     pose = None if stated is None else start_of_rig(stated.table, rig, stated.source)
-    u_start = (0.0, 0.0) if stated is None else start_uncertainty(stated.table, stated.source)
+    u_start = (None, None) if stated is None else start_uncertainty(stated.table, stated.source)
     if settings.dbc is not None:
         rig = with_dbc(rig, settings.dbc)
     imported = import_logs(

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from zone_oracle import length_rows
 from zone_rigs import cell, published
 
 from lmeasure.accuracy import Limits, Scan, axis, map_zone, scan_zone, tilts, zone as zones
-from lmeasure.accuracy.zone import covers, drum_variance, make_plan, named_figures, sampled, taken_as_exact
+from lmeasure.accuracy.zone import assumed_in_zone, covers, drum_variance, make_plan, named_figures, sampled
 from lmeasure.core import AccuracyError, GeometryError
 from lmeasure.kernels import FIGURES
 from lmeasure.rig import CalibrationRecord, RecordedParameter, Rig, rig_from_dict
@@ -266,32 +265,9 @@ def test_play_that_is_known_counts_once_where_the_counter_was_zeroed() -> None:
     one, mixed = (drum_variance(out, None, p, ONE, start=START) for p in (places, np.vstack([places, nowhere])))
     np.testing.assert_allclose(mixed, one, rtol=1e-12)
     assert (one > 0.0).all()
-    assert taken_as_exact(out, None, nowhere, ONE, start=START) == ()
-    assert taken_as_exact(out, None, places, ONE, start=np.r_[nowhere[0], START[3:]]) == ()
-
-
-def test_what_nobody_stated_is_looked_at_where_the_rig_holds_well() -> None:
-    """At the better half of the places: what is worse than the median changes nothing."""
-    rig, one, other = cell(), np.array([[10.0, -20.0, 15.0]]), np.array([[400.0, 300.0, -250.0]])
-    alone = taken_as_exact(rig, None, one, ONE, start=START)
-    assert alone
-    for places in (np.vstack([one, other, other]), np.vstack([other, one, one]), np.vstack([one, other, one])):
-        found = taken_as_exact(rig, None, places, ONE, start=START)
-        assert [t.said for t in found] == [t.said for t in taken_as_exact(rig, None, _better(rig, places), ONE, start=START)]
-    solved = taken_as_exact(rig, record(*(f"{p.name}.scale" for p in rig.observation_point)), one, ONE, start=START)
-    assert len(solved) <= len(alone)
-    assert solved != alone
-
-
-def _held(rig: Rig, place: tuple[float, float, float]) -> float:
-    """The volume that six lengths hold the body by."""
-    cables = [{"B": r[0:3], "u": r[3:6], "R": r[6], "P": r[7:10]} for r in rig.cable_rows()]
-    return float(abs(np.linalg.det(length_rows(np.array(place), np.eye(3), cables))))
-
-
-def _better(rig: Rig, places: np.ndarray) -> np.ndarray:
-    held = np.array([_held(rig, tuple(p)) for p in places])
-    return np.asarray(places[held >= np.median(held) * (1.0 - 1e-9)])
+    assumed = out.model_copy(update={"unstated": "typical"})
+    assert not assumed_in_zone(assumed, None, nowhere, ONE, start=START).every
+    assert not assumed_in_zone(assumed, None, places, ONE, start=np.r_[nowhere[0], START[3:]]).every
 
 
 def test_the_settings_one_by_one_are_those_of_a_scan(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -326,10 +302,3 @@ def test_each_node_of_a_box_is_mapped_as_it_is_alone() -> None:
         alone = scan_zone(cell(), None, x=x[i : i + 1], y=y[j : j + 1], z=z[k : k + 1], rotations=ONE, start=START)
         for name in ("worst_pressure_angle_deg", "u95_position_mm", "longest_cable_mm"):
             assert whole[name].values[i, j, k] == pytest.approx(alone[name].item(), rel=1e-9)
-
-
-def test_a_seventh_cable_that_hardly_counts_adds_nothing_to_what_is_taken_as_exact() -> None:
-    seven = changed(cell(cables=7), {"count_length_mm": 12.5, "counts_per_revolution": 6}, which=6)
-    six, found = ({t.what.code: t.mm for t in taken_as_exact(rig, None, np.zeros((1, 3)), ONE, start=START)} for rig in (cell(), seven))
-    assert set(six) <= set(found)
-    assert {code: found[code] for code in six} == pytest.approx(six, rel=1e-2)

@@ -12,11 +12,11 @@ from lmeasure.accuracy import REASONS, Limits, Placement, axis, exact_radius_95,
 from lmeasure.accuracy.limits import Body
 from lmeasure.accuracy.placement import Box, Search, Where, Work
 from lmeasure.accuracy.scan import Plan, run, scan_positions
-from lmeasure.accuracy.zone import make_plan, taken_as_exact
+from lmeasure.accuracy.zone import assumed_in_zone, make_plan
 from lmeasure.core import RigError
 from lmeasure.kernels import zone as kernels
 from lmeasure.recording import Program
-from lmeasure.rig import CalibrationRecord, RecordedParameter, Rig
+from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, RecordedParameter, Rig
 
 START = np.array([30.0, -20.0, 10.0, *Rotation.from_rotvec([0.05, -0.1, 0.08]).as_quat()])
 KEYS = ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")
@@ -263,8 +263,9 @@ def test_points_of_eight_cables_are_placed() -> None:
     assert scan_positions(plan, plan.positions)[0][kernels.U95_POSITION].max() == pytest.approx(placed.after["u95_position_mm"], rel=1e-9)
 
 
-def test_what_is_taken_as_exact_adds_less_to_more_cables() -> None:
+def test_assumed_sizes_add_less_to_more_cables() -> None:
     positions, turns = np.array([[100.0, 50.0, -20.0], [-80.0, 30.0, 40.0]]), Rotation.identity(1)
-    found = [{t.text: t.mm for t in taken_as_exact(cell(0, m), None, positions, turns, start=START)} for m in (6, 8)]
-    assert found[0].keys() == found[1].keys() != set()
-    assert all(found[1][text] < found[0][text] for text in found[0] if "temperature" not in text)
+    rigs = [cell(0, m).model_copy(update={"unstated": "typical"}) for m in (6, 8)]
+    six, eight = (assumed_in_zone(rig, None, positions, turns, start=START) for rig in rigs)
+    assert {one.key for one in six.every} == {one.key for one in eight.every} == set(list(TYPICAL_SIZES)[:8]) - {"u_backlash_counts"}
+    assert 0.0 < eight.part_mm < six.part_mm

@@ -80,13 +80,13 @@ def test_runs_after_a_calibration_err_as_is_stated(names: tuple[str, ...]) -> No
         poses = np.hstack([way * poses[1, :3], way * poses[1, 3:] + (1 - way) * start[3:]])
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1)[:, None]
         run = run_of(found.rig, true.counts(poses, start))
-        run = Run(found.rig, start, run.passes, found.record)
+        run = Run(found.rig, start, run.passes, found.record, unstated="exact")
         measured = reconstruct(run)
         budget = covariances(measured, run, np.array([29]))
         error = delta(measured.poses, poses)[29]
         square += float(error @ np.linalg.solve(budget.random[0] + budget.systematic[0], error))
         unlinked = run_of(found.rig, run.passes[0].recorded)
-        independent = Run(found.rig, start, unlinked.passes, found.record.model_copy(update={"dimensions": ()}))
+        independent = Run(found.rig, start, unlinked.passes, found.record.model_copy(update={"dimensions": ()}), unstated="exact")
         twice = covariances(measured, independent, np.array([29])).systematic[0][3:, 3:]
         apart.append(np.sqrt(np.trace(twice) / np.trace(budget.systematic[0][3:, 3:])))
         if "attachment" in names:

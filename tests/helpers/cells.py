@@ -74,7 +74,7 @@ def record(rig: Rig, times: FloatArray, poses: FloatArray, start: FloatArray = S
         signs = np.array([rig.point(c.from_point).drum.count_sign for c in cables])
         recorded = counts * signs if exact else recorded_from_counts(rig, counts, cables)
         passes.append(Counts(times, tuple(c.channel for c in cables), recorded, source=f"pass{number}"))
-    return Run(rig, start, tuple(passes))
+    return Run(rig, start, tuple(passes), unstated="exact")
 
 
 def with_recorded(run: Run, recorded: FloatArray) -> Run:

@@ -88,7 +88,7 @@ def reported(made: Made, case: Case) -> Campaign:
 def score(rig: Rig, record: CalibrationRecord | None, made: Made) -> Score:
     """The run reconstructed with a rig and, if there is one, its record."""
     counts = Counts(np.linspace(0.0, 0.05 * len(made.poses), len(made.poses)), tuple(c.channel for c in rig.cable), made.counts)
-    found = reconstruct(Run(rig.model_copy(update={"calibration": None}), made.poses[0], (counts,), record))
+    found = reconstruct(Run(rig.model_copy(update={"calibration": None}), made.poses[0], (counts,), record, unstated="exact"))
     known = ~np.isnan(found.poses[:, 0])
     true, poses = made.poses[known], found.poses[known]
     turn = (Rotation.from_quat(true[:, 3:]) * Rotation.from_quat(poses[:, 3:]).inv()).as_rotvec()

@@ -62,7 +62,7 @@ def test_a_run_comes_back(tmp_path: Path, suffix: str) -> None:
         Counts(np.arange(20) / 7, ("ch1", "ch2"), np.rint(g.normal(0, 1e4, (20, 2))), (np.arange(20) > 3).astype(np.float64)) for _ in "12"
     )
     start = np.r_[0.1, 0.2, 0.3, np.array([0.5, 0.5, 0.5, 0.5])]
-    write_run(tmp_path / "new" / "run", Run(rig_from_dict(test_rig.data()), start, passes), {"note": "by hand"}, suffix)
+    write_run(tmp_path / "new" / "run", Run(rig_from_dict(test_rig.data()), start, passes, unstated="exact"), {"note": "by hand"}, suffix)
     back = read_run(tmp_path / "new" / "run")
     assert np.array_equal(back.known_start, start)
     assert back.rig == rig_from_dict(test_rig.data())
@@ -146,5 +146,5 @@ def test_a_folder_without_run_toml_is_not_whole(tmp_path: Path) -> None:
     counts = Counts(np.arange(2.0), ("ch1", "ch2"), np.zeros((2, 2)))
     (tmp_path / "run" / "pass2.csv").mkdir(parents=True)  # the second pass cannot be written
     with pytest.raises(LMeasureError, match="cannot be written"):
-        write_run(tmp_path / "run", Run(rig_from_dict(test_rig.data()), np.r_[np.zeros(6), 1], (counts, counts)))
+        write_run(tmp_path / "run", Run(rig_from_dict(test_rig.data()), np.r_[np.zeros(6), 1], (counts, counts), unstated="exact"))
     assert not (tmp_path / "run" / "run.toml").exists()

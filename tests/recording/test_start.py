@@ -107,11 +107,12 @@ def test_uncertain_lengths_make_the_whole_run_uncertain(tmp_path: Path) -> None:
         3,
     )
     run = read_run(tmp_path)
-    assert run.u_start == (0.0, 0.0, 0.2)
+    assert run.u_start == (None, None, 0.2)
+    assert run.start_errors.u == (0.0, 0.0, 0.2)
     found = reconstruct(run)
     budget = covariances(found, run)
     assert set(budget.sources) == {"start pose"}
-    reconstruction = reconstruction_of(RunModel(run.rig, run.known_start, u_start=run.u_start))
+    reconstruction = reconstruction_of(RunModel(run.rig, run.known_start, u_start=run.start_errors.u))
     drawn = by_monte_carlo(reconstruction, lengths_from_counts(run), found, 300, seed=1)
     u = np.sqrt(np.einsum("nii->ni", found.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", drawn.systematic)), u, rtol=0.17)

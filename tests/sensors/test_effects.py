@@ -43,7 +43,7 @@ def exact_run(rig: Rig, rise: float = 5.0) -> tuple[Run, FloatArray]:
     time_s, poses = smooth_path(START, LEGS, 50.0)
     warm = 22.0 + rise * time_s / time_s[-1]
     counts = counts_from_poses(rig, poses, START, None, temperature_c=warm, zero_temperature_c=22.0)
-    return Run(rig, START, (Counts(time_s, rig.channels, counts, temperature_c=warm),), temperature_c=22.0), poses
+    return Run(rig, START, (Counts(time_s, rig.channels, counts, temperature_c=warm),), temperature_c=22.0, unstated="exact"), poses
 
 
 def errors(run: Run, poses: FloatArray, **given: Any) -> float:
@@ -93,21 +93,21 @@ def test_a_run_with_effects_is_reconstructed_exactly_and_not_without(keys: dict[
     run, poses = exact_run(rig_with(keys, FRAME if keys is CABLE else None))
     assert errors(run, poses) < 1e-9
     assert np.abs(length_residuals(run, poses)).max() < 1e-9
-    plain = Run(cell_rig(1), START, run.passes)
+    plain = Run(cell_rig(1), START, run.passes, unstated="exact")
     assert errors(plain, poses) > (1e-3 if "cable_mass_kg_per_m" in keys else 5e-3)
 
 
 def test_a_constant_tension_alone_changes_nothing() -> None:
     """What is wound has the strain of what is free."""
     run, poses = exact_run(rig_with({"cable_tension_n": 6.0, "cable_stiffness_n": 9000.0}))
-    plain = Run(cell_rig(1), START, run.passes)
+    plain = Run(cell_rig(1), START, run.passes, unstated="exact")
     assert errors(plain, poses) < 1e-9
 
 
 def test_error_of_leaving_out_expansion_is_that_of_the_cable_s_length() -> None:
     run, poses = exact_run(rig_with({"cable_expansion_per_k": 1.6e-5}))
-    end = reconstruct(Run(cell_rig(1), START, run.passes))
-    left = length_residuals(Run(cell_rig(1), START, run.passes), poses)[-1]
+    end = reconstruct(Run(cell_rig(1), START, run.passes, unstated="exact"))
+    left = length_residuals(Run(cell_rig(1), START, run.passes, unstated="exact"), poses)[-1]
     rows = cell_rig(1).cable_rows()
     free = span_lengths(cell_rig(1), poses[-1:])[0] + np.hypot(rows[:, 10], rows[:, 11])
     # five kelvin more than at the start: the same counts hold more cable
@@ -144,7 +144,7 @@ def test_uncertainty_of_effects_is_that_of_drawn_rigs() -> None:
                 point["drum"][key.removeprefix("u_")] += width * float(np.clip(rng.normal(), -2.5, 2.5))
         true, _ = exact_run(rig_from_dict(data))
         last = Counts(run.passes[0].time_s, stated.channels, true.passes[0].recorded, temperature_c=run.passes[0].temperature_c)
-        found.append(reconstruct(Run(stated, START, (last,), temperature_c=22.0)).poses[-1, :3] - poses[-1, :3])
+        found.append(reconstruct(Run(stated, START, (last,), temperature_c=22.0, unstated="exact")).poses[-1, :3] - poses[-1, :3])
     assert np.std(found, axis=0) / u[3:] == pytest.approx(1.0, abs=0.3)
     mc = reconstruct(run, trials=100)
     assert np.sqrt(np.einsum("nii->ni", mc.systematic))[-1] / u == pytest.approx(1.0, abs=0.25)
@@ -161,7 +161,7 @@ def test_temperature_and_friction_are_in_the_uncertainty() -> None:
 
 def test_a_run_that_states_no_temperature_says_so() -> None:
     run, _ = exact_run(rig_with(CABLE, FRAME), rise=0.0)
-    silent = Run(run.rig, START, (Counts(run.passes[0].time_s, run.rig.channels, run.passes[0].recorded),))
+    silent = Run(run.rig, START, (Counts(run.passes[0].time_s, run.rig.channels, run.passes[0].recorded),), unstated="exact")
     assert any("no temperature is stated; the rig's reference of 20 deg C is used" in note for note in map(str, reconstruct(silent).notes))
 
 

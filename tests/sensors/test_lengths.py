@@ -68,7 +68,7 @@ def run_of(recorded: FloatArray, of: Rig | None = None, time_s: FloatArray | Non
     t = clock(len(recorded)) if time_s is None else time_s
     first = Counts(t, ("ch1", "ch2"), recorded[:, :2], source="pass1.csv")
     second = Counts(t, ("ch1", "ch2"), np.column_stack([recorded[:, 2], np.zeros(len(t))]), source="pass2.csv")
-    return Run(of or rig(), HOME, (first, second))
+    return Run(of or rig(), HOME, (first, second), unstated="exact")
 
 
 def test_counts_and_poses_agree_with_the_string_oracle() -> None:
@@ -159,7 +159,7 @@ def test_passes_are_brought_to_the_first_one_s_instants() -> None:
 
     first = Counts(t1, ("ch1", "ch2"), np.zeros((100, 2)))
     second = Counts(t2, ("ch1", "ch2"), np.column_stack([motion(t2), np.zeros(120)]))
-    lengths = lengths_from_counts(Run(rig(), HOME, (first, second)))
+    lengths = lengths_from_counts(Run(rig(), HOME, (first, second), unstated="exact"))
     inside = (t1 >= t2[0]) & (t1 <= t2[-1])
     assert 80 < inside.sum() < 100
     assert lengths.counts[inside, 2] == pytest.approx(motion(t1)[inside], abs=1e-6)
@@ -173,7 +173,7 @@ def test_a_hole_in_a_later_pass_is_not_filled() -> None:
     keep = (t2 < 0.03) | (t2 > 0.06)
     first = Counts(t1, ("ch1", "ch2"), np.zeros((100, 2)))
     second = Counts(t2[keep], ("ch1", "ch2"), np.zeros((keep.sum(), 2)))
-    lengths = lengths_from_counts(Run(rig(), HOME, (first, second)))
+    lengths = lengths_from_counts(Run(rig(), HOME, (first, second), unstated="exact"))
     assert lengths.flags[0] == Status.GAP
     assert str(lengths.cause[0]) == "pass 2 does not cover this time"
     hole = (t1 > t2[t2 < 0.03].max()) & (t1 < t2[t2 > 0.06].min())
@@ -188,11 +188,11 @@ def test_samples_beside_a_gap_of_a_later_pass() -> None:
     first = Counts(t, ("ch1", "ch2"), np.zeros((20, 2)))
     values = np.zeros((20, 2))
     values[5, 0] = np.nan
-    at_once = lengths_from_counts(Run(rig(), HOME, (first, Counts(t, ("ch1", "ch2"), values))))
+    at_once = lengths_from_counts(Run(rig(), HOME, (first, Counts(t, ("ch1", "ch2"), values)), unstated="exact"))
     assert np.flatnonzero(at_once.flags).tolist() == [5]
-    between = lengths_from_counts(Run(rig(), HOME, (first, Counts(t + 0.5e-3, ("ch1", "ch2"), values))))
+    between = lengths_from_counts(Run(rig(), HOME, (first, Counts(t + 0.5e-3, ("ch1", "ch2"), values)), unstated="exact"))
     assert np.flatnonzero(between.flags).tolist() == [0, 5, 6]
-    alone = lengths_from_counts(Run(rig(), HOME, (first, Counts(t[:1], ("ch1", "ch2"), np.zeros((1, 2))))))
+    alone = lengths_from_counts(Run(rig(), HOME, (first, Counts(t[:1], ("ch1", "ch2"), np.zeros((1, 2)))), unstated="exact"))
     assert (alone.flags == Status.OK).tolist() == [True] + [False] * 19
 
 
@@ -237,7 +237,7 @@ def test_a_missing_channel_is_named() -> None:
     run = run_of(np.zeros((3, 3)))
     bare = replace(run.passes[0], channels=("ch1", "other"))
     with pytest.raises(FileFormatError, match=r"pass1.csv: column 'ch2' is missing; it has ch1, other"):
-        lengths_from_counts(Run(run.rig, run.start, (bare, run.passes[1])))
+        lengths_from_counts(Run(run.rig, run.start, (bare, run.passes[1]), unstated="exact"))
 
 
 def test_covariance_in_the_kernels_units_and_order() -> None:

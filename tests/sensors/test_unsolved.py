@@ -139,7 +139,7 @@ def test_play_stands_still_until_it_is_crossed() -> None:
 
 
 def run_of(rig: Rig, recorded: FloatArray) -> Run:
-    return Run(rig, START, (Counts(np.arange(len(recorded)) / 100.0, rig.channels, recorded),))
+    return Run(rig, START, (Counts(np.arange(len(recorded)) / 100.0, rig.channels, recorded),), unstated="exact")
 
 
 def way_of(rng: np.random.Generator) -> FloatArray:

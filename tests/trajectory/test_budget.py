@@ -37,7 +37,7 @@ def test_factors_are_what_whole_runs_err_by_together() -> None:
     """True rigs and true starts drawn: covariances within a sample and between samples of one run."""
     rig, record_ = calibrated()
     times, poses = samples_of()
-    run = Run(rig, START, record(rig, times, poses, exact=True).passes, record_, U_START)
+    run = Run(rig, START, record(rig, times, poses, exact=True).passes, record_, U_START, unstated="exact")
     stated = reconstruct(run)
     assert stated.covers == "counts of half a unit, the start pose and the linked calibration"
     budget = covariances(stated, run)
@@ -101,7 +101,7 @@ def test_monte_carlo_and_the_linear_law_agree_on_passes() -> None:
     rig, run = two_passes()
     times = run.passes[0].time_s
     chosen = [0, 700, 1499]
-    few = Run(rig, START, tuple(replace(p, time_s=times[chosen], recorded=p.recorded[chosen]) for p in run.passes))
+    few = Run(rig, START, tuple(replace(p, time_s=times[chosen], recorded=p.recorded[chosen]) for p in run.passes), unstated="exact")
     reconstruction = reconstruction_of(RunModel(rig, START, clocks=(PassClock(), PassClock(0.001)), repeatability_mm=0.05))
     lengths = lengths_from_counts(few)
     linear = reconstruction.trajectory(lengths)
@@ -135,10 +135,10 @@ def test_what_a_constraint_holds_is_exact_in_the_start() -> None:
 
 def test_a_trajectory_read_back_tells_the_same(tmp_path: Path) -> None:
     rig, record_ = calibrated()
-    run = Run(rig, START, record(rig, *motion(50)).passes, record_, U_START)
+    run = Run(rig, START, record(rig, *motion(50)).passes, record_, U_START, unstated="exact")
     write_run(tmp_path / "run", run)
     again = read_run(tmp_path / "run")
-    np.testing.assert_allclose(again.u_start, U_START, rtol=1e-14)
+    assert again.u_start == pytest.approx(U_START, rel=1e-14)
     found = reconstruct(again)
     write_trajectory(tmp_path / "out.parquet", found)
     kept = read_trajectory(tmp_path / "out.parquet")

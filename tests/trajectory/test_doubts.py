@@ -84,7 +84,7 @@ def test_pieces_of_a_run_are_doubted_as_the_whole_is(piece: int) -> None:
     counters, parts = np.zeros((6, COUNTER_STATE)), []
     for i in range(0, 30, piece):
         own = Counts(time_s[i : i + piece], run.passes[0].channels, run.passes[0].recorded[i : i + piece], source="pass1")
-        parts.append(doubts.applied(rig, lengths_from_counts(Run(rig, run.start, (own,)), counters)))
+        parts.append(doubts.applied(rig, lengths_from_counts(Run(rig, run.start, (own,), unstated="exact"), counters)))
     counts, flags = np.concatenate([p.counts for p in parts]), np.concatenate([p.flags for p in parts])
     expected = lengths_from_counts(run).counts.copy()
     for shift in doubts.shifts:

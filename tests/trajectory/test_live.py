@@ -32,7 +32,7 @@ def test_live_is_the_same_run() -> None:
     first.recorded[300:310, 2] = np.nan
     first.recorded[700:720, 4] += 8000.0
     at_once = reconstruct(run)
-    pose = LivePose(rig, START)
+    pose = LivePose(rig, START, unstated="exact")
     assert pose.channels == first.channels
     for i, (t, recorded) in enumerate(zip(first.time_s, first.recorded, strict=True)):
         found = pose.update(t, recorded)
@@ -47,13 +47,13 @@ def test_a_rig_that_has_no_pose_yet_is_refused() -> None:
     for i, c in enumerate(data["cable"]):
         c["channel"], c["pass"] = f"ch{i % 3 + 1}", i // 3 + 1
     with pytest.raises(TrajectoryError, match="in one pass"):
-        LivePose(cell(cable=data["cable"]), START)
+        LivePose(cell(cable=data["cable"]), START, unstated="exact")
 
 
 def test_drums_and_swivels_live_are_the_same_run() -> None:
     run = first_of(read_run(AUTHORITY / "swivel-three"), 400)
     run.passes[0].recorded[200:203, 4] = np.nan
-    found = followed(LivePose(run.rig, run.start), run)
+    found = followed(LivePose(run.rig, run.start, unstated="exact"), run)
     at_once = reconstruct(run)
     assert [s.status for s in found] == [WORDS[s] for s in at_once.status]
     np.testing.assert_allclose(np.array([s.pose for s in found]), at_once.poses, rtol=0, atol=1e-9)
@@ -66,7 +66,7 @@ def test_from_power_on_live_is_what_the_run_so_far_tells() -> None:
     run = first_of(read_run(AUTHORITY / "swivel-run"), 100)
     for first, last, channel in ((60, 75, 7), (70, 95, 10), (85, 95, 2)):
         run.passes[0].recorded[first:last, channel] = np.nan
-    found = followed(LivePose(run.rig, None), run)
+    found = followed(LivePose(run.rig, None, unstated="exact"), run)
     assert {s.status for s in found[:49]} == {START_UNKNOWN}
     assert {s.status for s in found[49:]} == {"ok"}
     for n in (50, 100):
@@ -83,7 +83,7 @@ def test_a_cable_that_contradicts_the_others_is_no_pose_until_it_is_left_out() -
     run = first_of(read_run(AUTHORITY / "eight-run"), 400)
     sound = reconstruct(run).poses
     run.passes[0].recorded[150:, 2] -= np.minimum(10.0 * np.arange(250), 300.0)
-    found = followed(LivePose(run.rig, run.start), run)
+    found = followed(LivePose(run.rig, run.start, unstated="exact"), run)
     statuses = [s.status for s in found]
     assert set(statuses[:150]) == {"ok"}
     assert "inconsistent" in statuses[150:160]
@@ -96,9 +96,9 @@ def test_what_live_does_not_do_is_said() -> None:
     swivels = read_run(AUTHORITY / "swivel-run").rig.to_dict()["swivel"]
     run = read_run(AUTHORITY / "eight-run")
     with pytest.raises(TrajectoryError, match="its channels are not absolute"):
-        LivePose(run.rig, None)
+        LivePose(run.rig, None, unstated="exact")
     with pytest.raises(TrajectoryError, match="leaves out the play of swivels"):
-        LivePose(cell(swivel=[swivels[0] | {"point": "B1", "backlash_deg": 0.1}]), START)
+        LivePose(cell(swivel=[swivels[0] | {"point": "B1", "backlash_deg": 0.1}]), START, unstated="exact")
 
 
 @pytest.mark.slow
@@ -106,7 +106,7 @@ def test_two_absolute_angles_tell_a_live_start_once_the_tool_has_moved() -> None
     whole = read_run(AUTHORITY / "swivel-run")
     data, counts = whole.rig.to_dict(), whole.passes[0]
     data["swivel"] = [data["swivel"][i] for i in (1, 3)]
-    live = LivePose(rig_from_dict(data), None)
+    live = LivePose(rig_from_dict(data), None, unstated="exact")
     columns = [counts.channels.index(name) for name in live.channels]
     fewer = replace(counts, time_s=counts.time_s[::16], channels=live.channels, recorded=counts.recorded[::16, columns].copy(order="C"))
     run = replace(whole, rig=rig_from_dict(data), passes=(fewer,))

@@ -49,7 +49,7 @@ def two_passes(sync: bool = True, exact: bool = True, late_s: float = 0.0) -> tu
         first = replace(first, sync=pulses(times))
         second = replace(second, sync=pulses(own))
     second = replace(second, time_s=(own - SHIFT_S) / RATE if sync else own)
-    return Run(rig, START, (first, second)), path(times)
+    return Run(rig, START, (first, second), unstated="exact"), path(times)
 
 
 def test_clocks_are_found_by_two_edges() -> None:
@@ -80,7 +80,7 @@ def test_many_edges_are_worth_more_than_the_first_unless_they_keep_step(steady: 
         first = replace(record(rig, times, path(times)).passes[0], sync=pulses_at(begins, times))
         second = record(rig, own, path(own)).passes[1]
         second = replace(second, sync=pulses_at(begins, own), time_s=own - late)
-        aligned = align(Run(rig, START, (first, second)))
+        aligned = align(Run(rig, START, (first, second), unstated="exact"))
         moved = aligned.run.passes[1]
         # a count at its true time
         found.append(float(np.mean(moved.time_s - own)) / aligned.clocks[1].u_s)
@@ -137,7 +137,7 @@ def test_a_later_pass_is_read_between_its_samples_as_well_as_they_were_counted(r
     own, squares = times + 0.5 / rate_hz, []
     for exact in (True, False):
         passes = record(rig, times, path(times), exact=exact).passes[0], record(rig, own, path(own), exact=exact).passes[1]
-        found = reconstruct(Run(rig, START, passes))
+        found = reconstruct(Run(rig, START, passes, unstated="exact"))
         assert (found.status[1:] == Status.OK).all()
         error = found.poses[1:, :3] - path(times)[1:, :3]
         stated = (found.random + found.systematic)[1:, 3:, 3:]
@@ -183,7 +183,7 @@ def test_channels_counted_at_different_instants_add_speed_times_skew(tmp_path: P
     i = 1200
     rates = np.gradient(run.passes[0].recorded, times, axis=0)[i]
     drawn = run.passes[0].recorded[i] + generator.normal(0.0, 1e-3, (2000, 6)) * rates
-    found = reconstruct(Run(rig, START, (Counts(np.arange(2000.0), first.channels, drawn),)))
+    found = reconstruct(Run(rig, START, (Counts(np.arange(2000.0), first.channels, drawn),), unstated="exact"))
     added = np.sqrt(skewed.u[i] ** 2 - plain.u[i] ** 2)
     np.testing.assert_allclose(found.poses[:, :3].std(axis=0), added[:3], rtol=0.1)
 
@@ -203,7 +203,7 @@ def jittering(rng: np.random.Generator, law: str, edge: bool) -> tuple[Run, Floa
         stamps = np.maximum.accumulate(true + rng.uniform(0.0, latest_s, 800) - 5e-5 * np.arange(800)) + 5e-5 * np.arange(800)
         passes.append(replace(counts, time_s=stamps, sync=pulses_at(begins, true) if edge else None))
         instants.append(true)
-    return Run(rig, START, tuple(passes)), path(instants[0]), instants[0]
+    return Run(rig, START, tuple(passes), unstated="exact"), path(instants[0]), instants[0]
 
 
 @pytest.mark.parametrize(("law", "edge"), [("even", True), ("asked", False)])

@@ -160,7 +160,7 @@ def aligned(rig: Rig, *, u_time: bool = False) -> Lengths:
     determined = Counts(
         TIMES, rig.channels, counts * [rig.counter(o).count_sign for o in rig.observed], u_time_s=np.full(5, 1e-4) if u_time else None
     )
-    return lengths_from_counts(Run(rig, START, (determined,)))
+    return lengths_from_counts(Run(rig, START, (determined,), unstated="exact"))
 
 
 def test_the_cables_of_a_pass_are_displaced_together_and_late_together() -> None:
@@ -287,13 +287,14 @@ def test_covariances_in_pieces_are_those_of_the_factors(monkeypatch: pytest.Monk
             budget = budget.with_estimate(OriginEstimate(np.zeros(own), mix, 0.0, 1, POSES, mix @ mix.T, np.zeros(every - own)))
         given: dict[str, Any] = {"counts": found.counts, "speed_mm_s": budget.speed_mm_s(found), "u_mm": found.u_mm}
         whole = budget.of(TIMES, POSES, unused=unused, **given)
-        random, systematic = budget.covariances(POSES, found, unused)
+        random, systematic, assumed_mm = budget.covariances(POSES, found, unused)
         np.testing.assert_allclose(random, whole.random, rtol=1e-12)
         np.testing.assert_allclose(systematic, whole.systematic, rtol=1e-9, atol=1e-15)
         assert (np.einsum("nii->ni", systematic) > 0.0).all()
         # of poses that are not known nothing is
         lost = POSES.copy()
         lost[1] = np.nan
+        assert not assumed_mm.any()
         for part in budget.covariances(lost, found, unused):
             assert np.isnan(part[1]).all()
             assert np.isfinite(part[[0, 2, 3, 4]]).all()
@@ -302,7 +303,7 @@ def test_covariances_in_pieces_are_those_of_the_factors(monkeypatch: pytest.Monk
 def test_without_sources_nothing_is_systematic() -> None:
     rig = cell()
     budget, found = budget_of(rig), aligned(rig)
-    random, systematic = budget.covariances(POSES, found)
+    random, systematic, _ = budget.covariances(POSES, found)
     assert (np.einsum("nii->ni", random) > 0.0).all()
     np.testing.assert_array_equal(systematic, 0.0)
     assert budget.of(TIMES, POSES, counts=found.counts, speed_mm_s=found.counts).factors.shape == (5, 6, 0)

@@ -312,7 +312,7 @@ def run_with(stamps: FloatArray, t: FloatArray) -> Run:
     rig, places = cell(), on_line(t) / 6.0 - [80.0, 0.0, 100.0]
     poses = np.column_stack([places, np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))])
     counts = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0]))
-    return Run(rig, poses[0], (Counts(stamps, tuple(c.channel for c in rig.cable), counts),))
+    return Run(rig, poses[0], (Counts(stamps, tuple(c.channel for c in rig.cable), counts),), unstated="exact")
 
 
 def test_speeds_hold_what_they_say(tmp_path: Path) -> None:

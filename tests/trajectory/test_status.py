@@ -89,7 +89,7 @@ def test_sixteen_bits_wrap_within_the_stroke(stated: bool) -> None:
     run = record(cell(16), times, poses)
     assert (np.abs(np.diff(run.passes[0].recorded, axis=0)) > 60_000).any()
     if not stated:
-        run = Run(cell(None), run.start, run.passes)
+        run = Run(cell(None), run.start, run.passes, unstated="exact")
     narrow = reconstruct(run)
     assert set(statuses(narrow)) == {"ok"}
     np.testing.assert_array_equal(narrow.poses, wide.poses)
@@ -159,19 +159,19 @@ def test_a_singular_start_is_refused() -> None:
 def test_fewer_cables_are_refused(rig: Rig, run: Run, count: int) -> None:
     fewer = rig.model_copy(update={"cable": rig.cable[:count]})
     with pytest.raises(RigError, match=f"{count} cables"):
-        reconstruct(Run(fewer, run.start, run.passes))
+        reconstruct(Run(fewer, run.start, run.passes, unstated="exact"))
 
 
 def test_attachment_points_on_a_line_are_refused(run: Run) -> None:
     line = cell(tool={"P1": [0.0, 100.0, 0.0], "P2": [0.0, 0.0, 0.0], "P3": [0.0, -75.0, 0.0]})
     with pytest.raises(RigError, match="P1, P2, P3 lie on one line"):
-        reconstruct(Run(line, run.start, run.passes))
+        reconstruct(Run(line, run.start, run.passes, unstated="exact"))
 
 
 def test_a_start_at_which_a_cable_cannot_run_is_refused(rig: Rig, run: Run) -> None:
     start = np.r_[np.array(rig.point("B1").position_mm) - np.array(rig.tool["P1"]) + 1e-3, START[3:]]
     with pytest.raises(GeometryError, match="c1"):
-        reconstruct(Run(rig, start, run.passes))
+        reconstruct(Run(rig, start, run.passes, unstated="exact"))
 
 
 def test_two_passes_of_three_drums_are_one_solution(rig: Rig, run: Run, clean: Trajectory) -> None:

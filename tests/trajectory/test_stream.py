@@ -74,7 +74,7 @@ def test_pieces_give_the_same_file(kind: str, bits: int | None, tmp_path: Path) 
 def test_a_width_that_is_not_stated_is_found_in_the_whole_file_first(kind: str, tmp_path: Path) -> None:
     run = record(cell(16), *motion(N, reach_mm=520.0, tilt_rad=0.1))
     assert (np.abs(np.diff(run.passes[0].recorded, axis=0)) > 60_000).any()
-    write_run(tmp_path / "run", Run(cell(None), run.start, run.passes), suffix=kind)
+    write_run(tmp_path / "run", Run(cell(None), run.start, run.passes, unstated="exact"), suffix=kind)
     summary = reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "pieces.csv")
     whole = reconstruct(read_run(tmp_path / "run"))
     write_trajectory(tmp_path / "whole.csv", whole)

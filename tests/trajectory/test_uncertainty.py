@@ -35,7 +35,9 @@ def repeated(rig: Rig, counts: FloatArray) -> FloatArray:
     sample before those of the next."""
     trials, samples, _ = counts.shape
     inline = np.swapaxes(counts, 0, 1).reshape(trials * samples, -1)
-    run = Run(rig, START, (Counts(np.arange(len(inline), dtype=np.float64), tuple(c.channel for c in rig.cable), inline),))
+    run = Run(
+        rig, START, (Counts(np.arange(len(inline), dtype=np.float64), tuple(c.channel for c in rig.cable), inline),), unstated="exact"
+    )
     return np.swapaxes(reconstruct(run).poses.reshape(samples, trials, 7), 0, 1)
 
 
@@ -113,7 +115,7 @@ def drawn(rig: Rig, record_: CalibrationRecord, shift: FloatArray) -> Rig:
 def test_the_calibration_covariance_is_what_true_rigs_drawn_from_it_scatter_by() -> None:
     rig, record_ = calibrated()
     times, poses = samples_of()
-    stated = reconstruct(Run(rig, START, record(rig, times, poses, exact=True).passes, record_))
+    stated = reconstruct(Run(rig, START, record(rig, times, poses, exact=True).passes, record_, unstated="exact"))
     assert "calibration" in stated.covers
     generator = np.random.default_rng(3)
     shifts = generator.multivariate_normal(np.zeros(len(record_.parameters)), record_.covariance_matrix(), TRIALS, method="cholesky")
@@ -130,7 +132,7 @@ def test_monte_carlo_and_the_linear_law_agree() -> None:
     """JCGM 101 against JCGM 100, each kind of error by itself: standard uncertainties and correlations."""
     rig, record_ = calibrated()
     times, poses = samples_of()
-    run = Run(rig, START, record(rig, times, poses).passes, record_)
+    run = Run(rig, START, record(rig, times, poses).passes, record_, unstated="exact")
     reconstruction = reconstruction_of(RunModel(rig, START, record_))
     lengths = lengths_from_counts(run)
     linear = reconstruction.trajectory(lengths)

@@ -104,7 +104,9 @@ def test_ten_rigs_err_as_their_covariances_say() -> None:
             [generator.uniform(-250, 250, (3, 3)), Rotation.from_rotvec(generator.uniform(-0.25, 0.25, (3, 3))).as_quat()]
         )
         recorded = np.rint(oracle_counts(rig, poses) + generator.uniform(-0.5, 0.5, 6))
-        run = Run(rig, START, (Counts(np.arange(3.0) * 100.0, tuple(c.channel for c in rig.cable), recorded, source="drawn"),))
+        run = Run(
+            rig, START, (Counts(np.arange(3.0) * 100.0, tuple(c.channel for c in rig.cable), recorded, source="drawn"),), unstated="exact"
+        )
         found = reconstruct(run)
         assert (found.status == 0).all()
         squares.append(mean_error_squared(found, poses, covariances(found, run)))
@@ -242,7 +244,9 @@ def test_phases_do_not_cancel_where_the_start_came_from_lengths() -> None:
         reconstruction = reconstruction_of(RunModel(rig, START, u_start=(0.0, 0.0, u_length)))
         start = reconstruction.budget.drawn_start(generator, reconstruction.model.scheme.rows)
         recorded = recorded_from_counts(rig, true, phase=drawn_phases(rig, generator))
-        run = Run(rig, start, (Counts(np.arange(60) / 20.0, channels, recorded, source="drawn"),), u_start=(0.0, 0.0, u_length))
+        run = Run(
+            rig, start, (Counts(np.arange(60) / 20.0, channels, recorded, source="drawn"),), u_start=(0.0, 0.0, u_length), unstated="exact"
+        )
         trajectory = reconstruct(run)
         law = law or covariances(trajectory, run)
         found.append((trajectory.poses[:, :3] - poses[:, :3])[30:].mean(axis=0))

@@ -17,7 +17,7 @@ from lmeasure.acquisition.logs.read import identifiers_in, log_batches
 from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.core import AcquisitionError, FileFormatError, FloatArray, OverwriteError, pasted, version_of
 from lmeasure.io import files
-from lmeasure.recording import Counts, Run, write_run
+from lmeasure.recording import Counts, Run, UStart, write_run
 from lmeasure.rig import CalibrationRecord, CanOpenCan, DbcCan, DbcChannel, Rig
 from lmeasure.text import Lines, message
 
@@ -130,7 +130,7 @@ def import_logs(
     start: FloatArray | None,
     *,
     calibration: CalibrationRecord | None = None,
-    u_start: tuple[float, ...] = (0.0, 0.0),
+    u_start: UStart = (None, None),
     folder: Path = Path(),
     bus: str | None = None,
     progress: Callable[[int, int], None] | None = None,

@@ -130,7 +130,16 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
         # by all channels: what one of them has against the others is what the check is about
         found = prepare(aligned).with_estimate(None)
         return found.with_estimate(estimate_origins(found, collect_epochs(found, [aligned.lengths])[0]))
-    model = RunModel(run.rig, run.start, run.calibration, u_start=run.u_start, clocks=aligned.clocks, temperature_c=run.temperature_c)
+    model = RunModel(
+        run.rig,
+        run.start,
+        run.calibration,
+        u_start=run.start_errors.u,
+        assumed_start=run.start_errors.assumed,
+        clocks=aligned.clocks,
+        temperature_c=run.temperature_c,
+        exact=run.unstated == "exact",
+    )
     return reconstruction_of(model)
 
 

@@ -27,9 +27,9 @@ from lmeasure.core import (
 )
 from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS
-from lmeasure.sensors import Taken, worst
 from lmeasure.text import Lines, Message, of_file
 from lmeasure.trajectory.time.stamps import stamps_of
+from lmeasure.trajectory.uncertainty.assumed import NOTHING, Assumed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -87,10 +87,12 @@ class Trajectory(Shown):
     """Notes for the user."""
     chi_squared: FloatArray | None = None
     """(n,) chi-squared of the contradictions between redundant lengths; NaN without redundant cables. None: not computed."""
-    taken_as_exact: tuple[Taken, ...] = ()
-    """Uncertainties that nobody stated or estimated, with the effect of typical values."""
+    assumed: Assumed = NOTHING
+    """Effect of typical sizes that are assumed because nobody stated them, and the statements that would help most."""
     absent: tuple[str, ...] = ()
     """Quantities without a stated uncertainty: "position", "rotation"."""
+    u95_assumed_mm: FloatArray | None = None
+    """(n,) part of the position's U95 that assumed values make [mm]; None: not computed."""
 
     def about(self) -> dict[str, str]:
         """Samples, worst angle, uncertainty and what it covers."""
@@ -136,6 +138,8 @@ class Trajectory(Shown):
         }
         out |= dict(zip(UNCERTAINTY_COLUMNS, self.u.T, strict=True))
         out |= dict(zip(SYSTEMATIC_COLUMNS, np.sqrt(_variances(self.systematic)).T, strict=True))
+        if self.u95_assumed_mm is not None:
+            out["u95_assumed_mm"] = self.u95_assumed_mm
         if self.chi_squared is not None:
             out["chi_squared"] = self.chi_squared
         if angles is not None:
@@ -168,7 +172,7 @@ class Summary:
         self.notes: list[Message] = []
         self.apart_s: tuple[float, float] | None = None
         """Least and largest interval of stamps where those jitter."""
-        self.taken_as_exact: tuple[Taken, ...] = ()
+        self.assumed = NOTHING
 
     def add(self, piece: Trajectory) -> None:
         """Take the next piece into account."""
@@ -189,7 +193,7 @@ class Summary:
             intervals = np.diff(piece.time_s)
             least, largest = self.apart_s or (np.inf, 0.0)
             self.apart_s = min(least, float(intervals.min())), max(largest, float(intervals.max()))
-        self.taken_as_exact = worst((*self.taken_as_exact, *piece.taken_as_exact))
+        self.assumed = self.assumed.joined(piece.assumed)
 
     def figures(self) -> dict[str, float]:
         """Numbers by name."""
@@ -197,7 +201,7 @@ class Summary:
         if self.statuses["ok"]:
             found |= {"worst_pressure_angle_deg": self.worst_angle, "largest_u_position_mm": self.u_position}
             found |= {"largest_u_rotation_deg": math.degrees(self.u_rotation)} if self.u_rotation else {}
-        return found
+        return found | self.assumed.figures()
 
     def text(self) -> str:
         """The lines."""
@@ -210,11 +214,8 @@ class Summary:
             rotation = message("trajectory_line.rotation", deg=degrees) if degrees else message("trajectory.orientation_not_measured")
             lines.append(message("trajectory.worst_pressure_angle_deg", angle=self.worst_angle, u=self.u_position, rotation=rotation))
         lines.append(message("trajectory.uncertainties", covers=self.covers))
-        usual = [message("trajectory_line.usual", what=t.what, size=t.size, mm=t.mm) for t in self.taken_as_exact if not t.stated]
-        if usual:
-            lines.append(message("trajectory.taken_exact_not_stated", what=tuple(usual)))
-        notes = [*self.notes, *(t.said for t in self.taken_as_exact if t.stated)]
-        lines += [message("line.note", text=note) for note in notes]
+        lines += self.assumed.lines
+        lines += [message("line.note", text=note) for note in self.notes]
         if self.apart_s is not None:
             least, largest = (1e3 * interval for interval in self.apart_s)
             lines.append(message("line.note", text=message("trajectory_line.jitter", least=least, largest=largest)))
@@ -247,6 +248,7 @@ def read_own(path: Path) -> Trajectory:
         diagonal(common**2),
         message("covers.file_"),
         chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
+        u95_assumed_mm=table.numbers("u95_assumed_mm", gaps=True) if "u95_assumed_mm" in table.columns else None,
     )
 
 

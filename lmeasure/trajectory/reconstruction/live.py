@@ -30,8 +30,8 @@ from lmeasure.kernels import (
     step as live_step,
     step_of,
 )
-from lmeasure.recording import Counts, Run, known
-from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.recording import Counts, Run, StartErrors, known
+from lmeasure.rig import CalibrationRecord, Rig, Unstated
 from lmeasure.sensors import Lengths, counts_from_poses, recorded_from_counts, span_rows
 from lmeasure.trajectory.faults.consistency import SIGNIFICANCE
 from lmeasure.trajectory.faults.doubts import EVERY, Doubts, shifted
@@ -203,14 +203,23 @@ class LivePose:
 
     Of six cables, or of six channels with a start, the poses are those of `reconstruct`. With more, or without a start (7,), those of a
     sample at which the run is learned are what `reconstruct` gives of the run up to it; later ones use what was reported then. aside:
-    learn in a thread, and follow meanwhile by what is known. Where a drum states no counter_bits its counter is taken as one that does not
-    wrap. Raises what `Reconstruction` raises, and TrajectoryError when the rig has more than one pass, effects that are left out here, or
-    no start and too few absolute channels. Everything is compiled before the constructor returns.
+    learn in a thread, and follow meanwhile by what is known. unstated: as that of `Run`, for start and temperature. Where a drum states no
+    counter_bits its counter is taken as one that does not wrap. Raises what `Reconstruction` raises, and TrajectoryError when the rig has
+    more than one pass, effects that are left out here, or no start and too few absolute channels. Everything is compiled before the
+    constructor returns.
 
     why: what keeps the start unknown, as long as it is. learns: whether it goes on learning.
     """
 
-    def __init__(self, rig: Rig, start: FloatArray | None, calibration: CalibrationRecord | None = None, *, aside: bool = False) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        start: FloatArray | None,
+        calibration: CalibrationRecord | None = None,
+        *,
+        aside: bool = False,
+        unstated: Unstated = "typical",
+    ) -> None:
         if rig.passes > 1:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose needs channels counted in one pass")
         if any(getattr(e, "backlash_deg", None) for e in rig.sensors):
@@ -219,7 +228,7 @@ class LivePose:
             known(None, f"rig {rig.name!r}", rig)
         self.channels, self.angles = tuple(o.channel for o in rig.observed), rig.angles
         self.why = "" if start is not None else "no attempt to find the start yet"
-        self._rig, self._start, self._calibration, self._aside = rig, start, calibration, aside
+        self._rig, self._start, self._calibration, self._aside, self._unstated = rig, start, calibration, aside, unstated
         self.learns = True
         self._way = self._first_way()
         if start is not None and self._way is not None:
@@ -252,7 +261,9 @@ class LivePose:
         """By the start that was stated."""
         if self._start is None:
             return None
-        reconstruction = reconstruction_of(RunModel(self._rig, self._start, self._calibration))
+        errors, exact = StartErrors.of((None, None), self._unstated), self._unstated == "exact"
+        model = RunModel(self._rig, self._start, self._calibration, u_start=errors.u, assumed_start=errors.assumed, exact=exact)
+        reconstruction = reconstruction_of(model)
         if reconstruction.model.correction is not None or any(p.drum.backlash_counts for p in self._rig.observation_point):
             what = "temperature, stretch, sag and parts that are not as drawn"
             raise TrajectoryError(f"rig {self._rig.name!r}: a live pose leaves out {what}, which this rig states")
@@ -324,7 +335,7 @@ class LivePose:
         """The way behind a beginning of the run that it tells, or why it tells none."""
         counts = Counts(time_s, self.channels, recorded, source="the run so far")
         try:
-            reconstruction = prepare(align(Run(self._rig, self._start, (counts,), self._calibration)))
+            reconstruction = prepare(align(Run(self._rig, self._start, (counts,), self._calibration, unstated=self._unstated)))
         except LMeasureError as error:
             return None, str(error)
         return AnyChannels(reconstruction, time_s, recorded), ""

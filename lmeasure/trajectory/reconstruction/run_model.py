@@ -13,7 +13,7 @@ import numpy as np
 from lmeasure.core import BoolArray, FloatArray, IntArray, RigError, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, COMPLIANCE, KIND, span_rows
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.sensors import MAX_ROUNDS, Effects, Lengths, Zero, effects_of, zero_at
+from lmeasure.sensors import MAX_ROUNDS, REFERENCE_C, Effects, Lengths, Zero, effects_of, zero_at
 from lmeasure.text import Message, message
 from lmeasure.trajectory.uncertainty.sources import PassClock, loose_zeros
 
@@ -119,6 +119,11 @@ class Correction:
         self._effects, self._scheme, self._start, self._temperature_c = effects, scheme, start, temperature_c
 
     @property
+    def thermal(self) -> bool:
+        """Return whether temperature has an effect."""
+        return self._effects.thermal
+
+    @property
     def notes(self) -> tuple[Message, ...]:
         """Return a note where the rig states thermal effects and nobody the temperature."""
         if self._effects.thermal and self._temperature_c is None:
@@ -179,9 +184,9 @@ class RunModel:
     """What a run is reconstructed by, before its counts are looked at.
 
     start (7,): pose at which the counters were zeroed, or at which the run was found to begin; begun (m,): changes of the channels at such
-    a found pose, else None. constraint replaces the rig's. u_start: standard uncertainties of the start pose as `Run` holds them; clocks:
-    those of each pass's time against pass 1's; repeatability_mm: standard deviation, per axis, of the robot between passes; temperature_c:
-    as stated for the start, measured_c: as the counts state it there, each None where it is not known.
+    a found pose, else None. constraint replaces the rig's. u_start, assumed_start: as `StartErrors` has them; exact: whether a temperature
+    that nobody states is exact; clocks: those of each pass's time against pass 1's; repeatability_mm: standard deviation, per axis, of the
+    robot between passes; temperature_c: as stated for the start, measured_c: as the counts state it there, each None where it is not known.
     """
 
     rig: Rig
@@ -190,6 +195,8 @@ class RunModel:
     constraint: str | None = None
     _: KW_ONLY
     u_start: tuple[float, ...] = (0.0, 0.0)
+    assumed_start: tuple[str, ...] = ("", "", "")
+    exact: bool = True
     clocks: tuple[PassClock, ...] = ()
     repeatability_mm: float = 0.0
     temperature_c: float | None = None
@@ -210,8 +217,7 @@ class RunModel:
     def correction(self) -> Correction | None:
         """Return the correction for the physical effects that the rig states, if it states any."""
         effects = effects_of(self.rig)
-        known = self.measured_c if self.temperature_c is None else self.temperature_c
-        return None if effects is None else Correction(effects, self.scheme, self.zero_pose, known)
+        return None if effects is None else Correction(effects, self.scheme, self.zero_pose, self.temperature_stated_c)
 
     @cached_property
     def loose_zeros(self) -> IntArray:
@@ -222,3 +228,22 @@ class RunModel:
     def absolute(self) -> BoolArray:
         """Return (m,) which channels have absolute readings, counted from no pose."""
         return np.array([self.rig.counter(o).absolute for o in self.rig.observed])
+
+    @property
+    def temperature_stated_c(self) -> float | None:
+        """Return the temperature at the start as stated or as the counts have it; None where it is not known."""
+        return self.measured_c if self.temperature_c is None else self.temperature_c
+
+    @property
+    def reference_c(self) -> float | None:
+        """Return the temperature at which the rig has its dimensions; None where its calibration does not say."""
+        if self.calibration is not None:
+            return self.calibration.temperature_c
+        return REFERENCE_C if self.rig.reference_temperature_c is None else self.rig.reference_temperature_c
+
+    @cached_property
+    def temperature_assumed(self) -> bool:
+        """Return whether the temperature errs by a typical size: it is not known, or the rig does not say how it grows."""
+        if self.temperature_stated_c is None:
+            return not self.exact
+        return self.rig.unstated == "typical" and not (self.correction is not None and self.correction.thermal)

@@ -3,6 +3,7 @@
 A log of ten hours goes from file to file a few pieces at a time, in bounded memory.
 """
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -75,12 +76,23 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
     rig = run.rig
 
     def begin(start: FloatArray, begun: FloatArray | None = None, zeros: FloatArray | None = None) -> Reconstruction:
-        model = RunModel(rig, start, run.calibration, constraint, temperature_c=run.temperature_c, begun=begun)
-        model = replace(
-            model, clocks=source.clocks, repeatability_mm=repeatability_mm, u_start=run.u_start if begun is None else (0.0, 0.0)
+        model = RunModel(
+            rig,
+            start,
+            run.calibration,
+            constraint,
+            clocks=source.clocks,
+            repeatability_mm=repeatability_mm,
+            temperature_c=run.temperature_c,
+            begun=begun,
+            exact=run.unstated == "exact",
         )
-        if model.correction is not None and run.temperature_c is None:
-            measured = (zero_temperature(lengths, None) for lengths in source.pieces(doubts))
+        if begun is None:
+            model = replace(model, u_start=run.start_errors.u, assumed_start=run.start_errors.assumed)
+        if run.temperature_c is None and (model.correction is not None or model.temperature_assumed):
+            # where no effect needs it, counts without a temperature at the beginning have none
+            pieces = source.pieces(doubts) if model.correction is not None else itertools.islice(source.pieces(doubts), 1)
+            measured = (zero_temperature(lengths, None) for lengths in pieces)
             model = replace(model, measured_c=next((value for value in measured if value is not None), None))
         reconstruction = replace(reconstruction_of(model), doubts=doubts)
         if begun is None and needed_zero(zeros_of(rig, run.calibration), len(model.scheme.free)) > LIGHT_RAD:

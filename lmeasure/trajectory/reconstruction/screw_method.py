@@ -247,9 +247,9 @@ class Reconstruction:
             residual = np.where(np.isfinite(lengths.change_mm).sum(axis=1) > len(scheme.free), residual, np.nan)
             cause = self._explained(cause, status, poses, angle, lengths.change_mm, begun)
             random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
+            assumed_mm, travel = np.zeros(len(poses)), self.budget.travel(lengths, travelled)
             if covariances:
-                travel = self.budget.travel(lengths, travelled)
-                random, systematic = self.budget.covariances(poses, lengths, unused, compiled, travel=travel)
+                random, systematic, assumed_mm = self.budget.covariances(poses, lengths, unused, compiled, travel=travel)
                 if self.redundancy is not None:
                     parities = self.redundancy.parities(self.redundancy.epochs(lengths, travel), poses)
                     chi_squared = np.where(parities.freedom > 0, parities.chi_squared, np.nan)
@@ -267,7 +267,8 @@ class Reconstruction:
                 self.budget.covers,
                 (*lengths.notes, *self.notes),
                 chi_squared,
-                self.budget.taken_as_exact(poses, lengths),
+                self.budget.assumed_of_run(poses, lengths, unused, travel=travel),
+                u95_assumed_mm=assumed_mm,
             )
             yield _without_orientation(trajectory) if scheme.point else trajectory
 

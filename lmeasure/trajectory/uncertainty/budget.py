@@ -10,21 +10,22 @@ The rig's own values make lengths err: those of the calibration, dimensions as s
 
 Errors of the poses of a run: what is new at every sample, and what all samples share.
 
-What of a rig a run takes as exact, as nobody stated it and nothing has solved it, and what its usual size would add to the poses.
+A variable is stated, calibrated or assumed: of a typical size because nobody stated it. `Source.assumed` says which.
 """
 
-from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from lmeasure.core import BoolArray, DataFrame, FloatArray, Shown, covariance_root, framed, se3
 from lmeasure.kernels import (
+    AXIAL,
     CABLE,
     KIND,
     PARAMETERS,
+    TANGENT,
     length_gradients,
     pose_twists,
     solve_pose,
@@ -32,37 +33,30 @@ from lmeasure.kernels import (
     span_rows_of,
     twists as least_squares_twists,
 )
-from lmeasure.rig import FURTHER, TABLE, Owner
+from lmeasure.rig import FURTHER, TABLE, WARMER_K, Owner
 from lmeasure.sensors import (
-    ATTACHMENT,
-    CALIBRATION,
     OTHERS,
     PLAY,
-    REFERENCE_C,
-    RIG,
     Lengths,
-    Taken,
     Unsolved,
-    Warmth,
-    Zero,
     cable_covariance,
     count_variance,
-    effects_of,
+    drum_of,
     every_part,
-    exact,
+    free_lengths,
     further_solved,
     last_travel,
     length_variance,
     solved_covariance,
     span_rows,
     stated,
-    taken_as_exact,
-    unsolved_columns,
+    unsolved_dimensions,
     width_of,
     zero_at,
 )
 from lmeasure.text import message
 from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
+from lmeasure.trajectory.uncertainty.assumed import Assumed, assumed_of, positions_95
 from lmeasure.trajectory.uncertainty.sources import (
     ANYWHERE,
     NEAR_RAD,
@@ -136,58 +130,6 @@ class PoseCovariances(Shown):
         return np.asarray(self.factors @ np.swapaxes(self.factors, 1, 2))
 
 
-SAMPLED = 64
-"""Poses of a piece at which it is looked at."""
-
-
-class Exact:
-    """Values that a run takes as exact; begun: where its counters begin."""
-
-    def __init__(self, model: RunModel, begun: Zero) -> None:
-        rig, scheme, calibration = self._rig, self._scheme, self._calibration = model.rig, model.scheme, model.calibration
-        self._temperature_c, self._begun = model.temperature_c, begun
-        # where the point itself is measured its place in the tool frame does not enter
-        self._variables = [
-            v
-            for v in exact(rig, None, () if calibration is None else calibration.names)
-            if scheme.point is None or v.kind is not ATTACHMENT
-        ]
-
-    def at(self, poses: FloatArray, lengths: Lengths, twists: Callable[[FloatArray, FloatArray], FloatArray]) -> tuple[Taken, ...]:
-        """At some of the (n, 7) poses of a piece of a run; twists (k, 6, m) of poses (k, 7) and true counts (k, m), per mm of each
-        length."""
-        known = np.flatnonzero(~np.isnan(poses[:, 0]))
-        if not len(known):
-            return ()
-        some = known[:: -(-len(known) // SAMPLED)]
-        few = np.ascontiguousarray(poses[some])
-        if self._scheme.point is not None:
-            few[:, 3:] = (0.0, 0.0, 0.0, 1.0)
-        counts, drawn = lengths.counts[some], slice(0, len(self._rig.cable))
-        return taken_as_exact(
-            self._rig,
-            self._variables,
-            self._scheme.rows[drawn],
-            self._begun,
-            poses=few,
-            counts=counts[:, drawn],
-            twists=twists(few, counts)[:, :, drawn],
-            warmth=self._warmth(lengths),
-        )
-
-    def _warmth(self, lengths: Lengths) -> Warmth:
-        """What is known of the run's temperature: at its start and at these samples."""
-        rig, record = self._rig, self._calibration
-        at_start = np.nan if self._temperature_c is None else self._temperature_c
-        seen = np.append(at_start, () if lengths.temperature_c is None else lengths.temperature_c)
-        seen = seen[np.isfinite(seen)]
-        of_rig = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
-        reference = of_rig if record is None else record.temperature_c
-        effects = effects_of(rig)
-        low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
-        return Warmth(reference, low, high, effects is not None and effects.thermal, RIG if record is None else CALIBRATION)
-
-
 class ParameterErrors:
     """Errors of a rig's channels by independent variables of unit variance: solved of them by the linked calibration, dimensions more by
     what the rig states to be uncertain. cancels: whether what acts where counting began too cancels, as it does not where the start came
@@ -203,8 +145,12 @@ class ParameterErrors:
         width = np.sqrt(np.diag(cable_covariance(rig, calibration, observed, wide=self._wide)))
         of_record = solved_covariance(rig, calibration, observed, wide=self._wide)
         solved = covariance_root(np.where(enters[:, None] & enters, of_record, 0.0), width)
-        dimensions = np.where(enters[:, None], unsolved_columns(rig, calibration, observed, wide=self._wide), 0.0)
-        dimensions = dimensions[:, dimensions.any(axis=0)]
+        columns, assumed = unsolved_dimensions(rig, calibration, observed, wide=self._wide)
+        dimensions = np.where(enters[:, None], columns, 0.0)
+        acting = np.asarray(dimensions.any(axis=0))
+        dimensions = dimensions[:, acting]
+        self.assumed = ("",) * solved.shape[1] + tuple(key for key, acts in zip(assumed, acting.tolist(), strict=True) if acts)
+        """(r,) which typical size each variable is, empty of what is stated or calibrated."""
         self.solved, self.dimensions = solved.shape[1], dimensions.shape[1]
         every = np.column_stack([solved, dimensions])
         every = every.reshape(len(observed), width_of(wide=self._wide), every.shape[1])
@@ -255,6 +201,11 @@ RESTORED_ORIGIN = "cause.restored"
 ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
+TEMPERATURE = "temperature"
+EXPANSION_PER_K = 11.5e-6
+"""Of steel."""
+SAMPLED = 64
+"""Poses of a piece at which the effect of assumed sizes is computed."""
 CHUNK = 2048  # poses whose factors are in memory at once
 
 
@@ -270,7 +221,12 @@ class Budget:
     """Channels (index) that go on from another origin, behind a time and until one [s]."""
 
     def __init__(self, model: RunModel) -> None:
-        rig, scheme, calibration, u_start = model.rig, model.scheme, model.calibration, model.u_start
+        rig, scheme, calibration, (u_start, assumed_start) = (
+            model.rig,
+            model.scheme,
+            model.calibration,
+            (model.u_start, model.assumed_start),
+        )
         self.model, self.rig, self.scheme, self.correction = model, rig, scheme, model.correction
         observed, self._cables = rig.observed, len(rig.cable)
         self.scales, self.variance = rig.scales(observed), count_variance(rig, observed)
@@ -285,11 +241,14 @@ class Budget:
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
         at_start = span_rows(rig.cable_rows(observed), model.start[None])[1][0]
-        self._start_lengths = self._from_start(at_start * self._u_start)[:, self._u_start > 0.0]
+        errs = self._u_start > 0.0
+        self._start_lengths = self._from_start(at_start * self._u_start)[:, errs]
+        of_start = tuple(np.repeat([assumed_start[1], assumed_start[0]], 3)[errs].tolist())
         # a start that came from lengths errs with the rig: then nothing cancels where counting began
         self._u_length = u_start[2] if len(u_start) > 2 else None
         if self._u_length:
             self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(observed), len(rig.cable))])
+            of_start += (assumed_start[2],) * len(rig.cable)
         self.by_parameter = ParameterErrors(model, cancels=self._u_length is None)
         solved, dimensions = self.by_parameter.solved, self.by_parameter.dimensions
         self._passage = np.array([c.passage for c in observed], dtype=np.int64)
@@ -303,16 +262,22 @@ class Budget:
         self._played_mm = np.abs(every_part(rig, rig.cable).values[:, PLAY]) * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
         self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
         of_drums = self.unsolved.sources + self.unsolved.play_sources + (message("source.play"),) * int(np.count_nonzero(self._played_mm))
-        self._exact = Exact(model, self._begun)
+        of_assumed = self.unsolved.assumed + self.unsolved.play_assumed + ("",) * int(np.count_nonzero(self._played_mm))
         self._phase = zero_phase(rig)
         parameters = (BY_CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
         moved = (
             Source(
                 parameters,
-                (message("source.dimensions"),) * bool(dimensions),
+                (message("source.dimensions"),) * any(not key for key in self.by_parameter.assumed[solved:]),
                 lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel),
+                assumed=self.by_parameter.assumed,
             ),
-            Source(("start pose",) * self._start_lengths.shape[1], (message("covers.of.start"),), lambda _: self._start_lengths),
+            Source(
+                ("start pose",) * self._start_lengths.shape[1],
+                (message("covers.of.start"),) * (not all(of_start)),
+                lambda _: self._start_lengths,
+                assumed=of_start,
+            ),
         )
         start_columns = unknown_start(rig, self.absolute) if model.begun is not None else Source((), (), lambda _: np.empty((0, 0)))
         by_length = (
@@ -320,7 +285,15 @@ class Budget:
             start_columns,
             Source((*late, *places), (message("covers.of.passes"),), self._pass_lengths),
             Source(physical, (message("source.effects"),), self._physical_lengths),
-            Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
+            Source(
+                of_drums,
+                tuple(dict.fromkeys(said for said, key in zip(of_drums, of_assumed, strict=True) if not key)),
+                self._drum_lengths,
+                assumed=of_assumed,
+            ),
+            Source(
+                (TEMPERATURE,) * model.temperature_assumed, (), self._warm_lengths, assumed=("temperature_c",) * model.temperature_assumed
+            ),
             own_lengths(rig, calibration),
             unknown_zeros(rig, calibration),
         )
@@ -333,7 +306,10 @@ class Budget:
         """All sources of systematic error, the origins last."""
         self.supposed = np.zeros(len(self.origin_names))
         """(o,) what the variables of the origins are taken for until a run has determined them."""
-        self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
+        said = [text for source in self.every for text in source.said]
+        self.covers = _covers(
+            calibration is not None, said + [message("covers.of.assumed")] * any(map(any, (s.assumed for s in self.every)))
+        )
 
     def with_estimate(self, estimate: OriginEstimate | None) -> "Budget":
         """Return the budget after a run determined its origins; before it where the estimate is None."""
@@ -455,7 +431,7 @@ class Budget:
         `Lengths.u_mm` has it; unused (n, m): cables that were left out; temperature_c (n, m), the start's where it is
         None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
         G, own = self._own(poses, counts, u_mm, unused, compiled)
-        factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self.every)
+        factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self.every)[0]
         return PoseCovariances(own, factors, self.sources, self.uniform)
 
     def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
@@ -488,9 +464,10 @@ class Budget:
         compiled: bool = True,
         *,
         travel: FloatArray | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
-        random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses; and (n,) the
+        radius that holds 95 % of the position's errors by assumed sizes alone [mm], NaN where there is no pose."""
+        random, systematic, assumed_mm = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6)), np.empty(len(poses))
         speed_mm_s, u_mm = self.speed_mm_s(lengths), lengths.u_mm
         # each counter zeroed by itself, and all anywhere: the phases scatter as the counts do, and cost nothing
         alike = self.estimate is None and u_mm is None and len(self._phase.names) == len(self.variance)
@@ -504,11 +481,49 @@ class Budget:
             G, own = self._own(poses[part], lengths.counts[part], own_mm, left, compiled)
             random[part] = own @ np.swapaxes(own, 1, 2)
             systematic[part] = random[part] if alike else np.where(np.isnan(random[part]), np.nan, 0.0)
+            assumed_mm[part] = np.where(np.isnan(poses[part, 0]), np.nan, 0.0)
             if sources:
                 at = Situation(lengths.time_s[part], poses[part], lengths.counts[part], speed_mm_s[part], warm, gone)
-                factors = self._factors(G, at, sources)
+                factors, of_assumed = self._factors(G, at, sources)
                 systematic[part] += factors @ np.swapaxes(factors, 1, 2)
-        return random, systematic
+                if of_assumed.shape[2]:
+                    assumed_mm[part] = positions_95(of_assumed)
+        return random, systematic, assumed_mm
+
+    def assumed_of_run(
+        self, poses: FloatArray, lengths: Lengths, unused: BoolArray | None = None, *, travel: FloatArray | None = None
+    ) -> Assumed:
+        """Return what assumed sizes make of the uncertainty at some of the (n, 7) poses of a run."""
+        known = np.flatnonzero(~np.isnan(poses[:, 0]))
+        some = known[:: -(-len(known) // SAMPLED)] if len(known) else known
+
+        def few(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[some]
+
+        speed = self.speed_mm_s(lengths)[some]
+        at = Situation(lengths.time_s[some], poses[some], lengths.counts[some], speed, few(lengths.temperature_c), few(travel))
+        return self.assumed(at, few(lengths.u_mm), None if unused is None else unused[some])
+
+    def assumed(self, at: Situation, u_mm: FloatArray | None = None, unused: BoolArray | None = None) -> Assumed:
+        """Return what assumed sizes make of the uncertainty of poses; u_mm, unused: as `of` has them."""
+        keys = np.array([key for source in self.every for key in _assumed_in(source)])
+        exact = self.rig.unstated == "exact" and self.model.exact
+        if not keys.any() or not len(at.poses):
+            return Assumed(exact=exact)
+        poses = np.ascontiguousarray(at.poses)
+        if self.scheme.point is not None:
+            poses[:, 3:] = (0.0, 0.0, 0.0, 1.0)
+        at = replace(at, poses=poses)
+        G, own = self._own(poses, at.counts, u_mm, unused, compiled=False)
+        columns = self._lengths_of(at, self.every)
+        columns = np.where(np.isfinite(columns), columns, 0.0)
+        mix = np.eye(columns.shape[2]) if self.estimate is None else self.estimate.mix
+
+        def part(of: BoolArray) -> FloatArray:
+            return np.asarray(G @ columns[:, :, of] @ mix[of])
+
+        groups = {key: part(keys == key) for key in dict.fromkeys(keys[keys != ""].tolist())}
+        return assumed_of(own, part(np.ones(len(keys), np.bool_)), groups)
 
     def drawn_start(self, generator: np.random.Generator, moved: FloatArray) -> FloatArray:
         """(7,) the start as the scheme takes it, displaced by a draw of its errors; by the rig's moved rows where it came from lengths."""
@@ -526,18 +541,26 @@ class Budget:
         whole = np.sqrt(self.variance + (0.0 if u_mm is None else u_mm**2))
         return G, G * np.broadcast_to(whole, counts.shape)[:, None, :]
 
-    def _factors(self, G: FloatArray, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
-        """(n, 6, K) errors of poses whose twists per unit of each length are G (n, 6, m), by the variables of these sources."""
+    def _factors(self, G: FloatArray, situation: Situation, sources: tuple[Source, ...]) -> tuple[FloatArray, FloatArray]:
+        """(n, 6, K) errors of poses whose twists per unit of each length are G (n, 6, m), by the variables of these sources; and those by
+        the assumed sizes among them."""
         if not sources:
-            return G[:, :, :0]
-        lengths = self.lengths_of(situation, sources)
-        # a cable without a count, or left out, has no part in the pose
-        factors = np.asarray(G @ np.where(np.isfinite(lengths), lengths, 0.0))
+            return G[:, :, :0], G[:, :, :0]
+        lengths = self._lengths_of(situation, sources)
+        of = np.array([bool(key) for source in sources for key in _assumed_in(source)], dtype=np.bool_)
+        mix = self.estimate.mix if self.estimate is not None and sources is self.every else None
+
+        def errors(columns: FloatArray) -> FloatArray:
+            # a cable without a count, or left out, has no part in the pose
+            return np.asarray(G @ np.where(np.isfinite(columns), columns, 0.0))
+
+        factors = errors(lengths if mix is None else lengths @ mix)
+        assumed = factors[:, :, of] if mix is None else factors[:, :, :0] if not of.any() else errors(lengths[:, :, of] @ mix[of])
         if not self._rough.shape[1]:
-            return factors
+            return factors, assumed
         rows = self.scheme.rows
         beyond = beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] > CABLE)
-        return np.concatenate([factors, beyond], axis=2)
+        return np.concatenate([factors, beyond], axis=2), assumed
 
     def _pass_lengths(self, at: Situation) -> FloatArray:
         """(n, m, k) errors of the lengths by the passes' clocks and places: the cables of a pass are late and displaced together."""
@@ -566,6 +589,19 @@ class Budget:
         begun = np.eye(self._cables)[:, self._played_mm > 0.0] * self._played_mm[:, None]
         return self._padded(-np.concatenate([shifts, played, np.broadcast_to(begun, (len(poses), *begun.shape))], axis=2))
 
+    def _warm_lengths(self, at: Situation) -> FloatArray:
+        """(n, m, 1) errors of the lengths by the temperature that nobody stated, or by an expansion that the rig does not state: cables of
+        steel of another temperature than the rig's dimensions, and warmer than when they were zeroed."""
+        _, counts, warm = self._of_cables(at)
+        rows, model = self.scheme.rows[: self._cables], self.model
+        paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
+        free = paid + np.hypot(rows[:, TANGENT], rows[:, AXIAL]) + free_lengths(rows, self._begun.poses)
+        if model.temperature_stated_c is None or model.reference_c is None:
+            return self._padded(-EXPANSION_PER_K * WARMER_K * free[:, :, None])
+        now = model.temperature_stated_c if warm is None else np.where(np.isfinite(warm), warm, model.temperature_stated_c)
+        off = (model.temperature_stated_c - model.reference_c) * paid + (now - model.temperature_stated_c) * free
+        return self._padded(-EXPANSION_PER_K * off[:, :, None])
+
     def _from_start(self, values: FloatArray) -> FloatArray:
         """Values (m, ...) of the channels that count from the start pose, zero of the others."""
         return np.where(self.absolute.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
@@ -579,10 +615,6 @@ class Budget:
         if self._cables == len(self.scheme.rows):
             return lengths
         return np.pad(lengths, ((0, 0), (0, len(self.scheme.rows) - self._cables), (0, 0)))
-
-    def taken_as_exact(self, poses: FloatArray, lengths: Lengths) -> tuple[Taken, ...]:
-        """What nobody stated and nothing has solved, and what it would add at some of the (n, 7) poses of a run."""
-        return self._exact.at(poses, lengths, lambda at, counts: self.twists(at, counts, None, compiled=False))
 
     def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
         """(n, 6, m) what the poses move by per mm of each length."""
@@ -600,6 +632,11 @@ def twists_of_six(cables: FloatArray, poses: FloatArray) -> FloatArray:
     known = ~np.isnan(poses[:, 0])
     out[known] = np.linalg.inv(span_rows(cables, poses[known])[1])
     return out
+
+
+def _assumed_in(source: Source) -> tuple[str, ...]:
+    """(k,) which typical size each variable of a source is, empty of the others."""
+    return source.assumed or ("",) * len(source.names)
 
 
 def _covers(calibrated: bool, more: list[str]) -> str:

@@ -82,13 +82,15 @@ class Source:
 
     names (k,): of its variables, as `PoseCovariances.sources` has them; said: what they are in the words of `Budget.covers`. lengths:
     errors of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the same at all samples. uniform:
-    whether the variables are uniform, of unit variance, or normal.
+    whether the variables are uniform, of unit variance, or normal. assumed (k,): the key of the typical size that each is, empty of what is
+    stated or calibrated; () where none is assumed.
     """
 
     names: tuple[str, ...]
     said: tuple[str, ...]
     lengths: Callable[[Situation], FloatArray]
     uniform: bool = False
+    assumed: tuple[str, ...] = ()
 
 
 def zero_phase(rig: Rig) -> Source:

@@ -1,0 +1,220 @@
+"""What nobody stated has a typical size, in the uncertainty of every result, unless all that is not stated is exact by statement."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import real_rig
+from numpy.typing import NDArray
+from test_unsolved import START, after_play, delta, nominal, truth
+
+from lmeasure.accuracy import exact_radius_95, radii_95, scan_zone, tilts
+from lmeasure.core import se3
+from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
+from lmeasure.rig import TYPICAL_SIZES, Rig, rig_from_dict
+from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream, write_trajectory
+
+FloatArray = NDArray[np.float64]
+
+AUTHORITIES = Path(__file__).parents[1] / "authorities"
+
+
+def rig_of(seed: int, **keys: Any) -> Rig:
+    """A rig that states nothing but these keys, where they belong."""
+    data = nominal(truth(seed)) | {"unstated": "typical"}
+    for point in data["observation_point"]:
+        for key, value in keys.items():
+            of_drum = key in ("u_count_length_mm", "u_groove_pitch_mm", "u_run_out_mm", "u_backlash_counts", "u_friction_counts")
+            of_point = key in ("u_pulley_eccentricity_mm", "u_swivel_offset_mm")
+            (point["drum"] if of_drum else point if of_point else data)[key] = value
+    return rig_from_dict(data)
+
+
+def run_of(rig: Rig, counts: FloatArray, **keys: Any) -> Run:
+    return Run(rig, START, (Counts(np.arange(len(counts)) / 100.0, rig.channels, counts),), **keys)
+
+
+def counts_of(seed: int = 2, count: int = 60) -> FloatArray:
+    return np.rint(truth(seed).true_counts(real_rig.path(np.random.default_rng(seed), count), START))
+
+
+TYPICAL = {key: size.value * (real_rig.COUNT_MM if size.relative else 1.0) for key, size in list(TYPICAL_SIZES.items())[:8]}
+START_TYPICAL = (0.3, math.radians(0.05))
+
+
+def u95(found: Trajectory) -> float:
+    whole = (found.random + found.systematic)[:, 3:, 3:]
+    return max(exact_radius_95(np.linalg.eigvalsh(c)) for c in whole[-10:])
+
+
+def test_sizes_are_those_of_the_contract() -> None:
+    assert (
+        pytest.approx(
+            {
+                "u_count_length_mm": 5e-4 * real_rig.COUNT_MM,
+                "u_groove_pitch_mm": 0.01,
+                "u_run_out_mm": 0.02,
+                "u_pulley_eccentricity_mm": 0.05,
+                "u_swivel_offset_mm": 0.05,
+                "u_attachment_mm": 0.3,
+                "u_backlash_counts": 1.0,
+                "u_friction_counts": 4.0,
+            }
+        )
+        == TYPICAL
+    )
+    run = run_of(rig_of(2), counts_of())
+    assert run.start_errors.u == pytest.approx(START_TYPICAL)
+    assert replace(run, u_start=(0.1, None)).start_errors.u == pytest.approx((0.1, START_TYPICAL[1]))
+    assert replace(run, u_start=(0.0, 0.0)).start_errors.u == replace(run, unstated="exact").start_errors.u == (0.0, 0.0)
+
+
+def test_a_missing_key_is_what_stating_its_typical_size_is() -> None:
+    counts = counts_of()
+    assumed = reconstruct(run_of(rig_of(2), counts, temperature_c=20.0))
+    stated = reconstruct(run_of(rig_of(2, **TYPICAL), counts, temperature_c=20.0, u_start=START_TYPICAL))
+    np.testing.assert_allclose(assumed.systematic, stated.systematic, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(assumed.random, stated.random, rtol=1e-12)
+    assert stated.u95_assumed_mm is not None
+    np.testing.assert_array_equal(stated.u95_assumed_mm, 0.0)
+    assert assumed.u95_assumed_mm is not None
+    # counts that are zeroed exactly leave nothing else that a run shares
+    alone = [exact_radius_95(np.linalg.eigvalsh(c)) for c in assumed.systematic[::20, 3:, 3:]]
+    np.testing.assert_allclose(assumed.u95_assumed_mm[::20], alone, rtol=1e-3)
+
+
+def test_zero_and_exact_are_exact() -> None:
+    counts = counts_of()
+    zeros = dict.fromkeys(TYPICAL, 0.0)
+    for run in (
+        run_of(rig_of(2, **zeros), counts, temperature_c=20.0, u_start=(0.0, 0.0)),
+        run_of(rig_of(2).model_copy(update={"unstated": "exact"}), counts, unstated="exact"),
+    ):
+        found = reconstruct(run)
+        assert not found.systematic.any()
+        assert not found.assumed.statements
+    assert 'unstated = "exact"' in found.summary()
+
+
+@pytest.mark.parametrize("key", ["u_count_length_mm", "u_attachment_mm", "u_pulley_eccentricity_mm", "u_position_mm"])
+def test_a_statement_leaves_what_it_promises(key: str) -> None:
+    counts = counts_of()
+    found = reconstruct(run_of(rig_of(2), counts, temperature_c=20.0)).assumed
+    size = TYPICAL_SIZES[key].stated * (real_rig.COUNT_MM if TYPICAL_SIZES[key].relative else 1.0)
+    stated = key in TYPICAL
+    rig, u_start = rig_of(2, **({key: size} if stated else {})), (None if stated else size, None)
+    then = reconstruct(run_of(rig, counts, temperature_c=20.0, u_start=u_start)).assumed
+    promised = {one.key: one.u95_mm for one in found.every}[key]
+    assert then.u95_mm == pytest.approx(promised, rel=1e-9)
+    assert then.u95_mm < found.u95_mm
+
+
+def test_statements_are_sorted_and_few_and_survive_pieces_and_files(tmp_path: Path) -> None:
+    run = run_of(rig_of(2), counts_of())
+    found = reconstruct(run)
+    left = [one.u95_mm for one in found.assumed.statements]
+    assert left == sorted(left)
+    assert 1 <= len(left) <= 5
+    assert "state the start position to 0.02 mm (u_position_mm): U95 " in found.summary()
+    assert not [line for line in found.assumed.lines if any(word in line.text("ru") for word in ("state the", "typical"))]
+    write_run(tmp_path / "run", run)
+    assert reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "out.parquet").text() == found.summary()
+    kept = read_trajectory(tmp_path / "out.parquet").u95_assumed_mm
+    assert kept is not None
+    assert found.u95_assumed_mm is not None
+    np.testing.assert_allclose(kept, found.u95_assumed_mm, rtol=1e-12)
+    write_trajectory(tmp_path / "out.csv", found)
+    assert "u95_assumed_mm" in (tmp_path / "out.csv").read_text().splitlines()[0]
+
+
+def test_worlds_drawn_from_typical_sizes_are_inside_u95() -> None:
+    """By a forward model that shares no code: drums, pulleys, attachment points, play, start and temperature drawn, nothing stated."""
+    rng, inside, trials = np.random.default_rng(11), [], 80
+    for i in range(trials):
+        plain = truth(20 + i % 6)
+        true = real_rig.without(
+            plain,
+            stretch=rng.normal(0, 5e-4, 6),
+            pitch_mm=rng.normal(0, 0.01, 6),
+            run_out_mm=rng.normal(0, 0.02, (6, 2)),
+            eccentric_mm=rng.normal(0, 0.05, (6, 2)),
+            tool=rng.normal(0, 0.3, (3, 3)),
+            expansion_per_k=11.5e-6,
+        )
+        poses = real_rig.path(rng, 40)
+        poses[0] = se3.displaced(START[None], np.r_[rng.normal(0, START_TYPICAL[1], 3), rng.normal(0, 0.3, 3)][None])[0]
+        exact = true.true_counts(poses, poses[0])
+        half = np.abs(rng.normal(0, math.hypot(1.0, 4.0), 6))
+        recorded = np.rint(after_play(exact, half, rng.choice([-1.0, 1.0], 6)))
+        data = nominal(plain) | {"unstated": "typical"}
+        found = reconstruct(run_of(rig_from_dict(data), recorded, temperature_c=20.0))
+        last = np.flatnonzero(found.status == 0)[-1]
+        error = found.poses[last, :3] - poses[last, :3]
+        covariance = np.asarray(found.random + found.systematic, dtype=np.float64)[last, 3:, 3:]
+        inside.append(np.linalg.norm(error) < float(radii_95(covariance[None])[0]))
+    assert 0.9 <= np.mean(inside) <= 0.995, np.mean(inside)
+
+
+def test_a_start_that_is_off_by_a_typical_size_is_inside_u95() -> None:
+    poses = real_rig.path(np.random.default_rng(3), 40)
+    poses[0] = se3.displaced(START[None], np.array([[0, 0, 0, 0.3, 0, 0]]))[0]
+    counts = np.rint(truth(3).true_counts(poses, poses[0]))
+    for unstated, covered in (("typical", True), ("exact", False)):
+        found = reconstruct(run_of(rig_of(3).model_copy(update={"unstated": "exact"}), counts, unstated=unstated, temperature_c=20.0))
+        assert (np.linalg.norm(delta(found.poses, poses)[-1, 3:]) < u95(found)) == covered
+
+
+def test_what_a_run_shares_widens_poses_and_not_their_differences() -> None:
+    """Two visits of one pose on the same way: start, temperature and dimensions cancel; the pose itself has them in full."""
+    way = np.vstack([real_rig.path(np.random.default_rng(5), 30)] * 3)
+    rig = rig_of(5, u_backlash_counts=0.0, u_friction_counts=0.0)
+    run = run_of(rig, np.rint(truth(5).true_counts(way, START)))
+    found = reconstruct(run)
+    factors = covariances(found, run, np.array([45, 75])).factors
+    assert np.abs(factors[1] - factors[0])[3:].max() < 1e-3
+    assert u95(found) > 0.5
+    whole = covariances(found, run, np.array([45, 75]))
+    assert {"start pose", "temperature", "dimensions as stated"} <= set(whole.sources)
+
+
+def test_the_temperature_that_nobody_stated_is_five_kelvin_of_steel() -> None:
+    """By finite differences of the poses: the same counts when every cable grew since it was zeroed."""
+    counts = counts_of()
+    rig = rig_of(2).model_copy(update={"unstated": "exact"})
+    found = reconstruct(run_of(rig, counts, u_start=(0.0, 0.0)))
+    warmer = [{"drum": p.drum.model_copy(update={"cable_expansion_per_k": 11.5e-6})} for p in rig.observation_point]
+    points = tuple(p.model_copy(update=change) for p, change in zip(rig.observation_point, warmer, strict=True))
+    warm = Counts(np.arange(len(counts)) / 100.0, rig.channels, counts, temperature_c=np.r_[20.0, np.full(len(counts) - 1, 25.0)])
+    grown = Run(rig.model_copy(update={"observation_point": points}), START, (warm,), temperature_c=20.0, u_start=(0.0, 0.0))
+    moved = np.linalg.norm(reconstruct(grown).poses[1:, :3] - found.poses[1:, :3], axis=1)
+    u = np.sqrt(np.einsum("nii->n", found.systematic[1:, 3:, 3:]))
+    np.testing.assert_allclose(u, moved, rtol=0.1)
+
+
+def test_exact_rigs_keep_their_figures_to_all_digits() -> None:
+    kept = json.loads((AUTHORITIES / "exact-figures" / "figures.json").read_text())
+    for name in ("cell-run", "swivel-run", "three-drums-two-passes"):
+        rows, found = kept[name]["rows"], reconstruct(read_run(AUTHORITIES / "truth" / name))
+        np.testing.assert_allclose(found.poses[rows], kept[name]["poses"], rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(found.u[rows], kept[name]["u"], rtol=1e-12)
+        np.testing.assert_allclose(np.einsum("nii->ni", found.systematic)[rows], kept[name]["systematic"], rtol=1e-12)
+    run, x = read_run(AUTHORITIES / "truth" / "cell-run"), np.array([-100.0, 150.0])
+    zone = scan_zone(run.rig, None, x=x, y=x, z=x, rotations=tilts(0.2, 2), start=run.start)
+    np.testing.assert_allclose(zone["u95_position_mm"].values.ravel(), kept["zone"], rtol=1e-12)
+
+
+def test_a_zone_says_what_is_assumed() -> None:
+    x = np.linspace(-100.0, 100.0, 3)
+    zones = [
+        scan_zone(rig, None, x=x, y=x, z=x, rotations=tilts(0.0, 1), start=START)
+        for rig in (rig_of(2), rig_of(2, **TYPICAL), rig_of(2).model_copy(update={"unstated": "exact"}))
+    ]
+    assumed, stated, exact = (zone["u95_position_mm"].values for zone in zones)
+    np.testing.assert_allclose(assumed, stated, rtol=1e-9)
+    assert (assumed > 5.0 * exact).all()
+    assert [zone.attrs["u95_assumed_mm"] > 0.0 for zone in zones] == [True, False, False]
+    assert "state the " in zones[0].attrs["assumed"]
