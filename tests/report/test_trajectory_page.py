@@ -127,7 +127,7 @@ def test_a_cable_from_a_restored_origin_is_not_called_left_out(language: str, he
     assert set(over_time.data[-1].y) == {lane, None}
     write_trajectory_page(tmp_path / "t.html", "t", found, None, inputs=[], language=language)
     text = page_text((tmp_path / "t.html").read_bytes())
-    assert heading in text
+    assert state in text
     both = along(lost(found.trajectory, 20, 30, Status.OK, "", "c5"))
     assert {t.name for t in space_figure(both, None).data if t.mode == "markers"} == {"ok, origin restored", "without a cable"}
 
