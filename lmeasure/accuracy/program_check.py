@@ -1,6 +1,6 @@
 """A robot program compared with the zone, and its paths that leave the zone led around the limits by the least deviation (thesis 5.2)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy.scan import run
-from lmeasure.accuracy.zone import make_plan, named_figures
+from lmeasure.accuracy.zone import at_pose, make_plan, named_figures
 from lmeasure.core import AccuracyError, FloatArray, StructureError
 from lmeasure.linkages import Bounds, detour
 from lmeasure.recording import CommandedPath, Program
@@ -56,10 +56,9 @@ def guard(
     out = []
     for name, points, turns in places:
         plan = make_plan(rig, calibration, points, turns, start=start)
-        # a scan tries every orientation at every place: where each place has its own, one scan for each
-        own = plan.quaternions[:, None]
-        plans = [plan] if len(own) == 1 else [replace(plan, positions=points[i : i + 1], quaternions=own[i]) for i in range(len(points))]
-        found = [run(part, workers=1) for part in plans]
+        # drums and orientation are those of each place: a path says there what a pose says
+        own = np.broadcast_to(plan.quaternions, (len(points), 4))
+        found = [run(at_pose(plan, rig, calibration, points[i], own[i]), workers=1) for i in range(len(points))]
         both = np.hstack([f for f, _ in found]), np.hstack([flags for _, flags in found])
         figures = named_figures(*both, full=False, near=False, six=plan.six)
         out.append(Part(name, points, figures["worst_pressure_angle_deg"], figures["u95_position_mm"], _to_edge(zone, points)))

@@ -380,6 +380,14 @@ def make_plan(
     )
 
 
+def at_pose(plan: Plan, rig: Rig, calibration: CalibrationRecord | None, position: FloatArray, quaternion: FloatArray) -> Plan:
+    """The plan of one pose alone: its lengths vary by drums as they have turned there, not by the mean over a scan."""
+    positions, quaternions = np.array([position]), np.array([quaternion])
+    drums = drum_variance(rig, calibration, positions, Rotation.from_quat(quaternions), start=plan.start)
+    channels = plan.channels and replace(plan.channels, drums=np.append(drums, np.zeros(len(plan.channels.drums) - len(drums))))
+    return replace(plan, positions=positions, quaternions=quaternions, variance=length_variance(rig) + drums, channels=channels)
+
+
 def drum_variance(
     rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray
 ) -> FloatArray:
