@@ -26,7 +26,7 @@ class Settings(Writing):
         tuple[Path, ...], option("Add certificates, calibrations, files of checks, or DCCs of reference instruments.", metavar="PATH")
     ] = ()
     who: Annotated[str, option("Name of the person who adds; default: the user of this computer.", metavar="NAME")] = ""
-    made: Annotated[datetime.date | None, option("Day of the measurement, if the document does not state it.", metavar="YYYY-MM-DD")] = None
+    made: Annotated[str, option("Day of the measurement, if the document does not state it.", metavar="YYYY-MM-DD")] = ""
     verify: Annotated[bool, option("Check that no row was changed or removed since it was added.")] = False
     recall: Annotated[Path | None, option("List the documents that depend on this calibration or reference.", metavar="PATH")] = None
     subject: Annotated[str, option("Show the results of this robot, rig or reference instrument.", metavar="NAME")] = ""
@@ -51,9 +51,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
 
     if settings.result and not settings.subject:
         raise SettingsError("result", "goes with --subject")
+    made = _day(settings.made)
     limits = read_limits(settings.register_dir)
     # nothing is added before all that is to be added has been read
-    entries = [entry for path in settings.add for entry in _signed(settings.register_dir, path, read_entries(path, settings.made))]
+    entries = [entry for path in settings.add for entry in _signed(settings.register_dir, path, read_entries(path, made))]
     if not settings.database and not settings.add and not (settings.register_dir / FILE).is_file():
         raise CertificationError(f"{settings.register_dir}: holds no register; --add begins one")
     register = Register(settings.database or settings.register_dir)
@@ -78,16 +79,23 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
             _export(settings.export, every)
         if settings.backup is not None:
             register.backup(settings.backup)
-        made: dict[str, object] = {"newest": register.newest, "faults": list(faults), "due": [_due_json(d) for d in waiting]}
+        answer: dict[str, object] = {"newest": register.newest, "faults": list(faults), "due": [_due_json(d) for d in waiting]}
     finally:
         register.close()
     figures = {"entries": float(len(every)), "added": float(len(added)), "faults": float(len(faults))}
     figures["overdue"] = float(sum(d.day is not None and d.day <= datetime.date.today() for d in waiting))
     written = present(register.path if settings.add else None)
-    return Result(made, tuple(lines), figures, files=written, failure="; ".join(faults))
+    return Result(answer, tuple(lines), figures, files=written, failure="; ".join(faults))
 
 
 _KINDS = ("calibration", "check", "certificate", "reference")
+
+
+def _day(text: str) -> datetime.date | None:
+    try:
+        return datetime.date.fromisoformat(text) if text else None
+    except ValueError:
+        raise SettingsError("made", f"{text!r} is no date such as 2026-03-31") from None
 
 
 def _signed(folder: Path, path: Path, entries: "tuple[Entry, ...]") -> "tuple[Entry, ...]":
