@@ -169,7 +169,10 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     report = step(DRAW)
     fault, shown = counter_fault(run)
     write_demo_page(
-        out / PAGE, message("demo_page.title"), page_parts(run, calibration, trajectory, errors, zone, (fault, shown)), of_terminal()
+        out / PAGE,
+        message("demo_page.title"),
+        page_parts(run, calibration, trajectory, errors, zone=zone, fault=(fault, shown)),
+        of_terminal(),
     )
     write_recording(
         out / "demo.rrd",
@@ -218,7 +221,7 @@ def counter_fault(run: Run) -> tuple[Trajectory, float]:
 
 
 def page_parts(
-    run: Run, calibration: Calibration, trajectory: Trajectory, errors: Errors, zone: "xr.Dataset", fault: tuple[Trajectory, float]
+    run: Run, calibration: Calibration, trajectory: Trajectory, errors: Errors, *, zone: "xr.Dataset", fault: tuple[Trajectory, float]
 ) -> "list[Part]":
     """Return the steps of the demo's page, each with its picture."""
     from lmeasure.accuracy import radii_95

@@ -63,7 +63,7 @@ class _Restricted:
         return gradient, information
 
 
-def sizes(r: FloatArray, J: FloatArray, V: FloatArray, parts: list[FloatArray], seed: int = 0) -> Sizes:
+def sizes(r: FloatArray, J: FloatArray, V: FloatArray, parts: list[FloatArray], *, seed: int = 0) -> Sizes:
     """Return the sizes of groups of errors, parts (e, e) of the covariance of residuals r (e,) at their typical sizes, beside V (e, e).
 
     J (e, p): derivatives by what is free.

@@ -10,7 +10,7 @@ from lmeasure.report import figures, html
 from lmeasure.text import Message, Say
 
 
-def write_inspection_page(path: Path, title: str, what: Message, lines: Sequence[str], figure: go.Figure | None, language: str) -> None:
+def write_inspection_page(path: Path, title: str, what: Message, *, lines: Sequence[str], figure: go.Figure | None, language: str) -> None:
     """Write a self-contained page, whole or not at all.
 
     Parameters

@@ -28,12 +28,12 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
     plots = {"slices": figures.figure(slices_figure(grid.found, say), "slices", language)} if grid is not None and slices else {}
     workspace = "" if grid is None else workspace_words(grid, say)
     html.write_page(
-        path, "mechanism.html", answer(file, pose, record, grid, say), say, record=record, plots=plots, workspace=workspace,
+        path, "mechanism.html", answer(file, pose, record, grid, say=say), say, record=record, plots=plots, workspace=workspace,
         units={name: "°" if name.startswith("r") else say("page.mm") for name in record.get("ranges", ())},
     )  # fmt: skip
 
 
-def answer(file: ParallelFile, pose: FloatArray, record: dict[str, Any], grid: Grid | None, say: Say) -> html.Answer:
+def answer(file: ParallelFile, pose: FloatArray, record: dict[str, Any], grid: Grid | None, *, say: Say) -> html.Answer:
     """Return the first screen: freedoms, distance from a singular pose, workspace and what ends it, and what to do next."""
     near, freedoms = float(record["nearness"]), record["freedoms"]
     rows = [

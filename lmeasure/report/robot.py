@@ -43,7 +43,7 @@ def write_robot_page(
     if found.settings.weights == "biweight":
         plots["weights"] = figures.figure(_weights(found, say), "weights", language)
     html.write_page(
-        path, "robot.html", answer(path.parent.name, record, before, after, say), say,
+        path, "robot.html", answer(path.parent.name, record, before, after, say=say), say,
         record=record, plots=plots, times=times, joints=joints, over=over,
         errors=[(name, *(number(v, ".4f") for v in values)) for name, values in _errors(record, before, after, say)],
         weights=found.weight, few=_few(found, say), families=[(say.message(family_name(w["family"])), w) for w in record["worth_freeing"]],
@@ -52,7 +52,7 @@ def write_robot_page(
     )  # fmt: skip
 
 
-def answer(folder: str, record: dict[str, Any], before: FloatArray, after: FloatArray, say: Say) -> html.Answer:
+def answer(folder: str, record: dict[str, Any], before: FloatArray, after: FloatArray, *, say: Say) -> html.Answer:
     """Return the first screen: the error before and after, whether poses left out confirm it, what limits it, and what to do next."""
     held, stays = record["held_out"], record["stays"]
 

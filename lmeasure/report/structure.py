@@ -35,14 +35,14 @@ def write_structure_page(
         plots["boundary"] = figures.figure(slices_figure(record["boundary"], pose, say), "boundary", language)
     drawing = svg(incidence(linkage.base, linkage.platform).structure) if len(linkage.base) == LINKS else ""
     html.write_page(
-        path, "structure.html", answer(name, linkage, record, pose, say), say, plots=plots,
+        path, "structure.html", answer(name, linkage, record, pose, say=say), say, plots=plots,
         said=[line for line in lines(record) if not line.detail], drawing=drawing,
         assemblies=_rows(record, say) if record.get("assemblies") else [], at_pose=_at_pose(record, say) if "rank" in record else [],
         design=record.get("design"), links=_links(linkage, say), place=[say("page.x_mm"), say("page.y_mm"), say("page.z_mm")],
     )  # fmt: skip
 
 
-def answer(name: str, linkage: Linkage, record: dict[str, Any], pose: FloatArray | None, say: Say) -> html.Answer:
+def answer(name: str, linkage: Linkage, record: dict[str, Any], pose: FloatArray | None, *, say: Say) -> html.Answer:
     """Return the first screen: whether the lengths determine the pose, how well, the motion they see least, and what to do next."""
     rows = [html.Number(say("structure.class"), str(record["class"]), say("structure.of_links", number=len(linkage.base)))]
     assemblies = record["complex_assemblies"]

@@ -61,7 +61,7 @@ def write_zone_page(
     if VARIABLES[0] in zone and zone["in_zone"].values.any():
         plots["faults"] = figure(faults_figure(zone, say), "faults", language)
     html.write_page(
-        path, "zone.html", answer(path.parent.name, zone, found, rig, calibration, say), say,
+        path, "zone.html", answer(path.parent.name, zone, found, rig=rig, calibration=calibration, say=say), say,
         findings=zone_text.findings(zone, found, say), unstated=zone_text.assumed(zone, say), edge=zone_text.has_edge(zone),
         maps=maps(zone, rig, calibration, say), plots=plots, followed=[_edge(piece, say) for piece in followed],
         fault_rows=_fault_rows(zone, say) if "faults" in plots else [], z=float(zone["z"].values[fullest_level(zone)]),
@@ -69,7 +69,7 @@ def write_zone_page(
     )  # fmt: skip
 
 
-def answer(folder: str, zone: xr.Dataset, found: Extent, rig: Rig, calibration: CalibrationRecord | None, say: Say) -> html.Answer:
+def answer(folder: str, zone: xr.Dataset, found: Extent, *, rig: Rig, calibration: CalibrationRecord | None, say: Say) -> html.Answer:
     """Return the first screen: best and worst U95, where and why, the volume and what would make it larger, and what to do next."""
     inside, attrs = zone["in_zone"].values.astype(bool), zone.attrs
     again = "lmeasure zone RIG.toml --x ... --y ... --z ... --out zone.nc --report zone"

@@ -120,7 +120,7 @@ def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple
         from lmeasure.report import scans_figure, write_inspection_page
 
         what = message("inspect.logs", files=tuple(str(log) for log in settings.logs), counters=counters)
-        write_inspection_page(settings.report, settings.logs[0].name, what, lines, scans_figure(found), of_terminal())
+        write_inspection_page(settings.report, settings.logs[0].name, what, lines=lines, figure=scans_figure(found), language=of_terminal())
     return Result(found, tuple(lines), figures, notes, page=settings.report)
 
 

@@ -71,7 +71,9 @@ def _write_page(out: Path, path: Path, content: Content, settings: Settings, pro
             write_report(Report(measured=path, out=out.parent, language=settings.language), out, progress)
             return
     figure = None if content.noun is None else figure_of(content.noun)
-    write_inspection_page(out, path.resolve().name, content.what, content.lines, figure, settings.language or of_terminal())
+    write_inspection_page(
+        out, path.resolve().name, content.what, lines=content.lines, figure=figure, language=settings.language or of_terminal()
+    )
 
 
 Reader = Callable[[Path, Progress], Content]

@@ -54,7 +54,7 @@ def test_a_mechanism_is_told_drawn_and_recorded(tmp_path: Path) -> None:
         "--report", tmp_path / "page", "--rerun", tmp_path / "m.rrd",
     )  # fmt: skip
     assert "four-chains-arms: 6 freedoms, 36 parameters" in out
-    assert out.splitlines()[-1] == f"written: {tmp_path / 'page' / 'mechanism.html'}"
+    assert out.splitlines()[-2] == f"written: {tmp_path / 'page' / 'mechanism.html'}"
     record = json.loads((tmp_path / "m.json").read_text())
     assert record["singular"] == "no"
     assert record["workspace"]["places"] > 5
@@ -95,7 +95,7 @@ def test_links_are_found_for_poses(tmp_path: Path) -> None:
     columns = {"pose": [f"p{i}" for i in range(12)], **dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True))}
     files.write_table(tmp_path / "poses.csv", columns)
     out = run("dyads", tmp_path / "poses.csv", "--out", tmp_path / "links", "--links", "1", "--starts", "10")
-    assert "largest miss" in out
+    assert "largest error" in out
     links = files.read_table(tmp_path / "links" / "links.csv")
     anchor, point = (links.matrix([f"{end}_{axis}_mm" for axis in "xyz"])[0] for end in ("base", "platform"))
     far = [np.linalg.norm(p[:3] + _turn(p[3:]) @ point - anchor) for p in poses]

@@ -46,7 +46,7 @@ def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | Non
         parts = _parts(model, found.theta, absent)
         silent = found.undetermined
         V = stated.covariance(found.theta) + silent @ silent.T
-        drawn = sizes(found.residuals, found.determined, V, list(parts.values()), seed)
+        drawn = sizes(found.residuals, found.determined, V, list(parts.values()), seed=seed)
         now = _sized(model, dict(zip(parts, drawn.size.tolist(), strict=True)))
         found = fit(now, found.theta, found.prior_everywhere, near=True)
     size = dict(zip(parts, drawn.size.tolist(), strict=True))
