@@ -15,6 +15,7 @@ import xarray as xr
 import lmeasure as lm
 from lmeasure import api
 from lmeasure.accuracy import Placement
+from lmeasure.acquisition import scan_log
 from lmeasure.core import CalibrationError, CertificationError, LMeasureError, Shown
 from lmeasure.report.plots import DRAWN
 from lmeasure.robot_programs import Corrected, Outcome, Target
@@ -161,7 +162,7 @@ def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "trajectory": trajectory, "zone": lm.zone(calibration, AXIS, AXIS, np.array([0.0]), u95_mm=1.0, full=True),
         "plan": lm.plan_poses(rig, poses=2, box=[(-100.0, 100.0)] * 3, tilt_deg=5.0, solve=("position",), further=0),
         "placed": lm.place(rig, wanted, generations=1), "program": program, "identified": identified, "corrected": corrected(),
-        "described": links, "boundary": links.boundary,
+        "described": links, "boundary": links.boundary, "scan": scan_log(CELL.parents[1] / "scan-sync-with-counter" / "sync.log"),
         "evaluation": lm.evaluate(trajectory, poses_alone, run=made, rig=calibration, trials=100),
         "certificate": lm.certify(trajectory, poses_alone, folder, run=made, rig=calibration, trials=100),
     }  # fmt: skip

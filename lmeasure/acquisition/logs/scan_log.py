@@ -17,7 +17,7 @@ from lmeasure.acquisition.bus.sources import Source
 from lmeasure.acquisition.bus.transmission import REGULAR, every, ordinal
 from lmeasure.acquisition.logs.read import log_batches
 from lmeasure.acquisition.logs.report import LogReport
-from lmeasure.core import AcquisitionError, FileFormatError, FloatArray, IntArray
+from lmeasure.core import AcquisitionError, DataFrame, FileFormatError, FloatArray, IntArray, Shown, framed
 from lmeasure.rig import SYNC_ID
 from lmeasure.text import composed, message
 
@@ -88,8 +88,8 @@ class Carried:
         return [head, *(composed("           {text}", text=text) for text in (*(c.text for c in self.counters), *self.others, *reported))]
 
 
-@dataclass(frozen=True)
-class Scan:
+@dataclass(frozen=True, repr=False)
+class Scan(Shown):
     """All identifiers of a log, its dialect, the time of its first frame [s] and how long it lasts [s], and what could not be read."""
 
     path: Path
@@ -100,6 +100,21 @@ class Scan:
     notes: tuple[str, ...]
     sync: Carried | None = None
     """The frame that the counters answer, each after a delay of its own; it has no data, or one byte that counts (CiA 301)."""
+
+    def about(self) -> dict[str, str]:
+        """Length, dialect, identifiers, and how many numbers move as a counter does."""
+        counters = sum(len(c.counters) for c in self.carried)
+        lasts = f"{sum(c.frames for c in self.carried)} over {self.lasts_s:.6g} s"
+        return {"frames": lasts, "dialect": self.dialect, "identifiers": str(len(self.carried)), "counters": str(counters)}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each identifier."""
+        return framed(
+            [
+                {"identifier": c.name, "bus": c.bus, "frames": c.frames, "rate_hz": c.rate_hz, "counters": len(c.counters)}
+                for c in self.carried
+            ]
+        )
 
     @property
     def times(self) -> str:
