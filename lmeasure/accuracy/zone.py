@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -466,14 +467,13 @@ def covers(rig: Rig, calibration: CalibrationRecord | None) -> Message:
     if zeros.any():
         counts = message("covers.zeros_first_order" if zeros.max() > NEAR_RAD else "covers.zeros", counts=counts)
     unsolved = unsolved_stated(rig, None, () if calibration is None else calibration.names)
-    also = [v.kind.said for v in unsolved if not v.assumed]
-    if any(v.assumed for v in unsolved):
-        also.append(message("covers.of.assumed"))
-    stated = [message("accuracy.rig_states", what=tuple(dict.fromkeys(also)))] if also else []
-    if calibration is None and not stated:
+    also = tuple(dict.fromkeys(v.kind.said for v in unsolved if not v.assumed))
+    parts = [message("accuracy.rig_states", what=also)] if also else []
+    parts += [message("covers.of.assumed")] if any(v.assumed for v in unsolved) else []
+    parts += [message("covers.calibration")] if calibration is not None else []
+    if not parts:
         return message("accuracy.only_rig_links_no", counts=counts)
-    parts: list[Message] = stated if calibration is None else [*stated, message("covers.calibration")]
-    both = parts[0] if len(parts) == 1 else message("covers.two", first=parts[0], then=parts[1])
+    both = reduce(lambda first, then: message("covers.two", first=first, then=then), parts)
     code = "covers.change_uncalibrated" if calibration is None else "covers.change"
     return message(code, parts=message("covers.both", counts=counts, parts=both))
 
