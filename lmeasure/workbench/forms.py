@@ -178,7 +178,7 @@ def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]
     for option in options_of(load(command).settings):
         texts = [text.strip() for text in form.get(option.name, ())]
         if option.kind == "flag":
-            if texts or "_form" in form:
+            if texts or ("_form" in form and option.name not in HIDDEN):
                 out[option.name] = bool(texts) and texts[-1] in ("on", "true", "1")
         elif option.kind == "list":
             if lines := [line.strip() for text in texts for line in text.splitlines() if line.strip()]:

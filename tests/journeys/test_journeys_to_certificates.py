@@ -54,6 +54,11 @@ def accuracy(folder: Path) -> np.ndarray:
     return np.array([[c["value"], c["u95"]] for c in reported if c["name"] == "AP_p"])
 
 
+def stated_exact(path: Path) -> None:
+    """The simulated robot's start and rig have no other errors than those stated, which nobody but the simulation knows."""
+    path.write_text('unstated = "exact"\n' + path.read_text(encoding="utf-8"), encoding="utf-8")
+
+
 @pytest.mark.parametrize(("dialect", "asked"), [("log", QUICK), pytest.param("asc", WHOLE, marks=pytest.mark.slow)])
 def test_an_engineer_from_a_log_to_a_verified_certificate(
     dialect: str, asked: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -66,9 +71,12 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     guess = said(monkeypatch, capsys, "import", log, "--scan")
     # what a person does with the guess
     rig = Path("cell/rig.toml")
-    rig.write_text(rig.read_text(encoding="utf-8") + guess[guess.index("\n[can]") :], encoding="utf-8")
+    found = guess[guess.index("\n[can]") : guess.rindex("next: lmeasure import")]
+    rig.write_text(rig.read_text(encoding="utf-8") + found, encoding="utf-8")
+    stated_exact(rig)
     reported = said(monkeypatch, capsys, "import", log, "--rig", rig, "--out", "run", "--start", "0,0,0,0,-90,90")
     assert "no faults" in reported
+    stated_exact(Path("run/run.toml"))
     said(monkeypatch, capsys, "reconstruct", "run", "--out", "trajectory.parquet")
     said(monkeypatch, capsys, "report", "run", "--out", "page")
     assert (tmp_path / "page" / "trajectory.html").stat().st_size > 10_000
@@ -98,6 +106,7 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     said(monkeypatch, capsys, "program", "--zone", "zone.nc", *asked, "--out", "tests")
     driven(read_rig(Path("lab/rig.toml")), Path("tests/commands.csv"), Path("drive.log"))
     said(monkeypatch, capsys, "import", "drive.log", "--rig", "calibrated/rig.toml", "--out", "run", "--start", "0,0,0,0,-90,90")
+    stated_exact(Path("run/run.toml"))
     said(monkeypatch, capsys, "reconstruct", "run", "--out", "trajectory.parquet")
     said(monkeypatch, capsys, "program", "--out", "tests", "--ran", "trajectory.parquet")
     said(monkeypatch, capsys, "key", "--out", "laboratory.pem")

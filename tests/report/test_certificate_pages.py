@@ -214,7 +214,14 @@ NO_WORDS = {
         "aarch",
         "python",
     ),  # standards, names of programs and files
-    *("base_from_program", "quaternion", "simulated", "cell"),  # of the data, as certificate.json and the rig write them
+    *(
+        "base_from_program",
+        "quaternion",
+        "simulated",
+        "cell",
+        "unstated",
+        "exact",
+    ),  # of the data, as certificate.json and the rig write them
     *("AP", "RP", "AT", "RT", "AD", "RD", "AV", "RV", "FV", "rot", "vAP", "puma", "oat", "fanuc", "wpr", "PNG"),  # symbols
     *("line", "inputs", "run", "rig", "pass", "program", "trajectory", "toml", "csv", "json", "parquet", "calibration"),  # inputs
 }

@@ -80,7 +80,7 @@ def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> N
         shutil.make_archive(str(tmp_path / "mine"), "zip", project / "certificates" / "first")
         reported = dropped(page, base, tmp_path / "mine.zip")
         assert "done" in reported
-        assert "the same to the digit" in reported
+        assert "equal to the digit" in reported
         assert [error for error in page.errors if "404" not in error] == []
     with client(project) as asked:
         lines = [job["line"] for job in reversed(asked.get("/api/jobs").json()["jobs"])]
@@ -131,5 +131,5 @@ def test_an_engineer_with_a_simulated_robot(tmp_path: Path) -> None:
         onward(page, "/run/verify")
         begin(page, "verify")
         shutil.make_archive(str(tmp_path / "mine"), "zip", tmp_path / "project" / "certificates" / "first")
-        assert "the same to the digit" in dropped(page, base, tmp_path / "mine.zip")
+        assert "equal to the digit" in dropped(page, base, tmp_path / "mine.zip")
         assert [error for error in page.errors if "404" not in error] == []
