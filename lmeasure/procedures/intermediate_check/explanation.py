@@ -30,22 +30,22 @@ LEFT = 1e-4
 FEW = 8
 """Samples with a pose from which something is named."""
 LAWS = {
-    "run-out of the drum": "run_out",
-    "an eccentric pulley": "eccentricity",
-    "a swivel axis off its groove": "offset",
-    "play": "play",
-    "a drum of another diameter": "diameter",
-    "another groove pitch": "pitch",
-    "another pulley radius": "radius",
-    "an eccentric encoder": "encoder.eccentricity",
-    "a groove beside its swivel axis": "encoder.beside",
-    "an encoder with a tilted axis": "encoder.tilt",
+    "physical.run_out": "run_out",
+    "physical.eccentric_pulley": "eccentricity",
+    "physical.swivel_offset": "offset",
+    "physical.play": "play",
+    "physical.diameter": "diameter",
+    "physical.pitch": "pitch",
+    "physical.radius": "radius",
+    "physical.eccentric_encoder": "encoder.eccentricity",
+    "physical.groove_beside": "encoder.beside",
+    "physical.tilted_encoder": "encoder.tilt",
     "point": "moved.point",
     "attachment": "moved.attachment",
     "encoder": "moved.encoder",
     "start": "moved.start",
 }
-"""What each is called in the catalogues."""
+"""The catalogues' name of each kind: of an effect by the id of its message, of what may have moved by its word."""
 
 
 def explained(reconstruction: Reconstruction) -> tuple[Message, ...]:
@@ -105,7 +105,7 @@ def _named(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) ->
 
 
 def _said(left: Remainder, near: list[Effect], tried: int, p: float) -> Message:
-    laws = tuple(message(f"effect.{LAWS[e.kind]}", channel=e.channel, size=size_of(left, e)) for e in near[:4])
+    laws = tuple(message(f"effect.{LAWS[getattr(e.kind, 'code', e.kind)]}", channel=e.channel, size=size_of(left, e)) for e in near[:4])
     of = {"laws": laws, "p": p, "tried": tried}
     key = near[0].key
     if ":" in key:
