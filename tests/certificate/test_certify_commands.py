@@ -59,7 +59,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     for target in (out, tmp_path / "c.zip"):
         code, text = run("verify", target, "--public-key", f"{key}.pub")
         assert code == 0, text
-        assert "the same to the digit" in text
+        assert "results recomputed and equal to the digit" in text
     assert run("certify", *given, "--out", tmp_path / "d", "--tool-offset-mm", "0,0,1", "--capability", "0.1", "--trials", "200")[0] == 0
     code, text = run("compare", out, tmp_path / "d" / "certificate.json", "--out", tmp_path / "compared.json")
     assert code == 0, text

@@ -116,7 +116,7 @@ def test_a_rig_that_cannot_tell_a_pose_live_says_why(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, [str(w) for w in [*words, "--out", tmp_path / "again"]])
     assert done.exit_code == 0, done.output
     assert "no pose: the start pose is unknown; state --start" in done.stderr
-    assert "unknown; state [start] in" in done.stdout
+    assert "no --start pose; state [start] in" in done.stdout
     assert "start" not in files.read_toml(tmp_path / "again" / "run.toml")
 
 
