@@ -424,11 +424,16 @@ def assumed_in_zone(
     rows, poses = model.scheme.rows, sampled(positions, rotations)
     changes = span_rows_and_readings(rows, poses)[0] - zero_readings(model, rows, model.zero_pose)
     runs = np.isfinite(changes).all(axis=1)
+    if not runs.any():
+        return Assumed()
     poses, counts = poses[runs], counts_from_changes(rows, np.ascontiguousarray(changes[runs]))
     nothing = np.zeros_like(counts)
     found = budget.of(np.zeros(len(poses)), poses, counts=counts, speed_mm_s=nothing, compiled=False)
     spread = np.einsum("nii->n", (found.random + found.systematic)[:, 3:, 3:])
-    well = np.isfinite(spread) & (spread <= np.nanmedian(spread)) if len(spread) else np.zeros(0, np.bool_)
+    determines = np.isfinite(spread)
+    if not determines.any():
+        return Assumed()
+    well = determines & (spread <= np.median(spread[determines]))
     return budget.assumed(Situation(np.zeros(int(well.sum())), poses[well], counts[well], nothing[well]))
 
 
