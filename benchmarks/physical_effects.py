@@ -56,13 +56,13 @@ class Kind:
 KINDS = {
     "run-out": Kind(("run_out_mm",), True, "run-out of the drum", "run-out", 0.02, "mm"),
     "eccentricity": Kind(("pulley_eccentricity_mm",), False, "an eccentric pulley", "eccentricity", 0.05, "mm"),
-    "radius": Kind(("pulley_radius_mm",), False, "another pulley radius", "radius", 0.3, "mm", reported=False),
+    "radius": Kind(("pulley_radius_mm",), False, "a wrong pulley radius", "radius", 0.3, "mm", reported=False),
     "offset": Kind(("swivel_offset_mm",), False, "a swivel axis off its groove", "offset", 0.2, "mm", reported=False),
     "tilt": Kind(("swivel_tilt_deg",), False, "", "tilt", 0.3, "deg", reported=False),
     "backlash": Kind(("backlash_counts",), True, "play", "backlash", 2.0, "counts"),
-    "diameter of the drum": Kind(("count_length_mm",), True, "a drum of another diameter", "scale", 5e-4, "of it"),
-    "pitch": Kind(("groove_pitch_mm",), True, "another groove pitch", "pitch", 0.02, "mm"),
-    "diameter of the cable": Kind(("cable_oversize_mm",), True, "a drum of another diameter", "diameter", 0.05, "mm"),
+    "diameter of the drum": Kind(("count_length_mm",), True, "a wrong drum diameter", "scale", 5e-4, "of it"),
+    "pitch": Kind(("groove_pitch_mm",), True, "a wrong groove pitch", "pitch", 0.02, "mm"),
+    "diameter of the cable": Kind(("cable_oversize_mm",), True, "a wrong drum diameter", "diameter", 0.05, "mm"),
 }
 ADDED = {"radius": "pulley_radius_mm", "pitch": "groove_pitch_mm"}
 FEW = 100
