@@ -34,7 +34,8 @@ COUNTRIES = (
 )
 """Codes of ISO 3166-1."""
 NOT_STATED = "not stated"
-NO_VERDICT = "without a stated uncertainty, and so without a verdict,"
+VERDICTS = {True: "U95 small enough", False: "no verdict (uncertainty)", None: "no verdict (no uncertainty is stated)"}
+"""As the certificate prints them, by whether the instrument is capable of a figure; None: nobody states its U95."""
 OWN = "en"
 """The language of what this module writes; texts of the laboratory carry none, since nobody says which they are in."""
 
@@ -222,13 +223,11 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
         result = _add(parent, "result")
         where = " ".join(str(figure[key]) for key in ("pose", "path", "part") if figure.get(key) is not None)
         stated = figure["u95"] is not None
-        verdict = "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable" if stated else NO_VERDICT
+        verdict = "excluded" if figure.get("excluded") else VERDICTS[bool(figure["capable"]) if stated else None]
         _named(result, f"{figure['name']} {where}".strip())
         alone = figure.get("capable_alone", figure["capable"])
-        besides = "" if alone == figure["capable"] else f"; {'' if alone else 'not '}capable of the component alone"
-        _content(
-            _add(result, "description"), f"ISO 9283:1998, {figure.get('clause', '')}; instrument {verdict} of this figure{besides}", OWN
-        )
+        besides = "" if alone == figure["capable"] else f"; component alone: {VERDICTS[bool(alone)]}"
+        _content(_add(result, "description"), f"ISO 9283:1998, {figure.get('clause', '')}; {verdict}{besides}", OWN)
         quantity = _add(_add(result, "data"), "quantity")
         real = _add(quantity, "si:real")
         _add(real, "si:value", _number(figure["value"]))

@@ -54,7 +54,7 @@ def test_it_keeps_to_the_schema_and_to_every_digit(details: dict[str, Any]) -> N
     assert units == ["\\milli\\metre", "\\milli\\metre\\second\\tothe{-1}"]
     assert tree.xpath("//dcc:uniqueIdentifier/text()", namespaces=NAMES) == ["LM-1"]
     reported = " ".join(tree.xpath("//dcc:content/text()", namespaces=NAMES))
-    assert "not capable" in reported
+    assert "no verdict (uncertainty)" in reported
     assert "\\u{B} \\u{D800}" in reported
     assert ("no accreditation is stated" in reported) == (details is BARE)
 
