@@ -56,7 +56,7 @@ class Unobservable(_Record):
 
 
 class Dimension(_Record):
-    """Uncertain dimension that was not estimated: corrected value with its standard uncertainty u, and prior_u as the rig states it.
+    """Uncertain dimension that was not estimated: corrected value with its standard uncertainty u, and prior_u before.
     covariance: with the p parameters, then with the s dimensions, in the units of their names."""
 
     name: str
@@ -204,15 +204,14 @@ class CalibrationRecord(Shown, _Record):
             if len(own.covariance) != p + len(self.dimensions):
                 raise ValueError(f"dimensions: {own.name}: covariance: has {len(own.covariance)} numbers, not {p + len(self.dimensions)}")
         if self.dimensions:
-            cross, own_part = self._of_dimensions()
-            joint = np.block([[self.tangent_matrix(), cross], [cross.T, own_part]])
+            joint = self.joint_matrix()
             _check_covariance("dimensions: covariance", tuple(map(tuple, joint.tolist())), len(joint))
         return self
 
     def _of_dimensions(self) -> tuple[FloatArray, FloatArray]:
         """(p, s) covariance of the parameters with the dimensions, and (s, s) of these."""
         p = len(self.parameters)
-        rows = np.array([own.covariance for own in self.dimensions], dtype=np.float64).reshape(len(self.dimensions), -1).T
+        rows = np.array([own.covariance for own in self.dimensions], dtype=np.float64).reshape(-1, len(self.names)).T
         return rows[:p], rows[p:]
 
     @property
@@ -227,6 +226,11 @@ class CalibrationRecord(Shown, _Record):
     def tangent_matrix(self) -> FloatArray:
         """(p, p) covariance of the parameters to propagate linearly, in their own units."""
         return _matrix(self.covariance if self.tangent_covariance is None else self.tangent_covariance)
+
+    def joint_matrix(self) -> FloatArray:
+        """(p + s, p + s) covariance of the parameters and, behind them, the dimensions, to propagate linearly, in their own units."""
+        cross, own = self._of_dimensions()
+        return np.block([[self.tangent_matrix(), cross], [cross.T, own]])
 
     def cable_covariance(self, names: list[list[str]]) -> FloatArray:
         """(13 m, 13 m) covariance of the kernels' parameters, mm and rad, for m cables.

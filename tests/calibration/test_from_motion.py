@@ -5,6 +5,7 @@ import gzip
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from lmeasure.cli.app import app
 from lmeasure.core import CalibrationError, se3
 from lmeasure.recording import Run, read_run, write_run
 from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict, value_of, with_values
+from lmeasure.sensors import phased, stated
 from lmeasure.simulation import Leg, simulate_run, smooth_path
 
 FloatArray = NDArray[np.float64]
@@ -114,16 +116,23 @@ def test_derivatives_of_a_distance_are_those_of_finite_differences() -> None:
 
 
 @cache
-def recorded(seed: int = 3) -> tuple[Rig, Rig, CalibrationRecord]:
-    """The true rig, and the calibrated one with its record, by 14 poses known to 0.05 mm."""
-    true = swivelled(seed)
-    found = calibrate(campaign_at(true, 14, seed)[0])
+def recorded(unstated: Literal["exact", "typical"], seed: int = 3) -> tuple[Rig, Rig, CalibrationRecord]:
+    """The true rig, and the calibrated one with its record, by 14 poses known to 0.05 mm; typical: its dimensions err by typical sizes."""
+    true, dimensions = swivelled(seed).model_copy(update={"unstated": unstated}), {}
+    if unstated == "typical":
+        rng, solved = np.random.default_rng(seed), unknowns_of(campaign_at(true, 2, seed)[0], ()).names
+        errors = {n: v.u for v in stated(true, None, solved) if v.kind.adds is not None for n in v.names}
+        dimensions = {name: value_of(true, name) or 0.0 for name in errors}
+        begun = np.tile(campaign_at(true, 14, seed)[1][0], (len(true.cable), 1))
+        true = with_values(phased(true, (*errors,), begun, true.cable), {n: dimensions[n] + u * rng.normal() for n, u in errors.items()})
+    campaign = campaign_at(true, 14, seed)[0]
+    found = calibrate(replace(campaign, rig=with_values(campaign.rig, dimensions)))
     return true, found.rig, found.record
 
 
 def ordinary(true: Rig, seed: int = 0) -> Run:
     """A motion over the cell, simulated by the true rig and said to be of the calibrated one."""
-    rng, (_, rig, record) = np.random.default_rng(seed), recorded()
+    rng, (_, rig, record) = np.random.default_rng(seed), recorded(true.unstated)
     legs = [
         Leg(se3.pose(rng.uniform(-250, 250, 3), Rotation.from_rotvec(rng.uniform(-0.25, 0.25, 3))), 800.0, 60.0, 0.0) for _ in range(12)
     ]
@@ -131,24 +140,36 @@ def ordinary(true: Rig, seed: int = 0) -> Run:
     return replace(simulate_run(true, time_s, poses, noise_mm=0.0, rng=rng).run, rig=rig, calibration=record)
 
 
-def test_a_record_goes_on_from_a_run_and_knows_more() -> None:
-    true, _, before = recorded()
+@pytest.mark.parametrize("unstated", ["exact", "typical"])
+def test_a_record_goes_on_from_a_run_and_knows_more(unstated: Literal["exact", "typical"]) -> None:
+    true, _, before = recorded(unstated)
+    assert bool(before.dimensions) == (unstated == "typical")
     found = continued(campaign_of(ordinary(true), 30), before)
     assert found.moved is None
-    assert 1e-3 < found.probability < 1 - 1e-3
+    assert found.probability > 1e-3
     after = found.record
-    assert all(b.u <= a.u * (1 + 1e-9) for a, b in zip(before.parameters, after.parameters, strict=True))
+    both = [{v.name: v for v in (*record.parameters, *record.dimensions)} for record in (before, after)]
+    assert all(both[1][name].u <= old.u * (1 + 1e-9) for name, old in both[0].items())
     places = [np.sum([p.u**2 for p in record.parameters if p.name.endswith("_mm")]) for record in (before, after)]
     assert places[1] < 0.9 * places[0]
+    assert all(value_of(found.rig, d.name) == pytest.approx(d.value, rel=1e-12) for d in after.dimensions)
     # and what it says is consistent with the truth
-    C = after.tangent_matrix()
-    off = np.array([p.value - (value_of(true, p.name) or 0.0) for p in after.parameters])
-    chi2 = float(off @ np.linalg.solve(C, off))
+    off, C = np.array([both[1][name].value - (value_of(true, name) or 0.0) for name in after.names]), after.joint_matrix()
+    width = np.sqrt(np.diag(C))
+    chi2 = float(off / width @ np.linalg.solve(C / np.outer(width, width), off / width))
     assert stats.chi2.ppf(1e-4, len(off)) < chi2 < stats.chi2.ppf(1 - 1e-4, len(off))
 
 
+def test_a_motion_alone_finds_dimensions() -> None:
+    campaign = campaign_at(recorded("typical")[0], 10, 3, u_mm=2.0)[0]
+    record = calibrate(campaign, CalibrationSettings(self_calibration=True)).record
+    u = [(d.u, d.prior_u) for d in record.dimensions if d.name.endswith("count_length_mm")]
+    assert len(u) == 6
+    assert all(now < before for now, before in u)
+
+
 def test_a_rig_that_has_moved_is_refused_and_what_moved_is_named(tmp_path: Path) -> None:
-    true, rig, _ = recorded()
+    true, rig, _ = recorded("exact")
     place = true.point("B5").position_mm
     moved = with_values(true, {"B5.x_mm": place[0] + 1.0, "B5.y_mm": place[1] - 1.0, "B5.z_mm": place[2] + 1.0})
     run = ordinary(moved, 1)
@@ -163,7 +184,7 @@ def test_a_rig_that_has_moved_is_refused_and_what_moved_is_named(tmp_path: Path)
 
 
 def test_counts_that_were_lost_are_no_point_that_moved() -> None:
-    true, _, record = recorded()
+    true, _, record = recorded("exact")
     run = ordinary(true, 2)
     counts = run.passes[0]
     readings, half = counts.recorded.copy(), len(counts.time_s) // 2
@@ -177,7 +198,7 @@ def test_counts_that_were_lost_are_no_point_that_moved() -> None:
 
 
 def test_commands_write_a_new_rig_or_one_line(tmp_path: Path) -> None:
-    true, _, _ = recorded()
+    true, _, _ = recorded("typical")
     write_run(tmp_path / "run", ordinary(true, 2))
     invoke = CliRunner().invoke
     folder = str(tmp_path / "run")

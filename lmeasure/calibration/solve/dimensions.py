@@ -18,6 +18,8 @@ from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit
 from lmeasure.rig import Dimension, Rig, value_of, with_values
 
+SINGULAR = 1e-12
+
 
 @dataclass(frozen=True)
 class Dimensions:
@@ -73,7 +75,10 @@ def dimensions_of(model: Model, found: Fit, spread: FloatArray, *, corrected: bo
 def _possible(T: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
     """Z (s, s), widened where rounding or a direction that only a prior holds leaves [[T, X], [X', Z]] no covariance."""
     width = np.sqrt(np.maximum(np.diag(T), 1e-300))
-    least = (X / width[:, None]).T @ np.linalg.pinv(T / np.outer(width, width), hermitian=True) @ (X / width[:, None])
+    own = X / width[:, None]
+    # a frame that is chosen leaves directions of no variance but rounding
+    least = own.T @ np.linalg.pinv(T / np.outer(width, width), rcond=SINGULAR, hermitian=True) @ own
+    least = (least + least.T) / 2
     values, vectors = np.linalg.eigh(Z - least)
     return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T)
 

@@ -74,7 +74,9 @@ def _parts(model: Model, theta: FloatArray, absent: tuple[str, ...]) -> dict[str
         out[code] = own @ own.T
     play = [v for v in model.variables if v.assumed and v.kind.adds is None]
     if play:
-        out[PLAY] = model.play_covariance(Unsolved(model.campaign.rig, play, model.campaign.drums).play_mm)
+        band = Unsolved(model.campaign.rig, play, model.campaign.drums).play_mm
+        # encoders of angles have none
+        out[PLAY] = model.play_covariance(np.r_[band, np.zeros(len(model.campaign.cables) - len(band))])
     J = model.pose_jacobian(theta) if absent else np.zeros((model.equations, 0, 6))
     visits = model.campaign.reference_of[:, None] == np.arange(len(model.campaign.poses))
     for name in absent:

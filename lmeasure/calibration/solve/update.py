@@ -1,7 +1,8 @@
 """A calibration that goes on: what ordinary runs tell beside a record, and whether the rig is still the one of the record.
 
-The record says theta ~ N(theta_0, C_0) of its parameters, the run's readings r(theta, poses) have covariance V. With the poses eliminated
-(`estimation.elimination`: A the derivatives of what no pose makes up for, whitened, y the residuals likewise) Gauss and Newton's step is
+The record says theta ~ N(theta_0, C_0) of its parameters and dimensions, the run's readings r(theta, poses) have covariance V. With the
+poses eliminated (`estimation.elimination`: A the derivatives of what no pose makes up for, whitened, y the residuals likewise) Gauss and
+Newton's step is
 
     theta = theta_0 + d,   d = -(C_0^-1 + A'A)^-1 A'(y - A (theta_k - theta_0)),   C = (C_0^-1 + A'A)^-1,
 
@@ -49,19 +50,15 @@ class Continued:
 def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     """Refine the record of a campaign's rig by its samples, at poses that nobody knows.
 
-    CalibrationError where the record has dimensions that are no parameters or was made of the same counts, the channels leave nothing over,
-    or it does not settle.
+    Its dimensions are solved too, so that no size is assumed of what it has found. CalibrationError where the record was made of the same
+    counts, the channels leave nothing over, or it does not settle.
     """
     known = {given.sha256 for given in record.inputs}
     again = [given.file for given in campaign.inputs if given.sha256 in known and given.file != "run.toml"]
     if again:
         raise CalibrationError(f"{again[0]}: its counts are in the record already, and would count twice: go on with another run")
-    if record.dimensions:
-        listed = ", ".join(d.name for d in record.dimensions[:3])
-        raise CalibrationError(f"calibration.json: corrects unsolved dimensions ({listed}, ...): solve for them (--solve) first")
-    names = tuple(p.name for p in record.parameters)
-    nominal = np.array([value_of(campaign.rig, name) or 0.0 for name in names])
-    C0 = record.tangent_matrix()
+    names, nominal, per = _solved(campaign.rig, record)
+    C0 = record.joint_matrix() * np.outer(per, per)
     width = np.sqrt(np.maximum(np.diag(C0), 0.0))
     unit = np.where(width > 0.0, width, 1.0)
     values, vectors = np.linalg.eigh(C0 / np.outer(unit, unit))
@@ -84,9 +81,21 @@ def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     chi2, freedom = float(y @ y + z @ z), len(y)
     probability = float(scipy.stats.chi2.sf(chi2, freedom))
     moved = _moved(model, part, theta, y, A, z, probability) if probability < MOVED else None
+    C = C / np.outer(per, per)
+    values = np.array([value_of(campaign.rig, name) or 0.0 for name in record.names]) + (theta[: model.own] - nominal) / per
     u = np.sqrt(np.maximum(np.diag(C), 0.0))
-    rig = rig_with(campaign, model.parameters, theta[: model.own], "calibration.json", u=u)
-    return Continued(rig, _record(record, model, theta, C, (chi2, freedom, probability)), chi2, freedom, probability, moved)
+    rig = rig_with(campaign, Parameters(record.names, values, u), values, "calibration.json", u=u)
+    return Continued(rig, _record(record, model, theta, values, C, (chi2, freedom, probability)), chi2, freedom, probability, moved)
+
+
+def _solved(rig: Rig, record: CalibrationRecord) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Names (q,) of what is solved for, its values in the rig, and changes by one unit of the record's: the scale for a count's length."""
+    drums = {
+        f"{p.name}.count_length_mm": (f"{p.name}.scale", p.drum.scale, -p.drum.scale / p.drum.count_length_mm)
+        for p in rig.observation_point
+    }
+    every = [drums.get(name, (name, value_of(rig, name) or 0.0, 1.0)) for name in record.names]
+    return tuple(e[0] for e in every), np.array([e[1] for e in every]), np.array([e[2] for e in every])
 
 
 def _seen(model: Model, theta: FloatArray, F: FloatArray) -> tuple[Eliminated, FloatArray, FloatArray]:
@@ -143,13 +152,20 @@ def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: 
     return message("calibration.moved.several", p=probability, what=joined(text for _, text, _ in near[:4]))
 
 
-def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArray, test: tuple[float, int, float]) -> CalibrationRecord:
-    """The record with the new values, covariance and residuals."""
-    campaign, rows = model.campaign, tuple(tuple(map(float, row)) for row in C)
+def _record(
+    old: CalibrationRecord, model: Model, theta: FloatArray, values: FloatArray, C: FloatArray, test: tuple[float, int, float]
+) -> CalibrationRecord:
+    """The record with the new values (q,) of parameters and dimensions, covariance (q, q) and residuals."""
+    campaign, p = model.campaign, len(old.parameters)
+    rows = tuple(tuple(map(float, row)) for row in C[:p, :p])
     u, r = np.sqrt(np.maximum(np.diag(C), 0.0)), model.residuals(theta)
     parameters = tuple(
-        p.model_copy(update={"value": float(v), "u": float(s), "prior_u": p.u, "U95": 1.96 * float(s)})
-        for p, v, s in zip(old.parameters, theta[: model.own], u, strict=True)
+        q.model_copy(update={"value": float(v), "u": float(s), "prior_u": q.u, "U95": 1.96 * float(s)})
+        for q, v, s in zip(old.parameters, values[:p], u[:p], strict=True)
+    )
+    dimensions = tuple(
+        d.model_copy(update={"value": float(v), "u": float(s), "prior_u": d.u, "covariance": tuple(map(float, column))})
+        for d, v, s, column in zip(old.dimensions, values[p:], u[p:], C[:, p:].T, strict=True)
     )
     before = float(np.sqrt(np.mean([p.u**2 for p in old.parameters if p.name.endswith("_mm")] or [0.0])))
     after = float(np.sqrt(np.mean([p.u**2 for p in parameters if p.name.endswith("_mm")] or [0.0])))
@@ -165,6 +181,7 @@ def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArr
     return old.model_copy(
         update={
             "parameters": parameters,
+            "dimensions": dimensions,
             "covariance": rows,
             "tangent_covariance": rows,
             "residuals": tuple(
