@@ -118,7 +118,8 @@ def test_derivatives_of_a_distance_are_those_of_finite_differences() -> None:
 @cache
 def recorded(unstated: Literal["exact", "typical"], seed: int = 3) -> tuple[Rig, Rig, CalibrationRecord]:
     """The true rig, and the calibrated one with its record, by 14 poses known to 0.05 mm; typical: its dimensions err by typical sizes."""
-    true, dimensions = swivelled(seed).model_copy(update={"unstated": unstated}), {}
+    true = swivelled(seed).model_copy(update={"unstated": unstated})
+    dimensions: dict[str, float] = {}
     if unstated == "typical":
         rng, solved = np.random.default_rng(seed), unknowns_of(campaign_at(true, 2, seed)[0], ()).names
         errors = {n: v.u for v in stated(true, None, solved) if v.kind.adds is not None for n in v.names}
@@ -148,13 +149,16 @@ def test_a_record_goes_on_from_a_run_and_knows_more(unstated: Literal["exact", "
     assert found.moved is None
     assert found.probability > 1e-3
     after = found.record
-    both = [{v.name: v for v in (*record.parameters, *record.dimensions)} for record in (before, after)]
-    assert all(both[1][name].u <= old.u * (1 + 1e-9) for name, old in both[0].items())
+    both = [
+        {p.name: (p.value, p.u) for p in record.parameters} | {d.name: (d.value, d.u) for d in record.dimensions}
+        for record in (before, after)
+    ]
+    assert all(both[1][name][1] <= old[1] * (1 + 1e-9) for name, old in both[0].items())
     places = [np.sum([p.u**2 for p in record.parameters if p.name.endswith("_mm")]) for record in (before, after)]
     assert places[1] < 0.9 * places[0]
     assert all(value_of(found.rig, d.name) == pytest.approx(d.value, rel=1e-12) for d in after.dimensions)
     # and what it says is consistent with the truth
-    off, C = np.array([both[1][name].value - (value_of(true, name) or 0.0) for name in after.names]), after.joint_matrix()
+    off, C = np.array([both[1][name][0] - (value_of(true, name) or 0.0) for name in after.names]), after.joint_matrix()
     width = np.sqrt(np.diag(C))
     chi2 = float(off / width @ np.linalg.solve(C / np.outer(width, width), off / width))
     assert stats.chi2.ppf(1e-4, len(off)) < chi2 < stats.chi2.ppf(1 - 1e-4, len(off))
