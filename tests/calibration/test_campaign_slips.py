@@ -83,7 +83,7 @@ def test_angles_in_another_order_are_applied() -> None:
     campaign = moved(world.campaign, np.column_stack([world.campaign.poses.rows[:, :3], wrong]))
     result = calibrate(replace(campaign, rig=campaign.rig.model_copy(update={"angles": "kuka-abc"})))
     assert [code for code, _, _ in named(result)] == ["angles"]
-    assert "the reference poses fit if you read their coordinates in the order c_deg, b_deg, a_deg" in next(
+    assert "the reference poses fit if their angles are kuka-abc with the columns in the order c_deg, b_deg, a_deg" in next(
         str(w.text) for w in result.record.warnings if w.code == "angles"
     )
     assert error_mm(result.rig, world) < 1.01 * sound_mm(12, False)
