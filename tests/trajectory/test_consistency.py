@@ -187,8 +187,7 @@ def test_what_is_used_by_fewer_channels_has_fewer_degrees_of_freedom() -> None:
     assert [(d[0], d[3]) for d in spans_of(found)] == [(EVERY, "contradiction.among")]
     names = [RIG.cable[j].name for j in (1, 2)]
     assert found.every[0].said.values == {"cables": " or ".join(names)}
-    among = f"the cables contradict each other; one of {names[0]} or {names[1]} is wrong"
-    assert str(found.notes[0]).endswith(f"the cables contradict each other; one of {among}")
+    assert str(found.notes[0]).endswith(f": the cables contradict each other; one of {names[0]} or {names[1]} is wrong")
     epochs = with_errors((2, 100, 130, 0.2))
     epochs.change_mm[90:250, [0, 1, 3]] = np.nan
     assert not judged(epochs).every

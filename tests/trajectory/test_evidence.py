@@ -214,7 +214,7 @@ def test_what_does_not_close_enters_the_uncertainty(tmp_path: Path) -> None:
     assert np.flatnonzero(found.closure_mm).tolist() == [1]
     sign = run.rig.point("B2").drum.count_sign
     assert found.closure_mm[1] == pytest.approx(sign * 90 * COUNT_MM, abs=0.15)
-    assert any(note.startswith("between two rests at one position+") for note in map(str, found.notes))
+    assert any(note.startswith("channel ch2 does not close: +") for note in map(str, found.notes))
     sound = rested({}, cycles=1)[0]
     plain, trajectory = reconstruct(sound), reconstruct(run)
     assert "and the closure error of the counts" in trajectory.covers
@@ -228,7 +228,7 @@ def test_what_does_not_close_enters_the_uncertainty(tmp_path: Path) -> None:
     np.testing.assert_allclose(factors.systematic, trajectory.systematic, atol=1e-12)
     write_run(tmp_path / "run", run)
     text = reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "t.parquet").text()
-    assert "between two rests at one position" in text
+    assert "channel ch2 does not close: +" in text
     np.testing.assert_allclose(read_trajectory(tmp_path / "t.parquet").u, trajectory.u, rtol=1e-9)
 
 
@@ -254,7 +254,7 @@ def test_a_recorded_closure_is_taken_where_the_rests_tell_none() -> None:
     found = align(replace(still, recorded=(entry,))).evidence
     sign = rig.point("B5").drum.count_sign
     assert found.closure_mm.tolist() == pytest.approx([0, 0, 0, 0, -60 * COUNT_MM * sign, 0])
-    assert any("between two rests at one position" in note for note in map(str, found.notes))
+    assert any("channel ch5 does not close: -60.0 counts" in note for note in map(str, found.notes))
     # a robot that went elsewhere, or a count or two
     for closure in ({f"ch{i}": 1000.0 * i for i in range(1, 7)}, {"ch5": 2.0}):
         assert align(replace(still, recorded=(Recorded(1, closure_counts=closure),))).evidence.sound

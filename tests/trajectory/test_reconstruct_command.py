@@ -61,9 +61,9 @@ def test_the_output_says_what_its_uncertainty_covers(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet") == 0
-    assert "links no calibration" in capsys.readouterr().out
+    assert "the rig has no linked calibration" in capsys.readouterr().out
     metadata = pyarrow.parquet.read_schema(tmp_path / "a.parquet").metadata
-    assert b"links no calibration" in metadata[b"uncertainty_covers"]
+    assert b"the rig has no linked calibration" in metadata[b"uncertainty_covers"]
 
 
 def edit(name: str, change: Callable[[dict[str, Any]], object]) -> Callable[[Path], None]:

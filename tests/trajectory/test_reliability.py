@@ -60,6 +60,6 @@ def test_a_channel_that_nothing_controls_is_named() -> None:
     recorded[100:, [2, 5]] = np.nan
     run = replace(whole, passes=(replace(counts, time_s=counts.time_s[:200], recorded=recorded),))
     reconstruction = prepare(align(run))
-    assert "nothing controls" in str(reconstruction.reliability[0])
+    assert "no other channel checks c1" in str(reconstruction.reliability[0])
     assert "c3 0." in str(reconstruction.reliability[1])
     assert "mm, none at some samples" in str(reconstruction.reliability[1])

@@ -132,11 +132,7 @@ def situation_of(rig: Rig) -> Situation:
 
 
 @pytest.mark.parametrize(
-    ("exact", "said"),
-    [
-        (True, "the counts' resolution only"),
-        (False, "the counts' resolution and the sub-count offset at zeroing only: the rig has no linked calibration"),
-    ],
+    ("exact", "said"), [(True, "the counts' resolution only"), (False, "the counts' resolution and the sub-count offset at zeroing only")]
 )
 def test_counts_alone_are_said_to_be_counts_alone(exact: bool, said: str) -> None:
     data = cell().to_dict()
