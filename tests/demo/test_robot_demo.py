@@ -117,7 +117,7 @@ def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeyp
     assert float(first[2]) == pytest.approx(done.held[0].value, rel=1e-3)
     assert first[-1] in {"inside", "OUTSIDE"}
     assert "improvement: " in ran.output
-    assert "truly " in ran.output
+    assert "\ntrue error " in ran.output
     assert (
         f"of {len(done.held)} characteristics lie within U95 of the truth; the calibration error is one draw that all of them share"
         in ran.output
@@ -127,7 +127,7 @@ def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeyp
     assert alone.exit_code == 0, alone.output
     assert alone.output.splitlines()[: lines.index("", 1)] == lines[: lines.index("", 1)]
     assert "improvement: " not in alone.output
-    assert "truly " not in alone.output
+    assert "true error " not in alone.output
 
 
 def test_it_may_be_certified_without_being_corrected(tmp_path: Path) -> None:

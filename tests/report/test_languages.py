@@ -19,7 +19,7 @@ NAMES = {
     "lmeasure", "place", "docs", "csv", "json", "toml", "alpha", "beta", "SHA", "ISO", "JCGM", "UTC", "rot", "start", "tool", "run",
     "puma", "oat", "python", "numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno", "Linux",
     "xarray", "cell", "simulated", "thesis", "earlier", "tracker", "line", "rows", "generic", "eight", "correct", "pick", "inputs",
-    "four", "chains", "arms",
+    "four", "chains", "arms", "unstated", "exact",
 }  # fmt: skip
 """Of programs, files and values, which are the same in every language."""
 WORD = re.compile(r"[A-Za-z]{3,}")
