@@ -50,7 +50,7 @@ SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapp
 def found_again(drawn: Drawn, result: Calibration, settings: CalibrationSettings, free: tuple[int, ...]) -> tuple[Model, Fit]:
     """The model and the fit behind a result, begun where it ended."""
     campaign = drawn.campaign if drawn.campaign.poses.oriented else replace(drawn.campaign, poses=result.campaign.poses)
-    rig = unknowns_of(campaign, settings.solve)
+    rig = unknowns_of(campaign, settings.groups)
     model = model_of(campaign, rig, free, settings.frame if settings.self_calibration else None)
     theta = shifted(model, np.array([p.value for p in result.record.parameters]), result.campaign.poses.rows)
     return model, fit(model, theta, near=True)

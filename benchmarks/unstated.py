@@ -3,9 +3,9 @@
     python benchmarks/unstated.py --rigs 6 --keep unstated.jsonl
 
 The simulator below shares no code with lmeasure. A world breaks one assumption of the solver. Each rig is calibrated by 20 reference poses,
-and then measures a motion whose start, the calibration's zero pose, is stated to be exact. "stated": rig.toml and reference_poses.csv state
-the typical size of every effect that the world has, and 0 of the others; "unstated": they state nothing. A world that is broken beyond its
-sizes states the typical ones.
+and then measures a motion whose start, the calibration's zero pose, is stated to be exact. Both state 20 deg C. "stated": rig.toml
+and reference_poses.csv state the typical size of every effect that the world has, and 0 of the others; "unstated": they state nothing. A
+world that is broken beyond its sizes states the typical ones.
 
 inside: share of measured positions in the 95 % region; u: stated standard uncertainty of a coordinate [mm]; refused: exit with a message.
 """
@@ -385,6 +385,7 @@ def folder(where: Path, b: Bench, world: World, seed: int, mode: str) -> None:
     data.to_csv(where / "reference_poses.csv", index=False)
     counts = pd.DataFrame(counted(b, b.reference, world, seed, run=False).astype(int), columns=[f"ch{i + 1}" for i in range(6)])
     counts.insert(0, "pose", data["pose"])
+    counts["temperature_c"] = 20.0
     counts.to_csv(where / "counts.csv", index=False)
 
 
@@ -437,7 +438,7 @@ def errors(b: Bench, w: World, seed: int, rig: Any, record: Any) -> dict[str, An
     poses = path(b.measured, logarithm)
     recorded = np.asarray(counted(b, poses, w, seed, run=True), dtype=np.float64)
     counts = Counts(0.05 * np.arange(len(poses), dtype=np.float64), tuple(f"ch{i + 1}" for i in range(6)), recorded)
-    run = Run(rig=rig, start=_pose_rows(poses[:1])[0], passes=(counts,), calibration=record, temperature_c=20.0)
+    run = Run(rig=rig, start=_pose_rows(poses[:1])[0], passes=(counts,), calibration=record, temperature_c=20.0, unstated="exact")
     try:
         found = lm.reconstruct(run)
     except lm.LMeasureError as refusal:

@@ -77,7 +77,7 @@ def test_cable_at_another_attachment_point_is_named() -> None:
     assert result.rig.cable[3].to_point == "P2"
     named = [w for w in result.record.warnings if w.code in {"swapped", "sign", "scale", "attachment"}]
     assert [(w.code, w.channel) for w in named] == [("attachment", "ch4")]
-    assert "tied to P2, not to P3" in named[0].text
+    assert "tied to P2 instead of P3" in named[0].text
 
 
 def test_wrong_angle_convention_is_named() -> None:

@@ -294,7 +294,7 @@ def test_command_writes_poses_that_calibrate(tmp_path: Path) -> None:
     arguments = ["plan-poses", str(folder / "rig.toml"), "--poses", "8", "--box=-300:300,-300:300,-300:300", "--tilt-deg", "17"]
     result = CliRunner().invoke(app, [*arguments, "--criterion", "I", "--out", str(folder / "reference_poses.csv")])
     assert result.exit_code == 0, result.output
-    assert "14 equations, 10 unknowns, 10 directions determined" in result.output
+    assert "14 equations, 10 parameters, 10 combinations determined by the counts" in result.output
     poses = read_poses(folder / "reference_poses.csv", rig.angles)
     assert len(poses) == 8
     assert poses.absent == ("position", "rotation")  # how well they are known is not said by planning them

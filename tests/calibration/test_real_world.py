@@ -76,7 +76,7 @@ def test_what_cannot_be_stated_is_an_error_of_lengths(flaws: Flaws, u_mm: float)
     """Lengths that err on their own are told from poses that do, with their size, and the run's uncertainties hold it."""
     made, result = calibrated(Case(flaws), 0)
     # of few micrometres it may not be told whether poses err or lengths: then both are reckoned with
-    assert "on their own" in misfits(result)[0].text
+    assert "length errors of" in misfits(result)[0].text
     found = score_of(result, made)
     assert found.error_mm < score(made.campaign.rig, None, made).error_mm
     assert found.inside > 0.8

@@ -142,7 +142,7 @@ def errors(drawn: Drawn, record: CalibrationRecord, settings: CalibrationSetting
     truth = true_values(drawn, names)
     if settings.self_calibration:
         free = free_components(drawn.campaign, trusted=False)
-        model = model_of(drawn.campaign, unknowns_of(drawn.campaign, settings.solve), free, settings.frame)
+        model = model_of(drawn.campaign, unknowns_of(drawn.campaign, settings.groups), free, settings.frame)
         truth = true_unknowns(model, drawn)[: model.own]
     error = np.array([p.value for p in record.parameters]) - truth
     return np.where([n.endswith("_deg") for n in names], (error + 180.0) % 360.0 - 180.0, error)
