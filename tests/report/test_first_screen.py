@@ -22,7 +22,7 @@ BEGIN = """[...document.querySelectorAll('[data-answer]')].filter(e => e.textCon
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_first_screen_answers(kind: str, tmp_path: Path) -> None:
-    language = "ru" if KINDS.index(kind) % 2 and kind in QUICK else "en"
+    language = "ru" if kind in QUICK and KINDS.index(kind) % 2 else "en"
     with opened(PAGES[kind](tmp_path, language), size=(SCREENS[0][0], 1.0)) as page:
         for width, height in SCREENS:
             page.resize(width, height)
