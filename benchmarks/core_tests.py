@@ -80,7 +80,7 @@ CORE = {
     "sensors/wrap.py": _CHANNELS,
     "rig/parameters.py": ["tests/sensors/test_parameters.py"],
     "sensors/imperfect_parts.py": ["tests/sensors/test_parts.py", "tests/sensors/test_parts_of_unlike_cables.py"],
-    "sensors/effect_laws.py": ["tests/sensors/test_parts.py", "tests/sensors/test_unsolved.py", "tests/trajectory/test_taken_as_exact.py"],
+    "sensors/effect_laws.py": ["tests/sensors/test_parts.py", "tests/sensors/test_unsolved.py", "tests/trajectory/test_assumed.py"],
     "calibration/solve/residuals.py": _RESIDUALS,
     "calibration/solve/unknowns.py": _CAMPAIGNS,
     "calibration/validation/misfit.py": [
@@ -90,7 +90,7 @@ CORE = {
         "-k",
         "doubted or errs_is_named or sound_data or positions or state_nothing or run-out or that_was_named",
     ],
-    "trajectory/uncertainty/budget.py": [f"tests/trajectory/test_{name}.py" for name in ("sources_of_error", "budget", "taken_as_exact")],
+    "trajectory/uncertainty/budget.py": [f"tests/trajectory/test_{name}.py" for name in ("sources_of_error", "budget", "assumed")],
     "trajectory/uncertainty/sources.py": [
         "tests/trajectory/test_second_order.py",
         "tests/trajectory/test_sources_of_error.py",

@@ -161,7 +161,7 @@ def test_boxes_and_largest_sizes_hold_for_what_is_written() -> None:
     sizes = [
         (o.correction.size_mm, o.correction.size_rad, o.left) for o in done_with(text, rapid.DIALECT, found, small).outcomes if o.correction
     ]
-    assert any("are the most" in left for _, _, left in sizes)
+    assert any("exceeds the limits" in left for _, _, left in sizes)
     clipped = [o.correction for o in done_with(text, rapid.DIALECT, found, replace(small, clip=True)).outcomes if o.correction]
     assert len(clipped) == 12
     assert all(c.size_mm <= 0.2 and c.size_rad <= 2e-4 for c in clipped)

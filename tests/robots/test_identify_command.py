@@ -42,7 +42,7 @@ def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
     arguments = ["identify", "--robot", "ur5", "--measurements", str(measured), "--out", str(out), "--predict", str(asked), "--harmonics"]
     assert run(monkeypatch, *arguments) == 0
     said = capsys.readouterr().out
-    assert "100 rows; errors" in said
+    assert "100 rows; mean error" in said
     record = json.loads((out / "identified.json").read_text(encoding="utf-8"))
     n = len(record["parameters"])
     assert np.array(record["covariance"]).shape == (n, n)

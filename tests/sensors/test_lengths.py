@@ -147,7 +147,7 @@ def test_a_foreign_value_and_an_unsure_counter() -> None:
     lengths = lengths_from_counts(run_of(recorded, r, t))
     assert lengths.flags.tolist() == [0, 0, Status.JUMP, 0, Status.GAP, Status.GAP]
     assert "has a value outside a 16-bit counter" in str(lengths.cause[2])
-    assert "may have wrapped unseen" in str(lengths.cause[4])
+    assert "may have wrapped undetected at max_cable_speed_mm_s = 20000" in str(lengths.cause[4])
 
 
 def test_passes_are_brought_to_the_first_one_s_instants() -> None:
