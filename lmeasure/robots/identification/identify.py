@@ -151,8 +151,10 @@ class Identified(Shown, Generic[R]):
         return float(np.sqrt(np.trace(self.of_robot(replace(row, target_of=np.zeros(1, dtype=np.int64)))[0]) / 3.0))
 
     def errors_mm(self) -> FloatArray:
-        """(N, 3) measured less predicted places of all rows [mm, instrument's frame], NaN where none was measured."""
-        return np.asarray(self.rows.position - self.state.predicted(self.rows)[:, :3])
+        """(N, 3) measured less predicted places of all rows [mm, instrument's frame], without the errors of the instrument that all rows
+        share, as they were estimated; NaN where none was measured."""
+        shared = self.rows.systematic[:, POSITION] @ self.fit.x[self.fit.problem.unknowns.asked :]
+        return np.asarray(self.rows.position - shared - self.state.predicted(self.rows)[:, :3])
 
     def nominal_errors_mm(self) -> FloatArray:
         """(N, 3) the same of the nominal robot, with the frames that fit it best."""
