@@ -70,7 +70,12 @@ def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
     assert error.mean() < 0.13
     assert np.mean(error <= radius) >= 0.85
     page = (out / "report.html").read_text(encoding="utf-8")
-    for heading in ("Errors in space", "Position errors at the measured poses", "Residuals against joint values", "Unobservable parameter combinations"):
+    for heading in (
+        "Errors in space",
+        "Position errors at the measured poses",
+        "Residuals against joint values",
+        "Unobservable parameter combinations",
+    ):
         assert heading in page
 
 
