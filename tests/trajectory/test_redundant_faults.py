@@ -146,15 +146,16 @@ def test_the_summary_says_what_can_be_seen(pairs: list[tuple[str, str]] | None, 
     np.testing.assert_array_equal(run.known_start, START)
 
 
-def test_a_drawing_that_is_off_is_not_called_a_fault_of_a_cable() -> None:
+@pytest.mark.parametrize("unstated", ["exact", "typical"])
+def test_a_drawing_that_is_off_is_not_called_a_fault_of_a_cable(unstated: str) -> None:
     """Eight cables of a rig that nobody calibrated: the lengths contradict each other, and the summary says what may be the reason."""
     rig = rig_of(EIGHT)
     run = record(rig, *motion(800, rate_hz=250.0))
     rng = np.random.default_rng(3)
     moved = [p.model_copy(update={"position_mm": tuple(np.array(p.position_mm) + rng.normal(0.0, 3.0, 3))}) for p in rig.observation_point]
-    trajectory = reconstruct(replace(run, rig=rig.model_copy(update={"observation_point": tuple(moved)})))
+    trajectory = reconstruct(replace(run, rig=rig.model_copy(update={"observation_point": tuple(moved), "unstated": unstated})))
     assert set(words(trajectory)) == {"inconsistent"}
-    assert any("the rig has no linked calibration" in note for note in map(str, trajectory.notes))
+    assert any("where its dimensions have larger errors than the uncertainty includes" in note for note in map(str, trajectory.notes))
 
 
 def test_more_faults_than_anybody_counts_are_never_called_ok(monkeypatch: pytest.MonkeyPatch) -> None:
