@@ -58,7 +58,7 @@ def guard(
         plan = make_plan(rig, calibration, points, turns, start=start)
         # drums and orientation are those of each place: a path says there what a pose says
         own = np.broadcast_to(plan.quaternions, (len(points), 4))
-        found = [run(at_pose(plan, rig, calibration, points[i], own[i]), workers=1) for i in range(len(points))]
+        found = [run(at_pose(plan, rig, calibration, np.concatenate([points[i], own[i]])), workers=1) for i in range(len(points))]
         both = np.hstack([f for f, _ in found]), np.hstack([flags for _, flags in found])
         figures = named_figures(*both, full=False, near=False, six=plan.six)
         out.append(Part(name, points, figures["worst_pressure_angle_deg"], figures["u95_position_mm"], _to_edge(zone, points)))

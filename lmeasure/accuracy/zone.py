@@ -381,9 +381,9 @@ def make_plan(
     )
 
 
-def at_pose(plan: Plan, rig: Rig, calibration: CalibrationRecord | None, position: FloatArray, quaternion: FloatArray) -> Plan:
-    """The plan of one pose alone: its lengths vary by drums as they have turned there, not by the mean over a scan."""
-    positions, quaternions = np.array([position]), np.array([quaternion])
+def at_pose(plan: Plan, rig: Rig, calibration: CalibrationRecord | None, pose: FloatArray) -> Plan:
+    """Return the plan of one pose (7,) alone: its lengths vary by drums as they have turned there, not by the mean over a scan."""
+    positions, quaternions = pose[None, :3], pose[None, 3:]
     drums = drum_variance(rig, calibration, positions, Rotation.from_quat(quaternions), start=plan.start)
     channels = plan.channels and replace(plan.channels, drums=np.append(drums, np.zeros(len(plan.channels.drums) - len(drums))))
     return replace(plan, positions=positions, quaternions=quaternions, variance=length_variance(rig) + drums, channels=channels)
