@@ -25,7 +25,7 @@
   }
   // plots: as large as their places
   for (const plot of document.querySelectorAll('.js-plotly-plot')) {
-    if (!plot.clientWidth) continue; // in a part that is closed
+    if (!plot.clientWidth || shut(plot)) continue; // in a part that is closed, and drawn anew when it opens
     const {width, height} = plot._fullLayout;
     if (Math.abs(width - plot.clientWidth) > 1) out.push(`${plot.id}: drawn ${width} wide in ${plot.clientWidth}`);
     if (plot.closest('.scene') && Math.abs(height - plot.clientHeight) > 1)
