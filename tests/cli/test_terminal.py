@@ -150,10 +150,10 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
             shown.until(f"Pull cable {cable} out by about 100 mm and hold it, then press Enter")
             person.do(f"Pull cable {cable} out")
             wrong, right = ("ch2", "ch1") if cable == "c1" else ("ch1", "ch2")
-            shown.until(f"{wrong} moves, not {right}")
+            shown.until(f"{wrong} moves instead of {right}")
             shown.until(f"{wrong} +100.0")  # it is seen by itself; a key that comes too late does no harm
-            shown.until(f"Let cable {cable} back")
-            person.do(f"Let cable {cable} back")
+            shown.until(f"Let cable {cable} return")
+            person.do(f"Let cable {cable} return")
             shown.until(f"Cable {cable}: channel")
             time.sleep(0.6)
             shown.type("\r")
@@ -190,7 +190,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
         assert shown.close() == 1
         assert shown.modes() == shown.begun
         assert not shown.wide, shown.lines()
-        assert "thesamecommandgoeson" in "".join(shown.text().split())
+        assert "runthesamecommandtocontinue" in "".join(shown.text().split())
         # no state is left over behind the lines that stay
         assert not any("> " in line for line in shown.lines())
     assert list(dict.fromkeys(read_table(tmp_path / "campaign" / "counts.csv").text("pose"))) == ["1", "2"]
