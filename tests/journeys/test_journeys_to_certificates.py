@@ -71,8 +71,8 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     guess = said(monkeypatch, capsys, "import", log, "--scan")
     # what a person does with the guess
     rig = Path("cell/rig.toml")
-    found = guess[guess.index("\n[can]") : guess.rindex("next: lmeasure import")]
-    rig.write_text(rig.read_text(encoding="utf-8") + found, encoding="utf-8")
+    table = guess[guess.index("\n[can]") : guess.rindex("next: lmeasure import")]
+    rig.write_text(rig.read_text(encoding="utf-8") + table, encoding="utf-8")
     stated_exact(rig)
     reported = said(monkeypatch, capsys, "import", log, "--rig", rig, "--out", "run", "--start", "0,0,0,0,-90,90")
     assert "no faults" in reported
