@@ -158,7 +158,7 @@ def _administrative(root: Any, certificate: dict[str, Any]) -> None:
 
 
 def _software(parent: Any, certificate: dict[str, Any]) -> None:
-    """The program and its release, of which a DCC has three numbers behind a letter."""
+    """Write the program and its release: a letter and at most three numbers."""
     software = _add(parent, "software")
     _named(software, "lmeasure", OWN)
     numbers = re.match(r"\d{1,3}(\.\d{1,3}){0,2}", certificate["environment"].get("lmeasure", ""))

@@ -1,7 +1,7 @@
 """One robot measured by several laboratories: do their results agree, what is the consensus, and which laboratory stands apart?
 
-With n results x_i of standard uncertainties u_i, of which c is common to all laboratories (the same traceability), and a standard
-uncertainty a by which the robot itself differs between the measurements, the independent variances are v_i = u_i^2 + a^2 - c^2 and
+The n results x_i have standard uncertainties u_i. All laboratories share the part c of them (the same traceability). The robot itself
+differs between the measurements by a standard uncertainty a. The independent variances are v_i = u_i^2 + a^2 - c^2, and
 
     weighted mean       m = sum(x_i / v_i) / W, W = sum(1 / v_i), u(m)^2 = 1/W + c^2         (Cox, Metrologia 39 (2002), procedure A)
     consistency         Q = sum((x_i - m)^2 / v_i), chi-squared of n - 1 degrees of freedom
@@ -61,9 +61,9 @@ class Equivalence:
 
 @dataclass(frozen=True)
 class Consensus:
-    """What n laboratories say together of one result.
+    """Hold the consensus of n laboratories on one result.
 
-    value, u: of the consensus; `method` says of which: "weighted mean", "largest consistent subset" or "random effects". q, probability:
+    value, u: the consensus, found by `method`: "weighted mean", "largest consistent subset" or "random effects". q, probability:
     of all results about their weighted mean; birge: their Birge ratio; between: standard deviation between laboratories. random_effects:
     value and standard uncertainty of the random effects' mean, whatever the method.
     """

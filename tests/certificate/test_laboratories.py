@@ -124,3 +124,14 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     dcc = read_dcc(tmp_path / "c.xml")
     assert (dcc.identifier, dcc.laboratory, str(dcc.performed)) == ("LM-1", "A", "2026-03-05")
     assert [(r.name, r.value, r.unit, r.u) for r in dcc.results] == [("AP_p P1", 0.5, "mm", 0.01), ("FV line", 1e-17, "mm/s", 0.5 / 2.1)]
+
+
+def test_older_ways_to_state_an_uncertainty_are_read(tmp_path: Path) -> None:
+    """D-SI before 2.2 has `expandedUnc`; a standard uncertainty has no factor."""
+    text = dcc_xml(certificate("A", 0.5)).decode()
+    begin, end = text.index("<si:measurementUncertaintyUnivariate>"), text.index("</si:measurementUncertaintyUnivariate>") + 39
+    old = "<si:expandedUnc><si:uncertainty>0.06</si:uncertainty><si:coverageFactor>3</si:coverageFactor></si:expandedUnc>"
+    standard = "<si:measurementUncertaintyUnivariate><si:standardMU><si:valueStandardMU>0.02</si:valueStandardMU></si:standardMU>"
+    for stated in (old, f"{standard}</si:measurementUncertaintyUnivariate>"):
+        (tmp_path / "old.xml").write_text(text[:begin] + stated + text[end:])
+        assert read_dcc(tmp_path / "old.xml").results[0].u == pytest.approx(0.02)

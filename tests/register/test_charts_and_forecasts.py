@@ -62,6 +62,22 @@ def test_forecasts_hold_their_probability() -> None:
     assert low / count == pytest.approx(0.025, abs=0.015)
 
 
+def test_each_walk_is_forecast_as_by_conditioning_a_gaussian() -> None:
+    """Height and slope of the line have a prior so wide that it tells nothing; all covariances written out."""
+    rng = np.random.default_rng(2)
+    t, u, later = np.array([0.0, 90.0, 210.0, 400.0]), np.array([0.2, 0.1, 0.3, 0.1]), 600.0
+    x = 5.0 + 0.001 * t + rng.normal(size=4) * u
+    mean, sigma = forecast(t, x, u).at(later)
+    every = np.append(t, later)
+    A = np.column_stack([np.ones(5), every])
+    for i, ratio in enumerate(np.geomspace(1e-2, 1e2, 25)):
+        q = ratio * np.mean(u**2) / np.mean(np.diff(t))
+        V = A @ np.diag([1e4, 1.0]) @ A.T + q * np.minimum(every[:, None], every[None, :])
+        gain = np.linalg.solve(V[:4, :4] + np.diag(u**2), V[:4, 4])
+        assert mean[i] == pytest.approx(gain @ x, abs=1e-3)
+        assert sigma[i] == pytest.approx(np.sqrt(V[4, 4] - gain @ V[:4, 4]), rel=1e-3)
+
+
 def test_without_a_walk_it_is_the_line_of_least_squares() -> None:
     """A drift of 0.001 a day, read to 1e-6: the limit is reached where the line reaches it."""
     t = np.arange(0.0, 1000.0, 100.0)

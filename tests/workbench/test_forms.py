@@ -34,8 +34,6 @@ def values_of(option: Option) -> st.SearchStrategy[Any]:
         return st.integers(int(low), int(low) + 1000).map(str)
     if option.kind == "number":
         return st.floats(low, low + 1000, allow_nan=False).map(repr)
-    if option.metavar == "YYYY-MM-DD":
-        return st.dates().map(str)
     return WORDS
 
 
