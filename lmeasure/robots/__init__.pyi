@@ -48,14 +48,7 @@ from .identification.record import (
 )
 from .identification.slips import mended as mended
 from .model import RobotModel as RobotModel, joint_columns as joint_columns
-from .parallel.dyads import (
-    Dyad as Dyad,
-    Minimax as Minimax,
-    all_fitted as all_fitted,
-    minimax as minimax,
-    misses as misses,
-    turned as turned,
-)
+from .parallel.dyads import Dyad as Dyad, Minimax as Minimax, all_fitted as all_fitted, minimax as minimax, misses as misses
 from .parallel.file import ParallelFile as ParallelFile
 from .parallel.jacobians import nearness as nearness
 from .parallel.limits import checked as checked

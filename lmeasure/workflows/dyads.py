@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from lmeasure.core import FileFormatError
 from lmeasure.text import message
@@ -26,7 +26,10 @@ class Settings(Writing):
     reach_mm: Annotated[
         float | None, option("Largest distance of ball joints from the poses; default three times the spread of the poses.", ge=0)
     ] = None
-    turn_free: Annotated[bool, option("Leave each pose's turn about the body's z free.")] = False
+    free: Annotated[
+        Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"] | None,
+        option("Element of the body that the poses state; their other coordinates are free."),
+    ] = None
     starts: Annotated[int, option("Number of random starts of the search.", ge=1, le=100000)] = 200
     seed: Annotated[int, option("Seed of the starts.", ge=0)] = 0
 
@@ -41,8 +44,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     import numpy as np
 
     from lmeasure.io import files
-    from lmeasure.recording import read_poses
-    from lmeasure.robots import all_fitted, minimax, misses, turned as dyads_turned
+    from lmeasure.recording import pose_columns, poses_from_rows, read_poses
+    from lmeasure.robots import all_fitted, minimax, misses
 
     given = read_poses(settings.poses, "puma-oat", unnamed=True)
     poses = given.rows
@@ -53,7 +56,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     if not reach > 0.0:
         raise FileFormatError(f"{settings.poses}: all poses are at one place; --reach-mm says how far ball joints may lie from it")
     progress(0.0, "least squares")
-    near = [d for d in all_fitted(poses, reach, settings.starts, settings.seed) if _within(d, poses, reach)]
+    every = all_fitted(poses, reach, settings.starts, settings.seed, lambda share: progress(0.7 * share, "least squares"))
+    near = [d for d in every if _within(d, poses, reach)]
     if len(near) < settings.links:
         raise FileFormatError(
             f"{settings.poses}: {len(near)} different links found within {reach:.4g} mm, {settings.links} asked for: "
@@ -62,11 +66,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     best = near[: settings.links]
     anchors, points, lengths = (np.array(part) for part in list(zip(*best, strict=True))[:3])
     progress(0.7, "minimax")
-    found = minimax(poses, anchors, points, lengths, turn_free=settings.turn_free)
+    kind = "" if settings.free is None else settings.free.replace("-", " ")
+    found = minimax(poses, (anchors, points, lengths), kind, lambda share: progress(0.7 + 0.3 * share, "minimax"))
     first = np.array([d.misses for d in best]).T
-    turned = dyads_turned(poses, found.turns)
-    last = misses(turned, found.anchors, found.points, found.lengths)
-    columns = {"pose": list(given.names), "turn_deg": np.degrees(found.turns)}
+    last = misses(found.poses, found.anchors, found.points, found.lengths)
+    columns = dict(pose_columns(poses_from_rows(found.poses, list(given.names))))
     columns |= {f"link_{j + 1}_{name}_mm": of[:, j] for name, of in (("least_squares", first), ("minimax", last)) for j in range(len(best))}
     names = ("links.csv", "minimax.csv", "misses.csv")
     tables = (_columns(anchors, points, lengths), _columns(found.anchors, found.points, found.lengths), columns)
