@@ -5,11 +5,21 @@ from .detours import detour as detour
 from .flat_tetrahedra import Tetrahedron as Tetrahedron, adjusted as adjusted, clear as clear
 from .length_limits import Around as Around
 from .lost_screw import Split as Split
+from .singular_drives import (
+    Closing as Closing,
+    Drive as Drive,
+    extra_drives as extra_drives,
+    leading_out as leading_out,
+    lost_twists as lost_twists,
+    nearest_singular as nearest_singular,
+)
 from .singularity import (
     LOST as LOST,
+    Neighbourhood as Neighbourhood,
     gradients as gradients,
     link_pressure_angles as link_pressure_angles,
     link_rows as link_rows,
+    neighbourhood as neighbourhood,
     pluecker_rows as pluecker_rows,
     pressure_angles as pressure_angles,
     rim_mm as rim_mm,

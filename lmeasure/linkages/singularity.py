@@ -153,7 +153,7 @@ def neighbourhood(base: FloatArray, body: FloatArray, pose: FloatArray, size_mm:
     takes 1, and in its second example lists two of the twists with the halves exchanged."""
     size = rim_mm(body) if size_mm is None else size_mm
     unit, to_base = np.repeat([1.0 / size, 1.0], 3), se3.at_points(-pose[:3])
-    K = _displacement_gradients(base, body, pose, np.zeros(6)) * unit
+    K = displacement_gradients(base, body, pose, np.zeros(6)) * unit
     H = second_rates(base, body, pose) * np.outer(unit, unit)
     scale, steep = float(np.abs(H).max()), float(np.linalg.norm(K))
     if steep <= FLAT * scale * size:
@@ -169,87 +169,16 @@ def neighbourhood(base: FloatArray, body: FloatArray, pose: FloatArray, size_mm:
 def second_rates(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatArray:
     """(6, 6) second derivatives of the determinant by displacements of the body's origin at a pose (7,): differences of the gradient."""
     step = STEP * np.repeat([1.0, rim_mm(body)], 3)
-    ahead, behind = (np.array([_displacement_gradients(base, body, pose, d) for d in np.diag(sign * step)]) for sign in (1.0, -1.0))
+    ahead, behind = (np.array([displacement_gradients(base, body, pose, d) for d in np.diag(sign * step)]) for sign in (1.0, -1.0))
     rates = (ahead - behind) / (2.0 * step[:, None])
     return np.asarray((rates + rates.T) / 2.0)
 
 
-def _displacement_gradients(base: FloatArray, body: FloatArray, pose: FloatArray, delta: FloatArray) -> FloatArray:
+def displacement_gradients(base: FloatArray, body: FloatArray, pose: FloatArray, delta: FloatArray) -> FloatArray:
     """(6,) derivatives of the determinant by the displacement delta (6,) from a pose (7,)."""
     there = se3.displaced(pose, delta)
     K = gradients(base, body, there) @ se3.at_points(-there[:3])
     return np.concatenate([K[:3] @ se3.left_jacobians(delta[:3]), K[3:]])
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A passive pair of a link's chain that may carry an extra drive at a singular pose.
-
-    link; pair: `base` or `body`; axis (3,) of its turn; rate: of the pair by the lost twist, whose turn or shift is 1; wrench (6,) unit
-    force screw (direction; moment) by which it acts on the body; determinant: of the rows with the wrench in the place of a link that the
-    others can spare (spared).
-    """
-
-    link: int
-    pair: str
-    axis: FloatArray
-    rate: float
-    wrench: FloatArray
-    spared: int
-    determinant: float
-
-
-def extra_drives(base: FloatArray, body: FloatArray, pose: FloatArray, axes: FloatArray | None = None) -> list[Drive]:
-    """Passive pairs that can carry an extra drive at a singular pose (7,) of rank 5, those that hold the body best first (thesis 4.5).
-
-    Each link is a chain of a universal joint at the base, whose axes are axes (m, 2, 3), a sliding pair, and a spherical one at the body;
-    without axes two directions normal to the link are taken. The lost twist is a sum of the chain's unit screws; a pair whose part is not
-    zero moves with it, so that a motor there takes hold of it: by the force screw that does no work on the chain's other pairs.
-    """
-    M, _, points = link_rows(base, body, pose)
-    U, s, Vt = np.linalg.svd(M)
-    if not s[4] > LOST * s[0] or s[5] > LOST * s[0]:
-        return []
-    # rows (e; m) act on (v; omega)
-    lost = np.r_[Vt[5][3:], Vt[5][:3]]
-    turn = float(np.linalg.norm(lost[:3]))
-    lost = lost / (turn if turn > 1e-9 * float(np.linalg.norm(lost[3:])) else float(np.linalg.norm(lost[3:])))
-    spared = int(np.argmax(np.abs(U[:, 5])))
-    out = []
-    for i in range(len(base)):
-        e = M[i, :3]
-        pair = _normal_to(e) if axes is None else np.asarray(axes[i], dtype=np.float64)
-        screws, joints = _chain(base[i], points[i], e, pair)
-        if np.linalg.matrix_rank(screws) < 6:
-            continue
-        rates = np.linalg.solve(screws.T, lost)
-        for k, (where, axis) in enumerate(joints):
-            if where == "slide" or abs(rates[k]) < 1e-9 * np.abs(rates).max():
-                continue
-            # reciprocal to the other five: (moment; force) . (omega; v) = 0
-            wrench = np.linalg.svd(np.delete(screws, k, axis=0))[2][5]
-            force = np.linalg.norm(wrench[3:])
-            wrench = wrench / (force if force > 1e-9 else np.linalg.norm(wrench))
-            row = np.r_[wrench[3:], wrench[:3]]
-            replaced = M.copy()
-            replaced[spared] = row
-            out.append(Drive(i, where, axis, float(rates[k]), row, spared, float(np.linalg.det(replaced))))
-    return sorted(out, key=lambda d: -abs(d.determinant))
-
-
-def _normal_to(e: FloatArray) -> FloatArray:
-    """(2, 3) two directions normal to e and to each other."""
-    return np.asarray(np.linalg.svd(e[None])[2][1:])
-
-
-def _chain(base: FloatArray, point: FloatArray, e: FloatArray, pair: FloatArray) -> tuple[FloatArray, list[tuple[str, FloatArray]]]:
-    """(6, 6) unit screws (omega; v) of a chain's pairs, and what they are: two turns at the base, the slide, three turns at the body."""
-    joints = [("base", pair[0]), ("base", pair[1]), ("slide", e), *(("body", axis) for axis in np.eye(3))]
-    screws = []
-    for where, axis in joints:
-        at = base if where == "base" else point
-        screws.append(np.r_[np.zeros(3), axis] if where == "slide" else np.r_[axis, np.cross(at, axis)])
-    return np.array(screws), joints
 
 
 def dependent(base: FloatArray, body: FloatArray, pose: FloatArray) -> IntArray:

@@ -9,9 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.core import FileFormatError, FloatArray, se3
+from lmeasure.core import FileFormatError, FloatArray, StructureError, se3
 from lmeasure.kernels import COUNT_LENGTH, RADIUS, radius_95, wrap_geometry
-from lmeasure.linkages import LINKS, LOST, Lines, Split, gradients, link_pressure_angles, link_rows, rim_mm
+from lmeasure.linkages import (
+    LINKS,
+    LOST,
+    Drive,
+    Lines,
+    Split,
+    extra_drives,
+    gradients,
+    leading_out,
+    link_pressure_angles,
+    link_rows,
+    lost_twists,
+    nearest_singular,
+    neighbourhood,
+    rim_mm,
+)
 from lmeasure.structure.assemblies import apart_mm, found_of, lengths_at, rows_at
 from lmeasure.structure.links import Linkage
 
@@ -115,6 +130,49 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
             "u95_position_mm": _number(counts.u95_mm[0]),
         }
     return record
+
+
+def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
+    """What `lmeasure structure --singular` writes of the singular pose nearest to a pose (7,): straight links, six of them.
+
+    StructureError where there is none near it, or more links than six.
+    """
+    base, platform = linkage.base, linkage.platform
+    if len(base) != LINKS:
+        raise StructureError(f"singular: has {len(base)} links; singular poses are analysed for six")
+    at = nearest_singular(base, platform, pose)
+    around, signs = neighbourhood(base, platform, at), leading_out(base, platform, at)
+    leaves = len(around.twists) < LINKS
+    sets = extra_drives(base, platform, at, exit_twist=around.gradient / np.linalg.norm(around.gradient) if leaves else None)
+    names = [name for name, _, _ in linkage.names]
+    words = {1: "lengthen", -1: "shorten", 0: "no part"}
+
+    def drive(d: Drive) -> dict[str, Any]:
+        return {
+            "link": names[d.link],
+            "pair": "platform" if d.pair == "body" else d.pair,
+            "axis": d.axis.tolist(),
+            "rates": d.rates.tolist(),
+            "exit_rate": _number(d.exit_rate),
+            "wrench": d.wrench.tolist(),
+        }
+
+    lost = lost_twists(base, platform, at)
+    return {
+        "position_mm": at[:3].tolist(),
+        "quaternion_xyzw": at[3:].tolist(),
+        "away_mm": float(apart_mm(at[None], pose, rim_mm(platform))[0]),
+        "rank": LINKS - len(lost),
+        "lost_twists": lost.tolist(),
+        "gradient": around.gradient.tolist(),
+        "topology": around.topology,
+        "twists": around.twists.tolist(),
+        "leads_out": None if signs is None else {name: words[int(sign)] for name, sign in zip(names, signs, strict=True)},
+        "extra_drives": [
+            {"drives": [drive(d) for d in one.drives], "instead_of": [names[i] for i in one.spared], "determinant": one.determinant}
+            for one in sets
+        ],
+    }
 
 
 def _least_seen(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:

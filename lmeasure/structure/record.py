@@ -48,12 +48,14 @@ def described(
     to: FloatArray | None = None,
     workspace: Workspace | None = None,
     design: bool = False,
+    near_singular: bool = False,
     within_mm: float = WITHIN_MM,
 ) -> dict[str, Any]:
     """All that is known of links, as `lmeasure structure` writes it.
 
     pose (7,) base_from_platform, to (7,) another to which the platform goes straight; workspace: around the pose; design: limits of the
-    links' lengths within which nothing is singular, of the pose's assembly where one is stated.
+    links' lengths within which nothing is singular, of the pose's assembly where one is stated; near_singular: the singular pose nearest to
+    the pose.
     """
     base, platform, m = linkage.base, linkage.platform, len(linkage.base)
     structure = incidence(base, platform).structure if m == LINKS else None
@@ -80,6 +82,8 @@ def described(
         record |= measures.at_pose(linkage, pose)
         if singular is None:
             record |= measures.others_near(linkage, pose) | {"near_mm": NEAR * _away(linkage, pose)}
+        if near_singular:
+            record["singular_pose"] = measures.at_singular(linkage, pose)
         if to is not None:
             record["way"] = measures.along(linkage, pose, to)
         if workspace is not None:

@@ -102,6 +102,8 @@ def _pose(record: dict[str, Any]) -> Iterator[Line]:
         yield Line(message("structure.other_assemblies_same_lengths", n=len(others), mm=nearest))
         for one in near[:MOST_OTHERS]:
             yield Line(message("structure.warning_another_assembly_near", place=_place(one)), warns=True)
+    if "singular_pose" in record:
+        yield from _singular(record["singular_pose"])
     if "way" in record:
         crossed = record["way"]["singular_at_share"]
         worst = [v for v in record["way"]["mm_per_mm"] if v is not None]
@@ -111,6 +113,30 @@ def _pose(record: dict[str, Any]) -> Iterator[Line]:
         else:
             yield Line(message("structure.way_never_singular_rim", mm=max(worst)))
     yield from (Line(line) for line in record.get("boundary", {}).get("lines", []))
+
+
+def _singular(at: dict[str, Any]) -> Iterator[Line]:
+    yield Line(message("structure.nearest_singular_pose", place=_place(at), mm=at["away_mm"], rank=at["rank"]))
+    for twist in at["lost_twists"]:
+        yield Line(message("structure.lost_twist", values=_row(twist)))
+    yield Line(message("structure.exit_screw", values=_row(at["gradient"]), form=message(f"structure.topology_{at['topology']}")))
+    for twist in at["twists"]:
+        yield Line(message("structure.twist_to_singular", values=_row(twist)))
+    if at["leads_out"] is None:
+        yield Line(message("structure.drives_leading_out_unknown"))
+    else:
+        for way in ("lengthen", "shorten", "no part"):
+            names = tuple(name for name, of in at["leads_out"].items() if of == way)
+            if names:
+                yield Line(message(f"structure.drives_{way}", names=names))
+    if not at["extra_drives"]:
+        yield Line(message("structure.no_extra_drives"))
+    for one in at["extra_drives"][:MOST_OTHERS]:
+        drives = tuple(
+            message(f"structure.extra_drive_{d['pair']}", link=d["link"], axis=_row(d["axis"]), rates=_row(d["rates"]))
+            for d in one["drives"]
+        )
+        yield Line(message("structure.extra_drives", drives=drives, names=tuple(one["instead_of"]), determinant=one["determinant"]))
 
 
 def _held(record: dict[str, Any]) -> Message:

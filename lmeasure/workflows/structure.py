@@ -60,6 +60,12 @@ class Settings(Writing):
     quaternion: Annotated[
         Quaternion | None, option("Orientation of the platform; default the base's.", metavar="X,Y,Z,W", panel=AT_A_POSE)
     ] = None
+    singular: Annotated[
+        bool,
+        option(
+            "Find the nearest singular pose: what moves there, which drives lead out, and which extra drives close it.", panel=AT_A_POSE
+        ),
+    ] = False
     to_mm: Annotated[
         Point | None, option("Second position: determinant and condition on the straight path to it.", metavar="X,Y,Z", panel=AT_A_POSE)
     ] = None
@@ -116,7 +122,10 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         turn = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
         pose, to = (None if place is None else pose_with(place, turn) for place in (settings.position_mm, settings.to_mm))
         try:
-            made = described(linkage, pose, to=to, workspace=_workspace(settings), design=settings.design, within_mm=settings.within_mm)
+            made = described(
+                linkage, pose, to=to, workspace=_workspace(settings), design=settings.design, near_singular=settings.singular,
+                within_mm=settings.within_mm,
+            )  # fmt: skip
         except StructureError as error:
             raise FileFormatError(f"{settings.file}: {error}") from None
         lines = described_lines(made)
@@ -178,7 +187,7 @@ def _check(settings: Settings) -> None:
         raise SettingsError("file", "give a file, or --list")
     if settings.position_mm is None:
         refuse(settings, "states an orientation without --position-mm", "quaternion")
-        refuse(settings, "needs --position-mm, from where it begins", "to_mm", "boundary")
+        refuse(settings, "needs --position-mm, from where it begins", "to_mm", "boundary", "singular")
     if settings.boundary is None:
         refuse(settings, "goes with --boundary", "levels", "reach_mm", "limit_deg", "length_mm")
     if settings.file is None:

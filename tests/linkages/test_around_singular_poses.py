@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from lmeasure.core import FloatArray, se3
-from lmeasure.linkages import singularity
+from lmeasure.linkages import Drive, extra_drives, leading_out, lost_twists, nearest_singular, singularity
 from lmeasure.linkages.singularity import Neighbourhood
 
 UNIT = np.repeat([150.0, 1.0], 3)  # a turn counted at a rim of 150 mm, a shift
@@ -137,18 +138,19 @@ def test_an_extra_drive_works_on_its_own_pair_alone(stated: bool) -> None:
     M, _, points = singularity.link_rows(base, body, pose)
     rng = np.random.default_rng(6)
     axes = np.linalg.qr(rng.normal(size=(6, 3, 3)))[0][:, :2] if stated else None
-    drives = singularity.extra_drives(base, body, pose, axes)
+    sets = extra_drives(base, body, pose, axes)
+    drives = [c.drives[0] for c in sets]
     lost = lost_twist(base, body, pose)
-    side = np.sign(drives[0].wrench @ np.r_[lost[3:], lost[:3]] / drives[0].rate / work(drives[0], base, points))
+    side = np.sign(drives[0].wrench @ np.r_[lost[3:], lost[:3]] / drives[0].rates[0] / work(drives[0], base, points))
     spare = np.linalg.svd(M)[0][:, 5]
     assert {d.link for d in drives} == set(range(6))
-    for d in drives:
+    for c, d in zip(sets, drives, strict=True):
         normal = [d2.axis for d2 in drives if d2.link == d.link and d2.pair == "base"]
         if not stated:
             np.testing.assert_allclose([a @ M[d.link, :3] for a in normal], 0.0, atol=1e-12)
         assert np.linalg.norm(d.axis) == pytest.approx(1.0)
         # the work of the force screw on the lost twist is that on the pair
-        assert d.wrench @ np.r_[lost[3:], lost[:3]] == pytest.approx(side * d.rate * work(d, base, points), rel=1e-6, abs=1e-9)
+        assert d.wrench @ np.r_[lost[3:], lost[:3]] == pytest.approx(side * d.rates[0] * work(d, base, points), rel=1e-6, abs=1e-9)
         assert np.linalg.norm(d.wrench[:3]) == pytest.approx(1.0)
         # and none is done on the slide, nor on the pairs that turn about the same place
         assert d.wrench[:3] @ M[d.link, :3] == pytest.approx(0.0, abs=1e-9)
@@ -156,12 +158,12 @@ def test_an_extra_drive_works_on_its_own_pair_alone(stated: bool) -> None:
         at = points[d.link] if d.pair == "base" else base[d.link]
         for axis in others:
             assert d.wrench @ np.r_[np.cross(at, axis), axis] == pytest.approx(0.0, abs=1e-6)
-        assert abs(spare[d.spared]) == pytest.approx(np.abs(spare).max())
+        assert abs(spare[c.spared[0]]) == pytest.approx(np.abs(spare).max())
         M2 = M.copy()
-        M2[d.spared] = d.wrench
-        assert d.determinant == pytest.approx(np.linalg.det(M2), rel=1e-9)
-    sizes = [abs(d.determinant) for d in drives]
-    assert sizes == sorted(sizes, reverse=True)
+        M2[c.spared[0]] = d.wrench
+        assert c.determinant == pytest.approx(np.linalg.det(M2), rel=1e-9)
+    order = [(c.drives[0].pair == "body", -abs(c.determinant)) for c in sets]
+    assert order == sorted(order)
 
 
 def test_a_joint_that_turns_a_link_about_itself_carries_no_drive() -> None:
@@ -170,10 +172,10 @@ def test_a_joint_that_turns_a_link_about_itself_carries_no_drive() -> None:
     e = singularity.link_rows(base, body, pose)[0][:, :3]
     axes = np.linalg.qr(np.random.default_rng(6).normal(size=(6, 3, 3)))[0][:, :2]
     axes[4, 1] = e[4]
-    assert {d.link for d in singularity.extra_drives(base, body, pose, axes)} == {0, 1, 2, 3, 5}
+    assert {c.drives[0].link for c in extra_drives(base, body, pose, axes)} == {0, 1, 2, 3, 5}
 
 
-def work(d: singularity.Drive, base: FloatArray, points: FloatArray) -> float:
+def work(d: Drive, base: FloatArray, points: FloatArray) -> float:
     """Of a drive's force screw on a unit turn of its pair."""
     at = base[d.link] if d.pair == "base" else points[d.link]
     return float(d.wrench @ np.r_[np.cross(at, d.axis), d.axis])
@@ -188,32 +190,98 @@ def test_a_lost_shift_is_counted_in_millimetres() -> None:
     M, lengths, _ = singularity.link_rows(base, body, here)
     across = np.cross(M[:, :3], [1.0, 0.0, 0.0])
     axes = np.stack([across, np.tile([1.0, 0.0, 0.0], (6, 1))], axis=1)
-    drives = singularity.extra_drives(base, body, here, axes)
+    drives = [c.drives[0] for c in extra_drives(base, body, here, axes)]
     assert {(d.link, d.pair) for d in drives if d.pair == "base"} == {(i, "base") for i in range(6)}
     for d in drives:
         if d.pair == "base":
             np.testing.assert_allclose(np.abs(d.axis), np.abs(across[d.link]), atol=1e-12)
-            assert abs(d.rate) == pytest.approx(1.0 / lengths[d.link], rel=1e-9)
+            assert abs(d.rates[0]) == pytest.approx(1.0 / lengths[d.link], rel=1e-9)
 
 
 @pytest.mark.parametrize(("off", "determined"), [(0.9e-9, True), (1.1e-9, False)])
 def test_a_twist_is_lost_below_a_thousand_millionth_of_the_rows(off: float, determined: bool) -> None:
-    """However large the rig is, and only where there is one twist alone."""
+    """However large the rig is."""
+    s = np.linalg.svd(singularity.link_rows(*mechanism(3, pairs_on_a_line=1, shift=1e-3))[0], compute_uv=False)
+    base, body, pose = mechanism(3, pairs_on_a_line=1, shift=1e-3 * off * s[0] / s[5])
+    s = np.linalg.svd(singularity.link_rows(base, body, pose)[0], compute_uv=False)
+    assert s[5] / s[0] == pytest.approx(off, rel=0.05)
+    assert bool(extra_drives(base, body, pose)) == determined
 
-    def values(shift: float, pairs: int) -> FloatArray:
-        return np.asarray(np.linalg.svd(singularity.link_rows(*mechanism(3, pairs_on_a_line=pairs, shift=shift))[0], compute_uv=False))
 
-    for pairs, at, drives in ((1, 5, determined), (2, 4, not determined)):
-        part = values(1e-3, pairs)
-        base, body, pose = mechanism(3, pairs_on_a_line=pairs, shift=1e-3 * off * part[0] / part[at])
-        if pairs == 2:
-            # the other pair is on its line altogether
-            base[3] = base[2] + 0.4 * (se3.apply(pose, body[2]) - base[2])
-            s = np.linalg.svd(singularity.link_rows(base, body, pose)[0], compute_uv=False)
-            base[1] += (off * s[0] / s[4] - 1.0) * (base[1] - base[0] - 0.4 * (se3.apply(pose, body[0]) - base[0]))
-        s = np.linalg.svd(singularity.link_rows(base, body, pose)[0], compute_uv=False)
-        assert s[at] / s[0] == pytest.approx(off, rel=0.05)
-        assert bool(singularity.extra_drives(base, body, pose)) == drives
+@pytest.mark.parametrize("missing", [2, 3])
+def test_as_many_extra_drives_as_twists_are_lost_close_the_pose(missing: int) -> None:
+    """Thesis 4.5: 6 - n at rank n. With them the rows have rank 6, with fewer of them not, and no motion is left to the chains."""
+    base, body, pose = mechanism(8, pairs_on_a_line=missing)
+    M = singularity.link_rows(base, body, pose)[0]
+    twists = lost_twists(base, body, pose)
+    assert (np.linalg.matrix_rank(M), twists.shape) == (6 - missing, (missing, 6))
+    np.testing.assert_allclose(M @ np.roll(twists, 3, axis=1).T, 0.0, atol=1e-9 * np.abs(M).max() * np.abs(twists).max())
+    sets = extra_drives(base, body, pose)
+    assert len(sets) == 20
+    for c in sets:
+        rows = np.array([d.wrench for d in c.drives])
+        assert np.linalg.matrix_rank(np.vstack([M, rows])) == 6
+        assert np.linalg.matrix_rank(np.vstack([M, rows[1:]])) == 5
+        kept = np.delete(M, c.spared, axis=0)
+        assert abs(np.linalg.det(np.vstack([kept, rows]))) == pytest.approx(abs(c.determinant), rel=1e-9)
+
+
+def test_the_exit_screw_moves_the_extra_drive_as_differences_say() -> None:
+    """The turn of a link about its joint's axis, of the pose moved by the screw a little, over the little."""
+    base, body, pose = mechanism(3, pairs_on_a_line=1)
+    screw = singularity.gradients(base, body, pose)
+    screw = screw / np.linalg.norm(screw[:3])
+    e0 = singularity.link_rows(base, body, pose)[0][:, :3]
+    h = 1e-6
+    e1 = singularity.link_rows(base, body, singularity.moved(pose, h * screw))[0][:, :3]
+    for c in extra_drives(base, body, pose, exit_twist=screw):
+        d = c.drives[0]
+        if d.pair == "base":
+            assert d.exit_rate == pytest.approx(np.cross(e0[d.link], (e1 - e0)[d.link]) @ d.axis / h, abs=1e-5 * np.abs(screw).max())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_drives_lead_out_or_jam_as_the_curvature_says(seed: int) -> None:
+    """Thesis 4.2, by brute force: each length alone is changed both ways, and poses with these lengths are looked for on both sides."""
+    base, body, pose = mechanism(seed, pairs_on_a_line=1)
+    if seed % 2:
+        base, body, pose = singular(seed)
+    found = leading_out(base, body, pose)
+    assert found is not None
+    lost = lost_twist(base, body, pose)
+    lengths = singularity.link_rows(base, body, pose)[1]
+    assert np.count_nonzero(found) >= 2
+    for i in np.flatnonzero(found):
+        reached = []
+        for sign in (1.0, -1.0):
+            aim = lengths + sign * 1e-3 * np.eye(6)[i]
+            ends = [
+                closest(base, body, singularity.moved(pose, side * 0.02 * lost / max(1.0, np.abs(lost[:3]).max())), aim) for side in (1, -1)
+            ]
+            reached.append(min(ends) < 1e-9)
+        assert reached == [found[i] > 0, found[i] < 0]
+
+
+def singular(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A mechanism and the singular pose nearest to one at random: both held against a zero of the determinant found by bisection."""
+    base, body, pose = mechanism(seed)
+    there = nearest_singular(base, body, pose)
+    assert np.linalg.svd(singularity.link_rows(base, body, there)[0], compute_uv=False)[[0, 5]] @ [1e-9, -1.0] > 0.0
+    # nearest: the way there is along the gradient, a turn counted at the rim
+    K = singularity.displacement_gradients(base, body, pose, se3.displacement(there[None], pose)[0])
+    unit = np.repeat([1.0 / singularity.rim_mm(body), 1.0], 3)
+    way = se3.displacement(there[None], pose)[0] / unit
+    assert abs(way @ (K * unit)) == pytest.approx(np.linalg.norm(way) * np.linalg.norm(K * unit), rel=1e-4)
+    return base, body, there
+
+
+def closest(base: FloatArray, body: FloatArray, pose: FloatArray, aim: FloatArray) -> float:
+    """By how much lengths miss at the pose of least squares from a start [mm]."""
+
+    def lacks(x: FloatArray) -> FloatArray:
+        return np.asarray(singularity.link_rows(base, body, se3.displaced(pose, x / UNIT))[1] - aim)
+
+    return float(np.abs(least_squares(lacks, np.zeros(6), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15).fun).max())
 
 
 def test_pressure_angles_of_links_beside_a_dependence_are_of_the_least_motion() -> None:
