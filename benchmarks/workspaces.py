@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from study import options, show
 
 from lmeasure.core import se3
-from lmeasure.robots import ParallelFile, any_shipped, checked, over_grid
+from lmeasure.robots import ParallelFile, Turns, any_shipped, checked, over_grid
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -227,7 +227,7 @@ def beside(case: Case, poses: int) -> tuple[int, int, float, float, float, float
     file = any_shipped(case.robot)
     assert isinstance(file, ParallelFile)
     turn = np.array([0.0, 0.0, math.sin(half), math.cos(half)])
-    found = over_grid(file, (axes[0], axes[1], axes[2]), turn, yaw_free=case.yaw is None).found
+    found = over_grid(file, (axes[0], axes[1], axes[2]), turn, Turns(yaw_free=case.yaw is None)).found
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     parts = np.array_split(nodes, max(1, len(nodes) // 100_000))
     own = np.concatenate([judged(data, part, case.yaw) for part in parts]).reshape(found.inside.shape)
@@ -251,14 +251,7 @@ def beside(case: Case, poses: int) -> tuple[int, int, float, float, float, float
     box = float(np.prod((high - low)[ways])) * (cell / float(np.prod([axes[a][1] - axes[a][0] for a in ways])))
     part = share / count
     error = 0.5 * boundary * cell / (2.0 if flat else 1.0)
-    return (
-        nodes.shape[0],
-        int((own != found.inside).sum()),
-        float(found.inside.sum() * cell),
-        error,
-        part * box,
-        box * math.sqrt(part * (1 - part) / count),
-    )
+    return (nodes.shape[0], int((own != found.inside).sum()), found.size[1], error, part * box, box * math.sqrt(part * (1 - part) / count))
 
 
 def taken(robot: str, reported: FloatArray) -> BoolArray:

@@ -45,7 +45,7 @@ def answer(file: ParallelFile, pose: FloatArray, record: dict[str, Any], grid: G
         say("mechanism.next_workspace"), f"lmeasure mechanism {file.name} --x -100:100:10 --y -100:100:10 --z 0:200:10 --report page"
     )
     if grid is not None:
-        rows.append(html.Number(say("mechanism.workspace"), say("mechanism.litres", volume=grid.found.volume_mm3 / 1e6)))
+        rows.append(html.Number(say("mechanism.workspace"), _size(*grid.found.size, say)))
         if grid.ended_by:
             name, number = max(grid.ended_by.items(), key=lambda one: one[1])
             limits = say("mechanism.limited", limit=limit_words(say)[name], number=number)
@@ -62,17 +62,22 @@ def workspace_words(grid: Grid, say: Say = ENGLISH) -> str:
     found = grid.found
     if not found.inside.any():
         return say("mechanism.no_place_grid_inside")
-    words = say("mechanism.litres_places", volume=found.volume_mm3 / 1e6, nodes=int(found.inside.sum()), of=found.inside.size)
-    out = [words]
+    out = [say("mechanism.size_places", size=_size(*found.size, say), nodes=int(found.inside.sum()), of=found.inside.size)]
     for i, name in enumerate("xyz"):
         held = found[i][found.inside.any(axis=tuple(k for k in range(3) if k != i))]
         out.append(say("mechanism.from_mm", name=name, low=held[0], high=held[-1]))
+    if grid.every is not None:
+        out.append(say("mechanism.at_every_orientation", size=_size(*found.size_of(grid.every), say)))
     if grid.yaw_free:
         out.append(say("mechanism.any_turn_about_vertical"))
     if grid.ended_by:
         most, named = sorted(grid.ended_by.items(), key=lambda one: -one[1]), limit_words(say)
         out.append(say("mechanism.ended", limits=", ".join(f"{named[name]} ({n})" for name, n in most)))
     return "; ".join(out)
+
+
+def _size(name: str, value: float, say: Say) -> str:
+    return say(f"mechanism.{name}", value=value / 1e6 if name == "volume_mm3" else value)
 
 
 def limit_words(say: Say = ENGLISH) -> dict[str, str]:

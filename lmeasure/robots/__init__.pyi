@@ -55,11 +55,13 @@ from .parallel.limits import checked as checked
 from .parallel.outline import Drawn as Drawn, drawn as drawn
 from .parallel.study import (
     Grid as Grid,
+    Turns as Turns,
     Workspace as Workspace,
     at_poses as at_poses,
     completions as completions,
     described as described,
     motion as motion,
+    over_drives as over_drives,
     over_grid as over_grid,
 )
 from .platform import PlatformFile as PlatformFile

@@ -18,6 +18,7 @@ from lmeasure.workflows.settings import (
     option,
     places_of,
     pose_with,
+    refuse,
     then,
 )
 
@@ -49,6 +50,14 @@ class Settings(Writing):
     y: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     z: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     yaw_free: Annotated[bool, option("Count a position as inside if any turn about the vertical is inside.", panel=WORKSPACE)] = False
+    tilt_rad: Annotated[
+        float | None,
+        option("Also test orientations: each component of the rotation vector from -TILT to TILT.", panel=WORKSPACE, ge=0.0, le=1.5),
+    ] = None
+    tilt_steps: Annotated[int, option("Steps of each component.", panel=WORKSPACE, ge=1, le=99)] = 3
+    drives: Annotated[
+        int | None, option("Find the workspace by enumerating the drives, each at this number of values.", panel=WORKSPACE, ge=2, le=2000)
+    ] = None
     poses: Annotated[Path | None, option("Poses of the platform: x_mm, y_mm, z_mm, qx, qy, qz, qw.", panel=TABLE)] = None
     joints: Annotated[Path | None, option("Table of their joint values to write.", metavar="FILE.csv", panel=TABLE)] = None
     complete: Annotated[
@@ -83,20 +92,24 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     file = _mechanism(settings.robot)
     try:
         record = described(file, _pose(settings, file))
-        grid = _grid(settings, file)
+        grid, reached = _grid(settings, file, progress)
     except GeometryError as error:
         raise SettingsError("position_mm" if settings.x is None else "x", str(error)) from None
-    progress(0.6, "mechanism")
+    progress(0.9, "mechanism")
     lines = _told(record, grid)
     if grid is not None:
         record["workspace"] = {
-            "volume_mm3": grid.found.volume_mm3,
+            **dict([grid.found.size]),
+            **({} if grid.every is None else {f"every_orientation_{n}": v for n, v in [grid.found.size_of(grid.every)]}),
+            "poses": grid.poses,
             "places": int(grid.found.inside.sum()),
             "yaw_free": grid.yaw_free,
             "ended_by": grid.ended_by,
         }
     if settings.poses is not None and settings.joints is not None:
         lines.append(_table(settings, file, settings.poses, settings.joints))
+    if reached is not None and settings.joints is not None:
+        lines.append(_enumerated(file, settings.joints, reached))
     if settings.out is not None:
         files.write_json(settings.out, record)
     if settings.report is not None:
@@ -110,7 +123,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     progress(1.0, "mechanism")
     lines += [message("line.written", files=settings.report / "mechanism.html")] if settings.report is not None else []
     figures = {"freedoms": float(record["freedoms"]), "nearness": record["nearness"]}
-    figures |= {} if grid is None else {"volume_mm3": grid.found.volume_mm3}
+    figures |= {} if grid is None else dict([grid.found.size])
     return Result(record, tuple(lines), figures)
 
 
@@ -118,9 +131,11 @@ def _check(settings: Settings) -> None:
     axes = (settings.x, settings.y, settings.z)
     if any(a is None for a in axes) and not all(a is None for a in axes):
         raise SettingsError("x, y, z", "give all three for a workspace, or none")
-    if settings.yaw_free and settings.x is None:
-        raise SettingsError("yaw_free", "goes with --x, --y and --z")
-    if (settings.poses is None) != (settings.joints is None):
+    if settings.x is None:
+        refuse(settings, "goes with --x, --y and --z", "yaw_free", "tilt_rad", "drives")
+    if settings.drives is not None:
+        refuse(settings, "goes with poses over coordinates, not with --drives", "yaw_free", "tilt_rad", "poses")
+    if settings.drives is None and (settings.poses is None) != (settings.joints is None):
         raise SettingsError("poses", "goes with --joints FILE.csv, which is written")
     if settings.complete is not None and settings.poses is None:
         raise SettingsError("complete", "goes with --poses and --joints")
@@ -144,15 +159,33 @@ def _pose(settings: Settings, file: "ParallelFile") -> "FloatArray | None":
     return pose_with(home[:3] if settings.position_mm is None else settings.position_mm, quaternion)
 
 
-def _grid(settings: Settings, file: "ParallelFile") -> "Grid | None":
-    from lmeasure.robots import over_grid
+def _grid(settings: Settings, file: "ParallelFile", progress: Progress) -> "tuple[Grid | None, tuple[FloatArray, FloatArray] | None]":
+    """The workspace, and the joint values and poses that were enumerated for it."""
+    from lmeasure.robots import Turns, over_drives, over_grid
 
     if settings.x is None or settings.y is None or settings.z is None:
-        return None
-    x, y, z = (places_of(span, name, 2, 2000) for name, span in (("x", settings.x), ("y", settings.y), ("z", settings.z)))
+        return None, None
+    x, y, z = (places_of(span, name, 1, 2000) for name, span in (("x", settings.x), ("y", settings.y), ("z", settings.z)))
+    if settings.drives is not None:
+        grid, joints, poses = over_drives(file, (x, y, z), settings.drives, progress=lambda share: progress(0.9 * share, "mechanism"))
+        return grid, (joints, poses)
     pose = _pose(settings, file)
     orientation = (file.model.home if pose is None else pose)[3:]
-    return over_grid(file, (x, y, z), orientation, yaw_free=settings.yaw_free)
+    turns = Turns(settings.tilt_rad or 0.0, settings.tilt_steps if settings.tilt_rad else 1, settings.yaw_free)
+    return over_grid(file, (x, y, z), orientation, turns, progress=lambda share: progress(0.9 * share, "mechanism")), None
+
+
+def _enumerated(file: "ParallelFile", out: Path, reached: "tuple[FloatArray, FloatArray]") -> str:
+    """Write joint values and poses that were enumerated."""
+    from lmeasure.io import files
+    from lmeasure.recording import pose_columns, poses_from_rows
+    from lmeasure.robots import joint_columns
+
+    joints, poses = reached
+    files.write_table(
+        out, pose_columns(poses_from_rows(poses, [str(i + 1) for i in range(len(poses))])) | joint_columns(file.model, joints)
+    )
+    return message("workflows.poses_enumerated", count=len(poses), file=out)
 
 
 def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:

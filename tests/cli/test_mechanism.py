@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 from lmeasure.io import files
-from lmeasure.robots import ParallelFile, any_shipped, over_grid
+from lmeasure.robots import ParallelFile, Turns, any_shipped, over_grid
 from lmeasure.view.viewer import check_recording
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
@@ -35,17 +35,71 @@ def test_the_rotopods_workspace_is_three_fold_at_fixed_yaw_and_of_revolution_wit
     assert isinstance(file, ParallelFile)
     flat = np.arange(-200.0, 200.1, 10.0)
     heights = np.arange(955.0, 980.1, 1.0)
-    found = over_grid(file, (flat, flat, heights), LEVEL, yaw_free=False)
+    found = over_grid(file, (flat, flat, heights), LEVEL)
     assert set(found.ended_by) <= {"reached", "joints", "gaps", "base_cone", "regular"}
     inside = found.found.inside
     place = np.array([150.0, 0.0]), np.array([-150.0, 0.0])
     at = [tuple(np.searchsorted(flat, p)) for p in place]
     assert inside[at[0]].any() != inside[at[1]].any()
-    free = over_grid(file, (flat, flat, heights[11:12]), LEVEL, yaw_free=True).found.inside
+    free = over_grid(file, (flat, flat, heights[11:12]), LEVEL, Turns(yaw_free=True)).found.inside
     far = np.hypot(*np.meshgrid(flat, flat, indexing="ij"))
     for level in range(free.shape[2]):
         edge = far[free[:, :, level]].max()
         assert free[:, :, level][far < edge - 5.0].all()
+
+
+def test_places_of_a_six_coordinate_scan_are_those_of_each_orientation(tmp_path: Path) -> None:
+    """002, 3.1: six coordinates, seven constraints. Inside at one orientation, and inside at all, are unions and intersections."""
+    scan = ["--x", "-100:100:50", "--y", "-100:100:50", "--z", "960:976:2", "--out", tmp_path / "m.json", "--force"]
+    run("mechanism", "rotopod", *scan, "--tilt-rad", "0.004", "--tilt-steps", "3")
+    found = json.loads((tmp_path / "m.json").read_text())["workspace"]
+    axes = np.arange(-100, 101, 50.0), np.arange(-100, 101, 50.0), np.arange(960, 977, 2.0)
+    each, file = [], any_shipped("rotopod")
+    assert isinstance(file, ParallelFile)
+    for a, b, c in np.stack(np.meshgrid(*[[-0.004, 0.0, 0.004]] * 3), axis=-1).reshape(-1, 3):
+        size = np.sqrt(a * a + b * b + c * c)
+        turn = np.r_[np.array([a, b, c]) * (np.sin(size / 2.0) / size if size else 0.5), np.cos(size / 2.0)]
+        each.append(over_grid(file, axes, turn).found.inside)
+    cell = 50.0 * 50.0 * 2.0
+    assert found["poses"] == 27 * 225
+    assert found["volume_mm3"] == np.any(each, axis=0).sum() * cell
+    assert found["every_orientation_volume_mm3"] == np.all(each, axis=0).sum() * cell
+    assert 0 < np.all(each, axis=0).sum() < np.any(each, axis=0).sum()
+
+
+def test_the_crank_platforms_workspace_by_drives_and_by_coordinates(tmp_path: Path) -> None:
+    """003, figures 7 and 8: home is inside, and both ways find the same cells but for some at the boundary."""
+    box = ["--x", "-12:12:4", "--y", "-12:12:4", "--z", "196:204:1", "--out", tmp_path / "m.json", "--force"]
+    out = run("mechanism", "crank-platform", *box, "--drives", "25", "--joints", tmp_path / "all.csv")
+    by_drives = json.loads((tmp_path / "m.json").read_text())["workspace"]
+    table = files.read_table(tmp_path / "all.csv")
+    places = table.matrix(("x_mm", "y_mm", "z_mm"))
+    assert f"{len(places)} poses within all limits" in out
+    # an own count of the cells of the table
+    cells = {tuple(c) for c in np.rint(places / [4.0, 4.0, 1.0]).astype(int) if np.abs(c[:2]).max() <= 3 and 196 <= c[2] <= 204}
+    assert (0, 0, 200) in cells
+    assert by_drives["places"] == len(cells)
+    assert by_drives["volume_mm3"] == len(cells) * 16.0
+    joints = np.column_stack([table.numbers(f"leg_{i}_deg") for i in (1, 3, 5)])
+    np.testing.assert_allclose(any_shipped("crank-platform").model.forward(np.radians(joints[::400]))[:, :3], places[::400], atol=1e-9)
+    run("mechanism", "crank-platform", *box, "--tilt-rad", "0.1", "--tilt-steps", "25")
+    by_coordinates = json.loads((tmp_path / "m.json").read_text())["workspace"]
+    assert by_coordinates["places"] == pytest.approx(by_drives["places"], rel=0.15)
+
+
+def test_a_planar_mechanism_has_an_area(tmp_path: Path) -> None:
+    run("mechanism", "three-prr", "--x=-200:200:10", "--y=-200:200:10", "--z=0:0:1", "--out", tmp_path / "m.json")
+    found = json.loads((tmp_path / "m.json").read_text())["workspace"]
+    assert "volume_mm3" not in found
+    # a rod reaches a point of the platform from its guide within the carriage's limits: each by a quadratic of its own
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-200, 201, 10.0), np.arange(-200, 201, 10.0)))
+    good = np.ones(len(x), dtype=bool)
+    for k in range(3):
+        c, s = np.cos(2.0 * np.pi * k / 3), np.sin(2.0 * np.pi * k / 3)
+        across, along = c * (x + 120.0 * c) + s * (y + 120.0 * s) - 400.0, -s * (x + 120.0 * c) + c * (y + 120.0 * s)
+        with np.errstate(invalid="ignore"):
+            good &= np.abs(along - np.sqrt(330.0**2 - across**2)) <= 400.0
+    assert found["area_mm2"] == pytest.approx(good.sum() * 100.0, abs=300.0)  # rounded dimensions of the file; singular ones apart
 
 
 def test_a_mechanism_is_told_drawn_and_recorded(tmp_path: Path) -> None:
@@ -133,6 +187,7 @@ def _turn(q: np.ndarray) -> np.ndarray:
 def test_what_cannot_be_studied_is_said_in_one_line(tmp_path: Path) -> None:
     assert "its legs do not reach this pose" in refused("mechanism", "rotopod", "--position-mm", "0,0,2000")
     assert "is of kind 'hexapod'" in refused("mechanism", "gough")
+    assert "goes with --x, --y and --z" in refused("mechanism", "rotopod", "--drives", "5")
     assert "give all three for a workspace" in refused("mechanism", "rotopod", "--x", "0:1:0.5")
     assert "is no robot that comes along" in refused("mechanism", "rotopode")
     assert "goes with --joints" in refused("mechanism", "rotopod", "--poses", tmp_path / "p.csv")

@@ -26,7 +26,7 @@ def test_no_node_is_judged_otherwise(case: workspaces.Case) -> None:
     )
     assert case.yaw is not None
     half = math.radians(case.yaw) / 2.0
-    found = over_grid(file, (x, y, z), np.array([0.0, 0.0, math.sin(half), math.cos(half)]), yaw_free=False).found.inside
+    found = over_grid(file, (x, y, z), np.array([0.0, 0.0, math.sin(half), math.cos(half)])).found.inside
     nodes = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
     own = workspaces.judged(workspaces.read(case.robot), nodes, case.yaw)
     assert (own.reshape(found.shape) == found).all()

@@ -1,6 +1,7 @@
 """What a mechanism is and does: at a pose, along its coordinates, over a grid of places, and at the poses of a table."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,13 +20,14 @@ BLOCK = 20000
 MOST_RAD, MOST = 0.6, 0.5
 """How far ranges are looked for: turns but that about the vertical, and shifts in parts of the reach."""
 YAWS = 72
-NODES = 2_000_000
+PLACES = 20_000_000
+"""Most places of a grid: each is a byte; poses are looked at block by block, however many."""
 AXES = ("rx", "ry", "rz", "x", "y", "z")
 SINGULAR = {Singular.NO: "no", Singular.DRIVES: "type 1", Singular.OUTPUT: "type 2", Singular.BOTH: "type 3"}
 
 
 class Workspace(NamedTuple):
-    """inside (len(x), len(y), len(z)) at evenly spaced nodes, at least two each way."""
+    """inside (len(x), len(y), len(z)) at evenly spaced nodes; an axis with one node is no extent."""
 
     x_mm: FloatArray
     y_mm: FloatArray
@@ -33,18 +35,53 @@ class Workspace(NamedTuple):
     inside: BoolArray
 
     @property
-    def volume_mm3(self) -> float:
-        """Nodes inside times the cell of the grid."""
-        return float(self.inside.sum() * np.prod([a[1] - a[0] for a in self[:3]]))
+    def size(self) -> tuple[str, float]:
+        """Nodes inside times the cell of the grid, and what it is: `volume_mm3`, `area_mm2` or `length_mm`."""
+        return self.size_of(self.inside)
+
+    def size_of(self, inside: BoolArray) -> tuple[str, float]:
+        """As `size`, of other nodes (len(x), len(y), len(z))."""
+        steps = [float(a[1] - a[0]) for a in self[:3] if len(a) > 1]
+        return SIZES[len(steps)], float(inside.sum() * np.prod(steps))
+
+
+SIZES = ("places", "length_mm", "area_mm2", "volume_mm3")
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A workspace, over which nodes it was looked for at every turn about the vertical, and which limits ended it how often."""
+    """A workspace; poses: how many were looked at; yaw_free: at every turn about the vertical; ended_by: which limits ended it how often,
+    of one orientation; every (len(x), len(y), len(z)): nodes inside at all orientations, None of one."""
 
     found: Workspace
-    yaw_free: bool
-    ended_by: dict[str, int]
+    poses: int
+    yaw_free: bool = False
+    ended_by: dict[str, int] = field(default_factory=dict)
+    every: BoolArray | None = None
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Orientations R = Exp(a, b, c) R0 that a workspace is looked for at: each of a, b, c over so many equal steps from -tilt_rad to
+    tilt_rad, one step meaning 0; yaw_free: c at `YAWS` over a whole turn."""
+
+    tilt_rad: float = 0.0
+    steps: int = 1
+    yaw_free: bool = False
+
+    def of(self, orientation: FloatArray, components: Sequence[str]) -> FloatArray:
+        """(k, 4) quaternions beside an orientation (4,); only the turns among components are taken."""
+        still = np.zeros(1)
+        tilts = np.linspace(-self.tilt_rad, self.tilt_rad, self.steps) if self.steps > 1 else still
+        each = [tilts if name in components else still for name in COMPONENTS[:3]]
+        if self.yaw_free:
+            each[2] = np.asarray(2.0 * np.pi / YAWS * np.arange(YAWS))
+        turns = np.stack(np.meshgrid(*each, indexing="ij"), axis=-1).reshape(-1, 3)
+        if self.yaw_free:
+            # tilts as seen from the vertical, then the turn about it
+            about = Rotation.from_rotvec(turns * [0.0, 0.0, 1.0]) * Rotation.from_rotvec(turns * [1.0, 1.0, 0.0])
+            return np.asarray((about * Rotation.from_quat(orientation)).as_quat())
+        return np.asarray((Rotation.from_rotvec(turns) * Rotation.from_quat(orientation)).as_quat())
 
 
 def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, Any]:
@@ -91,19 +128,112 @@ def inside(file: ParallelFile, poses: FloatArray) -> BoolArray:
     return np.concatenate(parts)
 
 
-def over_grid(file: ParallelFile, axes: tuple[FloatArray, FloatArray, FloatArray], orientation: FloatArray, *, yaw_free: bool) -> Grid:
-    """The workspace over places at an orientation (4,), or at any turn of it about the base's vertical; GeometryError for too many."""
+def over_grid(
+    file: ParallelFile,
+    axes: tuple[FloatArray, FloatArray, FloatArray],
+    orientation: FloatArray,
+    turns: Turns = Turns(),
+    *,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Grid:
+    """The workspace over places at an orientation (4,) and those beside it: places where the platform may be at one of them.
+
+    A robot of fewer than six freedoms is asked for the coordinates that it is commanded in, and its places are those in whose cell it then
+    stands. GeometryError for too many places.
+    """
+    robot = file.model
+    _countable(axes)
+    every = turns.of(orientation, robot.commanded)
+    full = len(robot.joint_names) == EQUATIONS
+    asked = [a if full or name in robot.commanded else np.array([h]) for name, a, h in zip("xyz", axes, robot.home[:3], strict=True)]
+    shape = [len(a) for a in asked]
+    count = int(np.prod(shape))
+    cells = [len(a) for a in axes]
+    times = np.zeros(int(np.prod(cells)), dtype=np.int32)
+    together = max(1, BLOCK // count)
+    for first in range(0, len(every), together):
+        group = every[first : first + together]
+        met: list[IntArray] = []
+        for begin in range(0, count, BLOCK):
+            at = np.stack(np.unravel_index(np.arange(begin, min(begin + BLOCK, count)), shape), axis=-1)
+            places = np.stack([a[at[:, i]] for i, a in enumerate(asked)], axis=-1)
+            poses = np.column_stack([np.tile(places, (len(group), 1)), np.repeat(group, len(places), axis=0)])
+            own, kept = _cells(file, axes, poses if full else _followed(file, poses))
+            met.append(np.unique(kept // len(places) * len(times) + own))
+            progress((first + len(group) * min(1.0, (begin + BLOCK) / count)) / len(every))
+        # of one orientation a cell counts once, however many poses lie in it
+        times += np.bincount(np.unique(np.concatenate(met)) % len(times), minlength=len(times)).astype(np.int32)
+    times = times.reshape(cells)
+    found = Workspace(*axes, times > 0)
+    if len(every) > 1:
+        return Grid(found, count * len(every), turns.yaw_free, every=times == len(every))
+    return Grid(found, count, ended_by=_ended_by(file, found, orientation) if full else {})
+
+
+def _cells(file: ParallelFile, axes: tuple[FloatArray, ...], poses: FloatArray) -> tuple[IntArray, IntArray]:
+    """(k,) flat nodes in whose cells those of poses (n, 7) lie that keep every limit, and (k,) which they are; NaN poses are none."""
+    which = np.flatnonzero(~np.isnan(poses[:, 0]))
+    which = which[inside(file, poses[which])] if len(which) else which
+    index = np.stack([np.rint((poses[which, i] - a[0]) / _step(a)).astype(np.int64) for i, a in enumerate(axes)], axis=-1)
+    within = ((index >= 0) & (index < [len(a) for a in axes])).all(axis=1)
+    return np.ravel_multi_index(tuple(index[within].T), [len(a) for a in axes]), which[within]
+
+
+def _step(axis: FloatArray) -> float:
+    """Of an axis with one node 1 mm."""
+    return float(axis[1] - axis[0]) if len(axis) > 1 else 1.0
+
+
+def _followed(file: ParallelFile, asked: FloatArray) -> FloatArray:
+    """(n, 7) poses of a robot of fewer freedoms with the commanded coordinates of poses (n, 7); NaN where it has none."""
+    robot = file.model
+    idle = [not robot.legs[i].of.drives for i in robot.owners]
+    still = np.tile(robot.home_joints, (len(asked), 1))
+    off = np.abs(robot.residuals(asked, still)[:, idle]).max(axis=1) > 1e-9
+    if off.any():
+        asked[off] = robot.nearest(asked[off])
+    return asked
+
+
+def over_drives(
+    file: ParallelFile,
+    axes: tuple[FloatArray, FloatArray, FloatArray],
+    count: int,
+    *,
+    progress: Callable[[float], None] = lambda share: None,
+) -> tuple[Grid, FloatArray, FloatArray]:
+    """The workspace by enumerating the drives (source 003, figure 7): each at so many values between its limits, and the places in whose
+    cells the platform then stands; with it the joint values (k, n) and poses (k, 7) that keep every limit.
+
+    GeometryError for too many places or values.
+    """
+    robot = file.model
+    _countable(axes)
+    low, high = robot.limits
+    total = count ** len(low)
+    if total > PLACES:
+        raise GeometryError(f"{total} combinations of drives: at most {PLACES} are taken")
+    values = np.linspace(low, high, count)
+    met = np.zeros(int(np.prod([len(a) for a in axes])), dtype=np.bool_)
+    joints, poses = [np.empty((0, len(low)))], [np.empty((0, 7))]
+    for begin in range(0, total, BLOCK):
+        index = np.stack(np.unravel_index(np.arange(begin, min(begin + BLOCK, total)), (count,) * len(low)), axis=-1)
+        own = values[index, np.arange(len(low))]
+        found = robot.forward(own)
+        there = ~np.isnan(found[:, 0])
+        own, found = own[there], found[there]
+        good = inside(file, found) if len(found) else np.zeros(0, dtype=np.bool_)
+        joints.append(own[good])
+        poses.append(found[good])
+        met[_cells(file, axes, found[good])[0]] = True
+        progress(min(1.0, (begin + BLOCK) / total))
+    return Grid(Workspace(*axes, met.reshape([len(a) for a in axes])), total), np.concatenate(joints), np.concatenate(poses)
+
+
+def _countable(axes: tuple[FloatArray, ...]) -> None:
     count = int(np.prod([len(a) for a in axes]))
-    if count * (YAWS if yaw_free else 1) > NODES:
-        raise GeometryError(f"{count} places{f' at {YAWS} turns each' if yaw_free else ''}: at most {NODES} poses are looked at")
-    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    every = np.zeros(count, dtype=np.bool_)
-    yaws = 2.0 * np.pi / YAWS * np.arange(YAWS) if yaw_free else np.zeros(1)
-    for yaw in yaws:
-        turn = (Rotation.from_rotvec([0.0, 0.0, yaw]) * Rotation.from_quat(orientation)).as_quat()
-        every |= inside(file, np.concatenate([places, np.broadcast_to(turn, (count, 4))], axis=1))
-    found = Workspace(*axes, every.reshape([len(a) for a in axes]))
-    return Grid(found, yaw_free, {} if yaw_free else _ended_by(file, found, orientation))
+    if count > PLACES:
+        raise GeometryError(f"{count} places: at most {PLACES} are looked at")
 
 
 def _ended_by(file: ParallelFile, found: Workspace, orientation: FloatArray) -> dict[str, int]:
