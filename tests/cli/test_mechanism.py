@@ -68,7 +68,7 @@ def test_places_of_a_six_coordinate_scan_are_those_of_each_orientation(tmp_path:
 
 
 def test_the_crank_platforms_workspace_by_drives_and_by_coordinates(tmp_path: Path) -> None:
-    """003, figures 7 and 8: home is inside, and both ways find the same cells but for some at the boundary."""
+    """003, figures 7 and 8: home is inside, and both ways find the same cells, those apart that drives touch beside a node only."""
     box = ["--x", "-12:12:4", "--y", "-12:12:4", "--z", "196:204:1", "--out", tmp_path / "m.json", "--force"]
     out = run("mechanism", "crank-platform", *box, "--drives", "25", "--joints", tmp_path / "all.csv")
     by_drives = json.loads((tmp_path / "m.json").read_text())["workspace"]
@@ -84,7 +84,7 @@ def test_the_crank_platforms_workspace_by_drives_and_by_coordinates(tmp_path: Pa
     np.testing.assert_allclose(any_shipped("crank-platform").model.forward(np.radians(joints[::400]))[:, :3], places[::400], atol=1e-9)
     run("mechanism", "crank-platform", *box, "--tilt-rad", "0.1", "--tilt-steps", "25")
     by_coordinates = json.loads((tmp_path / "m.json").read_text())["workspace"]
-    assert by_coordinates["places"] == pytest.approx(by_drives["places"], rel=0.15)
+    assert 0.7 * by_drives["places"] < by_coordinates["places"] <= by_drives["places"]
 
 
 def test_a_planar_mechanism_has_an_area(tmp_path: Path) -> None:
