@@ -5,15 +5,13 @@ function of the plan and the chunk's number.
 """
 
 import hashlib
-import importlib
 import itertools
 import math
-import os
-import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy.readings import Readings, worst_figures
-from lmeasure.core import AccuracyError, FloatArray, IntArray, how_to_install, version_of
-from lmeasure.io import files, open_regular
+from lmeasure.core import AccuracyError, FloatArray, IntArray, version_of
+from lmeasure.io import cluster_client, files, open_regular, processors
 from lmeasure.kernels import (
     ALPHA,
     ATTACHMENT_XYZ,
@@ -55,9 +53,6 @@ Progress = Callable[[int, int], None]
 
 STARTS, WAYS = slice(BODY_START, BODY_START + 3), slice(BODY_WAY, BODY_WAY + 3)
 POSES_PER_CHUNK = 1_000_000
-ANSWER_S = 10.0
-"""Within which a scheduler must answer."""
-ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/:]+:\d{1,5}|(tcp|tls)://\[[0-9a-fA-F:]+\]:\d{1,5}")
 
 
 def digest_of(arrays: Mapping[str, Any]) -> str:
@@ -267,7 +262,7 @@ def _place(plan: Plan, number: int, result: tuple[FloatArray, IntArray], figures
 
 def _threads(plan: Plan, numbers: list[int], workers: int | None) -> Iterator[tuple[int, tuple[FloatArray, IntArray]]]:
     """Chunks as threads finish them in order; the kernels hold no lock."""
-    count = workers or _cores()
+    count = workers or processors()
     if count == 1 or len(numbers) <= 1:
         for number in numbers:
             yield number, scan_chunk(plan, number)
@@ -280,30 +275,16 @@ def _threads(plan: Plan, numbers: list[int], workers: int | None) -> Iterator[tu
             raise
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[int, tuple[FloatArray, IntArray]]]:
     """Chunks as the workers of a dask cluster finish them; a chunk whose worker dies is done again by another."""
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError:
-        raise AccuracyError(f"--scheduler needs dask: {how_to_install('cluster')}") from None
-    if not ADDRESS.fullmatch(scheduler):  # a client of a wrong one does not go without a quarrel
-        raise AccuracyError(f"--scheduler {scheduler!r}: is no address such as tcp://192.168.0.7:8786")
-    try:
-        client = distributed.Client(scheduler, timeout=ANSWER_S, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise AccuracyError(f"{scheduler}: no dask scheduler answers there: {_one_line(error)}") from error
-    with client:
+    with cluster_client(scheduler) as client:
         # each task carries its own nodes: nothing is lost with a worker that could not be sent again
         key = plan.digest()[:16]
         futures = [
             client.submit(_numbered_chunk, replace(plan, positions=_positions(plan, number)), number, key=f"zone-{key}-{number}", retries=3)
             for number in numbers
         ]
-        for future in distributed.as_completed(futures, loop=client.loop):
+        for future in import_module("distributed").as_completed(futures, loop=client.loop):
             result = future.result()
             future.release()  # the workers need not keep it any longer
             yield result

@@ -1,4 +1,5 @@
 from . import files as files
+from .cluster import LOCAL as LOCAL, cluster_client as cluster_client, processors as processors
 from .files import (
     LARGEST_TOML as LARGEST_TOML,
     abandoned as abandoned,

@@ -10,6 +10,7 @@ from .certificate_text import about as about, title as title
 from .comparison import reported as reported, write_comparison_page as write_comparison_page
 from .correction import write_correction_page as write_correction_page
 from .demonstration import Part as Part, write_demo_page as write_demo_page
+from .fleet import FleetItem as FleetItem, write_fleet_page as write_fleet_page
 from .html import kept as kept
 from .inspection import write_inspection_page as write_inspection_page
 from .interim import write_check_page as write_check_page

@@ -40,7 +40,7 @@ PAGES = {
     "robot": Page(
         "workbench.robot_certificate",
         "workbench.write_test_certify_was",
-        ("program", "simulate", "certify", "key", "verify", "compare", "register", "qualify", "identify", "correct"),
+        ("program", "simulate", "certify", "key", "verify", "compare", "register", "batch", "qualify", "identify", "correct"),
         ("program", "certificate", "identification", "robot"),
     ),
 }
@@ -95,6 +95,7 @@ TITLES = {
     "mechanism": "workbench.mechanism",
     "dyads": "workbench.links_poses",
     "register": "workbench.register",
+    "batch": "workbench.batch",
     "qualify": "workbench.qualify",
 }
 VERBS = {

@@ -69,6 +69,7 @@ JOBS: dict[str, dict[str, str]] = {
         ),
         "compare": ("Compare certificates or two calibrations: differences beyond the uncertainty, moved parts, exchangeability."),
         "register": "Keep calibrations, checks and certificates over years: drift, control charts, next calibration, recall, audit trail.",
+        "batch": "Do one command for many folders, files or rows of a table, here or on a cluster; what is done is not done again.",
         "qualify": "Qualify this installation before use (ISO/IEC 17025, 7.11): files, reference data, formulas, coverage, certificates.",
         "key": "Make an Ed25519 key. Keep FILE; give FILE.pub to people who verify.",
         "identify": "Calibrate a robot's kinematic model from joint values and measured poses, and predict its accuracy after correction.",

@@ -1,26 +1,23 @@
 """The fast scan: the same figures as the pivoted kernel, and the same bits however it is cut and whoever does it."""
 
-import importlib
 import os
-import re
 import signal
 import subprocess
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from cluster import two_workers
 from scipy.spatial.transform import Rotation
 from zone_rigs import cell, published
 
-from lmeasure.accuracy import axis, scan, tilts
+from lmeasure.accuracy import axis, tilts
 from lmeasure.accuracy.limits import Body
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import make_plan
-from lmeasure.core import AccuracyError
+from lmeasure.core import AccuracyError, LMeasureError
 from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS, guide_direction, layout, wrap_geometry, zone as kernels
 from lmeasure.rig import Rig
 
@@ -241,36 +238,12 @@ def test_clearance_is_the_distance_of_the_free_spans() -> None:
     assert len(plan.pairs) == 3 * 4 - 3
 
 
-@pytest.fixture
-def cluster() -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
-    """A dask scheduler and two worker processes on loopback, without a dashboard."""
-    common = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-    scheduler = subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-show"],
-        **common,  # type: ignore[call-overload]
-    )
-    address = ""
-    for line in scheduler.stderr:
-        if found := re.search(r"tcp://127\.0\.0\.1:\d+", line):
-            address = found.group()
-            break
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    worker += ["--host", "127.0.0.1"]
-    workers = [subprocess.Popen(worker, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True) for _ in range(2)]
-    try:
-        yield address, workers
-    finally:
-        for process in (*workers, scheduler):
-            process.kill()
-            process.wait()
-        scheduler.stderr.close()
+def test_two_worker_processes_give_the_same_bits_though_one_is_killed() -> None:
+    with two_workers() as cluster:
+        _same_bits(cluster.address, cluster.workers)
 
 
-def test_two_worker_processes_give_the_same_bits_though_one_is_killed(cluster: tuple[str, list[subprocess.Popen[str]]]) -> None:
-    address, workers = cluster
-    distributed: Any = importlib.import_module("distributed")
-    with distributed.Client(address, set_as_default=False) as client:
-        client.wait_for_workers(2, timeout=60)
+def _same_bits(address: str, workers: "list[subprocess.Popen[str]]") -> None:
     plan = replace(plan_of(cell(0)), nodes_per_chunk=64)
     whole = run(plan)
     killed: list[int] = []
@@ -290,6 +263,6 @@ def test_two_worker_processes_give_the_same_bits_though_one_is_killed(cluster: t
 
 
 def test_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scan, "ANSWER_S", 1.0)
-    with pytest.raises(AccuracyError, match="no dask scheduler answers"):
+    monkeypatch.setattr("lmeasure.io.cluster.ANSWER_S", 1.0)
+    with pytest.raises(LMeasureError, match="no dask scheduler answers"):
         run(plan_of(cell(0)), scheduler="tcp://127.0.0.1:9")

@@ -99,7 +99,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def test_every_command_that_reads_is_here() -> None:
-    assert set(COMMANDS) - {line.split()[0] for line in COMMAND_LINES} == {"workbench", "demo", "init", "inspect", "schema", "key"}
+    assert set(COMMANDS) - {line.split()[0] for line in COMMAND_LINES} == {"workbench", "demo", "init", "inspect", "schema", "key", "batch"}
 
 
 @pytest.mark.parametrize("line", COMMAND_LINES)

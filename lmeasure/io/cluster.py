@@ -1,0 +1,57 @@
+"""Connections to a Dask scheduler: one that runs somewhere, or one of this machine's own processors."""
+
+import logging
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+from lmeasure.core import LMeasureError, how_to_install
+
+ANSWER_S = 10.0
+"""Within which a scheduler must answer."""
+ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/:]+:\d{1,5}|(tcp|tls)://\[[0-9a-fA-F:]+\]:\d{1,5}")
+LOCAL = "local"
+"""Scheduler that is begun on this machine, with one process for each processor."""
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def cluster_client(scheduler: str) -> Iterator[Any]:
+    """Connect to a scheduler, and let go of it afterwards.
+
+    Parameters
+    ----------
+    scheduler
+        Address such as `tcp://192.168.0.7:8786`, or `local`.
+
+    Raises
+    ------
+    LMeasureError
+        If Dask is not installed, the address is none, or nothing answers there within 10 s.
+    """
+    try:
+        distributed: Any = import_module("distributed")
+    except ImportError:
+        raise LMeasureError(f"--scheduler needs dask: {how_to_install('cluster')}") from None
+    if scheduler == LOCAL:
+        settings: dict[str, Any] = {"n_workers": processors(), "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
+        settings |= {"silence_logs": logging.CRITICAL}
+        with distributed.LocalCluster(**settings) as cluster, distributed.Client(cluster, set_as_default=False) as client:
+            yield client
+        return
+    if not ADDRESS.fullmatch(scheduler):  # a client of a wrong one does not go without a quarrel
+        raise LMeasureError(f"--scheduler {scheduler!r}: is no address such as tcp://192.168.0.7:8786")
+    try:
+        client = distributed.Client(scheduler, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise LMeasureError(f"{scheduler}: no dask scheduler answers there: {why}") from error
+    with client:
+        yield client
