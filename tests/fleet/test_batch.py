@@ -169,9 +169,9 @@ def test_results_go_to_a_place_that_is_no_folder(tmp_path: Path) -> None:
     runs = runs_of(tmp_path, robots=1)
     words = ("reconstruct", f"{runs}/*/*/run", *BY, "--out", "memory://fleet")
     assert "holds no database" in " ".join(done(*words, code=2).split())
-    words = (*words, "--catalogue", str(tmp_path / "items.sqlite"))
-    assert "2 done" in done(*words)
-    assert "2 unchanged" in done(*words)
+    more = ("--catalogue", str(tmp_path / "items.sqlite"))
+    assert "2 done" in done(*words, *more)
+    assert "2 unchanged" in done(*words, *more)
     fsspec = pytest.importorskip("fsspec")
     place = fsspec.filesystem("memory")
     assert len(place.glob("/fleet/trajectory/robot=r1/*/run.parquet")) == 2
