@@ -33,6 +33,7 @@ from .topology import (
     Structure as Structure,
     class_of as class_of,
     incidence as incidence,
+    mobility as mobility,
     parse as parse,
     somov_malyshev as somov_malyshev,
     structures as structures,

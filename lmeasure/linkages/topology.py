@@ -6,7 +6,7 @@ of each platform point by letters. With platform and base distinguished, there a
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import chain, combinations, groupby, pairwise, permutations, product
@@ -225,6 +225,11 @@ def parse(text: str, misprints: bool = True) -> tuple[Structure, ...]:
     )
 
 
+def mobility(bodies: int, pairs: Mapping[int, int]) -> int:
+    """Freedoms W = 6 n - sum of i P_i of n moving bodies and P_i pairs of class i, which take i freedoms each (Somov and Malyshev)."""
+    return 6 * bodies - sum(cls * count for cls, count in pairs.items())
+
+
 def somov_malyshev(rods: int = 0, merged: int = 0, fingers: bool = True, links: int = LINKS) -> tuple[int, int]:
     """(freedoms of the platform, turns of links about themselves) W = 6n - 5 P5 - 4 P4 - 3 P3 - 2 P2 of links, all of whose lengths may
     change (thesis 2.1, chapter 3).
@@ -239,7 +244,7 @@ def somov_malyshev(rods: int = 0, merged: int = 0, fingers: bool = True, links: 
     n, P5, P4, P3, P2 = 2 * links + 1 + k, links, links + k, links, k
     if not fingers:
         P4, P3 = 0, P3 + P4
-    whole = 6 * n - 5 * P5 - 4 * P4 - 3 * P3 - 2 * P2
+    whole = mobility(n, {5: P5, 4: P4, 3: P3, 2: P2})
     own = 0 if fingers else links + k
     return whole - own, own
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import FileFormatError, GeometryError, SettingsError
-from lmeasure.text import message, of_terminal
+from lmeasure.text import message, of_terminal, settled
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     LANGUAGE,
@@ -46,6 +46,7 @@ class Settings(Writing):
     quaternion: Annotated[Quaternion | None, option("Orientation of the platform; default home.", metavar="X,Y,Z,W", panel=AT_A_POSE)] = (
         None
     )
+    matrices: Annotated[bool, option("Print the Jacobians A and B, and the velocity matrix V.", panel=AT_A_POSE)] = False
     x: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     y: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     z: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
@@ -97,6 +98,11 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
         raise SettingsError("position_mm" if settings.x is None else "x", str(error)) from None
     progress(0.9, "mechanism")
     lines = _told(record, grid)
+    if settings.matrices:
+        lines += [
+            message("mechanism_line.matrix", name=name, values=tuple(settled(v) for v in row))
+            for name in "ABV" for row in record[name] or ()
+        ]  # fmt: skip
     if grid is not None:
         record["workspace"] = {
             **dict([grid.found.size]),
@@ -195,6 +201,14 @@ def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
     joints = tuple(message("mechanism_line.joint", name=name, value=value) for name, value in record["joints"].items())
     lines.append(message("mechanism_line.joints", values=joints))
     lines.append(message("workflows.singular_smallest_over_largest", kind=record["singular"], near=record["nearness"]))
+    mobility = record["mobility"]
+    pairs = tuple(f"{name} = {count}" for name, count in mobility["pairs"].items() if count)
+    lines.append(
+        message("mechanism_line.mobility", bodies=mobility["bodies"], pairs=pairs, n=mobility["freedoms"], own=mobility["rods_turn"])
+    )
+    if "by_steps" in record:
+        steps = record["by_steps"]
+        lines.append(message("mechanism_line.by_steps", mm=steps["u95_position_mm"], deg=max(steps["u_rotation_deg"])))
     broken = [name for name, kept in record["limits_kept"].items() if not kept]
     if broken:
         lines.append(message("workflows.outside_limits", names=tuple(broken)))
@@ -224,7 +238,10 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
 
     given = read_poses(poses, "puma-oat", unnamed=True)
     if settings.complete is None:
-        columns = at_poses(file, given.rows)
+        try:
+            columns = at_poses(file, given.rows, _times(poses))
+        except GeometryError as error:
+            raise FileFormatError(f"{poses}: {error}") from None
         files.write_table(out, {"pose": list(given.names), **columns})
         kept = int(columns["kept"].sum())
         return message(
@@ -241,3 +258,19 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
     names = [f"{given.names[row]}_{1 + int((rows[:k] == row).sum())}" for k, row in enumerate(rows)]
     files.write_table(out, pose_columns(poses_from_rows(found, names)))
     return message("workflows.poses_completed_completions", count=len(given.rows), done=len(np.unique(rows)), all=len(found), file=out)
+
+
+def _times(poses: Path) -> "FloatArray | None":
+    """Times of a table of poses; None where it has none. FileFormatError where they do not rise."""
+    import numpy as np
+
+    from lmeasure.io import files
+
+    table = files.read_table(poses)
+    if "time_s" not in table.columns:
+        return None
+    time_s = table.numbers("time_s")
+    if not (np.diff(time_s) > 0.0).all():
+        row = int(np.argmin(np.diff(time_s) > 0.0)) + 2
+        raise FileFormatError(f"{poses}: row {row}: time_s does not rise")
+    return time_s

@@ -1,6 +1,7 @@
 """`lmeasure mechanism` and `lmeasure dyads`: workspaces against a brute force of their own, tables, pages, recordings, refusals."""
 
 import json
+from importlib.resources import files as resources
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from lmeasure.io import files
 from lmeasure.robots import ParallelFile, Turns, any_shipped, over_grid
 from lmeasure.view.viewer import check_recording
 
+robot_files = resources("lmeasure.robots").joinpath("shipped")
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -141,6 +143,63 @@ def test_a_table_of_poses_becomes_joints_and_completions(tmp_path: Path) -> None
         for name, pose in zip("abc", poses, strict=True):
             own = found[[n.startswith(f"{name}_") for n in done.text("pose")]]
             assert np.minimum(np.abs(own - pose).max(axis=1), np.abs(own * [1, 1, 1, -1, -1, -1, -1] - pose).max(axis=1)).min() < 1e-6
+
+
+def test_velocities_and_steps_of_drives_are_differences_of_the_forward_solution(tmp_path: Path) -> None:
+    """002, 4 and 5.3: A x' + B q' = 0, V = -A^-1 B; steps of 1.8 +- 0.09 degrees of one drive through a gear of 50."""
+    file = any_shipped("rotopod")
+    assert isinstance(file, ParallelFile)
+    text = Path(str(robot_files.joinpath("rotopod.toml"))).read_text(encoding="utf-8")
+    (tmp_path / "own.toml").write_text(text.replace("elbow = 1", "elbow = 1\nresolution_deg = 0.036\nresolution_error_deg = 0.0018", 1))
+    out = run("mechanism", tmp_path / "own.toml", "--matrices", "--out", tmp_path / "m.json")
+    found = json.loads((tmp_path / "m.json").read_text())
+    A, B, V = (np.array(found[name]) for name in "ABV")
+    np.testing.assert_allclose(A @ V + B, 0.0, atol=1e-9)
+    model, h = file.model, 1e-5
+    for i in range(6):
+        ahead, behind = (model.forward((model.home_joints + s * h * np.eye(6)[i])[None])[0] for s in (1.0, -1.0))
+        np.testing.assert_allclose((ahead[:3] - behind[:3]) / (2.0 * h), V[3:, i], rtol=1e-5, atol=1e-3)
+        np.testing.assert_allclose(2.0 * (ahead[3:6] - behind[3:6]) / (2.0 * h), V[:3, i], rtol=1e-5, atol=1e-6)
+    assert "V  0.166667, 0.166667, 0.166667, 0.166667, 0.166667, 0.166667" in out
+    u = np.radians(np.hypot(0.036 / np.sqrt(12.0), 0.0018 / np.sqrt(3.0)))
+    np.testing.assert_allclose(found["by_steps"]["u_position_mm"], np.abs(V[3:, 0]) * u, rtol=1e-9)
+    # of one direction 95 % lie within 1.96 standard uncertainties
+    assert found["by_steps"]["u95_position_mm"] == pytest.approx(1.96 * np.linalg.norm(V[3:, 0]) * u, rel=2e-3)
+    assert found["mobility"] == {"bodies": 13, "pairs": {"P5": 6, "P4": 0, "P3": 12, "P2": 0, "P1": 0}, "freedoms": 6, "rods_turn": 6}
+
+
+def test_speeds_are_compared_with_the_limits_of_drives(tmp_path: Path) -> None:
+    """A turn of the rotopod's platform by a cubic of time: every carriage goes with it, at 3 a t^2 and 6 a t."""
+    text = Path(str(robot_files.joinpath("rotopod.toml"))).read_text(encoding="utf-8")
+    t = np.linspace(0.0, 2.0, 9)
+    turn = 5.0 * t**3
+    half = np.radians(turn) / 2.0
+    table = {
+        "time_s": t,
+        "x_mm": 0 * t,
+        "y_mm": 0 * t,
+        "z_mm": 965.0 + 0 * t,
+        "qx": 0 * t,
+        "qy": 0 * t,
+        "qz": np.sin(half),
+        "qw": np.cos(half),
+    }
+    files.write_table(tmp_path / "poses.csv", table)
+    for limit, kept in (
+        ("max_speed_deg_s = 61", [1] * 9),
+        ("max_speed_deg_s = 40", [1] * 7 + [0, 0]),
+        ("max_acceleration_deg_s2 = 44", [1] * 6 + [0] * 3),
+    ):
+        (tmp_path / "own.toml").write_text(text.replace("elbow = 2", f"elbow = 2\n{limit}", 1))
+        run("mechanism", tmp_path / "own.toml", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "j.csv", "--force")
+        found = files.read_table(tmp_path / "j.csv")
+        np.testing.assert_allclose(found.numbers("leg_2_deg_s"), 15.0 * t**2, atol=1e-9)
+        np.testing.assert_allclose(found.numbers("leg_5_deg_s2"), 30.0 * t, atol=1e-8)
+        np.testing.assert_array_equal(found.numbers("kept"), kept)
+    files.write_table(tmp_path / "poses.csv", table | {"time_s": t[::-1]})
+    assert "row 2: time_s does not rise" in refused(
+        "mechanism", "rotopod", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "k.csv"
+    )
 
 
 def test_links_are_found_for_poses(tmp_path: Path) -> None:

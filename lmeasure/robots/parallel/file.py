@@ -41,12 +41,12 @@ class _Leg(Strict):
             out.append(np.radians(value) if key.endswith("_deg") else value)
         return np.array(out, dtype=np.float64)
 
-    def limits(self, end: str) -> FloatArray:
-        """(d,) least or most (end "min", "max") of its drives, mm and rad."""
+    def limits(self, end: str, per: str = "") -> FloatArray:
+        """(d,) a value of its drives, mm and rad: least or most ("min", "max"), or another of their keys; NaN where it is not stated."""
         out = []
         for name, slides in KINDS[self.type].drives:
-            value = getattr(self, f"{name[1:]}_{end}_{'mm' if slides else 'deg'}".lstrip("_"))
-            out.append(value if slides else np.radians(value))
+            value = getattr(self, f"{name[1:]}_{end}_{'mm' if slides else 'deg'}{per}".lstrip("_"))
+            out.append(np.nan if value is None else value if slides else np.radians(value))
         return np.array(out, dtype=np.float64)
 
 
@@ -55,6 +55,14 @@ class _Turning(_Leg):
     """Smallest joint value."""
     max_deg: Angle = 360.0
     """Largest joint value."""
+    max_speed_deg_s: Positive | None = None
+    """Largest speed of the drive."""
+    max_acceleration_deg_s2: Positive | None = None
+    """Largest acceleration of the drive."""
+    resolution_deg: Positive | None = None
+    """Step of the drive, such as that of a stepper motor behind its gear."""
+    resolution_error_deg: Positive | None = None
+    """Largest error of a step's position."""
 
 
 class _Sliding(_Leg):
@@ -62,6 +70,14 @@ class _Sliding(_Leg):
     """Smallest joint value."""
     max_mm: Length
     """Largest joint value."""
+    max_speed_mm_s: Positive | None = None
+    """Largest speed of the drive."""
+    max_acceleration_mm_s2: Positive | None = None
+    """Largest acceleration of the drive."""
+    resolution_mm: Positive | None = None
+    """Step of the drive."""
+    resolution_error_mm: Positive | None = None
+    """Largest error of a step's position."""
 
 
 class _Ring(_Turning):
@@ -177,6 +193,14 @@ class Radial(_Hinged):
     """Smallest slide value."""
     slide_max_mm: Length
     """Largest slide value."""
+    slide_max_speed_mm_s: Positive | None = None
+    """Largest speed of the slide."""
+    slide_max_acceleration_mm_s2: Positive | None = None
+    """Largest acceleration of the slide."""
+    slide_resolution_mm: Positive | None = None
+    """Step of the slide."""
+    slide_resolution_error_mm: Positive | None = None
+    """Largest error of a step's position of the slide."""
 
 
 class RadialArm(_Hinged):
@@ -194,6 +218,14 @@ class RadialArm(_Hinged):
     """Smallest lift value."""
     lift_max_deg: Angle = 360.0
     """Largest lift value."""
+    lift_max_speed_deg_s: Positive | None = None
+    """Largest speed of the lift."""
+    lift_max_acceleration_deg_s2: Positive | None = None
+    """Largest acceleration of the lift."""
+    lift_resolution_deg: Positive | None = None
+    """Step of the lift."""
+    lift_resolution_error_deg: Positive | None = None
+    """Largest error of a step's position of the lift."""
     elbow: Literal[1, 2] = 2
     """Solution for the lift at home: 1 is the smaller lift, 2 the larger."""
 
@@ -294,6 +326,10 @@ class ParallelFile(Strict):
         if nearness(robot.jacobians(closed, robot.home_joints[None]).output, robot.units)[0] <= SINGULAR:
             raise ValueError("home: is a singular pose of these legs: they do not hold the platform there")
         return robot
+
+    def drives(self, key: str, per: str = "") -> FloatArray:
+        """(n,) a key of all drives such as `max_speed` per `_s`, mm and rad; NaN where it is not stated."""
+        return np.concatenate([leg.limits(key, per) for leg in self.leg])
 
     @property
     def tool_pose(self) -> FloatArray:

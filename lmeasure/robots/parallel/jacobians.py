@@ -50,3 +50,11 @@ def singular(jacobians: Jacobians, output_units: FloatArray | float = 1.0) -> In
     drives = values[..., -1] <= NEAR * values[..., 0]
     output = nearness(jacobians.output, output_units) <= NEAR
     return np.asarray(Singular.DRIVES * drives + Singular.OUTPUT * output, dtype=np.int64)
+
+
+def velocities(jacobians: Jacobians) -> FloatArray:
+    """(..., f, n) V = -A^-1 B, which gives the output's twist of the drives' rates; NaN where the output is singular."""
+    output, drives = jacobians
+    if (singular(jacobians) & Singular.OUTPUT).any():
+        return np.full((*output.shape[:-1], drives.shape[-1]), np.nan)
+    return np.asarray(-np.linalg.solve(output, drives))

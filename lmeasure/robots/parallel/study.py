@@ -5,13 +5,16 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, se3
+from lmeasure.kernels import radius_95
+from lmeasure.linkages import mobility
 from lmeasure.robots.model import joint_columns
 from lmeasure.robots.parallel.completion import KINDS as COMPLETED, completed
 from lmeasure.robots.parallel.file import ParallelFile, Strut
-from lmeasure.robots.parallel.jacobians import Singular, nearness, singular
+from lmeasure.robots.parallel.jacobians import Jacobians, Singular, nearness, singular, velocities
 from lmeasure.robots.parallel.limits import Checks, checked, own_roots, ranges
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS
 
@@ -20,6 +23,8 @@ BLOCK = 20000
 MOST_RAD, MOST = 0.6, 0.5
 """How far ranges are looked for: turns but that about the vertical, and shifts in parts of the reach."""
 YAWS = 72
+FEWEST = 4
+"""Poses from which a cubic spline has speeds and accelerations."""
 PLACES = 20_000_000
 """Most places of a grid: each is a byte; poses are looked at block by block, however many."""
 AXES = ("rx", "ry", "rz", "x", "y", "z")
@@ -106,6 +111,8 @@ def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, A
         "joint_limits": {name: ends.tolist() for name, ends in joint_columns(robot, np.array(robot.limits)).items()},
         "singular": SINGULAR[kind],
         "nearness": float(nearness(jacobians.output, robot.units)[0]),
+        **_rates(file, jacobians),
+        "mobility": mobility_of(file),
         "limits_kept": {name: bool(getattr(kept, name)[0]) for name in Checks.__dataclass_fields__},
     }
     if len(joints[0]) == EQUATIONS:
@@ -119,6 +126,57 @@ def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, A
     turns = leg_turns(file, at)
     if turns:
         out["leg_turns_deg"] = turns
+    return out
+
+
+CHAINS: dict[str, tuple[int, dict[int, int], int]] = {
+    "strut": (2, {5: 1, 4: 1, 3: 1}, 0),
+    "rod": (1, {3: 2}, 1),
+    "carriage": (2, {5: 1, 3: 2}, 1),
+    "crank": (2, {5: 1, 3: 2}, 1),
+    "slider": (2, {5: 1, 3: 2}, 1),
+    "radial": (3, {5: 3, 3: 1}, 0),
+    "radial-arm": (3, {5: 3, 3: 1}, 0),
+    "plane": (0, {1: 1}, 0),
+    "way": (0, {}, 0),
+}
+"""Bodies of each kind of leg, its pairs by class, and turns of bodies about themselves."""
+
+
+def mobility_of(file: ParallelFile) -> dict[str, Any]:
+    """Bodies n and pairs P_i of each class of a mechanism, its freedoms by Somov and Malyshev, and those of them that only turn rods about
+    themselves."""
+    bodies, own, pairs = 1, 0, dict.fromkeys((5, 4, 3, 2, 1), 0)
+    for leg in file.leg:
+        n, of, turns = CHAINS[leg.type]
+        bodies, own = bodies + n, own + turns
+        for cls, count in of.items():
+            pairs[cls] += count
+    return {
+        "bodies": bodies,
+        "pairs": {f"P{cls}": count for cls, count in pairs.items()},
+        "freedoms": mobility(bodies, pairs) - own,
+        "rods_turn": own,
+    }
+
+
+def _rates(file: ParallelFile, jacobians: Jacobians) -> dict[str, Any]:
+    """A, B and V of a pose, displacements (turn [rad]; shift of the platform's origin [mm]), drives in rad or mm; what the drives' steps
+    make of the pose."""
+    V = velocities(Jacobians(jacobians.output[0], jacobians.drives[0]))
+    out: dict[str, Any] = {"A": jacobians.output[0].tolist(), "B": jacobians.drives[0].tolist()}
+    out["V"] = V.tolist() if np.isfinite(V).all() else None
+    # anywhere within a step, and within the error of its place: both uniform
+    steps = np.nan_to_num(file.drives("resolution")), np.nan_to_num(file.drives("resolution_error"))
+    u = np.sqrt(steps[0] ** 2 / 12.0 + steps[1] ** 2 / 3.0)
+    if u.any() and np.isfinite(V).all():
+        C = (V * u**2) @ V.T
+        own = C[3:, 3:]
+        out["by_steps"] = {
+            "u95_position_mm": float(radius_95(own[0, 0], own[1, 1], own[2, 2], own[0, 1], own[0, 2], own[1, 2])),
+            "u_position_mm": np.sqrt(np.diag(own)).tolist(),
+            "u_rotation_deg": np.degrees(np.sqrt(np.diag(C)[:3])).tolist(),
+        }
     return out
 
 
@@ -266,15 +324,30 @@ def leg_turns(file: ParallelFile, pose: FloatArray) -> dict[str, float]:
     return out
 
 
-def at_poses(file: ParallelFile, poses: FloatArray) -> dict[str, FloatArray]:
-    """Columns: joint values at poses (N, 7), NaN where a leg does not reach, how near to singular, and 1 where all limits are kept."""
+def at_poses(file: ParallelFile, poses: FloatArray, time_s: FloatArray | None = None) -> dict[str, FloatArray]:
+    """Columns: joint values at poses (N, 7), NaN where a leg does not reach, how near to singular, and 1 where all limits are kept; at
+    rising times (N,) also speeds and accelerations of the joints, by a cubic spline, with the drives' limits.
+
+    GeometryError for times where a leg does not reach, or fewer than four.
+    """
     robot = file.model
     joints, kept = own_roots(robot, poses), checked(robot, file.limits, poses)
     joints = np.where(kept.reached[:, None], joints, np.nan)
     near = np.full(len(poses), np.nan)
     if kept.reached.any():
         near[kept.reached] = nearness(robot.jacobians(poses[kept.reached], joints[kept.reached]).output, robot.units)
-    return joint_columns(robot, joints) | {"nearness": near, "kept": kept.all.astype(np.float64)}
+    good = kept.all
+    columns = joint_columns(robot, joints)
+    if time_s is not None:
+        if len(poses) < FEWEST or not kept.reached.all():
+            raise GeometryError(f"{file.name}: speeds need {FEWEST} poses or more, all of them within reach")
+        whole = np.where(robot.sliding, joints, np.unwrap(joints, axis=0))
+        spline = CubicSpline(time_s, whole)
+        for order, (key, end) in enumerate((("max_speed", "_s"), ("max_acceleration", "_s2")), 1):
+            rates = spline(time_s, order)
+            columns |= {name + end: values for name, values in joint_columns(robot, rates).items()}
+            good = good & ~(np.abs(rates) > file.drives(key, end) * (1.0 + 1e-9)).any(axis=1)
+    return columns | {"nearness": near, "kept": good.astype(np.float64)}
 
 
 def completions(file: ParallelFile, kind: str, given: FloatArray) -> tuple[IntArray, FloatArray]:
