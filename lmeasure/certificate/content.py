@@ -33,7 +33,7 @@ def sources_sha256() -> str:
     """SHA-256 over the names and digests of this package's own sources."""
     root = Path(__file__).parents[1]
     digest = hashlib.sha256()
-    sources = [path for kind in ("py", "typ", "po", "css", "js") for path in root.rglob(f"*.{kind}")]
+    sources = [path for kind in ("py", "typ", "po", "css", "js", "html", "toml", "json", "npz") for path in root.rglob(f"*.{kind}")]
     for path in sorted(sources, key=lambda p: p.relative_to(root).as_posix()):
         digest.update(f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()

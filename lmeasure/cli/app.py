@@ -7,6 +7,7 @@ answer, said in one line; 2 wrong usage.
 import atexit
 import errno
 import io
+import json
 import os
 import sys
 import traceback
@@ -76,19 +77,24 @@ app = typer.Typer(
 )
 
 
-def _version(asked: bool) -> None:
-    if asked:
-        from lmeasure.core import version_of
-
-        typer.echo(f"lmeasure {version_of('lmeasure')}")
-        raise typer.Exit
-
-
 @app.callback()
 def _options(
     ctx: typer.Context,
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop; with --json also digests and libraries.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", hidden=True)] = False,
 ) -> None:
+    if version and as_json:
+        from lmeasure.certificate import environment
+
+        typer.echo(json.dumps(environment(), indent=1))
+    elif version:
+        from lmeasure.core import version_of
+
+        typer.echo(f"lmeasure {version_of('lmeasure')}")
+    elif as_json:
+        ctx.fail("--json goes behind a command, or with --version")
+    if version:
+        raise typer.Exit
     if ctx.invoked_subcommand is None:
         typer.echo(word("cli.first_steps"))
 

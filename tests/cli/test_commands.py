@@ -1,5 +1,6 @@
 """The command line as a user meets it: a process of its own, exit codes, one line of error, whole files or none."""
 
+import json
 import re
 import subprocess
 import sys
@@ -44,6 +45,11 @@ def test_usage() -> None:
     done = lmeasure("--version")
     assert done.returncode == 0
     assert re.fullmatch(r"lmeasure \d+\.\d+\.\d+\n", done.stdout)
+    stated = json.loads(lmeasure("--version", "--json").stdout)
+    assert f"lmeasure {stated['lmeasure']}\n" == done.stdout
+    assert re.fullmatch("[0-9a-f]{64}", stated["lmeasure sources"])
+    assert {"python", "numpy", "processor"} <= set(stated)
+    assert lmeasure("--json").returncode == 2
     done = lmeasure("calibrat")
     assert done.returncode == 2
     assert "There is no command 'calibrat'. Did you mean calibrate" in done.stderr
