@@ -1,9 +1,10 @@
 """Sizes of groups of errors, estimated together from the residuals that they leave (variance components).
 
 Residuals r ~ N(J theta, V) with V = V_0 + sum_g s_g^2 A_g, where theta is free. With N a basis of what no theta changes, the restricted
-likelihood (Patterson and Thompson, Biometrika 58, 1971) is that of N'r ~ N(0, N'VN). A size s_g is known before to within a wide factor of
-the typical one, which A_g has: x_g = log s_g has the density sech(x_g / WIDE), as the logarithm of a half-Cauchy variate has it (Gelman,
-Bayesian Analysis 1, 2006). The mode is found by Fisher's scoring, and the posterior of x by importance sampling about it.
+likelihood (Patterson and Thompson, Biometrika 58, 1971) is that of N'r ~ N(0, N'VN). A size s_g is in units of the typical one, which A_g
+has. Its prior is the modulus of a Student variate of `FREEDOM` degrees of freedom, scaled to the mean square 1 (Gelman, Bayesian Analysis
+1, 2006). A group that the residuals do not show keeps its typical mean square. One that they show to be absent may be zero, and others may
+be many times as large. The posterior of x_g = log s_g is drawn by Metropolis steps along each x_g from the mode.
 """
 
 from dataclasses import dataclass
@@ -13,22 +14,20 @@ import scipy.linalg
 
 from lmeasure.core import FloatArray
 
-WIDE = 1.0
-SAMPLES = 64
-MORE = 1.3
+FREEDOM = 4.0
+SWEEPS = 48
+BURNT = 6
 STEPS = 30
+FARTHEST = 7.0
+"""Logarithms of sizes beyond this are no result."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes (g,) in units of the typical ones, root mean squares of the posterior; draws (k, g) of them with weights (k,).
-
-    A size that the residuals hardly show has no bounded mean square: it is the typical size then, or a little over the geometric mean.
-    """
+    """Sizes (g,) in units of the typical ones, root mean squares of the posterior; draws (k, g) of them."""
 
     size: FloatArray
     draws: FloatArray
-    weight: FloatArray
 
 
 class _Restricted:
@@ -50,17 +49,22 @@ class _Restricted:
         V = np.eye(len(self._r)) + np.tensordot(np.exp(2.0 * x), self._A, 1)
         L = np.linalg.cholesky(V)
         y = scipy.linalg.solve_triangular(L, self._r, lower=True)
-        return float(np.log(np.diag(L)).sum() + 0.5 * y @ y + np.sum(np.logaddexp(x / WIDE, -x / WIDE)))
+        return float(np.log(np.diag(L)).sum() + 0.5 * y @ y + np.sum(0.5 * (1.0 + FREEDOM) * np.log1p(_scaled(x)) - x))
 
     def derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient and expected second derivatives of it."""
-        s2 = np.exp(2.0 * x)
+        s2, f = np.exp(2.0 * x), _scaled(x)
         P = np.linalg.inv(np.eye(len(self._r)) + np.tensordot(s2, self._A, 1))
         PA = P @ self._A
         y = P @ self._r
-        gradient = s2 * (np.einsum("gii->g", PA) - np.einsum("i,gij,j->g", y, self._A, y)) + np.tanh(x / WIDE) / WIDE
-        information = 2.0 * np.outer(s2, s2) * np.einsum("gij,hji->gh", PA, PA) + np.diag(1.0 / np.cosh(x / WIDE) ** 2) / WIDE**2
+        gradient = s2 * (np.einsum("gii->g", PA) - np.einsum("i,gij,j->g", y, self._A, y)) + (1.0 + FREEDOM) * f / (1.0 + f) - 1.0
+        information = 2.0 * np.outer(s2, s2) * np.einsum("gij,hji->gh", PA, PA) + np.diag(2.0 * (1.0 + FREEDOM) * f / (1.0 + f) ** 2)
         return gradient, information
+
+
+def _scaled(x: FloatArray) -> FloatArray:
+    """Squares of the Student variates of these logarithms of sizes, over the degrees of freedom."""
+    return np.asarray(np.exp(2.0 * x) / (FREEDOM - 2.0))
 
 
 def sizes(r: FloatArray, J: FloatArray, V: FloatArray, parts: list[FloatArray], *, seed: int = 0) -> Sizes:
@@ -68,7 +72,29 @@ def sizes(r: FloatArray, J: FloatArray, V: FloatArray, parts: list[FloatArray], 
 
     J (e, p): derivatives by what is free.
     """
-    loss, x = _Restricted(r, J, V, parts), np.zeros(len(parts))
+    loss = _Restricted(r, J, V, parts)
+    x = _mode(loss, np.zeros(len(parts)))
+    # a step crosses the range in which the density is of the order of its mode's
+    width = 2.4 / np.sqrt(np.clip(np.diag(loss.derivatives(x)[1]), 0.3, 100.0))
+    rng = np.random.default_rng([seed, 43])
+    now, draws = loss(x), []
+    for sweep in range(SWEEPS + BURNT):
+        for g, step in enumerate(width * rng.normal(size=len(x))):
+            there = x.copy()
+            there[g] += step
+            if abs(there[g]) > FARTHEST:
+                continue
+            other = loss(there)
+            if np.log(rng.uniform()) < now - other:
+                x, now = there, other
+        if sweep >= BURNT:
+            draws.append(np.exp(x))
+    every = np.array(draws)
+    return Sizes(np.sqrt(np.mean(every**2, axis=0)), every)
+
+
+def _mode(loss: _Restricted, x: FloatArray) -> FloatArray:
+    """The most probable logarithms of sizes, by Fisher's scoring from x."""
     least = loss(x)
     for _ in range(STEPS):
         gradient, information = loss.derivatives(x)
@@ -84,18 +110,4 @@ def sizes(r: FloatArray, J: FloatArray, V: FloatArray, parts: list[FloatArray], 
         x, done, least = x + step, least - now < 1e-6, now
         if done:
             break
-    information = loss.derivatives(x)[1]
-    values, vectors = np.linalg.eigh(information)
-    root = vectors / np.sqrt(np.clip(values, 0.25, None))
-    rng = np.random.default_rng([seed, 43])
-    half = rng.normal(size=(SAMPLES // 2, len(x)))
-    # Student's distribution of five degrees of freedom has the tails that the posterior has
-    stretch = np.sqrt(5.0 / rng.chisquare(5.0, SAMPLES // 2))[:, None]
-    every = np.vstack([half * stretch, -half * stretch])
-    draws = x + every @ root.T
-    log_p = -np.array([loss(d) for d in draws])
-    log_q = -0.5 * (5.0 + len(x)) * np.log1p(np.sum(every**2, axis=1) / 5.0)
-    weight = np.exp(log_p - log_q - (log_p - log_q).max())
-    weight /= weight.sum()
-    size, every = np.exp(weight @ draws), np.exp(draws)
-    return Sizes(np.minimum(np.sqrt(weight @ every**2), np.maximum(MORE * size, 1.0)), every, weight)
+    return x

@@ -11,7 +11,7 @@ from lmeasure.rig import CalibrationRecord
 from lmeasure.text import Say, decimal, settled
 
 Rows = list[tuple[str, ...]]
-HARMLESS = ("assumed_rotation", "assumed_position", "taken_as_exact")
+HARMLESS = ("assumed_rotation", "assumed_position")
 """Warnings that only name assumed values."""
 
 

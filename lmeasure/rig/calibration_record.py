@@ -172,8 +172,8 @@ class CalibrationRecord(Shown, _Record):
     """Physical effects that were searched for in the residuals."""
     temperature_c: Number | None = None
     """Mean temperature of the counts [°C]; None: not stated."""
-    taken_as_exact: tuple[dict[str, Any], ...] = ()
-    """Uncertainties that nobody stated or estimated, with the effect of typical values."""
+    sizes: tuple[dict[str, Any], ...] = ()
+    """Sizes of errors that nobody stated, estimated from the residuals, in units of the typical ones."""
     messages: tuple[dict[str, Any], ...] = ()
     """Ids and values of the texts of this record (`lmeasure.text.table`)."""
 
@@ -325,12 +325,12 @@ def _with_messages(record: CalibrationRecord) -> CalibrationRecord:
 
     texts = {"warnings": known(record.warnings), "unobservable": known(record.unobservable)}
     texts |= {"effects_shown": known(record.effects_shown, "effect"), "robust": restored(record.robust, record.messages)}
-    return record.model_copy(update=texts | {"taken_as_exact": restored(record.taken_as_exact, record.messages), "messages": ()})
+    return record.model_copy(update=texts | {"sizes": restored(record.sizes, record.messages), "messages": ()})
 
 
 def _stated_messages(record: CalibrationRecord) -> list[dict[str, Any]]:
     own = [[w.text for w in record.warnings], [u.text for u in record.unobservable], [e.effect for e in record.effects_shown]]
-    return table([*own, record.robust, record.taken_as_exact])
+    return table([*own, record.robust, record.sizes])
 
 
 def write_calibration_record(path: Path, record: CalibrationRecord) -> None:

@@ -12,6 +12,7 @@ from .cable_parameters import (
 from .channels import Channels as Channels
 from .effect_laws import (
     ATTACHMENT as ATTACHMENT,
+    BACKLASH as BACKLASH,
     DIMENSIONS as DIMENSIONS,
     ECCENTRICITY as ECCENTRICITY,
     OFFSET as OFFSET,
@@ -49,20 +50,13 @@ from .lengths import (
 from .rejected_samples import ARM_MM as ARM_MM, Reason as Reason, rate_notes as rate_notes
 from .sensor_kind import AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorKind as SensorKind
 from .stated_errors import (
-    CALIBRATION as CALIBRATION,
-    CAMPAIGN as CAMPAIGN,
-    RIG as RIG,
-    Taken as Taken,
+    EXPANSION_PER_K as EXPANSION_PER_K,
     Unsolved as Unsolved,
     Variable as Variable,
-    Warmth as Warmth,
-    exact as exact,
     free_lengths as free_lengths,
     last_travel as last_travel,
     of_record as of_record,
     stated as stated,
-    taken_as_exact as taken_as_exact,
-    worst as worst,
 )
 from .wrap import arms as arms, drum_of as drum_of, guide as guide, span as span, span_rows as span_rows
 from .zero_phase import (

@@ -8,84 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
-from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, TANGENT, last_travel as kernels_last_travel
-from lmeasure.rig import TYPICAL_SIZES, WARMER_K, Cable, CalibrationRecord, Observed, Rig, attachment_names
+from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, last_travel as kernels_last_travel
+from lmeasure.rig import TYPICAL_SIZES, Cable, CalibrationRecord, Observed, Rig, attachment_names
 from lmeasure.sensors.cable_effects import Zero
-from lmeasure.sensors.effect_laws import (
-    ATTACHMENT,
-    BACKLASH,
-    ECCENTRICITY,
-    EFFECTS,
-    FRICTION,
-    OFFSET,
-    OTHERS,
-    RUN_OUT,
-    STATED,
-    Acted,
-    CableEffect,
-)
-from lmeasure.sensors.wrap import Span, arms, drum_of, spans
-from lmeasure.text import Message, message
+from lmeasure.sensors.effect_laws import ATTACHMENT, BACKLASH, ECCENTRICITY, FRICTION, OFFSET, OTHERS, RUN_OUT, STATED, Acted, CableEffect
+from lmeasure.sensors.wrap import Span, arms, spans
+from lmeasure.text import message
 
 EXPANSION_PER_K = 11.5e-6  # of steel
-ALIKE_K = 0.5  # temperatures that are not distinguished
 BAND = 2.5  # recorded counts
-TEMPERATURE = message("exact.temperature")
-CALIBRATION, RIG, CAMPAIGN = "calibration", "rig", "campaign"
-"""Whose temperature a run is held against."""
-
-
-@dataclass(frozen=True)
-class Taken:
-    """What is taken as exact because nobody stated it: what it is, a usual size of it, and the standard uncertainty of the tool's place
-    [mm] that this size would add, the largest over the poses that were asked for. stated: it is no usual size but what was stated."""
-
-    what: Message
-    size: Message
-    mm: float
-    stated: bool = False
-
-    @property
-    def text(self) -> str:
-        """What it is, in English, as files have it."""
-        return self.what
-
-    @property
-    def usual(self) -> str:
-        """The size in English."""
-        return self.size
-
-    @property
-    def said(self) -> Message:
-        """A sentence for a person."""
-        if self.stated:
-            return message(f"expansion.{self.size.code.rpartition('.')[2]}", **self.size.values, mm=self.mm)
-        return message("exact", what=self.what, size=self.size, mm=self.mm)
-
-    def row(self) -> dict[str, object]:
-        """As a calibration record has it."""
-        return {"text": self.text, "usual": self.usual, "mm": self.mm, "stated": self.stated}
-
-
-def worst(taken: Iterable[Taken]) -> tuple[Taken, ...]:
-    """The same things taken as exact by several pieces of a run, each where it is worst."""
-    out: dict[tuple[Message, bool], Taken] = {}
-    for t in taken:
-        if (t.what, t.stated) not in out or t.mm > out[t.what, t.stated].mm:
-            out[t.what, t.stated] = t
-    return tuple(out.values())
-
-
-@dataclass(frozen=True)
-class Warmth:
-    """What is known of the temperature of a run: that at which the rig's dimensions hold and those of the run [deg C], None where nobody
-    stated them; expands: whether the rig says how it grows; of: whose the first is, a code of the catalogues' texts."""
-
-    reference_c: float | None
-    lowest_c: float | None
-    highest_c: float | None
-    expands: bool
-    of: str = CALIBRATION
 
 
 @dataclass(frozen=True)
@@ -148,13 +79,6 @@ def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
     solved = [v for v in every if v.names[0] in u and v.kind is not FRICTION]
     left = [Variable(v.kind, v.owner, math.sqrt(sum(u[n] ** 2 for n in v.names) / len(v.names))) for v in solved]
     return [*stated(rig, None, record.names, OTHERS), *left]
-
-
-def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = ()) -> list[Variable]:
-    """What is exact only because the rig says that all is which it does not state, with typical sizes."""
-    if rig.unstated == "typical":
-        return []
-    return [v for v in stated(rig.model_copy(update={"unstated": "typical"}), cables, solved, EFFECTS) if v.assumed]
 
 
 def _places(rig: Rig, cables: tuple[Observed, ...] | None, kinds: tuple[CableEffect, ...]) -> Iterator[tuple[CableEffect, str]]:
@@ -270,60 +194,6 @@ class Unsolved:
         out[~known] = np.nan
         out[~np.isfinite(counts)] = np.nan
         return out
-
-
-def taken_as_exact(
-    rig: Rig,
-    variables: Iterable[Variable],
-    rows: FloatArray,
-    zero: Zero,
-    *,
-    poses: FloatArray,
-    counts: FloatArray,
-    twists: FloatArray,
-    warmth: Warmth | None = None,
-    cables: tuple[Cable, ...] | None = None,
-) -> tuple[Taken, ...]:
-    """What usual sizes of the variables, those of `exact`, would do to the tool's place at (n, 7) poses and true counts (n, m), with twists
-    (n, 6, m) per length; and what the temperature would. Poses and cables without a count have no part in it."""
-    chosen = list(variables)
-    out = []
-    for kind in EFFECTS:
-        own = [v for v in chosen if v.kind is kind]
-        if own:
-            effect = Unsolved(rig, own, cables)
-            columns = np.concatenate([effect.shifts(rows, zero, poses, counts), effect.play(np.ones(counts.shape))], axis=2)
-            out.append(Taken(kind.said, TYPICAL_SIZES[kind.key].size, _added(twists, columns)))
-    if warmth is not None:
-        paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
-        # a whole rig of another temperature: a matter of scale; a cable that warms after it was zeroed: of all that is free of it
-        free = paid + np.hypot(rows[:, TANGENT], rows[:, AXIAL]) + free_lengths(rows, zero.poses)
-        scale, drift = (_added(twists, EXPANSION_PER_K * length[:, :, None]) for length in (paid, free))
-        out += _of_temperature(warmth, scale, drift)
-    return tuple(out)
-
-
-def _added(twists: FloatArray, columns: FloatArray) -> float:
-    """The largest standard uncertainty of the tool's place [mm] by independent errors (n, m, q) of lengths."""
-    moved = twists[:, 3:] @ np.where(np.isfinite(columns), columns, 0.0)
-    return float(np.sqrt(np.nanmax((moved**2).sum(axis=(1, 2)), initial=0.0)))
-
-
-def _of_temperature(warmth: Warmth, scale: float, drift: float) -> list[Taken]:
-    """What the temperature would add, from what a kelvin does: of the whole rig, drums and cables against the frame, and since zeroing."""
-    if warmth.expands and warmth.lowest_c is not None:
-        return []
-    if warmth.reference_c is None or warmth.lowest_c is None or warmth.highest_c is None:
-        size = message("size.kelvin", kelvin=WARMER_K)
-        if warmth.of == CALIBRATION and warmth.reference_c is not None:
-            size = message("size.kelvin_calibrated", kelvin=WARMER_K, at_deg_c=warmth.reference_c)
-        return [Taken(TEMPERATURE, size, WARMER_K * drift)]
-    off = max(abs(warmth.lowest_c - warmth.reference_c), abs(warmth.highest_c - warmth.reference_c))
-    if off < ALIKE_K:
-        return []
-    mm = off * scale + (warmth.highest_c - warmth.lowest_c) * drift
-    size = message(f"size.off.{warmth.of}", kelvin=off, at_deg_c=warmth.reference_c)
-    return [Taken(TEMPERATURE, size, mm, stated=True)]
 
 
 def free_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lmeasure.calibration.solve.sizes import Sized
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit
@@ -48,11 +49,11 @@ class Dimensions:
         )
 
 
-def dimensions_of(model: Model, found: Fit, spread: FloatArray, *, corrected: bool) -> Dimensions:
+def dimensions_of(model: Model, found: Fit, sized: Sized | None, *, corrected: bool) -> Dimensions:
     """What a fit tells of the dimensions and parts that its rig states to be uncertain, or that are assumed to be; none where it has none.
 
     Where the residuals are larger than anything explains they are not believed to tell it: nothing is corrected. Nor is it where only
-    chosen groups are to be solved: corrected. spread (P + q, k): what is not known of their sizes, as columns.
+    chosen groups are to be solved: corrected. sized: what is known of sizes that nobody stated.
     """
     u = np.array([v.u for v in model.unsolved.variables for _ in v.names])
     names = model.unsolved.names
@@ -60,16 +61,16 @@ def dimensions_of(model: Model, found: Fit, spread: FloatArray, *, corrected: bo
         return Dimensions((), u, u, np.empty((0, 0)), np.empty((model.own, 0)), found.residuals)
     C = model.unsolved_shifts(found.theta)
     follows = found.gain @ C
+    r = found.residuals if sized is None else found.residuals + found.jacobian @ sized.shift[: len(found.theta)]
     z, covariance = np.zeros(len(u)), np.eye(len(u))
     if found.excess == 1.0 and corrected:
-        z = -C.T @ np.linalg.solve(found.V, found.residuals)
+        z = -C.T @ np.linalg.solve(found.V, r) if sized is None else sized.shift[len(found.theta) :] / u
         left = C - found.jacobian @ follows
         covariance = covariance - C.T @ np.linalg.solve(found.V, left)
         covariance = _possible(found.covariance[: model.own, : model.own], -follows[: model.own], (covariance + covariance.T) / 2)
+    spread = np.zeros((len(found.theta) + len(u), 0)) if sized is None else sized.spread
     own, others = spread[len(found.theta) :], spread[: model.own]
-    return Dimensions(
-        names, u * z, u, covariance * np.outer(u, u) + own @ own.T, -follows[: model.own] * u + others @ own.T, found.residuals + C @ z
-    )
+    return Dimensions(names, u * z, u, covariance * np.outer(u, u) + own @ own.T, -follows[: model.own] * u + others @ own.T, r + C @ z)
 
 
 def _possible(T: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:

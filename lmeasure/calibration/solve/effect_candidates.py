@@ -35,7 +35,7 @@ from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.estimation import MIN_FREEDOM, Deletion, Fit, Parameters, Remainder, fall_test, fit
 from lmeasure.kernels import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, COUNT_LENGTH, GUIDE_XYZ, length_gradients
 from lmeasure.rig import Finding, ShownEffect, solved_parameters
-from lmeasure.sensors import ECCENTRICITY, OFFSET, RUN_OUT, Unsolved, Variable, Zero, arms, span
+from lmeasure.sensors import BACKLASH, ECCENTRICITY, OFFSET, RUN_OUT, Unsolved, Variable, Zero, arms, span
 from lmeasure.text import joined, message
 
 CHANCE = 0.01
@@ -248,7 +248,8 @@ def _shown(deletion: Remainder, effect: Effect, tried: int) -> ShownEffect | Non
 
 
 def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -> Iterator[Effect]:
-    """Those that are neither solved nor stated in the rig; travel (n, m): as `Campaign.travel` has it, which it replaces."""
+    """Those that are neither solved nor stated in the rig, nor have an estimated size; travel (n, m): as `Campaign.travel` has it, which it
+    replaces."""
     campaign, names = model.campaign, set(model.parameters.names)
     rows, scales, counts = model.cables(theta)
     poses, drums = model.poses(theta), campaign.drums
@@ -263,19 +264,20 @@ def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -
         mine = model.cable_index == j
         if c.is_cable:
             point = campaign.rig.point(c.from_point)
+            sized = {name for v in model.variables if v.assumed and v.owner == point.name for name in (v.kind.key, v.kind.parameter)}
             for kind, said, holder in (
                 (RUN_OUT, message("physical.run_out"), point.drum),
                 (ECCENTRICITY, message("physical.eccentric_pulley"), point),
                 (OFFSET, message("physical.swivel_offset"), point),
             ):
                 variable = Variable(kind, point.name, 1.0)
-                if getattr(holder, kind.key) is not None or variable.names[0] in names:
+                if getattr(holder, kind.key) is not None or kind.key in sized or variable.names[0] in names:
                     continue
                 if kind is RUN_OUT or point.pulley_radius_mm > 0.0:
                     shifts = Unsolved(campaign.rig, [variable], drums).shifts(rows[:m], begun, poses, own_counts)
                     columns = np.where(mine[:, None], shifts[at[0], np.minimum(at[1], m - 1)], 0.0)
                     yield Effect(said, c.channel, columns, "mm", 1.0, f"{ASK[kind.key]}:{point.name}")
-            if f"{c.from_point}.backlash_counts" not in names and point.drum.u_backlash_counts is None:
+            if f"{c.from_point}.backlash_counts" not in names and point.drum.u_backlash_counts is None and BACKLASH.key not in sized:
                 way = np.where(mine, -travel[at] * rows[j, COUNT_LENGTH] / scales[j], 0.0)
                 yield Effect(
                     message("physical.play"),
@@ -292,7 +294,7 @@ def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -
                 (BY_RADIUS, "pulley_radius_mm", message("physical.radius"), "mm", 1.0, "radius"),
             )
             for column, key, said, unit, size, ask in solvable:
-                if f"{c.from_point}.{key}" not in names:
+                if f"{c.from_point}.{key}" not in names and key not in sized:
                     yield Effect(said, c.channel, np.where(mine, g[:, column], 0.0)[:, None], unit, size, f"{ask}:{c.from_point}")
         elif c.from_point:
             way = poses[:, :3] + arms(rows[j : j + 1], poses)[:, 0] - rows[j, BASE_XYZ]

@@ -9,23 +9,9 @@ from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import FloatArray
 from lmeasure.kernels import pose_covariances, span_lengths, span_rows_of
 from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
-from lmeasure.sensors import (
-    CAMPAIGN,
-    Taken,
-    Warmth,
-    cable_covariance,
-    channel_names,
-    counts_from_poses,
-    effects_of,
-    exact,
-    further_solved,
-    length_gradients_since,
-    taken_as_exact as unsolved_taken_as_exact,
-    zero_at,
-)
+from lmeasure.sensors import cable_covariance, channel_names, counts_from_poses, further_solved, length_gradients_since
 
 SAMPLES_LOG2 = 8
-TAKEN_AT = 64  # poses at most at which what is taken as exact is looked at
 
 
 @dataclass(frozen=True)
@@ -48,32 +34,6 @@ def workspace(campaign: Campaign, seed: int) -> FloatArray:
     low, high = rows[:, :3].min(axis=0), rows[:, :3].max(axis=0)
     which = (unit[:, 3] * len(rows)).astype(np.int64)
     return np.column_stack([low + unit[:, :3] * (high - low), rows[which, 3:]])
-
-
-def taken_as_exact(campaign: Campaign, rig: Rig, record: CalibrationRecord, rows: FloatArray) -> tuple[Taken, ...]:
-    """What nobody stated and nothing has solved, and what usual sizes of it would add to the tool's place at (n, 7) poses of the workspace;
-    to all lengths together where the cables do not make a pose."""
-    cables, kernel_rows, start = campaign.drums, rig.cable_rows(campaign.drums), campaign.poses.rows[campaign.zero[0]]
-    rows = np.ascontiguousarray(rows[:: -(-len(rows) // TAKEN_AT)])
-    counts = counts_from_poses(rig.without_effects(), rows, start, cables)
-    m = len(cables)
-    if m == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
-        twists = np.linalg.inv(span_rows_of(kernel_rows, rows))
-    else:
-        twists = np.broadcast_to(np.vstack([np.zeros((3, m)), np.eye(m)]), (len(rows), 3 + m, m))
-    warm = None if campaign.temperature_c is None else campaign.temperature_c[:, :m][np.isfinite(campaign.counts[:, :m])]
-    effects = effects_of(rig, cables)
-    warmth = Warmth(
-        record.temperature_c,
-        None if warm is None else float(warm.min()),
-        None if warm is None else float(warm.max()),
-        effects is not None and effects.thermal,
-        CAMPAIGN,
-    )
-    variables = exact(rig, cables, record.names)
-    return unsolved_taken_as_exact(
-        rig, variables, kernel_rows, zero_at(start, m, 0.0), poses=rows, counts=counts, twists=twists, warmth=warmth, cables=cables
-    )
 
 
 def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int = 0, *, solved: bool = False) -> Prediction:

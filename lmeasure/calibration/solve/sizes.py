@@ -5,17 +5,18 @@ the restricted likelihood decides between the kinds (`estimation.variance_compon
 size. How the fit would move with other probable sizes is added to its covariance.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lmeasure.calibration.solve.noise import ASSUMED
 from lmeasure.calibration.solve.reference_field import fields
-from lmeasure.calibration.solve.unknowns import Model
+from lmeasure.calibration.solve.unknowns import TRAVEL, Model
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit, Sizes, fit, sizes
-from lmeasure.rig import Rig
-from lmeasure.sensors import Unsolved, Variable
+from lmeasure.rig import TYPICAL_SIZES, Rig
+from lmeasure.sensors import BACKLASH, Variable
 
 ROUNDS = 2
 PLAY = "play"
@@ -25,14 +26,30 @@ PLAY = "play"
 class Sized:
     """A model with estimated sizes and its fit.
 
-    size: in units of the typical ones, by the code of the kind, `PLAY`, "position", "rotation", or the name of a field. spread (P + q, k):
-    columns whose squares are a covariance of the unknowns and of what is not solved, by what is not known of the sizes.
+    size: in units of the typical ones, by the code of the kind, `PLAY`, "position", "rotation", or the name of a field. play: of each
+    drum, by its point. shift (P + q,): of
+    the fit's unknowns to their mean over all probable sizes, and the mean of what is not solved; spread (P + q, k): columns whose squares
+    are a covariance of both by what is not known of the sizes.
     """
 
     model: Model
     fit: Fit
     size: dict[str, float]
+    play: dict[str, float]
+    shift: FloatArray
     spread: FloatArray
+
+    def mean(self, found: Fit) -> Fit:
+        """Return the fit at the mean of its unknowns over all probable sizes, with their covariance."""
+        P = len(found.theta)
+        theta, own = found.theta + self.shift[:P], self.spread[:P]
+        return replace(found, theta=theta, residuals=self.model.residuals(theta), covariance=found.covariance + own @ own.T)
+
+    @property
+    def rows(self) -> tuple[dict[str, object], ...]:
+        """Return a row for each kind of part whose size nobody stated."""
+        sizes = {v.kind: self.size[v.kind.code if v.kind.adds else PLAY] for v in self.model.variables if v.assumed and v.kind != BACKLASH}
+        return tuple({"what": k.said, "typical": TYPICAL_SIZES[k.key].size, "times": times} for k, times in sizes.items())
 
 
 def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | None:
@@ -50,14 +67,29 @@ def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | Non
         now = _sized(model, dict(zip(parts, drawn.size.tolist(), strict=True)))
         found = fit(now, found.theta, found.prior_everywhere, near=True)
     size = dict(zip(parts, drawn.size.tolist(), strict=True))
-    return Sized(now, found, size, _spread(model, found, V, parts, drawn))
+    play = _play(now, found)
+    if play:
+        size[PLAY] = math.sqrt(0.5) * math.hypot(size[PLAY], size.pop(TRAVEL))
+    return Sized(now, found, size, play, *_moments(model, found, V, parts, drawn))
 
 
-def with_play(rig: Rig, variables: list[Variable], size: float | None) -> Rig:
-    """The rig with the estimated size of play stated where it was assumed."""
-    if size is None:
-        return rig
-    own = {(v.owner, v.kind.key): v.u * size for v in variables if v.assumed and v.kind.adds is None}
+def _play(model: Model, found: Fit) -> dict[str, float]:
+    """Root mean square of half the band of each drum in units of the typical one, under a fit with estimated sizes."""
+    band, out = model.assumed_play_mm, dict[str, float]()
+    if not band.any():
+        return out
+    own = model.sizes[TRAVEL] * model.travel_shifts(band)
+    z = -own.T @ np.linalg.solve(found.V, found.residuals)
+    left = 1.0 - np.einsum("ed,ed->d", own, np.linalg.solve(found.V, own - found.jacobian @ (found.gain @ own)))
+    for cable, square in zip(model.campaign.drums, z**2 + left.clip(0.0), strict=True):
+        size = math.hypot(model.sizes[PLAY], model.sizes[TRAVEL] * math.sqrt(square))
+        out[cable.from_point] = max(size, out.get(cable.from_point, 0.0))
+    return out
+
+
+def with_play(rig: Rig, variables: list[Variable], play: dict[str, float]) -> Rig:
+    """The rig with the estimated play of each drum stated where it was assumed."""
+    own = {(v.owner, v.kind.key): v.u * play[v.owner] for v in variables if v.assumed and v.kind.adds is None and v.owner in play}
     points = [
         p.model_copy(update={"drum": p.drum.model_copy(update={key: u for (owner, key), u in own.items() if owner == p.name})})
         for p in rig.observation_point
@@ -72,11 +104,10 @@ def _parts(model: Model, theta: FloatArray, absent: tuple[str, ...]) -> dict[str
     for code in dict.fromkeys(v.kind.code for v in of if v.assumed):
         own = shifts[:, [v.assumed and v.kind.code == code for v in of]]
         out[code] = own @ own.T
-    play = [v for v in model.variables if v.assumed and v.kind.adds is None]
-    if play:
-        band = Unsolved(model.campaign.rig, play, model.campaign.drums).play_mm
-        # encoders of angles have none
-        out[PLAY] = model.play_covariance(np.r_[band, np.zeros(len(model.campaign.cables) - len(band))])
+    band = model.assumed_play_mm * math.sqrt(0.5)
+    if band.any():
+        # how the cables came to the poses is not known: the typical band has both laws in equal parts
+        out[PLAY], out[TRAVEL] = model.play_covariance(band), model.travel_covariance(band)
     J = model.pose_jacobian(theta) if absent else np.zeros((model.equations, 0, 6))
     visits = model.campaign.reference_of[:, None] == np.arange(len(model.campaign.poses))
     for name in absent:
@@ -99,7 +130,8 @@ def _columns(model: Model) -> list[Variable]:
 
 def _sized(model: Model, size: dict[str, float]) -> Model:
     """The model with sizes in units of the typical ones."""
-    every = {v.kind.code: size.get(PLAY, 1.0) for v in model.variables if v.kind.adds is None} | size
+    half = {name: math.sqrt(0.5) * size[name] for name in (PLAY, TRAVEL) if name in size}
+    every = size | {v.kind.code: half[PLAY] for v in model.variables if v.kind.adds is None and v.assumed} | half
     noise = model.noise
     if noise.absent and model.places_known:
         own = [ASSUMED[name] * size.get(name, 0.0) for name in ("position", "rotation")]
@@ -107,18 +139,20 @@ def _sized(model: Model, size: dict[str, float]) -> Model:
     return model.with_sizes(every).with_noise(noise)
 
 
-def _spread(model: Model, found: Fit, V: FloatArray, parts: dict[str, FloatArray], drawn: Sizes) -> FloatArray:
-    """(P + q, k) how the unknowns and what is not solved move with k other sizes, times the root of their weights."""
+def _moments(model: Model, found: Fit, V: FloatArray, parts: dict[str, FloatArray], drawn: Sizes) -> tuple[FloatArray, FloatArray]:
+    """(P + q,) mean shift of the unknowns and of what is not solved from the fit, over probable sizes, and (P + q, k) how they move with k
+    other sizes, times the root of their weights."""
     typical = model.with_sizes({})
     C, of, J, r = typical.unsolved_shifts(found.theta), _columns(typical), found.determined, found.residuals
     back = found.directions[found.known].T * found.problem.parameters.width[:, None]
     u = np.array([v.u for v in of])
-    moved, covariances = [], np.array(list(parts.values()))
-    for size in drawn.draws:
-        scale = np.array([size[list(parts).index(v.kind.code)] if v.assumed else 1.0 for v in of])
-        E = np.linalg.inv(V + np.tensordot(size**2, covariances, 1))
+    moved, covariances, own = [], np.array(list(parts.values())), [list(parts).index(v.kind.code) if v.assumed else -1 for v in of]
+    for size in np.column_stack([drawn.draws, np.ones(len(drawn.draws))]):
+        scale = size[own]
+        E = np.linalg.inv(V + np.tensordot(size[:-1] ** 2, covariances, 1))
         step = -np.linalg.solve(J.T @ E @ J, J.T @ E @ r)
         z = -(C * scale).T @ E @ (r + J @ step)
         moved.append(np.r_[back @ step[: back.shape[1]], step[back.shape[1] :], u * scale * z])
     every = np.array(moved)
-    return np.asarray(((every - drawn.weight @ every) * np.sqrt(drawn.weight)[:, None]).T)
+    mean = every.mean(axis=0)
+    return mean, np.asarray(((every - mean) / np.sqrt(len(every))).T)

@@ -31,7 +31,7 @@ from lmeasure.calibration.solve.frame import model_of
 from lmeasure.calibration.solve.joint_estimation import begun_jointly, fitted_pose, solve_jointly
 from lmeasure.calibration.solve.lp_search import Box
 from lmeasure.calibration.solve.points import CalibrationSettings, Point, box_of, coarse_entry, solve_point
-from lmeasure.calibration.solve.prediction import Prediction, predict, taken_as_exact
+from lmeasure.calibration.solve.prediction import Prediction, predict
 from lmeasure.calibration.solve.record import held_out_entry, make_record, nominal_entry, predicted_entry
 from lmeasure.calibration.solve.residuals import unknowns_of
 from lmeasure.calibration.solve.sizes import with_play
@@ -39,7 +39,13 @@ from lmeasure.calibration.solve.unknown_poses import counted_poses, free_compone
 from lmeasure.calibration.solve.unknowns import Model, rig_with
 from lmeasure.calibration.validation import observability
 from lmeasure.calibration.validation.diagnosis import Diagnosis, diagnose
-from lmeasure.calibration.validation.findings import poses_findings, shape_findings, underdetermined, unknown_temperature
+from lmeasure.calibration.validation.findings import (
+    larger_than_typical,
+    poses_findings,
+    shape_findings,
+    underdetermined,
+    unknown_temperature,
+)
 from lmeasure.calibration.validation.guard import AgainstNominal, against_nominal
 from lmeasure.calibration.validation.hold_out import HeldOut, held_out, shifted_lengths
 from lmeasure.calibration.validation.misfit import explain_misfit
@@ -264,13 +270,13 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
         misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
         misfits += down_weighted(campaign, weights)
     model, found = explained.model, explained.fit
+    sized = None if settings.solve or settings.distances else explained.averaged
     found, of_lengths = with_distances(model, found, settings.distances)
     misfits = [*misfits, *of_lengths]
-    q = len(found.theta) + len(model.unsolved.names)
-    spread = np.zeros((q, 0)) if explained.spread is None else explained.spread
-    where = _widened(regions(found, settings.seed, found.freedom if explained.estimated else None), spread[: model.own])
-    of_sizes = spread[: len(found.theta)]
-    found = replace(found, covariance=found.covariance + of_sizes @ of_sizes.T)
+    where = regions(found, settings.seed, found.freedom if explained.estimated else None)
+    dimensions = dimensions_of(model, found, sized, corrected=not settings.solve)
+    if sized is not None:
+        where, found = _widened(where, sized.spread[: model.own]), sized.mean(found)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *wrong.findings, *misfits]
     # by the stated noise: what explains residuals as noise would hide the law that they follow
@@ -287,12 +293,11 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     compared = against_nominal(model, found, begun.first)
     judged = _held_out(whole, model, found, kept_out, settings.seed)
     campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
-    dimensions = dimensions_of(model, found, spread, corrected=not settings.solve)
     u = np.sqrt(np.maximum(np.diag(found.covariance)[: model.own], 0.0))
     rig = with_play(
         rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u=u),
         model.variables,
-        None if explained.sized is None else explained.sized.size.get("play"),
+        {} if explained.sized is None else explained.sized.play,
     )
     rig = with_dimensions(rig, dimensions)
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
@@ -303,12 +308,10 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     predicted = predict(campaign, rig, record, settings.seed)
     held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance.tolist()))})
     open_directions = underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
-    taken = taken_as_exact(campaign, rig, record, predicted.rows)
-    warm = [Finding(code="temperature", text=t.said, value=t.mm) for t in taken if t.stated]
     record = record.model_copy(
         update={
-            "warnings": (*record.warnings, *open_directions, *warm, *unknown_temperature(campaign)),
-            "taken_as_exact": tuple(t.row() for t in taken),
+            "warnings": (*record.warnings, *larger_than_typical(sized, dimensions), *open_directions, *unknown_temperature(campaign)),
+            "sizes": () if explained.sized is None else explained.sized.rows,
             "effects": solved_effects(model, found, estimated=explained.estimated),
             "effects_shown": shown,
             "coarse": tuple(

@@ -22,6 +22,9 @@ from lmeasure.sensors import ATTACHMENT, ECCENTRICITY, PART_ECCENTRICITY, PART_R
 TURNING = {RUN_OUT: PART_RUN_OUT, ECCENTRICITY: PART_ECCENTRICITY}
 """Errors that depend on how drum and pulley stood where counting began, and which of `sensors.Parts` each is."""
 
+TRAVEL = "travel"
+"""Play of cables that came straight from pose to pose, among the sizes of a model."""
+
 
 class Model(Residuals):
     """`Residuals` with their covariance: of counts, reference poses, physical effects, and what the rig states to be uncertain."""
@@ -158,10 +161,31 @@ class Model(Residuals):
         nobody recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
         """
         play, begun = self._play_mm
-        if not (self.unsolved or begun.any()):
+        if not (self.unsolved or begun.any() or TRAVEL in self.sizes):
             return None
         shifts = self.unsolved_shifts(theta)
-        return np.asarray(shifts @ shifts.T + self.play_covariance(play, begun))
+        V = np.asarray(shifts @ shifts.T + self.play_covariance(play, begun))
+        return V + self.sizes[TRAVEL] ** 2 * self.travel_covariance(self.assumed_play_mm) if TRAVEL in self.sizes else V
+
+    @property
+    def assumed_play_mm(self) -> FloatArray:
+        """(m,) typical half width of the band [mm] of cables for which nobody stated it, 0 of others."""
+        band = [v for v in self.variables if v.assumed and v.kind.adds is None]
+        # encoders of angles have none
+        return np.append(Unsolved(self.campaign.rig, band, self.campaign.drums).play_mm, np.zeros(len(self._scales) - self._drums))
+
+    def travel_covariance(self, play: FloatArray) -> FloatArray:
+        """(e, e) [mm^2] of play (m,) [mm] where each cable came straight from where it was counted before: its band is the same at all
+        poses, and at which side of it the counter was zeroed nobody knows."""
+        own = self.travel_shifts(play)
+        same = self.cable_index[:, None] == self.cable_index
+        return np.asarray(own @ own.T + same * np.outer(play[self.cable_index] ** 2, self._since))
+
+    def travel_shifts(self, play: FloatArray) -> FloatArray:
+        """(e, d) how the residuals [mm] follow half a band, play (m,) [mm], of each of the d cables that come from drums."""
+        j = self.cable_index
+        way = self._travel[self.pose_index, np.minimum(j, self._drums - 1)] * play[j]
+        return np.where(j[:, None] == np.arange(self._drums), -way[:, None], 0.0)
 
     def play_covariance(self, play: FloatArray, begun: FloatArray | None = None) -> FloatArray:
         """(e, e) [mm^2] of play (m,) [mm] of every reading, and of where the counters were zeroed, default the same."""

@@ -5,14 +5,22 @@ import math
 import numpy as np
 
 from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.calibration.solve.dimensions import Dimensions
 from lmeasure.calibration.solve.lp_search import Box
 from lmeasure.calibration.solve.points import Point
 from lmeasure.calibration.solve.prediction import Prediction
+from lmeasure.calibration.solve.sizes import Sized
 from lmeasure.calibration.solve.unknowns import Model
+from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit, Parameters
-from lmeasure.rig import GUIDE, PLACE, Finding, Unobservable
-from lmeasure.sensors import effects_of
+from lmeasure.rig import GUIDE, PLACE, TYPICAL_SIZES, Finding, Unobservable
+from lmeasure.sensors import BACKLASH, EXPANSION_PER_K, Variable, effects_of, free_lengths
 from lmeasure.text import message
+
+ALIKE_K = 0.5
+"""Temperatures that are not distinguished [K]."""
+LARGER = 3.0
+"""Typical sizes from which an error of a part is named: less than one of a hundred sound parts is so large by chance."""
 
 
 def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable], by_prior: Prediction) -> list[Finding]:
@@ -37,12 +45,50 @@ def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable]
 
 
 def unknown_temperature(campaign: Campaign) -> list[Finding]:
-    """A rig that says how it grows, and counts that do not say how warm it was."""
-    effects = effects_of(campaign.rig, campaign.drums)
-    if effects is None or not effects.thermal or campaign.temperature_c is not None:
+    """A rig that says how it grows and counts that do not say how warm it was, or the opposite."""
+    effects, m = effects_of(campaign.rig, campaign.drums), len(campaign.drums)
+    expands = effects is not None and effects.thermal
+    if campaign.temperature_c is not None and not expands:
+        return _unstated_expansion(campaign, campaign.temperature_c[:, :m][np.isfinite(campaign.counts[:, :m])])
+    if effects is None or not expands or campaign.temperature_c is not None:
         return []
     text = message("calibration.rig_states_expansions_no", c=effects.reference_c)
     return [Finding(code="temperature", text=text)]
+
+
+def _unstated_expansion(campaign: Campaign, warm: FloatArray) -> list[Finding]:
+    """How far steel cables would have grown at temperatures warm (k,) [deg C] of the counts: what is paid out from their mean, and all that
+    is free of the drum since zeroing."""
+    mean, low, high = float(warm.mean()), float(warm.min()), float(warm.max())
+    off = max(mean - low, high - mean)
+    if off < ALIKE_K:
+        return []
+    rows, poses = campaign.rig.cable_rows(campaign.drums), campaign.poses.rows
+    free = free_lengths(rows, poses[campaign.zero[: len(rows)]])
+    paid = np.array([np.abs(free_lengths(rows, np.repeat(pose[None], len(rows), axis=0)) - free) for pose in poses])
+    mm = EXPANSION_PER_K * float(np.max(off * paid + (high - low) * free))
+    return [Finding(code="temperature", text=message("expansion.campaign", kelvin=off, at_deg_c=mean, mm=mm), value=mm)]
+
+
+def larger_than_typical(sized: Sized | None, dimensions: Dimensions) -> list[Finding]:
+    """Kinds of parts whose errors are much larger than the typical ones that were assumed, with the worst part of each."""
+    if sized is None:
+        return []
+    out, sizes = [], [(_least_size(v, sized, dimensions), v) for v in sized.model.variables if v.assumed and v.kind != BACKLASH]
+    for kind in dict.fromkeys(v.kind for _, v in sizes):
+        size, v = max((pair for pair in sizes if pair[1].kind is kind), key=lambda pair: pair[0])
+        if size > LARGER:
+            values = {"part": v.owner, "times": size, "size": TYPICAL_SIZES[kind.key].size, "key": kind.key}
+            out.append(Finding(code="larger", text=message("calibration.larger", what=kind.said, **values), value=size))
+    return out
+
+
+def _least_size(v: Variable, sized: Sized, dimensions: Dimensions) -> float:
+    """How large the error of a part is at least (with 95 %), in units of the typical size."""
+    if v.kind.adds is None:
+        return sized.play.get(v.owner, 0.0)
+    at = [dimensions.names.index(name) for name in v.names]
+    return float(np.max(np.abs(dimensions.correction[at]) - 2.0 * np.sqrt(np.diag(dimensions.covariance)[at]))) / v.u
 
 
 def poses_findings(model: Model, found: Fit) -> list[Finding]:

@@ -39,10 +39,13 @@ class Explained:
     findings: list[Finding]
     estimated: bool
     u_length_mm: FloatArray
-    spread: FloatArray | None = None
-    """(P + q, k) what is not known of assumed sizes, as columns: of the unknowns, and of dimensions that are not solved."""
     sized: Sized | None = None
     """What was estimated of sizes that nobody stated."""
+
+    @property
+    def averaged(self) -> Sized | None:
+        """The same where the fit is still the one of these sizes."""
+        return self.sized if self.sized is not None and self.model is self.sized.model else None
 
 
 def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
@@ -53,7 +56,6 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     elsewhere too. blamed: channels that a gross diagnosis has named already; their residuals are no measure of anything.
     """
     absent = model.noise.absent if model.places_known else ()
-    spread = None
     telling = bool(absent) and found.freedom >= REDUNDANT and not blamed
     alternatives, state = Otherwise(model.noise.bare() if telling else model.noise), State(model, found)
     findings = [_assumed(name) for name in absent]
@@ -63,14 +65,13 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
         alternatives, state = Otherwise(model.noise), State(model, found)
         findings = [_sized(name, ASSUMED[name] * sized.size[name]) for name in absent]
         findings += _smooth(sized)
-        spread = sized.spread
     elif telling:
         keys = tuple((name, None) for name in absent)
         state = settled(replace(state, sizes=dict.fromkeys(keys, 0.0), unstated=keys), alternatives)
         findings = [_estimated(state, name) for name in absent]
     if not ((telling and sized is None) or improbable(found)):
         doubt = evidence(found, found.V).best(every_length(model))[0] if improbable(found, DOUBTED) else 0.0
-        return Explained(model, found, findings, False, np.where(_drawn(model), doubt, 0.0), spread, sized)
+        return Explained(model, found, findings, False, np.where(_drawn(model), doubt, 0.0), sized)
     if blamed:
         rms = _rms(found)
         text = message("calibration.residuals_mm_rms_exceed", rms=rms, blamed=tuple(blamed))
@@ -78,9 +79,7 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     if improbable(state.fit):
         findings += _contradictions(state.problem, state.fit)
     begun, state = state, explained(state, alternatives)
-    return replace(
-        _covered(state, [*findings, *_told(state, begun)], _rms(begun.fit)), spread=spread if state.problem is model else None, sized=sized
-    )
+    return replace(_covered(state, [*findings, *_told(state, begun)], _rms(begun.fit)), sized=sized)
 
 
 def _drawn(model: Model) -> BoolArray:
