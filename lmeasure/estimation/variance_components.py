@@ -15,9 +15,10 @@ import scipy.linalg
 from lmeasure.core import FloatArray
 
 FREEDOM = 4.0
-SWEEPS = 48
 BURNT = 6
-STEPS = 30
+STEPS = 12
+ENOUGH = 0.01
+"""Gain in the logarithm of the density at which the mode is near enough to begin there."""
 FARTHEST = 7.0
 """Logarithms of sizes beyond this are no result."""
 
@@ -67,18 +68,22 @@ def _scaled(x: FloatArray) -> FloatArray:
     return np.asarray(np.exp(2.0 * x) / (FREEDOM - 2.0))
 
 
-def sizes(r: FloatArray, J: FloatArray, V: FloatArray, parts: list[FloatArray], *, seed: int = 0) -> Sizes:
+def sizes(
+    r: FloatArray, J: FloatArray, V: FloatArray, parts: list[FloatArray], *, sweeps: int, begun: Sizes | None = None, seed: int = 0
+) -> Sizes:
     """Return the sizes of groups of errors, parts (e, e) of the covariance of residuals r (e,) at their typical sizes, beside V (e, e).
 
-    J (e, p): derivatives by what is free.
+    J (e, p): derivatives by what is free; sweeps: number of draws, 0 for the mode alone; begun: sizes that are near the mode.
     """
     loss = _Restricted(r, J, V, parts)
-    x = _mode(loss, np.zeros(len(parts)))
+    x = _mode(loss, np.zeros(len(parts)) if begun is None else np.log(begun.size))
+    if not sweeps:
+        return Sizes(np.exp(x), np.exp(x)[None])
     # a step crosses the range in which the density is of the order of its mode's
     width = 2.4 / np.sqrt(np.clip(np.diag(loss.derivatives(x)[1]), 0.3, 100.0))
     rng = np.random.default_rng([seed, 43])
     now, draws = loss(x), []
-    for sweep in range(SWEEPS + BURNT):
+    for sweep in range(sweeps + BURNT):
         for g, step in enumerate(width * rng.normal(size=len(x))):
             there = x.copy()
             there[g] += step
@@ -107,7 +112,7 @@ def _mode(loss: _Restricted, x: FloatArray) -> FloatArray:
             step *= 0.5
         else:
             break
-        x, done, least = x + step, least - now < 1e-6, now
+        x, done, least = x + step, least - now < ENOUGH, now
         if done:
             break
     return x

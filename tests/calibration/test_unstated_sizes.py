@@ -73,7 +73,7 @@ def test_sizes_are_those_of_a_brute_force_posterior() -> None:
     # modulus of Student's t of four degrees of freedom, whose variance is 2
     p = np.exp(log_p - log_p.max()) * scipy.stats.t(4).pdf(np.sqrt(2.0) * np.exp(x)) * np.exp(x)
     p /= p.sum()
-    found = sizes(r, J, V, [A])
+    found = sizes(r, J, V, [A], sweeps=400)
     assert np.mean(np.log(found.draws[:, 0])) == pytest.approx(p @ x, abs=0.08)
     assert found.size[0] == pytest.approx(np.sqrt(p @ np.exp(2 * x)), rel=0.1)
 

@@ -146,7 +146,8 @@ def solve_point(campaign: Campaign, name: str, settings: CalibrationSettings, ro
     point; roughly as in `estimation.fit_result`."""
     own = _of_point(campaign, name)
     unknowns = unknowns_of(own, settings.groups)
-    model = Model(own, unknowns)
+    # a start, which errors of a typical size hardly move
+    model = Model(own, unknowns).without_assumed()
     nominal = campaign.rig.point(name)
     coarse = {}
     for j, c in enumerate(own.drums):

@@ -18,7 +18,7 @@ from lmeasure.estimation import Fit, Sizes, fit, sizes
 from lmeasure.rig import TYPICAL_SIZES, Rig
 from lmeasure.sensors import BACKLASH, Variable
 
-ROUNDS = 2
+SWEEPS = 48
 PLAY = "play"
 
 
@@ -57,13 +57,13 @@ def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | Non
     if not (any(v.assumed for v in model.variables) or smooth(model)):
         return None
     absent = model.noise.absent if model.places_known else ()
-    stated = model.with_noise(model.noise.bare()).with_sizes({v.kind.code: 0.0 for v in model.variables})
-    now = model
-    for _ in range(ROUNDS):
+    stated = model.with_noise(model.noise.bare()).without_assumed()
+    now, drawn = model, None
+    for last in (False, True):
         parts = _parts(model, found.theta, absent)
         silent = found.undetermined
         V = stated.covariance(found.theta) + silent @ silent.T
-        drawn = sizes(found.residuals, found.determined, V, list(parts.values()), seed=seed)
+        drawn = sizes(found.residuals, found.determined, V, list(parts.values()), begun=drawn, sweeps=SWEEPS if last else 0, seed=seed)
         now = _sized(model, dict(zip(parts, drawn.size.tolist(), strict=True)))
         found = fit(now, found.theta, found.prior_everywhere, near=True)
     size = dict(zip(parts, drawn.size.tolist(), strict=True))

@@ -48,6 +48,10 @@ class Model(Residuals):
         out.unsolved = Unsolved(campaign.rig, [v for v in own if v.u], campaign.drums)
         return out
 
+    def without_assumed(self) -> Self:
+        """The same where what nobody stated is exact."""
+        return self.with_sizes({v.kind.code: 0.0 for v in self.variables})
+
     def reading_covariance(self) -> FloatArray:
         """(e, e) covariance of the residuals [mm^2] from reading the counters."""
         own, shared, _ = self.readings
