@@ -42,6 +42,7 @@ class World:
     u_rad: float = 0.0
     poses: int = 20
     fault: str = ""
+    robot_mm: float = 0.3
     kind: str = "broken"
 
 
@@ -74,6 +75,11 @@ WORLDS = {
     "a sticking swivel": World(fault="sticking"),
     "references of a robot 0.3 mm": World(fault="robot"),
     "references 0.3 mm, 0.3 mrad": World(u_mm=0.3, u_rad=3e-4),
+    **{
+        f"robot {size:g} mm, {n} poses": World(fault="robot", robot_mm=size, poses=n, u_mm=0.02, kind="robot")
+        for size in (0.1, 0.3, 1.0)
+        for n in (20, 100)
+    },
 }
 
 
@@ -177,8 +183,13 @@ class Drum:
         return np.rint(out)
 
 
-ROBOT = np.array([[0, 600, 50, 90], [0, 0, 900, 0], [0, 0, 70, 90], [0, 850, 0, -90], [0, 0, 0, 90], [0, 120, 0, 0]], dtype=float)
-"""Joints of a robot of six axes: theta, d, a, alpha (standard Denavit-Hartenberg), mm and degrees."""
+ROBOTS = (
+    # wrist whose axes meet; three parallel axes; inclined wrist
+    ([[0, 600, 50, 90], [0, 0, 900, 0], [0, 0, 70, 90], [0, 850, 0, -90], [0, 0, 0, 90], [0, 120, 0, 0]], [0, 100, -40, 0, 50, 0]),
+    ([[0, 180, 0, 90], [0, 0, -900, 0], [0, 0, -800, 0], [0, 170, 0, 90], [0, 120, 0, -90], [0, 110, 0, 0]], [0, -100, 90, -80, -90, 0]),
+    ([[0, 700, 200, 90], [0, 0, 1100, 0], [0, 0, 150, 90], [0, 1200, 0, -60], [0, 150, 0, 60], [0, 120, 0, 0]], [0, 100, -40, 20, 70, 0]),
+)
+"""Robots of six axes: theta, d, a, alpha of the joints (standard Denavit-Hartenberg), and joint values in the middle; mm and degrees."""
 
 
 def _chain(dh: FloatArray, q: FloatArray) -> FloatArray:
@@ -190,11 +201,12 @@ def _chain(dh: FloatArray, q: FloatArray) -> FloatArray:
     return T
 
 
-def robot_errors(rng: np.random.Generator, poses: list[tuple[FloatArray, FloatArray]], size_mm: float, dh: FloatArray = ROBOT) -> list[Any]:
+def robot_errors(rng: np.random.Generator, poses: list[tuple[FloatArray, FloatArray]], size_mm: float, number: int) -> list[Any]:
     """(shift, turn) of where a robot whose links are wrong comes to, less where it says, in the base frame."""
+    dh, middle_deg = (np.array(values, dtype=float) for values in ROBOTS[number % len(ROBOTS)])
     nominal = dh + rng.normal(0, 1, (6, 4)) * np.array([0, 20.0, 20.0, 0])
     wrong = nominal + rng.normal(0, 1, (6, 4)) * np.array([math.degrees(size_mm / 1000), size_mm, size_mm, math.degrees(size_mm / 1000)])
-    home = np.radians([0, 100, -40, 0, 50, 0]) + rng.normal(0, 0.1, 6)
+    home = np.radians(middle_deg) + rng.normal(0, 0.1, 6)
     middle = _chain(nominal, home)
     out, q = [], home
     for place, turn in poses:
@@ -216,6 +228,8 @@ def robot_errors(rng: np.random.Generator, poses: list[tuple[FloatArray, FloatAr
                     np.r_[far[:3, 3] - now[:3, 3], 500 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]]) / 2] / 1e-6
                 )
             q = q + np.linalg.solve(J.T @ J + 1e-3 * np.eye(6), J.T @ e)
+        else:
+            raise ValueError(f"robot {number}: no joint values for a pose")
         true = _chain(wrong, q)
         D = true[:3, :3] @ goal[:3, :3].T
         out.append((true[:3, 3] - goal[:3, 3], np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]]) / 2))
@@ -312,7 +326,7 @@ def bench(seed: int, world: World) -> Bench:
     measured = [reference[0], *draw(15)]
     wrong = [(rng.normal(0, 1, 3) * world.u_mm, rng.normal(0, 1, 3) * world.u_rad) for _ in reference]
     if world.fault == "robot":
-        more = robot_errors(fault, reference, 0.3)
+        more = robot_errors(fault, reference, world.robot_mm, seed)
         wrong = [(a - c, b - d) for (a, b), (c, d) in zip(wrong, more, strict=True)]
     stated = [(p + d, rotation(w) @ R) for (p, R), (d, w) in zip(reference, wrong, strict=True)]
     if world.fault == "typo":

@@ -58,14 +58,14 @@ def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | Non
         return None
     absent = model.noise.absent if model.places_known else ()
     stated = model.with_noise(model.noise.bare()).without_assumed()
-    now, drawn = model, None
-    for last in (False, True):
+    now, begun = model, None
+    for sweeps in (0, SWEEPS):
         parts = _parts(model, found.theta, absent)
         silent = found.undetermined
         V = stated.covariance(found.theta) + silent @ silent.T
-        drawn = sizes(found.residuals, found.determined, V, list(parts.values()), begun=drawn, sweeps=SWEEPS if last else 0, seed=seed)
+        drawn = sizes(found.residuals, found.determined, V, list(parts.values()), begun=begun, sweeps=sweeps, seed=seed)
         now = _sized(model, dict(zip(parts, drawn.size.tolist(), strict=True)))
-        found = fit(now, found.theta, found.prior_everywhere, near=True)
+        found, begun = fit(now, found.theta, found.prior_everywhere, near=True), drawn
     size = dict(zip(parts, drawn.size.tolist(), strict=True))
     play = _play(now, found)
     if play:
