@@ -18,6 +18,7 @@ from lmeasure.estimation import Fit, Sizes, fit, sizes
 from lmeasure.rig import TYPICAL_SIZES, Rig
 from lmeasure.sensors import BACKLASH, Variable
 
+ROUNDS = 4
 SWEEPS = 48
 PLAY = "play"
 
@@ -56,21 +57,23 @@ def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | Non
     """The model and its fit under the sizes that its residuals show; None where every size is stated."""
     if not (any(v.assumed for v in model.variables) or smooth(model)):
         return None
-    absent = model.noise.absent if model.places_known else ()
-    stated = model.with_noise(model.noise.bare()).without_assumed()
-    now, begun = model, None
-    for sweeps in (0, SWEEPS):
-        parts = _parts(model, found.theta, absent)
-        silent = found.undetermined
-        V = stated.covariance(found.theta) + silent @ silent.T
+    begun: Sizes | None = None
+    moved = math.inf
+    # the first rounds need the mode alone; errors far from the typical ones move the fit, and with it their laws
+    for sweeps in (*(0,) * ROUNDS, SWEEPS):
+        if not sweeps and moved < 1.0:
+            continue
+        V, parts = _components(model, found)
         drawn = sizes(found.residuals, found.determined, V, list(parts.values()), begun=begun, sweeps=sweeps, seed=seed)
         now = _sized(model, dict(zip(parts, drawn.size.tolist(), strict=True)))
-        found, begun = fit(now, found.theta, found.prior_everywhere, near=True), drawn
+        other = fit(now, found.theta, found.prior_everywhere, near=True)
+        moved = float(np.max(np.abs(other.theta - found.theta) / np.sqrt(np.diag(other.covariance))))
+        found, begun = other, drawn
     size = dict(zip(parts, drawn.size.tolist(), strict=True))
     play = _play(now, found)
     if play:
         size[PLAY] = math.sqrt(0.5) * math.hypot(size[PLAY], size.pop(TRAVEL))
-    return Sized(now, found, size, play, *_moments(model, found, V, parts, drawn))
+    return Sized(now, found, size, play, *_moments(model, found, drawn))
 
 
 def _play(model: Model, found: Fit) -> dict[str, float]:
@@ -97,8 +100,11 @@ def with_play(rig: Rig, variables: list[Variable], play: dict[str, float]) -> Ri
     return rig.model_copy(update={"observation_point": tuple(points)})
 
 
-def _parts(model: Model, theta: FloatArray, absent: tuple[str, ...]) -> dict[str, FloatArray]:
-    """(e, e) covariances by typical sizes of each group."""
+def _components(model: Model, found: Fit) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """(e, e) covariance of the residuals by what is stated and what only nominal values tell, and those by typical sizes of each group."""
+    theta, silent = found.theta, found.undetermined
+    V = model.with_noise(model.noise.bare()).without_assumed().covariance(theta) + silent @ silent.T
+    absent = model.noise.absent if model.places_known else ()
     typical, out = model.with_sizes({}), dict[str, FloatArray]()
     shifts, of = typical.unsolved_shifts(theta), _columns(typical)
     for code in dict.fromkeys(v.kind.code for v in of if v.assumed):
@@ -114,7 +120,7 @@ def _parts(model: Model, theta: FloatArray, absent: tuple[str, ...]) -> dict[str
         own = J[:, :, 3:] * ASSUMED[name] if name == "position" else J[:, :, :3] * ASSUMED[name]
         own = np.einsum("eni,nr->eri", own, visits).reshape(len(own), -1)
         out[name] = own @ own.T
-    return out | fields(model.campaign.source, model.poses(theta), model.pose_jacobian(theta)) if smooth(model) else out
+    return V, out | fields(model.campaign.source, model.poses(theta), model.pose_jacobian(theta)) if smooth(model) else out
 
 
 def smooth(model: Model) -> bool:
@@ -139,9 +145,10 @@ def _sized(model: Model, size: dict[str, float]) -> Model:
     return model.with_sizes(every).with_noise(noise)
 
 
-def _moments(model: Model, found: Fit, V: FloatArray, parts: dict[str, FloatArray], drawn: Sizes) -> tuple[FloatArray, FloatArray]:
+def _moments(model: Model, found: Fit, drawn: Sizes) -> tuple[FloatArray, FloatArray]:
     """(P + q,) mean shift of the unknowns and of what is not solved from the fit, over probable sizes, and (P + q, k) how they move with k
     other sizes, times the root of their weights."""
+    V, parts = _components(model, found)
     typical = model.with_sizes({})
     C, of, J, r = typical.unsolved_shifts(found.theta), _columns(typical), found.determined, found.residuals
     back = found.directions[found.known].T * found.problem.parameters.width[:, None]
