@@ -37,6 +37,16 @@ CONVENTIONS = {
         AngleConvention("ur-rotation-vector", ("rx_rad", "ry_rad", "rz_rad"), "rotvec"),
     )
 }
+OF_DOCUMENTS = {
+    c.name: c
+    for c in (
+        # Thesis Rashoyan 2021, 4.1, and Skvortsov 2017, 3: alpha, beta, gamma about the fixed X, Y, Z: Rz(gamma) Ry(beta) Rx(alpha)
+        AngleConvention("fixed-xyz", ("alpha_deg", "beta_deg", "gamma_deg"), "xyz"),
+        # source 004: Rz(psi) Rx(theta) Rz(phi)
+        AngleConvention("zxz", ("psi_deg", "theta_deg", "phi_deg"), "ZXZ"),
+    )
+}
+"""Conventions of the source documents, which no controller has: names that are known too, but not offered for rigs and programs."""
 DEFAULT = "puma-oat"
 RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "temperature_c", "pose", "pass")
 """Columns of counts files that are no counter."""
@@ -49,9 +59,10 @@ QUATERNION_COLUMNS = ("qx", "qy", "qz", "qw")
 
 def convention(name: str) -> AngleConvention:
     """The convention of that name; FileFormatError names the known ones."""
-    if name not in CONVENTIONS:
-        raise FileFormatError(f"angles = {name!r} is not a known convention; known: {', '.join(CONVENTIONS)}")
-    return CONVENTIONS[name]
+    every = CONVENTIONS | OF_DOCUMENTS
+    if name not in every:
+        raise FileFormatError(f"angles = {name!r} is not a known convention; known: {', '.join(every)}")
+    return every[name]
 
 
 def check_angles(values: ArrayLike, what: str) -> None:

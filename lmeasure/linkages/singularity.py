@@ -42,6 +42,7 @@ STEP = 1e-4  # of a turn, and of the rim: differences of gradients err by its sq
 FLAT = 1e-6  # of what would matter: curvature over a length, a gradient beside curvature
 
 
+ROUNDING = 1e-13
 SOUND = 1e-3
 """Determinant of rows of length one from which an inverse is as good as any."""
 
@@ -85,7 +86,10 @@ def gradients(base: FloatArray, body: FloatArray, poses: FloatArray) -> FloatArr
     C, e = cofactors(M), M[..., :3]
     w = C[..., :3] + np.cross(C[..., 3:], base)
     g = (w - (w * e).sum(axis=-1, keepdims=True) * e) / lengths[..., None]
-    return np.concatenate([np.cross(points, g).sum(axis=-2), g.sum(axis=-2)], axis=-1)
+    halves = np.stack([np.cross(points, g), g], axis=-2)
+    K, size = halves.sum(axis=-3), np.abs(halves).max(axis=(-3, -1))[..., None]
+    # what rounding leaves of a sum that vanishes is nothing
+    return np.asarray(np.where(np.abs(K) < ROUNDING * size, 0.0, K).reshape(*K.shape[:-2], 6))
 
 
 def moved(poses: FloatArray, twists: FloatArray) -> FloatArray:

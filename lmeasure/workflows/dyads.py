@@ -22,6 +22,7 @@ class Settings(Writing):
     NEXT: ClassVar[str] = "structure rig.toml --report structure"
     poses: Annotated[Path, option("Poses of the body: x_mm, y_mm, z_mm, qx, qy, qz, qw.", metavar="POSES", positional=True)]
     out: Annotated[Path, option("Folder for links.csv, minimax.csv and misses.csv.", metavar="DIR")]
+    angles: Annotated[str, option("Convention of angle columns.")] = "puma-oat"
     links: Annotated[int, option("Number of links; five leave one freedom.", ge=1, le=6)] = 5
     reach_mm: Annotated[
         float | None, option("Largest distance of ball joints from the poses; default three times the spread of the poses.", ge=0)
@@ -47,7 +48,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     from lmeasure.recording import pose_columns, poses_from_rows, read_poses
     from lmeasure.robots import all_fitted, minimax, misses
 
-    given = read_poses(settings.poses, "puma-oat", unnamed=True)
+    given = read_poses(settings.poses, settings.angles, unnamed=True)
     poses = given.rows
     if len(poses) < LEAST:
         raise FileFormatError(f"{settings.poses}: {len(poses)} poses; a link has {LEAST} parameters, so that {LEAST} are needed")

@@ -61,6 +61,7 @@ class Settings(Writing):
     ] = None
     poses: Annotated[Path | None, option("Poses of the platform: x_mm, y_mm, z_mm, qx, qy, qz, qw.", panel=TABLE)] = None
     joints: Annotated[Path | None, option("Table of their joint values to write.", metavar="FILE.csv", panel=TABLE)] = None
+    angles: Annotated[str, option("Convention of angle columns.", panel=TABLE)] = "puma-oat"
     complete: Annotated[
         KINDS | None,
         option("Coordinates that the poses state; the first rods determine the others, and all solutions are written.", panel=TABLE),
@@ -236,7 +237,7 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
     from lmeasure.recording import pose_columns, poses_from_rows, read_poses
     from lmeasure.robots import at_poses, completions
 
-    given = read_poses(poses, "puma-oat", unnamed=True)
+    given = read_poses(poses, settings.angles, unnamed=True)
     if settings.complete is None:
         try:
             columns = at_poses(file, given.rows, _times(poses))

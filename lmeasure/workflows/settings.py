@@ -24,7 +24,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
-from lmeasure.core import SettingsError, pasted
+from lmeasure.core import FileFormatError, SettingsError, pasted, rotation_from_angles
 from lmeasure.io import complaints
 from lmeasure.text import message
 
@@ -198,6 +198,22 @@ class Separated:
         return self.mark.join(v if isinstance(v, str) else f"{v:g}" for v in values)
 
 
+@dataclass(frozen=True)
+class Turned(Separated):
+    """Marks a quaternion x, y, z, w, or the angles of a convention behind its name: `kuka-abc:10,20,30`."""
+
+    def parsed(self, value: Any) -> Any:
+        """The quaternion of a text."""
+        name, colon, rest = value.partition(":") if isinstance(value, str) else ("", "", "")
+        if not colon:
+            return super().parsed(value)
+        angles = Separated(",", count=3, finite=True).parsed(rest)
+        try:
+            return tuple(rotation_from_angles(name.strip(), angles).as_quat().tolist())
+        except FileFormatError as error:
+            raise ValueError(str(error)) from None
+
+
 def parts_of(text: str, mark: str = ",") -> list[str]:
     """What stands between the marks of a text; blanks do as well where the mark is a comma."""
     return re.split(r"\s*,\s*|\s+", text.strip()) if mark == "," else text.split(mark)
@@ -298,8 +314,8 @@ Box = Annotated[tuple[tuple[float, float], tuple[float, float], tuple[float, flo
 Point = Annotated[tuple[float, float, float], Separated(",", count=3, finite=True)]
 Numbers = Annotated[tuple[float, ...], Separated(",")]
 WholeNumbers = Annotated[tuple[int, ...], Separated(",", int)]
-Quaternion = Annotated[tuple[float, float, float, float], Separated(",", count=4)]
-UnitQuaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit), Separated(",", count=4)]
+Quaternion = Annotated[tuple[float, float, float, float], Turned(",", count=4)]
+UnitQuaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit), Turned(",", count=4)]
 Names = Annotated[tuple[str, ...], Words(",", str)]
 Recording = Annotated[Path, AfterValidator(_recording)]
 Start = Annotated[str, AfterValidator(_six_or_seven), Pose()]

@@ -243,6 +243,26 @@ def _turn(q: np.ndarray) -> np.ndarray:
     )
 
 
+def test_angles_of_the_documents_do_where_quaternions_do(tmp_path: Path) -> None:
+    """002: alpha, beta, gamma; 004: psi, theta, phi; the thesis: O, A, T. Each turn written out as a quaternion is the same pose."""
+    half = np.radians(10.0)
+    same = ["0,0,0.17364817766693033,0.984807753012208", "fixed-xyz:0,0,20", "zxz:15,0,5", "kuka-abc:20 0 0", "puma-oat:20,-90,90"]
+    found = [json.loads(run("mechanism", "logos", "--quaternion", words, "--json"))["summary"] for words in same]
+    assert all(one == found[0] for one in found[1:])
+    assert "is not a known convention" in refused("mechanism", "logos", "--quaternion", "zxy:1,2,3")
+    assert "'1,2' is not three numbers" in refused("mechanism", "logos", "--quaternion", "zxz:1,2")
+    table = {"x_mm": [0.0], "y_mm": [0.0], "z_mm": [713.7], "psi_deg": [15.0], "theta_deg": [0.0], "phi_deg": [5.0]}
+    files.write_table(tmp_path / "a.csv", table)
+    files.write_table(
+        tmp_path / "q.csv", dict(list(table.items())[:3]) | {"qx": [0.0], "qy": [0.0], "qz": [np.sin(half)], "qw": [np.cos(half)]}
+    )
+    run("mechanism", "logos", "--poses", tmp_path / "a.csv", "--angles", "zxz", "--joints", tmp_path / "ja.csv")
+    run("mechanism", "logos", "--poses", tmp_path / "q.csv", "--joints", tmp_path / "jq.csv")
+    one, other = (files.read_table(tmp_path / name) for name in ("ja.csv", "jq.csv"))
+    for i in range(1, 7):
+        np.testing.assert_allclose(one.numbers(f"leg_{i}_mm"), other.numbers(f"leg_{i}_mm"), atol=1e-9)
+
+
 def test_what_cannot_be_studied_is_said_in_one_line(tmp_path: Path) -> None:
     assert "its legs do not reach this pose" in refused("mechanism", "rotopod", "--position-mm", "0,0,2000")
     assert "is of kind 'hexapod'" in refused("mechanism", "gough")
