@@ -1,3 +1,4 @@
+from .budget import chosen as chosen, gathered as gathered, halving as halving
 from .bundle import (
     CERTIFICATE as CERTIFICATE,
     check_seal as check_seal,

@@ -11,6 +11,7 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 
+from lmeasure.certificate.budget import chosen, correlations
 from lmeasure.certificate.inputs import Inputs, Measured, settings_stated
 from lmeasure.certificate.signature import digest
 from lmeasure.core import Status, plug_in_version, version_of
@@ -83,6 +84,7 @@ def certificate(
         "base_from_program": plain(evaluation.base_from_program),
     }
     details = measured.details.stated()
+    main = [one.figure for one in chosen(figures)]
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "method": METHOD,
@@ -109,6 +111,7 @@ def certificate(
         "notes": list(dict.fromkeys(map(str, [*measured.notes, *evaluation.notes]))),
         "findings": plain(_findings(measured)),
         **figures,
+        "correlations": correlations(figures["characteristics"], evaluation.correlation, main),
         "figures_sha256": digest(figures),
     }
     return {"schema": SCHEMA, "id": identification(content)} | content
@@ -125,6 +128,7 @@ def _findings(measured: Measured) -> list[dict[str, Any]]:
     evaluation = measured.evaluation
     reported = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.notes]
     reported += [c.note for c in evaluation.characteristics if c.note is not None]
+    reported += [row.source for c in evaluation.characteristics for row in c.budget]
     return table(list(reported))
 
 

@@ -38,7 +38,7 @@ INDEPENDENT = ("schema", "kind", "details", "measurement", "inputs", "program")
 """Tables of a certificate that do not depend on how figures are computed."""
 FIGURES = ("characteristics", "excluded", "base_from_program")
 """Tables whose digest is figures_sha256."""
-UNCERTAINTIES = ("u95", "u_random", "u_systematic")
+UNCERTAINTIES = ("u95", "u", "u_random", "u_systematic", "bias", "u_drawn", "budget")
 _NUMBER = re.compile(r"([-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)")
 _VERSION = re.compile(r"[\w.+()-]+(?: [\w.+()-]+)?", re.ASCII)
 SOURCES = "lmeasure sources"
@@ -111,7 +111,7 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
     later = {*again} - {*stated} | {"findings"} if other_version else set()
     for key in sorted({*stated, *again} - {"characteristics", "figures_sha256", "id"}):
         a, b = stated.get(key), again.get(key)
-        steps = list(_steps(a, b, key, 0.0))
+        steps = list(_steps(a, b, key, 1.0 if key == "correlations" else 0.0))
         moved |= bool(steps)
         if steps and key in later:
             skipped.append(message("verification.other_form", what=f"{CERTIFICATE}: {key}"))
@@ -166,7 +166,9 @@ def _steps(a: Any, b: Any, where: str, size: float) -> Iterator[_Step]:
     """Yield where two tables differ, b being the one of today. size: against which numbers are compared, at least their own."""
     if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
         for key in a:
-            yield from _steps(a[key], b[key], f"{where}.{key}", size)
+            # of a budget's row: a sensitivity is a contribution by u, and a share is a part of the whole
+            own = 100.0 if key == "share_percent" else size / abs(b["u"] or 1.0) if key == "sensitivity" else size
+            yield from _steps(a[key], b[key], f"{where}.{key}", own)
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         if "covariance" in where:  # what is not on its diagonal may be zero but for rounding
             size = max([size, *(abs(v) for v in _numbers(b))])

@@ -60,6 +60,32 @@ class Conformity:
 
 
 @dataclass(frozen=True)
+class Contribution:
+    """A row of a result's budget (JCGM 100, 8.1; EA-4/02, 4.10): an input quantity whose estimate is zero, for what is known of it is
+    corrected.
+
+    source: its name; contribution: standard uncertainty that it gives the result, in the result's unit; u: standard uncertainty of the
+    input in a unit, 1 and empty where the source has variables of several sizes; distribution; degrees_of_freedom: of u, None where it is
+    stated; random: whether another run draws it anew.
+    """
+
+    source: Message | str
+    contribution: float
+    u: float = 1.0
+    unit: str = ""
+    distribution: Literal["normal", "rectangular", "drawn"] = "normal"
+    degrees_of_freedom: float | None = None
+    random: bool = False
+
+    def as_dict(self, whole: float) -> dict[str, Any]:
+        """The row of certificate.json; whole: standard uncertainty of the result."""
+        row = {"source": str(self.source), "value": 0.0, "u": self.u, "unit": self.unit, "distribution": self.distribution}
+        row |= {"sensitivity": self.contribution / self.u, "degrees_of_freedom": self.degrees_of_freedom}
+        share = 100.0 * (self.contribution / whole) ** 2 if whole > 0.0 else 0.0
+        return row | {"contribution": self.contribution, "share_percent": share}
+
+
+@dataclass(frozen=True)
 class Characteristic:
     """One figure of a certificate.
 
@@ -74,7 +100,8 @@ class Characteristic:
     component itself; None of others. conformity: None unless a tolerance is stated. angles: convention of a component-wise angle.
     extension: not in the standard. excluded: why no verdict is given though there is a value (outside the instrument's zone); capable is
     then false. stated: False where nobody states how uncertain the measurement is: u95 is then NaN, there is no verdict, and files have
-    null.
+    null. budget: rows of its standard uncertainty; bias: mean of its error and u_drawn: standard deviation of it by Monte Carlo, which hold
+    what the linear law leaves out; both None where it has no linear law.
     """
 
     name: str
@@ -98,6 +125,9 @@ class Characteristic:
     excluded: Message | None = None
     note: Message | None = None
     stated: bool = True
+    budget: tuple[Contribution, ...] = ()
+    bias: float | None = None
+    u_drawn: float | None = None
 
     @property
     def key(self) -> CharacteristicKey:
@@ -109,11 +139,24 @@ class Characteristic:
         """Pose or path, and the part of it, for a person."""
         return self.key.where
 
+    def with_budget(self, budget: tuple[Contribution, ...], u95: float) -> "Characteristic":
+        """The same with these rows, and the standard uncertainties and coverage factor that follow."""
+        random, systematic = (math.hypot(*(row.contribution for row in budget if row.random is kind)) for kind in (True, False))
+        u = math.hypot(random, systematic)
+        factor = u95 / u if u > 0.0 else None
+        return replace(self, budget=budget, u95=u95, u_random=random, u_systematic=systematic, coverage_factor=factor)
+
+    @property
+    def degrees_of_freedom(self) -> float | None:
+        """Of the standard uncertainty, by Welch and Satterthwaite (JCGM 100, G.4.1); None where those of all sources are infinite."""
+        known = sum(row.contribution**4 / row.degrees_of_freedom for row in self.budget if row.degrees_of_freedom is not None)
+        return math.hypot(*(row.contribution for row in self.budget)) ** 4 / known if known > 0.0 else None
+
     def unstated(self) -> "Characteristic":
         """The same of a measurement whose uncertainty nobody states: the value alone."""
         return replace(
             self, u95=math.nan, capable=False, capable_alone=None, u_random=None, u_systematic=None, coverage_factor=None, limit_u95=None,
-            conformity=None, stated=False,
+            conformity=None, stated=False, budget=(), bias=None, u_drawn=None,
         )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
@@ -123,6 +166,11 @@ class Characteristic:
         out = {name: getattr(self, name) for name in names}
         if self.conformity is not None:
             out["conformity"] = {k: v for k, v in vars(self.conformity).items() if v is not None}
+        if self.budget:
+            u = math.hypot(*(row.contribution for row in self.budget))
+            out |= {"u": u, "degrees_of_freedom": self.degrees_of_freedom, "budget": [row.as_dict(u) for row in self.budget]}
+        else:
+            del out["budget"]
         del out["stated"]
         reported = {k: str(v) if isinstance(v, Message) else v for k, v in out.items() if v is not None}
         return reported if self.stated else reported | {"u95": None, "capable": None}

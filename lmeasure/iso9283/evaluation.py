@@ -6,7 +6,7 @@ Two kinds of results get no verdict: parts outside the instrument's zone, and pa
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from lmeasure.accuracy import exact_radius_95
 from lmeasure.core import CertificationError, DataFrame, FloatArray, IntArray, Shown, framed
 from lmeasure.iso9283.attainment import attained, follows
-from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, Conformity, Rule, Verdict
+from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, Conformity, Contribution, Rule, Verdict
 from lmeasure.iso9283.clause import IsoTest, SampleErrors
 from lmeasure.iso9283.clauses import clauses_of, signed_names, tests_of
 from lmeasure.iso9283.dwells import with_windows
@@ -233,6 +233,9 @@ class Evaluation(Shown):
     """CertificationSettings of the evaluation."""
     notes: tuple[Message | str, ...] = ()
     """Findings for the user."""
+    correlation: FloatArray | None = field(default=None, compare=False)
+    """Correlation (n, n) of the errors of the first n characteristics, those with a linear law; None where the errors of poses do not say
+    how they correlate."""
 
     def about(self) -> dict[str, str]:
         """How many characteristics, of how many the instrument is capable."""
@@ -308,6 +311,7 @@ def evaluate(
         angles=given.angles,
         covers=laws[0].covers,
         settings=settings,
+        correlation=_correlation(spreads[0]) if len(laws) == 1 and figures else None,
         notes=(
             *((message("uncertainty.unstated", what=trajectory.absent),) if unstated else ()),
             *stamps.notes,
@@ -363,6 +367,16 @@ def _drawn(
     return values, spreads
 
 
+def _correlation(spreads: Sequence[Spread]) -> FloatArray:
+    """(n, n) of n figures from their derivatives; of one without error nothing but its own 1."""
+    rows = np.array([s.sensitivities for s in spreads])
+    size = np.linalg.norm(rows, axis=1)
+    unit = rows / np.where(size > 0.0, size, 1.0)[:, None]
+    out = unit @ unit.T
+    np.fill_diagonal(out, 1.0)
+    return np.asarray(np.clip(out, -1.0, 1.0))
+
+
 def _unstated(trajectory: Trajectory, settings: CertificationSettings) -> tuple[str, ...]:
     """What of a trajectory from elsewhere has no stated uncertainty and what that leaves without a verdict: "position" everything, "deg"
     figures in that unit."""
@@ -395,22 +409,21 @@ def _check(trajectory: Trajectory, program: Program, settings: CertificationSett
 def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], *, excluded: Exclusions, stamps: Stamps) -> Characteristic:
     """The figure with the larger of the uncertainties that the laws of errors give."""
     worst = max(spreads, key=lambda s: s.u95)
-    u, u95 = float(np.hypot(worst.u_random, worst.u_systematic)), float(np.hypot(worst.u95, figure.between))
+    between = (Contribution(message("source.between"), figure.between / NORMAL_95, random=True),) * (figure.between > 0.0)
     found = Characteristic(
         **figure.key._asdict(),
         clause=figure.clause,
         value=value,
         unit=figure.unit,
-        u95=u95,
+        u95=worst.u95,
         capable=False,
         cycles=figure.cycles,
-        u_random=worst.u_random,
-        u_systematic=worst.u_systematic,
-        coverage_factor=u95 / u if u > 0 else None,
+        bias=worst.bias,
+        u_drawn=worst.u_drawn,
         angles=figure.angles,
         extension=figure.extension,
         excluded=excluded.reason(figure.needs),
-    )
+    ).with_budget((*worst.budget, *between), float(np.hypot(worst.u95, figure.between)))
     return found if figure.instants is None or stamps.kind == "sound" else with_instants(found, figure.instants(value))
 
 

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.iso9283.characteristic import Characteristic
+from lmeasure.iso9283.characteristic import Characteristic, Contribution
 from lmeasure.iso9283.figure import OfInstants
 from lmeasure.iso9283.paths import Crossings
 from lmeasure.iso9283.uncertainty import NORMAL_95
 from lmeasure.recording import Program
-from lmeasure.trajectory import PoseErrors, Stamps
+from lmeasure.text import message
+from lmeasure.trajectory import ErrorSource, PoseErrors, Stamps
 
 APART = 10.0
 """Standard uncertainties of an instant that lie between planes at least, for speeds between them to tell anything."""
@@ -52,15 +53,15 @@ def of_crossing(places: PoseErrors, crossed: Crossings, stamps: Stamps) -> PoseE
     along[..., 3:, 0] = crossed.tangent[:, None] * crossed.pace_mm_s[:, :, None]
     since = crossed.time_s - crossed.time_s.mean(axis=0)
     single = (along * stamps.u_time_s).reshape(-1, 6, 1)
-    common = (along * (stamps.u_rate * since)[:, :, None, None]).reshape(-1, 6, 1)
-    return replace(places, own=np.concatenate([places.own, single], axis=2), shared=np.concatenate([places.shared, common], axis=2))
+    common = (along[..., 0] * (stamps.u_rate * since)[:, :, None]).reshape(-1, 6)
+    timed = replace(places, own=np.concatenate([places.own, single], axis=2))
+    return timed.with_shared(common, ErrorSource(message("source.instants")))
 
 
 def with_instants(c: Characteristic, added: OfInstants) -> Characteristic:
     """A figure with what the instants of its samples add to it."""
-    u95, systematic = float(np.hypot(c.u95, NORMAL_95 * added.u) + added.bias), float(np.hypot(c.u_systematic or 0.0, added.u))
-    both = float(np.hypot(c.u_random or 0.0, systematic))
-    return replace(c, u95=u95, u_systematic=systematic, coverage_factor=u95 / both if both > 0.0 else None)
+    row = Contribution(message("source.instants"), added.u)
+    return c.with_budget((*c.budget, *(row,) * (added.u > 0.0)), float(np.hypot(c.u95, NORMAL_95 * added.u) + added.bias))
 
 
 def of_duration(c: Characteristic, stamps: Stamps) -> Characteristic:

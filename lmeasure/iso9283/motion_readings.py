@@ -16,10 +16,10 @@ from scipy.ndimage import binary_dilation
 from scipy.signal import savgol_filter
 
 from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray, se3
-from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey
+from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, Contribution
 from lmeasure.iso9283.settings import CertificationSettings
 from lmeasure.iso9283.uncertainty import COVERAGE, NORMAL_95, reduction
-from lmeasure.text import Message
+from lmeasure.text import Message, message
 from lmeasure.trajectory import Frame, PoseErrors, Stamps, Trajectory, phases, roundings, window
 
 FINE_S = 2.5e-4
@@ -187,9 +187,8 @@ class Reported:
         """Figure i taken over the cycles, of which those above a value are alike; another run errs anew."""
         u95, value = self.u95(i, over, above), float(over(self.values[:, i]))
         return Characteristic(
-            **key._asdict(), clause=clause, value=value, unit=unit, u95=u95, capable=False, cycles=len(self.values),
-            u_random=u95 / NORMAL_95, u_systematic=0.0, note=note,
-        )  # fmt: skip
+            **key._asdict(), clause=clause, value=value, unit=unit, u95=u95, capable=False, cycles=len(self.values), note=note
+        ).with_budget((Contribution(message("source.motion"), u95 / NORMAL_95, distribution="drawn", random=True),), u95)  # fmt: skip
 
 
 def distance(vectors: FloatArray) -> FloatArray:

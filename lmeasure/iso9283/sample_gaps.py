@@ -34,7 +34,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter, maximum_filter1d
 
 from lmeasure.core import FloatArray, IntArray, lagrange
-from lmeasure.trajectory import PoseErrors
+from lmeasure.text import message
+from lmeasure.trajectory import ErrorSource, PoseErrors
 
 OF_KINK = 3.0
 OF_BEND = 0.1
@@ -163,18 +164,10 @@ def of_samples(errors: PoseErrors) -> FloatArray:
 def with_hidden(errors: PoseErrors, own: FloatArray, common: FloatArray) -> PoseErrors:
     """Errors of n places, and what hides between samples: by up to own (n, 3) [mm] anew at every place, and by up to common (n, 3) [mm] in
     common: what reads a corner too round does so in all cycles."""
-    added = []
-    for bound in (own, common):
-        column = np.zeros((len(errors), 6, 1))
-        column[:, 3:, 0] = AS_UNIFORM * bound
-        added.append(column)
+    added = [np.pad(AS_UNIFORM * bound, ((0, 0), (3, 0))) for bound in (own, common)]
     if own.any():
-        errors = replace(errors, own=np.concatenate([errors.own, added[0]], axis=2))
-    if not common.any():
-        return errors
-    others = errors.shared.shape[2]
-    uniform = (*errors.uniform, *[False] * (others - len(errors.uniform)), True)
-    return replace(errors, shared=np.concatenate([errors.shared, added[1]], axis=2), uniform=uniform)
+        errors = replace(errors, own=np.concatenate([errors.own, added[0][:, :, None]], axis=2))
+    return errors.with_shared(added[1], ErrorSource(message("source.between")), uniform=True) if common.any() else errors
 
 
 def at_corner(distance_mm: float, step_mm: float, cosine: float) -> float:

@@ -5,17 +5,22 @@ law, and f(x + e) is the value that is certified; its error is f(x + e) - f(x). 
 not depend on x. For a length of a vector, a standard deviation or a maximum it does: noise makes them larger than they are. The law of the
 error is therefore drawn at an x* as likely as x itself: the measured poses with their deviations reduced by what the errors have added on
 average (`reduction`). U95 is the 95 % quantile of |f(x* + e) - f(x*)|, so that value +- U95 holds f(x).
+
+The budget is the linear law at x: e = sum_k d_k z_k with independent z_k of unit variance, and c_k = df(x + s d_k) / ds at s = 0. A source
+contributes the root sum of squares of its c_k; results a and b correlate by sum_k c_ak c_bk. Errors of more variables than LINEAR_TRIALS
+that are new at every pose are LINEAR_TRIALS draws of them instead, which determine their contribution with as many degrees of freedom.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from lmeasure.core import FloatArray
+from lmeasure.iso9283.characteristic import Contribution
 from lmeasure.iso9283.figure import Function, Subject
-from lmeasure.trajectory import PoseErrors
+from lmeasure.trajectory import ErrorSource, PoseErrors
 
 COVERAGE = 0.95
 NORMAL_95 = 1.959963984540054
@@ -23,8 +28,10 @@ NORMAL_95 = 1.959963984540054
 NORMAL_95_ONE_SIDED = 1.6448536269514722
 STEP = 1e-3
 """Of the errors, for the linear law: derivatives along the drawn errors."""
+NO_ERROR = 1e-12  # mm, rad
 POINTS_AT_ONCE = 100_000
-LINEAR_TRIALS = 500  # a standard deviation of as many draws is known to 3 %
+LINEAR_TRIALS = 500
+"""Variables of a part's own errors of which each has a derivative; of more as many draws, whose standard deviation is known to 3 %."""
 
 
 class Part(Protocol):
@@ -47,12 +54,27 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class Spread:
-    """What is known of a figure's error: u95 by Monte Carlo, standard uncertainties by the linear law; bias: mean of the error."""
+    """What is known of a figure's error: by Monte Carlo u95, its mean bias and standard deviation u_drawn; by the linear law the budget
+    and derivatives sensitivities (T,) along all independent errors."""
 
     u95: float
-    u_random: float
-    u_systematic: float
     bias: float
+    u_drawn: float
+    budget: tuple[Contribution, ...]
+    sensitivities: FloatArray = field(compare=False)
+
+    def _of(self, random: bool) -> float:
+        return float(np.sqrt(sum(row.contribution**2 for row in self.budget if row.random is random)))
+
+    @property
+    def u_random(self) -> float:
+        """Standard uncertainty by what another run draws anew."""
+        return self._of(True)
+
+    @property
+    def u_systematic(self) -> float:
+        """Standard uncertainty by all else."""
+        return self._of(False)
 
 
 def reduction(observed: FloatArray | float, added: FloatArray | float, freedom: float = np.inf) -> FloatArray:
@@ -88,20 +110,15 @@ class _Law:
     errors: PoseErrors
     rng: np.random.Generator
 
-    def draw(self, common: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Errors by the counts and by the instrument (trials, n, 6) each, with the run's own draws common (trials, K)."""
+    def draw(self, common: FloatArray) -> FloatArray:
+        """Errors (trials, n, 6), with the run's own draws common (trials, K)."""
         e, trials, n = self.errors, len(common), len(self.errors)
-        random = np.einsum("nij,tnj->tni", e.own, e.drawn(self.rng, (trials, n, e.own.shape[2])), optimize=True)
-        of_counts = np.flatnonzero(e.counted)
-        by_counts = np.zeros_like(common)
-        by_counts[:, of_counts] = common[:, of_counts]
-        shared = e.shared.reshape(n * 6, -1).T
-        random += (by_counts @ shared).reshape(trials, n, 6)
-        systematic = ((common - by_counts) @ shared).reshape(trials, n, 6)
+        out = np.einsum("nij,tnj->tni", e.own, e.drawn(self.rng, (trials, n, e.own.shape[2])), optimize=True)
+        out += (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
         if e.local.any():
             drawn = e.drawn(self.rng, (trials, int(e.place.max()) + 1, e.local.shape[2]))
-            systematic += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
-        return random, systematic
+            out += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
+        return np.asarray(out)
 
 
 Moving = Callable[[dict[Subject, FloatArray]], dict[Subject, FloatArray]]
@@ -121,33 +138,132 @@ def propagate(
     points = max(sum(len(p.errors) for p in parts.values()), 1)
     at_once = int(np.clip(POINTS_AT_ONCE // points, 1, trials))
     widest = max((p.errors for p in parts.values()), key=lambda e: e.shared.shape[2], default=None)
-    streams = np.random.default_rng(seed).spawn(len(parts) + 1)
-    laws = {name: _Law(p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:], strict=True)}
+    streams = np.random.default_rng(seed).spawn(len(parts) + 2)
+    laws = {name: _Law(p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:-1], strict=True)}
     still = {name: np.zeros((len(p.errors), 6)) for name, p in parts.items()}
+    uses: list[set[Subject]] = [set() for _ in figures]
 
-    def values(errors: dict[Subject, FloatArray], reduced: bool) -> list[FloatArray]:
+    def values(errors: dict[Subject, FloatArray], chosen: Sequence[int], *, reduced: bool) -> list[FloatArray]:
         moved = fitted(errors) if fitted is not None else errors
-        states = {name: part.state(moved[name], reduced) for name, part in parts.items()}
-        return [np.atleast_1d(f(states)) for f in figures]
+        states = {name: parts[name].state(e, reduced) for name, e in moved.items()}
+        return [np.atleast_1d(figures[i](_Watched(states, uses[i]))) for i in chosen]
 
-    base, measured = values(still, True), values(still, False)
+    every = range(len(figures))
+    base, measured = values(still, every, reduced=True), values(still, every, reduced=False)
     error = np.empty((len(figures), trials))
-    linear = np.empty((2, len(figures), min(trials, LINEAR_TRIALS)))
     for first in range(0, trials, at_once):
         last = min(first + at_once, trials)
         common = np.empty((last - first, 0)) if widest is None else widest.drawn_common(streams[0], last - first)
         drawn = {name: law.draw(common[:, : parts[name].errors.shared.shape[2]]) for name, law in laws.items()}
-        both = values({name: r + s for name, (r, s) in drawn.items()}, True)
-        for i, value in enumerate(both):
+        for i, value in enumerate(values(drawn, every, reduced=True)):
             error[i, first:last] = value - base[i]
-        if first < linear.shape[2]:
-            stop = min(last, linear.shape[2])
-            for kind in (0, 1):
-                small = values({name: STEP * pair[kind][: stop - first] for name, pair in drawn.items()}, False)
-                for i, value in enumerate(small):
-                    linear[kind, i, first:stop] = (value - measured[i]) / STEP
         if progress is not None:
             progress(last, trials)
-    u = np.sqrt(np.mean(linear**2, axis=2))
+    rows: list[dict[_Kind, list[float]]] = [{} for _ in figures]
+    sensitivities: list[list[FloatArray]] = [[] for _ in figures]
+    for block in _blocks(parts, streams[-1], joint=fitted is not None):
+        of = [i for i in every if not block.part or not uses[i] or block.part in uses[i]]
+        needed = parts.keys() if not block.part else {block.part}.union(*(uses[i] or parts.keys() for i in of))
+        size = len(block.kinds)
+        for first in range(0, size, at_once):
+            piece = slice(first, min(first + at_once, size))
+            n = piece.stop - first
+            errors = {
+                k: STEP * block.errors[k][piece] if k in block.errors else np.zeros((n, *still[k].shape)) for k in parts if k in needed
+            }
+            slopes = dict(zip(of, values(errors, of, reduced=False), strict=True))
+            for i in every:
+                slope = np.broadcast_to((slopes[i] - measured[i]) / STEP, n) if i in slopes else np.zeros(n)
+                sensitivities[i].append(slope)
+                for kind, c in zip(block.kinds[piece], slope.tolist(), strict=True) if i in slopes else ():
+                    rows[i].setdefault(kind, []).append(c)
     u95 = np.quantile(np.abs(error), COVERAGE, axis=1)
-    return [Spread(float(u95[i]), float(u[0, i]), float(u[1, i]), float(error[i].mean())) for i in range(len(figures))]
+    return [
+        Spread(
+            float(u95[i]), float(error[i].mean()), float(error[i].std()), tuple(_row(kind, c) for kind, c in rows[i].items()),
+            np.concatenate(sensitivities[i]) if sensitivities[i] else np.empty(0),
+        )
+        for i in every
+    ]  # fmt: skip
+
+
+class _Kind(NamedTuple):
+    """What an independent error is: its source, its distribution, and whether another run draws it anew."""
+
+    source: ErrorSource
+    law: Literal["normal", "rectangular"]
+    random: bool
+
+
+class _Watched(dict[Subject, Any]):
+    """States that note of which parts a figure is."""
+
+    def __init__(self, states: Mapping[Subject, Any], used: set[Subject]) -> None:
+        super().__init__(states)
+        self._used = used
+
+    def __getitem__(self, key: Subject) -> Any:
+        self._used.add(key)
+        return super().__getitem__(key)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Independent errors: of each part (T, n, 6) by a variable of unit variance each, and what they are; part: the only one that has them,
+    None where all parts may."""
+
+    errors: dict[Subject, FloatArray]
+    kinds: list[_Kind]
+    part: Subject | None = None
+
+
+def _blocks(parts: Mapping[Subject, Part], rng: np.random.Generator, *, joint: bool) -> Iterator[_Block]:
+    """Yield the errors that all parts have in common, then those of each part; of all parts together where joint, as a fitted frame needs
+    them."""
+    if not parts:
+        return
+    widest = max((p.errors for p in parts.values()), key=lambda e: e.shared.shape[2])
+    columns = widest.shared.shape[2]
+    shared = {k: np.moveaxis(p.errors.shared, 2, 0) for k, p in parts.items()}
+    uniform, counted = (np.pad(np.array(of, dtype=np.bool_), (0, columns - len(of))) for of in (widest.uniform, widest.counted))
+    kinds = [_Kind(s, _law(u), c) for s, u, c in zip(widest.named()[2], uniform.tolist(), counted.tolist(), strict=True)]
+    yield _Block({k: np.pad(e, ((0, columns - len(e)), (0, 0), (0, 0))) for k, e in shared.items()}, kinds)
+    for which, random in ((0, True), (1, False)):
+        single = {k: _own_directions(p.errors, which, rng, drawn=joint) for k, p in parts.items()}
+        named = {k: (parts[k].errors.named()[which], _law(parts[k].errors.rounded)) for k in parts}
+
+        def kind(k: Subject, draws: bool, random: bool = random, named: Any = named) -> _Kind:
+            source, law = named[k]
+            return _Kind(source._replace(degrees_of_freedom=float(LINEAR_TRIALS)) if draws else source, law, random)
+
+        if joint:
+            yield _Block({k: e for k, (e, _) in single.items()}, [kind(next(iter(parts)), True)] * LINEAR_TRIALS)
+            continue
+        for k, (e, draws) in single.items():
+            if len(e):
+                yield _Block({k: e}, [kind(k, draws)] * len(e), k)
+
+
+def _law(uniform: bool) -> Literal["normal", "rectangular"]:
+    return "rectangular" if uniform else "normal"
+
+
+def _own_directions(e: PoseErrors, which: int, rng: np.random.Generator, *, drawn: bool) -> tuple[FloatArray, bool]:
+    """Return errors (T, n, 6) by the variables of `own` or `local` (which 0 or 1), one at a time, or draws whose squares add up alike; and
+    whether they are draws."""
+    columns, place = (e.own, np.arange(len(e))) if which == 0 else (e.local, e.place)
+    n, _, q = columns.shape
+    places = int(place.max()) + 1 if n else 0
+    if drawn or places * q > LINEAR_TRIALS:
+        z = e.drawn(rng, (LINEAR_TRIALS, places, q)) / np.sqrt(LINEAR_TRIALS)
+        return np.einsum("nij,tnj->tni", columns, z[:, place], optimize=True), True
+    every = np.zeros((places, q, n, 6))
+    every[place, :, np.arange(n)] = np.swapaxes(columns, 1, 2)
+    out = every.reshape(places * q, n, 6)
+    return out[(np.abs(out) > NO_ERROR).any(axis=(1, 2))], False
+
+
+def _row(kind: _Kind, derivatives: list[float]) -> Contribution:
+    """Return the row of a source from the derivatives by its variables."""
+    s = kind.source
+    return Contribution(s.name, float(np.linalg.norm(derivatives)), s.u, s.unit, kind.law, s.degrees_of_freedom, kind.random)

@@ -29,6 +29,8 @@ def certificate_html(certificate: dict[str, Any], measured: Measured) -> str:
         plots=plots(language, measured), value_of=summary.value_of, pieces=lambda name: html.pieces(texts_of.symbol_pieces(name)),
         excluded=texts_of.excluded(certificate), commanded_header=texts_of.commanded_header(language),
         commanded=texts_of.commanded(certificate), uncertainty=texts_of.uncertainty(certificate), notes=texts_of.notes(certificate),
+        budgets=texts_of.budgets(certificate), budget_header=texts_of.budget_header(language),
+        correlations=texts_of.correlations(certificate), contributions=texts_of.contributions(certificate),
         about=texts_of.about(certificate), inputs=texts_of.inputs(certificate), program=texts_of.program(certificate),
         statements=texts_of.statements(certificate), authoriser=texts_of.authoriser(certificate),
     )  # fmt: skip

@@ -43,7 +43,21 @@ def _unescaped(match: re.Match[str]) -> str:
 
 def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
     language, logo = certificate["language"], measured.logo
-    sections = ("summary", "about", "results", "pictures", "commanded", "excluded", "uncertainty", "notes", "inputs", "program")
+    sections = (
+        "summary",
+        "about",
+        "results",
+        "budget",
+        "correlations",
+        "contributions",
+        "pictures",
+        "commanded",
+        "excluded",
+        "uncertainty",
+        "notes",
+        "inputs",
+        "program",
+    )
     words = ("authoriser", "signature", "end", "page", "of", "only_item", "no_results", "nothing_excluded", "bullseye.text")
     state, outcome = say.outcome(certificate)
     return {
@@ -74,6 +88,13 @@ def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
         "excluded": say.excluded(certificate),
         "excluded_header": [word(language, "column.part"), word(language, "column.reason")],
         "uncertainty": [with_indices(line) for line in say.uncertainty(certificate)],
+        "budgets": [
+            {"title": with_indices(b.title), "rows": b.rows, "lines": list(map(with_indices, b.lines))} for b in say.budgets(certificate)
+        ],
+        "budget_header": say.budget_header(language),
+        "budget_text": with_indices(word(language, "budget.text")),
+        "correlations": say.correlations(certificate),
+        "contributions": say.contributions(certificate),
         "notes": [with_indices(line) for line in say.notes(certificate)],
         "inputs": say.inputs(certificate),
         "inputs_header": [word(language, "column.file"), "SHA-256"],

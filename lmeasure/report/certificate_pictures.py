@@ -4,10 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lmeasure.certificate import targets
+from lmeasure.certificate import chosen, targets
 from lmeasure.iso9283 import AttainedPath, Evaluation
 from lmeasure.report import certificate_text as say, drawings, html
-from lmeasure.report.summary import chosen
 from lmeasure.report.text import unit, word
 from lmeasure.text import number
 from lmeasure.trajectory import AttainedPose

@@ -1,12 +1,13 @@
 """What a certificate says, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
 
 import datetime
+import math
 import unicodedata
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from lmeasure.certificate import with_u95 as with_u95
-from lmeasure.iso9283 import quantity_of
+from lmeasure.certificate import chosen, gathered, halving, with_u95 as with_u95
+from lmeasure.iso9283 import key_of, quantity_of
 from lmeasure.report.text import unit, word
 from lmeasure.text import decimal, from_stated, number, numbers, settled, signs, texts
 
@@ -438,6 +439,94 @@ def phrase(certificate: dict[str, Any], text: str) -> str:
     entry = next((e for e in certificate.get("findings", []) if e["text"] == text), None)
     found = None if entry is None else from_stated(entry)
     return visible(signs(text if found is None else found.text(certificate["language"])))
+
+
+class Budget(NamedTuple):
+    """The budget of a result: its heading, rows by size, and lines under them."""
+
+    title: str
+    rows: Rows
+    lines: list[str]
+
+
+LEAST_SHOWN = 0.01
+"""Of u: smaller contributions have an empty cell."""
+BUDGET = ("source", "estimate", "u", "distribution", "sensitivity", "freedom", "contribution", "share")
+
+
+def budget_header(language: str) -> tuple[str, ...]:
+    """Header of a budget."""
+    return tuple(word(language, f"budget.{key}") for key in BUDGET)
+
+
+def budgets(certificate: dict[str, Any]) -> list[Budget]:
+    """Return the budgets of the results that matter most."""
+    return [_budget(certificate, one.figure) for one in chosen(certificate) if one.figure.get("budget")]
+
+
+def _budget(certificate: dict[str, Any], figure: Mapping[str, Any]) -> Budget:
+    language, found = certificate["language"], gathered(figure["budget"])
+    of_result = unit(language, visible(figure["unit"]))
+
+    def short(value: float | None, sign: str = "") -> str:
+        return "\u221e" if value is None else f"{number(language, value, '.3g')}\u00a0{unit(language, sign)}".rstrip("\u00a0")
+
+    rows: Rows = [
+        (phrase(certificate, row["source"]), short(row["value"]), short(row["u"], row["unit"] or "sd"),
+         word(language, f"distribution.{row['distribution']}"), short(row["sensitivity"]), short(row["degrees_of_freedom"]),
+         short(row["contribution"], of_result), number(language, row["share_percent"], ".1f"))
+        for row in found.rows
+    ]  # fmt: skip
+    if found.small:
+        size, share = found.together
+        name = word(language, "budget.small", number=len(found.small))
+        rows.append((name, "", "", "", "", "", short(size, of_result), number(language, share, ".2g")))
+    rows.append(
+        (word(language, "budget.sum"), "", "", "", "", short(figure.get("degrees_of_freedom")), short(figure["u"], of_result), "100")
+    )
+    shown = result(certificate, figure)
+    values = {"u": short(figure["u"], of_result), "k": shown.k, "u95": f"{shown.u95}\u00a0{shown.unit}"}
+    lines = [word(language, "budget.expanded", **values)]
+    if "u_drawn" in figure:
+        lines.append(word(language, "budget.drawn", u=short(figure["u_drawn"], of_result), bias=short(figure["bias"], of_result)))
+    sources, factor = halving(figure["budget"])
+    if sources:
+        names = ", ".join(phrase(certificate, name) for name in sources)
+        lines.append(word(language, "budget.halve", sources=names, factor=number(language, factor, ".2g")))
+    return Budget(", ".join((f"{shown.symbol} {shown.name}", place_of(language, figure))), rows, lines)
+
+
+def largest_source(certificate: dict[str, Any], figure: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+    """Return the largest source of a result's uncertainty in a sentence."""
+    values = {"name": result(certificate, figure).name, "source": phrase(certificate, row["source"])}
+    return word(certificate["language"], "limited.source", **values, share=number(certificate["language"], row["share_percent"], ".0f"))
+
+
+def contributions(certificate: dict[str, Any]) -> tuple[tuple[str, ...], Rows, list[str]]:
+    """Return what each source contributes to each result: header, rows, and the sources behind the numbers of the columns."""
+    language = certificate["language"]
+    figures = [f for f in certificate["characteristics"] if f.get("budget")]
+    sources = list(dict.fromkeys(row["source"] for f in figures for row in f["budget"]))
+    rows: Rows = []
+    for f in figures:
+        name = " ".join(filter(None, (visible(f["name"]), place_of(language, f), part_of(language, f))))
+        size = [math.hypot(*(row["contribution"] for row in f["budget"] if row["source"] == s)) for s in sources]
+        shown = (number(language, v, ".2g") if v >= LEAST_SHOWN * f["u"] else "" for v in size)
+        rows.append((f"{name}, {unit(language, visible(f['unit']))}", number(language, f["u"], ".2g"), *shown))
+    header = (word(language, "column.characteristic"), "u", *(str(i) for i in range(1, len(sources) + 1)))
+    named = [f"{i}: {phrase(certificate, s)}" for i, s in enumerate(sources, 1)]
+    return header, rows, [*named, word(language, "contributions.small", percent=f"{100 * LEAST_SHOWN:g}")]
+
+
+def correlations(certificate: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
+    """Return the correlations between the results that matter most: header and rows; empty where they are not known."""
+    found, language = certificate.get("correlations") or {"results": []}, certificate["language"]
+    places = {str(key_of(f)): f"{visible(f['name'])} {place_of(language, f)}" for f in certificate["characteristics"]}
+    names = [places.get(name, visible(name)) for name in found["results"]]
+    if len(names) < 2:
+        return (), []
+    rows = [(name, *(number(language, v + 0.0, ".2f") for v in row)) for name, row in zip(names, found["coefficients"], strict=True)]
+    return ("", *names), rows
 
 
 def statements(certificate: dict[str, Any]) -> list[str]:

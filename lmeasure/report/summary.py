@@ -1,50 +1,11 @@
 """What a reader must know of a certificate at a glance: the figures that matter most, chosen from certificate.json, never computed."""
 
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
-from lmeasure.iso9283 import quantity_of
+from lmeasure.certificate import chosen, gathered
 from lmeasure.report import certificate_text as say
 from lmeasure.report.text import word
-
-MOST = 10
-
-
-class Chosen(NamedTuple):
-    """A figure of certificate.json, and of how many of its name it is the worst."""
-
-    figure: Mapping[str, Any]
-    of: int
-
-
-def chosen(certificate: Mapping[str, Any]) -> list[Chosen]:
-    """At most `MOST` figures, one of a name: of each name the worst. Names with a stated tolerance come before others are left out.
-
-    Worst is the smallest probability to lie within its tolerance, and where none is stated the largest magnitude. Figures of excluded
-    parts of the program are none.
-    """
-    by_name: dict[str, list[Mapping[str, Any]]] = {}
-    for figure in certificate["characteristics"]:
-        if not figure.get("excluded"):
-            by_name.setdefault(str(figure["name"]), []).append(figure)
-    known = sorted((n for n in by_name if _place(n)[0] < math.inf or _held(by_name[n])), key=lambda n: (not _held(by_name[n]), _place(n)))
-    return [Chosen(min(by_name[n], key=_goodness), len(by_name[n])) for n in sorted(known[:MOST], key=_place)]
-
-
-def _place(name: str) -> tuple[float, str]:
-    """Where the list has a name: those first that tell most of a robot; a component is given by its vector."""
-    known = quantity_of(name)
-    return (math.inf if known is None else known.summary.get(name, math.inf), name)
-
-
-def _held(figures: Sequence[Mapping[str, Any]]) -> bool:
-    return any("conformity" in f for f in figures)
-
-
-def _goodness(figure: Mapping[str, Any]) -> tuple[float, float]:
-    held = figure.get("conformity")
-    return (2.0 if held is None else float(held["probability"]), -abs(float(figure["value"])))
 
 
 def sentence(certificate: dict[str, Any]) -> str:
@@ -69,14 +30,14 @@ def value_of(result: say.Result) -> str:
 
 
 def limits(certificate: dict[str, Any]) -> str:
-    """Return what limits the first figure's U95, and what U95 leaves out."""
+    """Return the largest source of the first figure's uncertainty, and what U95 leaves out."""
     language, found = certificate["language"], chosen(certificate)[:1]
     parts: list[str] = []
     if found and found[0].figure["u95"] is None:
         parts.append(word(language, "limited.unknown"))
     elif found:
-        larger = "systematic" if (found[0].figure.get("u_systematic") or 0.0) > (found[0].figure.get("u_random") or 0.0) else "random"
-        parts.append(word(language, f"limited.{larger}"))
+        largest = gathered(found[0].figure["budget"]).rows[:1] if found[0].figure.get("budget") else []
+        parts += [say.largest_source(certificate, found[0].figure, row) for row in largest]
     return " ".join([*parts, *filter(None, [say.left_out(certificate)])])
 
 

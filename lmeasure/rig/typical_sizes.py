@@ -43,6 +43,12 @@ class TypicalSize:
         return self._written(self.stated)
 
     @property
+    def in_unit(self) -> tuple[float, str]:
+        """Return the typical size as a number and its unit."""
+        unit = {"percent": "%", "kelvin": "K", "band": "count"}.get(self.unit, self.unit)
+        return (100.0 * self.value if self.unit == "percent" else self.value), unit
+
+    @property
     def stated_share(self) -> float:
         """Return the share of the typical size that such a measurement leaves."""
         return self.stated / self.value

@@ -46,6 +46,7 @@ from .uncertainty.pose_errors import (
     ErrorModel as ErrorModel,
     ErrorsOfFile as ErrorsOfFile,
     ErrorsOfRun as ErrorsOfRun,
+    ErrorSource as ErrorSource,
     PoseErrors as PoseErrors,
 )
 from .uncertainty.rounding import (

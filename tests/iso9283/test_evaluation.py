@@ -401,7 +401,7 @@ def test_the_same_input_gives_the_same_figures() -> None:
     assert one.characteristics == other.characteristics
     table = one.characteristics[0].as_dict()
     assert list(table)[:6] == ["name", "pose", "value", "unit", "u95", "capable"]
-    assert all(isinstance(v, str | float | int | bool | dict) for v in table.values())
+    assert all(isinstance(v, str | float | int | bool | dict | list) for v in table.values())
 
 
 def test_angles_of_a_pose_are_counted_from_the_commanded_ones() -> None:

@@ -10,7 +10,7 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 
 from lmeasure.iso9283 import CertificationSettings, evaluate
-from lmeasure.iso9283.characteristic import Characteristic
+from lmeasure.iso9283.characteristic import Characteristic, Contribution
 from lmeasure.iso9283.clauses.velocity import VelocityTest
 from lmeasure.iso9283.figure import OfInstants, Subject
 from lmeasure.iso9283.instants import most_planes, of_crossing, of_duration, on_times, with_instants
@@ -194,8 +194,8 @@ def test_instants_that_err_are_places_that_err_along_the_path() -> None:
 
 
 def test_a_duration_errs_by_both_ends_of_its_cycles_and_by_the_rate() -> None:
-    figure = Characteristic(
-        name="t_s", clause="7.4", value=2.0, unit="s", u95=0.03, capable=False, cycles=5, u_random=0.01, u_systematic=0.004
+    figure = Characteristic(name="t_s", clause="7.4", value=2.0, unit="s", u95=0.03, capable=False, cycles=5).with_budget(
+        (Contribution("counts", 0.01, random=True), Contribution("calibration", 0.004)), 0.03
     )
     stamps = replace(sound(np.arange(3.0)), kind="even", u_time_s=0.006, u_rate=1e-3)
     added = np.hypot(np.sqrt(2.0 / 5.0) * 0.006, 2e-3)
@@ -206,7 +206,7 @@ def test_a_duration_errs_by_both_ends_of_its_cycles_and_by_the_rate() -> None:
         assert found.u_systematic == pytest.approx(np.hypot(0.004, added))
         assert found.coverage_factor == pytest.approx(found.u95 / np.sqrt(0.01**2 + 0.004**2 + added**2))
     assert of_duration(figure, sound(np.arange(3.0))) is figure
-    exact = replace(figure, u95=0.0, u_random=None, u_systematic=None)
+    exact = figure.with_budget((), 0.0)
     assert with_instants(exact, OfInstants(0.0)).coverage_factor is None
     biased = with_instants(exact, OfInstants(0.01, 0.002))
     assert [biased.u95, biased.u_systematic] == pytest.approx([1.959964 * 0.01 + 0.002, 0.01], rel=1e-6)

@@ -9,13 +9,13 @@ import pytest
 import segno
 from lxml import etree
 
-from lmeasure.certificate import round_scale
+from lmeasure.certificate import chosen, round_scale
+from lmeasure.certificate.budget import MOST
 from lmeasure.certificate.details import Logo, read_details, read_logo
 from lmeasure.certificate.pictures import round_down
 from lmeasure.core import CertificationError
 from lmeasure.report import certificate_text as say, drawings, every_figure, headline
 from lmeasure.report.certificate_pictures import errors_in_space, figures
-from lmeasure.report.summary import MOST, chosen
 from lmeasure.report.text import with_indices
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -402,7 +402,9 @@ def covariances(
         closing = _closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, counts=lengths.counts[chosen], unused=unused)
         sources = (*found.sources, *(CLOSURE,) * closing.shape[2])
         uniform = (*found.uniform, *(False,) * closing.shape[2])
-        found = replace(found, factors=np.concatenate([found.factors, closing], axis=2), sources=sources, uniform=uniform)
+        assumed = (*found.assumed, *("",) * closing.shape[2])
+        factors = np.concatenate([found.factors, closing], axis=2)
+        found = replace(found, factors=factors, sources=sources, uniform=uniform, assumed=assumed)
     return found if scheme.point is None else _of_position(found)
 
 

@@ -101,6 +101,8 @@ class PoseCovariances(Shown):
     """Source of each systematic error, K, such as "calibration" or "start pose"."""
     uniform: tuple[bool, ...] = ()
     """Whether each systematic error is uniform instead of normal, K; empty: all normal."""
+    assumed: tuple[str, ...] = ()
+    """Key of the typical size that each systematic error is, K, empty of what is stated or calibrated; empty: none is assumed."""
 
     def about(self) -> dict[str, str]:
         """How many poses, how large the errors are at most, and what poses share."""
@@ -432,7 +434,9 @@ class Budget:
         None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
         G, own = self._own(poses, counts, u_mm, unused, compiled)
         factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self.every)[0]
-        return PoseCovariances(own, factors, self.sources, self.uniform)
+        mixed = () if self.estimate is None else self.origins
+        assumed = tuple("" if source in mixed else key for source in self.every for key in _assumed_in(source))
+        return PoseCovariances(own, factors, self.sources, self.uniform, assumed + ("",) * (len(self.sources) - len(assumed)))
 
     def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
         """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources; of all, as a run determined."""

@@ -1,30 +1,51 @@
 """What the instrument may err by at poses of a run: its random part from the counts, its systematic part from the calibration."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, se3, symmetric_root
 from lmeasure.recording import Run
+from lmeasure.rig import TYPICAL_SIZES
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.runs import covariances
 from lmeasure.trajectory.time.passes import Alignment
-from lmeasure.trajectory.uncertainty.budget import BY_CALIBRATION, DIMENSIONS, ORIGINS, PHYSICAL, RESTORED
-from lmeasure.trajectory.uncertainty.sources import PHASE
+from lmeasure.trajectory.uncertainty.budget import BY_CALIBRATION, DIMENSIONS, ORIGINS, PHYSICAL, RESTORED, TEMPERATURE
+from lmeasure.trajectory.uncertainty.sources import LENGTHS, PHASE, ZERO
 
 SOURCES = {
-    PHASE: "phase",
-    CLOSURE: "closure",
-    BY_CALIBRATION: "calibration",
-    DIMENSIONS: "dimensions",
-    PHYSICAL: "effects",
-    "start pose": "start",
+    PHASE: "source.phase",
+    CLOSURE: "source.closure",
+    BY_CALIBRATION: "source.calibration",
+    DIMENSIONS: "source.dimensions",
+    PHYSICAL: "source.effects",
+    "start pose": "source.start",
+    LENGTHS: "covers.of.lengths",
+    ORIGINS: "source.origins",
+    RESTORED: "covers.of.restored",
+    TEMPERATURE: "source.temperature",
+    ZERO: "covers.of.zeros",
+    "unknown start": "covers.of.unknown_start",
 }
 OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)
 """Sources that err anew in every run."""
+
+
+COUNT = 12.0**-0.5
+"""Standard uncertainty of a rounded count."""
+
+
+class ErrorSource(NamedTuple):
+    """A source of errors as a budget names it: its standard uncertainty u in a unit, 1 and empty where its variables have several;
+    degrees_of_freedom: of u, None where it is stated."""
+
+    name: Message | str
+    u: float = 1.0
+    unit: str = ""
+    degrees_of_freedom: float | None = None
 
 
 @dataclass(frozen=True)
@@ -35,7 +56,7 @@ class PoseErrors:
     place of this part, shared (n, 6, K) with s (K,) drawn once for the run. place (n,): numbers of the places, from 0. All variables are
     independent and of unit variance; rounded: u and z are what rounding leaves, uniform, else they are normal. s is normal but where
     uniform (K,) says otherwise. counted (K,): which of s are errors of the counters, drawn anew in every run, as u and z are, while the
-    others are those of the instrument. Both are False throughout by default.
+    others are those of the instrument. Both are False throughout by default. sources (K,): what each of s is, see `named`.
     """
 
     own: FloatArray
@@ -45,13 +66,34 @@ class PoseErrors:
     rounded: bool = False
     uniform: tuple[bool, ...] = ()
     counted: tuple[bool, ...] = ()
+    sources: tuple[ErrorSource, ...] = ()
 
     @classmethod
     def of(
-        cls, own: FloatArray, shared: FloatArray, *, rounded: bool = False, uniform: tuple[bool, ...] = (), counted: tuple[bool, ...] = ()
+        cls,
+        own: FloatArray,
+        shared: FloatArray,
+        *,
+        rounded: bool = False,
+        uniform: tuple[bool, ...] = (),
+        counted: tuple[bool, ...] = (),
+        sources: tuple[ErrorSource, ...] = (),
     ) -> "PoseErrors":
         """Errors that poses at one place have no more in common than others."""
-        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded, uniform, counted)
+        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded, uniform, counted, sources)
+
+    def named(self) -> tuple[ErrorSource, ErrorSource, tuple[ErrorSource, ...]]:
+        """The sources of own, of local and of each column of shared."""
+        size, kind = (COUNT, "count") if self.rounded else (1.0, "")
+        own, local = (f"source.{name}" for name in (("counts", "counts_of_place") if self.rounded else ("random", "systematic")))
+        unnamed = (ErrorSource(message("source.shared")),) * (self.shared.shape[2] - len(self.sources))
+        return ErrorSource(message(own), size, kind), ErrorSource(message(local), size, kind), (*self.sources, *unnamed)
+
+    def with_shared(self, column: FloatArray, source: ErrorSource, *, uniform: bool = False) -> "PoseErrors":
+        """The same with one more error (n, 6) that all poses of the run have in common."""
+        missing = (False,) * (self.shared.shape[2] - len(self.uniform))
+        shared = np.concatenate([self.shared, column[:, :, None]], axis=2)
+        return replace(self, shared=shared, uniform=(*self.uniform, *missing, uniform), sources=(*self.named()[2], source))
 
     def __len__(self) -> int:
         return len(self.own)
@@ -138,14 +180,25 @@ class ErrorsOfRun:
             rounded=True,
             uniform=found.uniform,
             counted=tuple(s in OF_COUNTERS for s in found.sources),
+            sources=tuple(self._source(*s) for s in zip(found.sources, found.assumed or ("",) * len(found.sources), strict=True)),
         )
         sources = message("source.counts"), *(_of_source(name) for name in dict.fromkeys(found.sources))
         return errors, message("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
 
+    def _source(self, name: str, assumed: str) -> ErrorSource:
+        """Return the source of a variable; assumed: the typical size that it is, empty of what is stated or calibrated."""
+        if assumed:
+            size = TYPICAL_SIZES[assumed]
+            return ErrorSource(message("source.assumed", what=size.what), *size.in_unit)
+        record = (self._run.run if isinstance(self._run, Alignment) else self._run).calibration
+        if name == BY_CALIBRATION and record is not None and record.equations > record.rank:
+            return ErrorSource(_of_source(name), degrees_of_freedom=float(record.equations - record.rank))
+        return ErrorSource(_of_source(name), COUNT, "count") if name == PHASE else ErrorSource(_of_source(name))
 
-def _of_source(name: str) -> str:
+
+def _of_source(name: str) -> Message | str:
     """Return what a source of errors is called."""
-    return message(f"source.{SOURCES[name]}") if name in SOURCES else name
+    return message(SOURCES[name]) if name in SOURCES else name
 
 
 class ErrorsOfFile:
