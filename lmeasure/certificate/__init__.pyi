@@ -19,7 +19,7 @@ from .compare import (
 )
 from .content import certificate as certificate, environment as environment, now as now
 from .dcc import Dcc as Dcc, dcc_xml as dcc_xml, read_dcc as read_dcc
-from .details import SCHEMA as SCHEMA, Details as Details
+from .details import SCHEMA as SCHEMA, Details as Details, read_details as read_details
 from .inputs import Inputs as Inputs, Measured as Measured, measure as measure
 from .laboratories import (
     Consensus as Consensus,

@@ -24,7 +24,7 @@ METHOD = 1
 """Raised whenever the same inputs give other results, or the same results another verdict."""
 
 
-LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno")
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno", "xlsxwriter")
 
 PLUG_IN = "plug-in "
 

@@ -3,6 +3,7 @@
 The schema belongs to its makers and is not part of this program: the XML is held against the XSD file the user names.
 """
 
+import calendar
 import datetime
 import math
 import re
@@ -14,6 +15,7 @@ from lxml import etree
 
 from lmeasure.core import CertificationError, FileFormatError
 from lmeasure.io import files
+from lmeasure.text import Message, message
 
 DCC = "https://ptb.de/dcc"
 SI = "https://ptb.de/si"
@@ -278,6 +280,33 @@ class Dcc:
     performed: datetime.date | None
     """Last day of the calibration."""
     results: tuple[DccResult, ...]
+    serial: str = ""
+    """Serial number of the item."""
+    traceable: bool | None = None
+    """Whether a statement calls the results traceable; None where none says so."""
+    expires: datetime.date | None = None
+    """Last day of validity, by a statement with a date and a period."""
+
+    @property
+    def traceability(self) -> str:
+        """The reference in a sentence, as a report states where its own traceability comes from."""
+        item = f"{self.item}, serial number {self.serial}" if self.serial else self.item
+        laboratory = f" of {self.laboratory}" if self.laboratory else ""
+        day = f", {self.performed.isoformat()}" if self.performed else ""
+        return f"{item or 'reference instrument'}: calibration certificate {self.identifier}{laboratory}{day}"
+
+    def doubts(self, day: datetime.date | None) -> tuple[Message, ...]:
+        """Return what is wrong with the reference on the day of its use, None where that is not known: expired, not yet calibrated, or
+        called not traceable."""
+        out = []
+        if self.expires is not None and (day is None or day > self.expires):
+            code = "dcc.undated" if day is None else "dcc.expired"
+            out.append(message(code, id=self.identifier, expires=self.expires.isoformat(), day=str(day)))
+        if day is not None and self.performed is not None and day < self.performed:
+            out.append(message("dcc.later", id=self.identifier, performed=self.performed.isoformat(), day=day.isoformat()))
+        if self.traceable is False:
+            out.append(message("dcc.not_traceable", id=self.identifier))
+        return tuple(out)
 
 
 def read_dcc(path: Path) -> Dcc:
@@ -312,12 +341,21 @@ def read_dcc(path: Path) -> Dcc:
             raise FileFormatError(f"{path}:{line}: {etree.QName(at).localname}: {found[:40]!r} is no number")
         return value
 
-    core, day = "dcc:administrativeData/dcc:coreData/dcc:", None
-    if ended := text(root, f"{core}endPerformanceDate"):
+    def date(found: str, name: str) -> datetime.date | None:
         try:
-            day = datetime.date.fromisoformat(ended)
+            # a day of XML may have a time zone
+            return datetime.date.fromisoformat(found[:10]) if found else None
         except ValueError:
-            raise FileFormatError(f"{path}: endPerformanceDate: {ended[:40]!r} is no date") from None
+            raise FileFormatError(f"{path}: {name}: {found[:40]!r} is no date") from None
+
+    core = "dcc:administrativeData/dcc:coreData/dcc:"
+    day = date(text(root, f"{core}endPerformanceDate"), "endPerformanceDate")
+    traceable, ends = set(), []
+    for statement in root.iterfind("dcc:administrativeData/dcc:statements/dcc:statement", {"dcc": DCC}):
+        traceable.add(text(statement, "dcc:traceable"))
+        begun, period = date(text(statement, "dcc:date"), "statement: date"), text(statement, "dcc:period")
+        if period and (begun or day):
+            ends.append(_after(begun or day, period, path))
     results = []
     for result in root.iterfind(".//dcc:result", {"dcc": DCC}):
         for real in result.iterfind(".//si:real", {"si": SI}):
@@ -336,4 +374,25 @@ def read_dcc(path: Path) -> Dcc:
         item=text(root, "dcc:administrativeData/dcc:items/dcc:item/dcc:name/dcc:content"),
         performed=day,
         results=tuple(results),
+        serial=text(root, "dcc:administrativeData/dcc:items/dcc:item/dcc:identifications/dcc:identification/dcc:value"),
+        traceable=False if traceable & {"false", "0"} else True if traceable & {"true", "1"} else None,
+        expires=min(ends, default=None),
     )
+
+
+_PERIOD = re.compile(r"P(?:(\d{1,4})Y)?(?:(\d{1,5})M)?(?:(\d{1,6})D)?(?:T[\dHMS.]+)?")
+
+
+def _after(begun: datetime.date | None, period: str, path: Path) -> datetime.date:
+    """Return the day a period of XML (P1Y6M) behind another."""
+    found = _PERIOD.fullmatch(period)
+    if begun is None or found is None or period in ("P", "PT"):
+        raise FileFormatError(f"{path}: statement: period: {period[:40]!r} is no period such as P1Y")
+    years, months, days = (int(part or 0) for part in found.groups())
+    months += 12 * (begun.year + years) + begun.month - 1
+    year, month = divmod(months, 12)
+    try:
+        last = calendar.monthrange(year, month + 1)[1]
+        return datetime.date(year, month + 1, min(begun.day, last)) + datetime.timedelta(days=days)
+    except (ValueError, OverflowError, calendar.IllegalMonthError):
+        raise FileFormatError(f"{path}: statement: period: {period[:40]!r} ends at no day") from None

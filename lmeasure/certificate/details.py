@@ -5,15 +5,17 @@ Everything is optional: what is not stated is named as not stated, never guessed
 
 import datetime
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import lxml.etree
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from lmeasure.certificate.dcc import read_dcc
 from lmeasure.core import CertificationError, FileFormatError
 from lmeasure.io import Strict, checked, files
+from lmeasure.text import Message
 
 SCHEMA = "lmeasure.report/1"
 
@@ -115,6 +117,15 @@ class Authoriser(Strict):
     """Function."""
 
 
+class Reference(Strict):
+    """Reference instrument by which the measuring instrument was calibrated."""
+
+    dcc: Text
+    """DCC of the reference instrument (.xml), path relative to this file."""
+    expires: Day | None = None
+    """Last day of its validity; default: as the DCC states it."""
+
+
 class Accreditation(Strict):
     """Accreditation of the laboratory. Without this table, the report is a test report without accreditation."""
 
@@ -146,7 +157,7 @@ class Details(Strict):
     sampling: Text | None = None
     """Selection of robot, poses or time."""
     traceability: Text | None = None
-    """Metrological traceability of the instrument's calibration."""
+    """Metrological traceability of the instrument's calibration; default: the certificate of the reference."""
     supplied: Text | None = None
     """Information supplied by the customer."""
     external: Text | None = None
@@ -157,6 +168,10 @@ class Details(Strict):
     """Logo of the laboratory for the first page: .svg, .png or .jpg, path relative to this file."""
     show_not_stated: bool | None = None
     """true: one row for each missing detail; default: one row that lists all of them."""
+    language: Literal["en", "ru"] | None = None
+    """Language of the report, if the command states none."""
+    rule: Literal["simple", "guarded"] | None = None
+    """Decision rule for tolerances, if the command states none."""
     laboratory: Party = Party()
     """Laboratory that measured."""
     customer: Party = Party()
@@ -169,6 +184,8 @@ class Details(Strict):
     """Environmental conditions."""
     authoriser: Authoriser = Authoriser()
     """Person responsible for the report."""
+    reference: Reference | None = None
+    """Reference instrument."""
     accreditation: Accreditation | None = None
     """Accreditation; for accredited laboratories only."""
 
@@ -207,6 +224,18 @@ def read_logo(details: Path, stated: Details) -> Logo | None:
     if root is None or lxml.etree.QName(root).localname != "svg":
         raise CertificationError(f"{path}: is no picture: a logo is an SVG, PNG or JPEG file")
     return Logo(content, "svg")
+
+
+def with_reference(details: Details, path: Path) -> tuple[Details, tuple[Message, ...]]:
+    """The details of a file with the traceability that the reference's DCC gives, and what is wrong with the reference when it was used."""
+    if details.reference is None:
+        return details, ()
+    dcc = read_dcc(path.parent / details.reference.dcc)
+    if details.reference.expires is not None:
+        dcc = replace(dcc, expires=datetime.date.fromisoformat(details.reference.expires))
+    day = details.dates.measured_to or details.dates.measured_from
+    doubts = dcc.doubts(None if day is None else datetime.date.fromisoformat(day))
+    return details.model_copy(update={"traceability": details.traceability or dcc.traceability}), doubts
 
 
 def read_details(path: Path) -> Details:

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from lmeasure.certificate.bundle import INPUTS, safe_name
-from lmeasure.certificate.details import Details, Logo, read_details, read_logo
+from lmeasure.certificate.details import Details, Logo, read_details, read_logo, with_reference
 from lmeasure.certificate.signature import digest
 from lmeasure.core import QUATERNION_COLUMNS, CertificationError, OtherTrajectoryError
 from lmeasure.io import columns_of, files
@@ -64,9 +64,11 @@ class Inputs:
         if self.details is not None:
             place = f"{INPUTS}/details.toml"
             out[place] = self.details
-            logo = read_details(self.details).logo
-            if logo is not None:
-                out[_beside(place, logo, f"{self.details}: logo")] = self.details.parent / logo
+            stated = read_details(self.details)
+            links = {"logo": stated.logo, "reference.dcc": None if stated.reference is None else stated.reference.dcc}
+            for key, link in links.items():
+                if link is not None:
+                    out[_beside(place, link, f"{self.details}: {key}")] = self.details.parent / link
         if self.run is not None:
             head = read_run_head(self.run, self.rig)
             out[f"{INPUTS}/run/run.toml"] = self.run / "run.toml"
@@ -197,12 +199,16 @@ def measure(inputs: Inputs, settings: CertificationSettings, progress: Progress 
 
 
 def _measured(inputs: Inputs, program: Program, settings: CertificationSettings, progress: Progress | None, *, same: bool) -> Measured:
-    details = Details() if inputs.details is None else read_details(inputs.details)
-    logo = None if inputs.details is None else read_logo(inputs.details, details)
+    details, logo = Details(), None
+    doubts: tuple[Message, ...] = ()
+    if inputs.details is not None:
+        details = read_details(inputs.details)
+        logo = read_logo(inputs.details, details)
+        details, doubts = with_reference(details, inputs.details)
     if inputs.run is None:
         trajectory = read_trajectory(inputs.trajectory, replace(inputs.beside, angles=settings.angles, likely=program.angles))
         evaluation = evaluate(trajectory, program, settings=settings, progress=progress)
-        return Measured(evaluation, trajectory, program, details, logo=logo, notes=trajectory.notes)
+        return Measured(evaluation, trajectory, program, details, logo=logo, notes=(*doubts, *trajectory.notes))
     run = read_run(inputs.run, inputs.rig)
     aligned = align(run)
     trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
@@ -210,7 +216,7 @@ def _measured(inputs: Inputs, program: Program, settings: CertificationSettings,
         _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    notes: tuple[Message | str, ...] = (*trajectory.notes, *trajectory.assumed.lines)
+    notes: tuple[Message | str, ...] = (*doubts, *trajectory.notes, *trajectory.assumed.lines)
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 

@@ -40,7 +40,8 @@ class Printer:
 class Verification:
     """What is different, if anything; how many figures agree; in what the environment differs and what that made of the figures at most.
 
-    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines.
+    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines. authorised: the name of the
+    key that signed it among those that may, empty where none of them did; None where none are named.
     """
 
     certificate: str
@@ -51,11 +52,12 @@ class Verification:
     largest: float = 0.0
     skipped: tuple[str, ...] = field(default=())
     beside: tuple[str, ...] = field(default=())
+    authorised: str | None = None
 
     @property
     def exit_code(self) -> int:
-        """0 the same, 1 a difference, 3 no difference but something that could not be compared."""
-        return 1 if self.differences else 3 if self.skipped else 0
+        """0 the same, 1 a difference or no authorised signer, 3 no difference but something that could not be compared."""
+        return 1 if self.differences or self.authorised == "" else 3 if self.skipped else 0
 
 
 def verify(
@@ -225,7 +227,9 @@ def _refuse(constant: str) -> float:
 def report_lines(found: Verification, *, asked: bool) -> list[str]:
     """Return the lines for a person: who signed it, then differences. asked: whether the signature was compared with a key."""
     out: list[str] = []
-    if found.signer is not None:
+    if found.authorised is not None:
+        out.append(message("verification.authorised" if found.authorised else "verification.not_authorised", name=found.authorised))
+    elif found.signer is not None:
         vouched = asked and not any(d.what == SIGNATURE for d in found.differences)
         out.append(message("verification.asked" if vouched else "verification.nobody", signer=found.signer[:16]))
     elif not any(d.what == SIGNATURE and d.text != UNSIGNED for d in found.differences):
@@ -237,8 +241,8 @@ def report_lines(found: Verification, *, asked: bool) -> list[str]:
         out.append(message("certificate.figures_differ_their_last", found=found.largest, limit=RELATIVE))
     digit = message("verification.within", limit=RELATIVE) if found.largest > 0.0 else message("verification.digit")
     computed = message("verification.computed", n=found.figures, digit=digit) if found.figures else ""
-    if found.differences:
-        number = len(found.differences)
+    if found.differences or found.authorised == "":
+        number = len(found.differences) + (found.authorised == "")
         code = "verification.differences" if number > 1 else "verification.difference"
         out.append(message(code, certificate=found.certificate or "certificate", n=number))
     elif found.skipped:

@@ -3,6 +3,7 @@ from .cluster import LOCAL as LOCAL, cluster_client as cluster_client, processor
 from .files import (
     LARGEST_TOML as LARGEST_TOML,
     abandoned as abandoned,
+    harmless as harmless,
     not_written as not_written,
     read_toml as read_toml,
     rewrite_toml as rewrite_toml,

@@ -158,6 +158,11 @@ def write_json(path: Path, content: object) -> None:
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
+def harmless(text: str) -> str:
+    """Return a text that a spreadsheet takes for no formula: ' before one that begins with = + - @, wide forms included, or a control."""
+    return f"'{text}" if text.lstrip()[:1] in (*"=+-@＝＋－＠",) or text[:1] in (*"\t\r\n",) else text
+
+
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write bytes, whole or not at all."""
     with whole(path) as temporary:

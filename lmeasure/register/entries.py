@@ -92,7 +92,10 @@ def _of_certificate(path: Path, made: datetime.date | None) -> Entry:
         u = None if figure["u95"] is None else figure["u95"] / (figure.get("coverage_factor") or NORMAL_95)
         results[f"{figure['name']} {where}".strip()] = Result(float(figure["value"]), u, figure["unit"])
     used = (content.get("measured_with") or {}).get("calibration") or {}
-    digests = [used.get("sha256"), *(i["sha256"] for i in content["inputs"] if Path(i["file"]).name == CALIBRATION)]
+    digests = [
+        used.get("sha256"),
+        *(i["sha256"] for i in content["inputs"] if Path(i["file"]).name == CALIBRATION or i["file"].endswith(".xml")),
+    ]
     return Entry(
         kind="certificate",
         digest=digest_of(path),
@@ -109,7 +112,8 @@ def _of_calibration(path: Path, made: datetime.date | None) -> Entry:
     record = read_calibration_record(path)
     unit = {"mm": "mm", "deg": "deg"}
     results = {p.name: Result(p.value, p.u, unit.get(p.name.rpartition("_")[2], "")) for p in record.parameters}
-    return Entry("calibration", digest_of(path), str(path), record.rig, made or datetime.date.today(), results, (), record.settings)
+    uses = tuple(i.sha256 for i in record.inputs if i.file.endswith(".xml"))
+    return Entry("calibration", digest_of(path), str(path), record.rig, made or datetime.date.today(), results, uses, record.settings)
 
 
 def _of_dcc(path: Path, made: datetime.date | None) -> Entry:

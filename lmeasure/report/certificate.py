@@ -26,7 +26,7 @@ from lmeasure.certificate import (
 )
 from lmeasure.core import CertificationError, ForeignFolderError
 from lmeasure.iso9283 import CertificationSettings, Evaluation
-from lmeasure.report import certificate_text as say
+from lmeasure.report import certificate_tables as tables, certificate_text as say
 from lmeasure.report.certificate_html import certificate_html
 from lmeasure.report.certificate_pdf import certificate_pdf
 from lmeasure.report.certificate_pictures import figures
@@ -37,6 +37,7 @@ from lmeasure.report.text import word
 PDF = "certificate.pdf"
 PAGE = "report.html"
 XML = "certificate.xml"
+BOOK, TABLE, ARRAYS = "certificate.xlsx", "certificate.csv", "certificate.mat"
 
 
 def print_pdf(content: dict[str, Any], measured: Measured) -> bytes:
@@ -58,13 +59,16 @@ PRINTERS = {
     PDF: Printer(print_pdf, pdf_text),
     PAGE: Printer(print_page, page_text, close=page_alike),
     XML: Printer(print_xml, xml_text, needed=False),
+    BOOK: Printer(tables.workbook, tables.workbook_text, needed=False, close=tables.workbook_alike),
+    TABLE: Printer(lambda content, _: tables.csv_table(content), tables.csv_text, needed=False, close=tables.csv_alike),
+    ARRAYS: Printer(tables.mat_file, tables.mat_text, needed=False, close=tables.mat_alike),
 }
 
 
 @dataclass(frozen=True)
 class Choices:
     """How a certificate is written: language; key to sign it with; dcc, and the XSD it must keep to; a zip of it beside the folder; force:
-    replace an earlier certificate."""
+    replace an earlier certificate; tables: a workbook, a .csv and a .mat file too."""
 
     language: str = "en"
     key: Path | None = None
@@ -72,6 +76,7 @@ class Choices:
     xsd: Path | None = None
     zipped: bool = False
     force: bool = False
+    tables: bool = False
 
 
 def write_certificate(
@@ -96,7 +101,7 @@ def write_certificate(
         versions = environment(measured.program.characteristics)
         content = certificate(measured, inputs, known, created=now(), language=choices.language, environment=versions)
         (folder / CERTIFICATE).write_bytes(canonical(content))
-        for name in (PDF, PAGE):
+        for name in (PDF, PAGE, *((BOOK, TABLE, ARRAYS) if choices.tables else ())):
             (folder / name).write_bytes(PRINTERS[name](content, measured))
         if choices.dcc:
             (folder / XML).write_bytes(dcc_xml(content, choices.xsd))

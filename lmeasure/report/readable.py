@@ -72,7 +72,7 @@ _ARRAY = re.compile(r'"dtype":"(f[48])","bdata":"([^"]*)"')
 def page_alike(one: bytes, other: bytes) -> bool:
     """Return whether two pages are the same, scripts and styles included, but for the last digits of numbers that are not whole."""
     lines = [_without_hashes(content.decode("utf-8", "backslashreplace")).split("\n") for content in (one, other)]
-    return len(lines[0]) == len(lines[1]) and all(a == b or _line_alike(a, b) for a, b in zip(*lines, strict=True))
+    return len(lines[0]) == len(lines[1]) and all(a == b or line_alike(a, b) for a, b in zip(*lines, strict=True))
 
 
 def _without_hashes(page: str) -> str:
@@ -83,7 +83,8 @@ def _without_hashes(page: str) -> str:
     return re.sub(r"'script\d{4}'(?: 'script\d{4}')*", lambda found: " ".join(sorted(found[0].split(" "))), page)
 
 
-def _line_alike(one: str, other: str) -> bool:
+def line_alike(one: str, other: str) -> bool:
+    """Return whether two texts are the same but for the last digits of numbers that are not whole."""
     a, b = (_NUMBER.split(_ARRAY.sub(_numbers, line)) for line in (one, other))
     return len(a) == len(b) and all(
         x == y or (i % 2 == 1 and math.isclose(float(x), float(y), rel_tol=1e-6, abs_tol=DRAWN))

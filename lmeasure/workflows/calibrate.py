@@ -1,5 +1,6 @@
 """From reference poses and counts to calibrated observation points."""
 
+import datetime
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -133,7 +134,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
     known = tuple(Distance(*each) for each in distances(settings.distance))
     chosen = CalibrationSettings(**{name: getattr(settings, name) for name in fit}, distances=known)
-    result = calibrate(campaign, chosen, steps(progress, "calibrating"))
+    result = _referred(calibrate(campaign, chosen, steps(progress, "calibrating")), settings.folder / "reference.xml")
     comparison = None if earlier is None else comparing_compare(earlier, result, settings.seed)
     write_calibration_page(out / "report.html", result, comparison, settings.language or of_terminal())
     write_calibration_record(out / "calibration.json", result.record)
@@ -157,6 +158,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
         {p.name: p.value for p in result.record.parameters} | {"residual_rms_mm": result.record.noise["residual_rms_mm"]},
         tuple(f"{w.code}: {w.text}" for w in result.record.warnings),
     )
+
+
+def _referred(result: "Calibration", path: Path) -> "Calibration":
+    """The calibration with warnings of its reference instrument, whose DCC may lie in the folder: today it is used."""
+    from lmeasure.certificate import read_dcc
+    from lmeasure.rig import Finding
+
+    if not path.is_file():
+        return result
+    doubts = (Finding(code="reference", text=text) for text in read_dcc(path).doubts(datetime.date.today()))
+    return replace(result, record=result.record.model_copy(update={"warnings": (*result.record.warnings, *doubts)}))
 
 
 def _campaign(settings: Settings) -> "Campaign":

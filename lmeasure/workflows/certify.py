@@ -42,6 +42,7 @@ class Settings(Writing):
     key: Annotated[Path | None, option("Sign with this private key (`lmeasure key`).", metavar="FILE")] = None
     dcc: Annotated[bool, option("Also write certificate.xml, a DCC 3.3.0.")] = False
     xsd: Annotated[Path | None, option("Validate the DCC with this schema.", metavar="FILE.xsd")] = None
+    tables: Annotated[bool, option("Also write certificate.xlsx (with formulas), .csv and .mat.")] = False
     zipped: Annotated[bool, option("Also write DIR.zip, and its digest next to it.", flag="--zip")] = False
     full: Annotated[bool, option("Print all results, not only the main ones.")] = False
     align: Annotated[bool, option("Fit the program's frame to the attained poses.", panel=CHOICES)] = False
@@ -52,7 +53,10 @@ class Settings(Writing):
     capability: Annotated[float, option("Largest U95 as a part of the result, for a verdict.", ge=0.0, le=1.0, panel=CHOICES)] = 0.25
     limit_deg: Annotated[float, option("Largest pressure angle for a verdict.", ge=0.0, le=90.0, panel=CHOICES)] = 60.0
     limit_u95_mm: Annotated[float | None, option("Largest U95 of a pose for a verdict.", ge=0.0, panel=CHOICES)] = None
-    rule: Annotated[Literal["simple", "guarded"], option("Decision rule for tolerances: simple or guarded.", panel=CHOICES)] = "guarded"
+    rule: Annotated[
+        Literal["simple", "guarded"] | None,
+        option("Decision rule for tolerances: simple or guarded; default as in the details, else guarded.", panel=CHOICES),
+    ] = None
     still_mm: Annotated[float, option("Largest motion within a pose window.", ge=0.0, panel=CHOICES)] = 0.2
     trials: Annotated[int, option("Number of Monte Carlo trials.", ge=100, panel=CHOICES)] = 4000
     seed: Annotated[int, option("Seed of Monte Carlo.", ge=0, panel=CHOICES)] = 0
@@ -68,7 +72,7 @@ class Settings(Writing):
 @workflow
 def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
     """Evaluate the measurement and write the sealed folder; what was made is the certificate."""
-    from lmeasure.certificate import Inputs
+    from lmeasure.certificate import Details, Inputs, read_details
     from lmeasure.iso9283 import CertificationSettings
     from lmeasure.report import Choices, every_figure, headline, write_certificate
 
@@ -80,11 +84,14 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     if settings.run is not None:
         refuse(settings, "is said of a trajectory from elsewhere; with --run the poses are those of its counts", *beside)
     known_convention(settings.angles)
-    same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "rule", "still_mm", "trials", "seed")
-    chosen = CertificationSettings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
+    template = Details() if settings.details is None else read_details(settings.details)
+    same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "still_mm", "trials", "seed")
+    own = {name: getattr(settings, name) for name in same}
+    chosen = CertificationSettings(limit_angle_deg=settings.limit_deg, rule=settings.rule or template.rule or "guarded", **own)
     measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
-    choices = Choices(settings.language or of_terminal(), settings.key, settings.dcc, settings.xsd, settings.zipped, settings.force)
+    as_written = ("key", "dcc", "xsd", "zipped", "force", "tables")
+    choices = Choices(settings.language or template.language or of_terminal(), **{name: getattr(settings, name) for name in as_written})
     try:
         content = write_certificate(settings.out, inputs, chosen, choices, progress=steps(progress, "certify"))
     except OtherTrajectoryError as error:

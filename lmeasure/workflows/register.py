@@ -171,17 +171,12 @@ def _due_json(due: "Due") -> dict[str, object]:
 def _export(path: Path, entries: "tuple[Entry, ...]") -> None:
     import pandas as pd
 
-    from lmeasure.io import files
+    from lmeasure.io import files, harmless
 
     rows = [
-        (e.made.isoformat(), e.kind, _harmless(e.subject), _harmless(n), r.value, r.u, r.unit, e.digest)
+        (e.made.isoformat(), e.kind, harmless(e.subject), harmless(n), r.value, r.u, r.unit, e.digest)
         for e in entries
         for n, r in e.results.items()
     ]
     table = pd.DataFrame(rows, columns=["made", "kind", "subject", "result", "value", "u", "unit", "sha256"])
     files.write_text(path, table.to_csv(index=False))
-
-
-def _harmless(text: str) -> str:
-    """Return a text that a spreadsheet takes for no formula."""
-    return f"'{text}" if text[:1] in "=+-@\t\r" else text

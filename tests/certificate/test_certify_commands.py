@@ -1,6 +1,8 @@
 """The commands of certificates as a user meets them: what they print, exit codes, nothing half-written."""
 
+import json
 import re
+import shutil
 from pathlib import Path
 
 import pyarrow as pa
@@ -9,6 +11,7 @@ import pytest
 from campaigns import write_campaign
 from typer.testing import CliRunner
 
+from lmeasure.certificate import dcc_xml
 from lmeasure.cli.app import app, main
 from lmeasure.core import LMeasureError
 
@@ -244,3 +247,48 @@ def test_a_trajectory_by_another_rig_than_the_runs_is_told_which_option_names_it
     assert not (tmp_path / "c").exists()
     code, text = run(*given, "--rig", rig, "--out", tmp_path / "c")
     assert code == 0, text
+
+
+def test_a_template_a_reference_and_an_authorised_signer(campaign: Path, tmp_path: Path) -> None:
+    """The details choose language and rule, and name the reference's DCC; one of the laboratory's keys signs."""
+    valid = "<dcc:statement><dcc:traceable>true</dcc:traceable><dcc:period>P1Y</dcc:period></dcc:statement></dcc:statements>"
+    of_tracker = {"country": "DE", "laboratory": {"name": "Lab"}, "dates": {"measured_to": "2025-01-31"}}
+    figure = {"name": "E", "value": 0.0, "unit": "mm", "u95": 0.02, "capable": True}
+    stated = {"id": "T-1", "created": "2025-02-01T00:00:00Z", "details": of_tracker, "environment": {}, "characteristics": [figure]}
+    (tmp_path / "tracker.xml").write_text(dcc_xml(stated).decode().replace("</dcc:statements>", valid))
+    (tmp_path / "details.toml").write_text(
+        'schema = "lmeasure.report/1"\nlanguage = "ru"\nrule = "simple"\n[reference]\ndcc = "tracker.xml"\n'
+        "[dates]\nmeasured_to = 2026-03-01\n"
+    )
+    for name in ("head", "other"):
+        assert run("key", "--out", tmp_path / f"{name}.pem")[0] == 0
+        (tmp_path / name).mkdir()
+        (tmp_path / f"{name}.pem.pub").rename(tmp_path / name / f"{name}.pub")
+    files = ("--program", campaign / "program.toml", "--details", tmp_path / "details.toml", "--key", tmp_path / "head.pem")
+    code, text = run("certify", campaign / "trajectory.parquet", *files, "--trials", "100", "--out", tmp_path / "c")
+    assert code == 0, text
+    content = json.loads((tmp_path / "c" / "certificate.json").read_text())
+    assert (content["language"], content["settings"]["rule"]) == ("ru", "simple")
+    assert (
+        content["details"]["traceability"] == "industrial robot, serial number not stated: calibration certificate T-1 of Lab, 2025-01-31"
+    )
+    assert "valid until 2026-01-31; it was used on 2026-03-01" in " ".join(content["notes"])
+    assert (tmp_path / "c" / "inputs" / "tracker.xml").is_file()
+    code, text = run("verify", tmp_path / "c", "--public-key", tmp_path / "head")
+    assert (code, text.startswith("authorised: head")) == (0, True), text
+    code, text = run("verify", tmp_path / "c", "--public-key", tmp_path / "other")
+    assert (code, text.startswith("NOT authorised")) == (1, True), text
+    assert "1 difference" in text
+
+
+def test_a_calibration_by_an_expired_reference_warns(tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    shutil.copytree(Path(__file__).parents[1] / "authorities" / "truth" / "cell-12-poses", folder)
+    period = "<dcc:statement><dcc:date>2020-01-01</dcc:date><dcc:period>P1Y</dcc:period></dcc:statement></dcc:statements>"
+    stated = {"id": "T-1", "created": "2020-01-01T00:00:00Z", "details": {"country": "DE"}, "environment": {}, "characteristics": []}
+    (folder / "reference.xml").write_text(dcc_xml(stated).decode().replace("</dcc:statements>", period))
+    code, text = run("calibrate", folder, "--out", tmp_path / "out")
+    assert (code, "T-1 was valid until 2021-01-01" in text) == (0, True), text
+    record = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert [w["code"] for w in record["warnings"]].count("reference") == 1
+    assert "reference.xml" in [i["file"] for i in record["inputs"]]

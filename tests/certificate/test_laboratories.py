@@ -1,5 +1,6 @@
 """Results of several laboratories, against published values and a few lines of NumPy."""
 
+import datetime
 import json
 from pathlib import Path
 from typing import Any
@@ -135,3 +136,35 @@ def test_older_ways_to_state_an_uncertainty_are_read(tmp_path: Path) -> None:
     for stated in (old, f"{standard}</si:measurementUncertaintyUnivariate>"):
         (tmp_path / "old.xml").write_text(text[:begin] + stated + text[end:])
         assert read_dcc(tmp_path / "old.xml").results[0].u == pytest.approx(0.02)
+
+
+STATEMENT = "<dcc:statement><dcc:traceable>{traceable}</dcc:traceable>{valid}</dcc:statement></dcc:statements>"
+
+
+@pytest.mark.parametrize(
+    ("traceable", "valid", "day", "codes"),
+    [
+        ("true", "<dcc:date>2026-03-05</dcc:date><dcc:period>P1Y</dcc:period>", "2027-03-05", []),
+        ("true", "<dcc:date>2026-03-05</dcc:date><dcc:period>P1Y</dcc:period>", "2027-03-06", ["dcc.expired"]),
+        ("false", "<dcc:period>P18M</dcc:period>", "2027-09-05", ["dcc.not_traceable"]),
+        ("true", "<dcc:period>P11M23D</dcc:period>", "2027-03-01", ["dcc.expired"]),
+        ("1", "<dcc:period>P30D</dcc:period>", None, ["dcc.undated"]),
+        ("true", "", "2026-03-04", ["dcc.later"]),
+    ],
+)
+def test_a_reference_states_traceability_and_expiry(tmp_path: Path, traceable: str, valid: str, day: str | None, codes: list[str]) -> None:
+    """A year from 5 March ends with 5 March; 11 months of 5 March end on 5 February, 23 days later on 28 February."""
+    text = dcc_xml(certificate("A", 0.5)).decode().replace("</dcc:statements>", STATEMENT.format(traceable=traceable, valid=valid))
+    (tmp_path / "c.xml").write_text(text)
+    dcc = read_dcc(tmp_path / "c.xml")
+    assert [d.code for d in dcc.doubts(None if day is None else datetime.date.fromisoformat(day))] == codes
+    assert "certificate LM-1 of A, 2026-03-05" in dcc.traceability
+
+
+@pytest.mark.parametrize("period", ["P", "1Y", "PxY", "P9999Y"])
+def test_a_period_that_is_none_is_one_line(tmp_path: Path, period: str) -> None:
+    text = dcc_xml(certificate("A", 0.5)).decode()
+    valid = f"<dcc:period>{period}</dcc:period>"
+    (tmp_path / "c.xml").write_text(text.replace("</dcc:statements>", STATEMENT.format(traceable="true", valid=valid)))
+    with pytest.raises(LMeasureError, match="period"):
+        read_dcc(tmp_path / "c.xml")

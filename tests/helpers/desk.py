@@ -28,7 +28,7 @@ SHORT = {
     "zone": f"zone run/rig.toml {GRID} --out OUT/zone.nc --report OUT/page",
     "inspect": "inspect run/rig.toml --out OUT/page.html",
     "program": "program --out OUT/program --x 0:500 --y 0:500 --z 0:500 --tests pose",
-    "certify": f"{CERTIFY} --out OUT/c --zip",
+    "certify": f"{CERTIFY} --out OUT/c --zip --tables",
     "mechanism": "mechanism rotopod --out OUT/m.json",
     "init": "init OUT/cell --template three-drums",
     "frames": "frames --robot plan/planned.csv --measured plan/planned.csv --out OUT/frames.json",

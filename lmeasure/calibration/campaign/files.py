@@ -52,7 +52,8 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
         raise FileFormatError(f"{folder}: is not a calibration folder{no_folder(folder, 'reference_poses.csv')}")
     rig = read_rig(folder / "rig.toml")
     poses = read_poses(folder / "reference_poses.csv", rig.angles, columns, positions_alone=True)
-    inputs = tuple(Input(file=name, sha256=files.sha256(folder / name)) for name in ("rig.toml", "reference_poses.csv", "counts.csv"))
+    named = ["rig.toml", "reference_poses.csv", "counts.csv", *(p.name for p in folder.glob("reference.xml"))]
+    inputs = tuple(Input(file=name, sha256=files.sha256(folder / name)) for name in named)
     path = folder / "counts.csv"
     table = files.read_table(path)
     names = table.text("pose")
