@@ -13,7 +13,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,6 +58,15 @@ _use = sa.Table(
     sa.Column("digest", sa.String(64), primary_key=True, index=True),
 )  # fmt: skip
 _version = sa.Table("version", _meta, sa.Column("number", sa.Integer, primary_key=True))
+
+
+class Subject(NamedTuple):
+    """A subject of a register: how many documents of a kind it has, and the day of the last."""
+
+    subject: str
+    kind: str
+    documents: int
+    last: str
 
 
 class Register:
@@ -112,6 +121,9 @@ class Register:
         with self._engine.begin() as connection:
             if self.path is not None:
                 connection.exec_driver_sql("BEGIN IMMEDIATE")
+            elif self._engine.dialect.name == "postgresql":
+                # two machines would else give two rows one number
+                connection.exec_driver_sql("LOCK TABLE entry IN EXCLUSIVE MODE")
             last = connection.execute(sa.select(_entry.c.number, _entry.c.hash).order_by(_entry.c.number.desc()).limit(1)).first()
             number, before = (0, ORIGIN) if last is None else (last.number, last.hash)
             for entry in entries:
@@ -128,6 +140,20 @@ class Register:
                     connection.execute(_use.insert(), [{"entry": number, "digest": d} for d in dict.fromkeys(entry.uses)])
                 added.append(entry)
         return tuple(added)
+
+    def subjects(self) -> tuple[Subject, ...]:
+        """Return the subjects of the register by kind of document, in order of their names."""
+        e = _entry.c
+        chosen = sa.select(e.subject, e.kind, sa.func.count(), sa.func.max(e.made))
+        with self._engine.connect() as connection:
+            rows = connection.execute(chosen.group_by(e.subject, e.kind).order_by(e.subject, e.kind)).all()
+        return tuple(Subject(*row) for row in rows)
+
+    def used(self, most: int = 1000) -> tuple[Entry, ...]:
+        """Return the registered documents that others depend on, the newest first."""
+        chosen = sa.select(_entry).where(_entry.c.digest.in_(sa.select(_use.c.digest))).order_by(_entry.c.made.desc()).limit(most)
+        with self._engine.connect() as connection:
+            return tuple(entry for _, entry in self._whole(connection, connection.execute(chosen).all()))
 
     def entries(self, kind: str = "", subject: str = "") -> tuple[Entry, ...]:
         """Return documents, oldest measurement first: all, of one kind, of one subject."""

@@ -152,6 +152,7 @@ ONWARD = {
     ),
     "key": (("/run/certify?key={out}", "workbench.certify"),),
     "certify": (("/run/verify?bundle={out}", "workbench.verify_certificate"), ("/trend", "workbench.certificates_over_time")),
+    "register": (("/register?folder={register_dir}", "workbench.register"),),
 }
 """What comes after a command; in braces stands what it was asked."""
 

@@ -28,7 +28,7 @@ from lmeasure.core import LMeasureError
 from lmeasure.io import not_written
 from lmeasure.report import kept
 from lmeasure.text import decimal, number, typed
-from lmeasure.workbench import api, certificates, pages, project_files, runs
+from lmeasure.workbench import api, certificates, pages, project_files, register, runs
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused, unread
 from lmeasure.workbench.guard import HERE as LOOPBACK, Door, Guard, secured
 from lmeasure.workbench.project import OWN
@@ -43,7 +43,7 @@ _OPTION = re.compile(r"--[a-z][\w-]*")
 for _name in COMMANDS:
     # at the start, in one thread: what two requests begin to load at once is seen in halves
     load(_name)
-ROUTES = (*pages.ROUTES, *project_files.ROUTES, *runs.ROUTES, *certificates.ROUTES, *api.ROUTES)
+ROUTES = (*pages.ROUTES, *project_files.ROUTES, *runs.ROUTES, *certificates.ROUTES, *register.ROUTES, *api.ROUTES)
 CANNOT_READ = (LMeasureError, OSError, RecursionError)
 """What reading a file of a project fails with: a document may be too deep."""
 

@@ -70,19 +70,18 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
         if settings.subject:
             lines += _of_subject(register, settings)
         waiting = due(register, limits)
-        every = register.entries()
-        kinds = [entry.kind for entry in every]
+        kinds = {kind: sum(s.documents for s in register.subjects() if s.kind == kind) for kind in _KINDS}
         if not (settings.recall or settings.subject or settings.verify):
-            lines.append(message("register.holds", count=len(every), name=register.name, **{k: kinds.count(k) for k in _KINDS}))
+            lines.append(message("register.holds", count=sum(kinds.values()), name=register.name, **kinds))
             lines += [_due_line(d, datetime.date.today()) for d in waiting]
         if settings.export is not None:
-            _export(settings.export, every)
+            _export(settings.export, register.entries())
         if settings.backup is not None:
             register.backup(settings.backup)
         answer: dict[str, object] = {"newest": register.newest, "faults": list(faults), "due": [_due_json(d) for d in waiting]}
     finally:
         register.close()
-    figures = {"entries": float(len(every)), "added": float(len(added)), "faults": float(len(faults))}
+    figures = {"entries": float(sum(kinds.values())), "added": float(len(added)), "faults": float(len(faults))}
     figures["overdue"] = float(sum(d.day is not None and d.day <= datetime.date.today() for d in waiting))
     written = present(register.path if settings.add else None)
     return Result(answer, tuple(lines), figures, files=written, failure="; ".join(faults))
