@@ -41,12 +41,13 @@ from lmeasure.kernels import (
     LANES,
     WIDTH,
     Linked,
+    length_gradients,
     roots_by_cable,
     scan,
     scan_lanes,
-    span_rows,
-    strict_gradients,
-    strict_lengths,
+    span_lengths,
+    span_rows_of,
+    tile,
 )
 
 Progress = Callable[[int, int], None]
@@ -116,7 +117,8 @@ def block_order(cables: FloatArray, positions: FloatArray, quaternions: FloatArr
         return np.arange(len(cables))
     some = positions[np.linspace(0, len(positions) - 1, min(len(positions), 200)).astype(np.int64)]
     turns = quaternions[np.linspace(0, len(quaternions) - 1, min(len(quaternions), 5)).astype(np.int64)]
-    directions = np.array([span_rows(cables, np.concatenate([at, turn]))[:, 3:] for at, turn in itertools.product(some, turns)])
+    poses = np.concatenate([np.repeat(some, len(turns), axis=0), np.tile(turns, (len(some), 1))], axis=1)
+    directions = span_rows_of(cables, poses)[:, :, 3:]
     triples = list(itertools.combinations(range(CABLES), 3))
     directions = np.where(np.isfinite(directions), directions, 0.0)
     volumes = [np.abs(np.linalg.det(directions[:, list(t)])) for t in triples]
@@ -141,7 +143,7 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
         around: dict[str, Any] = {"points": plan.points, "pairs": plan.pairs, "bodies": plan.bodies}
         return worst_figures(plan.channels, positions, plan.quaternions, **around)
     count = len(positions)
-    padded = np.concatenate([positions, np.repeat(positions[-1:], -count % LANES, axis=0)])
+    padded = np.concatenate([positions, np.repeat(positions[-1:], -count % tile(count, LANES), axis=0)])
     turns = Rotation.from_quat(plan.quaternions)
     order, of_tool = plan.order, plan.bodies[None, :, BODY_OF_TOOL, None] > 0
     rank = np.argsort(order)
@@ -177,7 +179,7 @@ def _linked(plan: Plan, order: IntArray) -> Linked | None:
         return None
     cables, scales, start = np.ascontiguousarray(plan.cables[order]), np.ascontiguousarray(plan.scales[order]), plan.start[None]
     factor = np.ascontiguousarray(plan.factor.reshape(m, WIDTH, columns)[order])
-    roots, begun, both = roots_by_cable(factor, strict_gradients(cables, start, np.zeros((1, m)), scales)[0])
+    roots, begun, both = roots_by_cable(factor, length_gradients(cables, start, np.zeros((1, m)), scales)[0])
     blocks, by_block = np.ascontiguousarray(_in_blocks(roots)), np.ascontiguousarray(_in_blocks(both))
     # of one function of one library: NumPy's own sine is another one on another processor
     angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, ALPHA : BETA + 1].tolist()]
@@ -188,7 +190,7 @@ def _linked(plan: Plan, order: IntArray) -> Linked | None:
         in_roots=np.asarray(blocks.any(axis=(-2, -1))),
         in_both=np.asarray(by_block.any(axis=(-2, -1))),
         drums=np.asarray(factor[:, [BY_SCALE, BY_TANGENT, BY_AXIAL, BY_PITCH]].any(axis=(1, 2))),
-        zero=strict_lengths(cables, start)[0],
+        zero=span_lengths(cables, start)[0],
         scales=scales,
         guides=np.array([(sa * sb, sa * cb, ca, -ca * cb, ca * sb, 0.0) for sa, ca, sb, cb in angles]),
     )

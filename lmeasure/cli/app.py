@@ -127,6 +127,11 @@ def run() -> NoReturn:
     except Exception:
         _code = NO_ANSWER
         raise
+    finally:
+        if "lmeasure.kernels.uncompiled" in sys.modules:
+            from lmeasure.kernels import compile_beside
+
+            compile_beside()
     raise SystemExit(0)
 
 

@@ -16,6 +16,7 @@ from lmeasure.cli.help import Command
 from lmeasure.cli.progress import FACES, SILENT, Face, opens_pages, quietly, reported_compiling, with_bar
 from lmeasure.cli.text import rendered
 from lmeasure.core import LMeasureError, SettingsError
+from lmeasure.kernels import compilation, used
 from lmeasure.text import message
 from lmeasure.workflows import Written, fields_of, flag_of, former_options, load, other_flags, rows_of_numbers, said_of, written
 
@@ -93,6 +94,8 @@ def _print(result: "Result[Any]", verbose: bool) -> None:
         typer.echo(f"{name}: {value:.9g}")
     for path in result.files if verbose else ():
         typer.echo(rendered(message("line.written", files=path)))
+    if verbose and (used or compilation.names):
+        typer.echo(rendered(message("line.kernels", uncompiled=tuple(sorted(used)), compiled=tuple(dict.fromkeys(compilation.names)))))
     if result.next and not result.failure:
         # a document on standard output stays alone
         typer.echo(rendered(message("workflow.next", command=result.next)), err=result.summary == (result.made,))

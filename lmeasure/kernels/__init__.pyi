@@ -1,3 +1,4 @@
+from .beside import compile_beside as compile_beside, compile_wanted as compile_wanted
 from .cable import (
     ON_AXIS_MM as ON_AXIS_MM,
     changes_from_counts as changes_from_counts,
@@ -130,6 +131,7 @@ from .screw import (
 )
 from .search import best_of as best_of, descend as descend
 from .travel import last_travel as last_travel
+from .uncompiled import tile as tile, used as used, wanted as wanted
 from .zone import (
     CANNOT_RUN as CANNOT_RUN,
     CLEARANCE as CLEARANCE,
@@ -150,12 +152,5 @@ from .zone import (
     scan as scan,
 )
 from .zone_lanes import scan_lanes as scan_lanes
-from .zone_linked import (
-    BLOCK as BLOCK,
-    BLOCKS as BLOCKS,
-    Linked as Linked,
-    roots_by_cable as roots_by_cable,
-    strict_gradients as strict_gradients,
-    strict_lengths as strict_lengths,
-)
+from .zone_linked import BLOCK as BLOCK, BLOCKS as BLOCKS, Linked as Linked, roots_by_cable as roots_by_cable
 from .zone_rows import LANES as LANES

@@ -34,7 +34,7 @@ import numpy as np
 from lmeasure.core import FloatArray
 from lmeasure.kernels import layout
 from lmeasure.kernels.angles import NOWHERE, distance_at, inclination_at, sensor_gradient, swivel_at
-from lmeasure.kernels.decorators import inline, kernel
+from lmeasure.kernels.decorators import inline, strict_kernel
 from lmeasure.kernels.external import external_at, external_gradient, is_external
 from lmeasure.kernels.vector import (
     Vec3,
@@ -54,7 +54,7 @@ from lmeasure.kernels.vector import (
 ON_AXIS_MM = 1e-9  # nearer to the swivel axis than this the side is a matter of rounding
 
 
-@kernel
+@strict_kernel
 def guide_direction(alpha: float, beta: float) -> Vec3:
     """Unit direction u of cable travel at B: against the way from B to the fixed pulley (alpha below the horizontal, beta from +Y
     towards +X)."""
@@ -170,78 +170,86 @@ def way_round(difference: float, kind: float) -> float:
     return difference - 2.0 * math.pi * math.floor(difference / (2.0 * math.pi) + 0.5)
 
 
-@kernel
+@strict_kernel
 def span_lengths(cables: FloatArray, poses: FloatArray) -> FloatArray:
     """(n, m) lengths F [mm] from B to the attachment point, for m cables at n poses; NaN where no cable can run. Of channels of another
     kind their readings."""
     out = np.empty((poses.shape[0], cables.shape[0]))
-    for i in range(poses.shape[0]):
+    for sample in range(poses.shape[0]):
         for j in range(cables.shape[0]):
-            out[i, j] = seen_at(cables[j], poses[i])[0]
+            out[sample, j] = seen_at(cables[j], poses[sample])[0]
     return out
 
 
-@kernel
+@strict_kernel
 def span_rows_of(cables: FloatArray, poses: FloatArray) -> FloatArray:
     """(n, m, 6) `span_rows` at (n, 7) poses."""
     out = np.empty((poses.shape[0], cables.shape[0], 6))
-    for i in range(poses.shape[0]):
+    for sample in range(poses.shape[0]):
         for j in range(cables.shape[0]):
-            _, moment, e = seen_at(cables[j], poses[i])
+            _, moment, e = seen_at(cables[j], poses[sample])
             for c in range(3):
-                out[i, j, c] = moment[c]
-                out[i, j, 3 + c] = e[c]
+                out[sample, j, c] = moment[c]
+                out[sample, j, 3 + c] = e[c]
     return out
 
 
-@kernel
+@strict_kernel
 def span_rows(cables: FloatArray, pose: FloatArray) -> FloatArray:
     """(m, 6) rows (arm x e ; e): rate of each length by the twist (omega; v), v at the tool origin, base axes."""
     return span_rows_of(cables, pose.reshape(1, -1))[0]
 
 
-@kernel
+@strict_kernel
 def wrap_geometry(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Where the cables run, for pictures and limits: (n, m, 3) pulley centres, tangent points and attachment points in the base frame,
     (n, m) wrapped angles [rad]."""
     n, m = poses.shape[0], cables.shape[0]
     centre, tangent, attachment = np.empty((n, m, 3)), np.empty((n, m, 3)), np.empty((n, m, 3))
     wrapped = np.zeros((n, m))
-    for i in range(n):
+    for sample in range(n):
         for j in range(m):
             base, u, radius = vec(cables[j], layout.BASE), vec(cables[j], layout.GUIDE), cables[j, layout.RADIUS]
-            point = add(vec(poses[i], layout.PLACE), rotate(orientation(poses[i]), vec(cables[j], layout.ATTACHMENT)))
+            point = add(vec(poses[sample], layout.PLACE), rotate(orientation(poses[sample]), vec(cables[j], layout.ATTACHMENT)))
             o, t = base, base
             if radius > 0.0:
                 s = leaving(sub(point, base), u, radius)
                 o = add(base, scale(radius, s.n))
                 t = add(o, add(scale(radius * s.sine, u), scale(-radius * s.cosine, s.n)))
-                wrapped[i, j] = s.phi
+                wrapped[sample, j] = s.phi
             for c in range(3):
-                centre[i, j, c], tangent[i, j, c], attachment[i, j, c] = o[c], t[c], point[c]
+                centre[sample, j, c], tangent[sample, j, c], attachment[sample, j, c] = o[c], t[c], point[c]
     return centre, tangent, attachment, wrapped
 
 
-@kernel
+@strict_kernel
 def changes_from_counts(cables: FloatArray, counts: FloatArray) -> FloatArray:
     """(n, m) changes D [mm] of the free cable from (n, m) true counts k (paid out positive)."""
     out = np.empty(counts.shape)
-    for i in range(counts.shape[0]):
+    for sample in range(counts.shape[0]):
         for j in range(counts.shape[1]):
-            out[i, j] = drum_change(
-                counts[i, j], cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], cables[j, layout.COUNT_LENGTH]
+            out[sample, j] = drum_change(
+                counts[sample, j],
+                cables[j, layout.TANGENT],
+                cables[j, layout.AXIAL],
+                cables[j, layout.TRAVEL],
+                cables[j, layout.COUNT_LENGTH],
             )
     return out
 
 
-@kernel
+@strict_kernel
 def counts_from_changes(cables: FloatArray, changes: FloatArray) -> FloatArray:
     """(n, m) true counts k, not rounded, from (n, m) changes of the free cable [mm]."""
     out = np.empty(changes.shape)
-    for i in range(changes.shape[0]):
+    for sample in range(changes.shape[0]):
         for j in range(changes.shape[1]):
-            out[i, j] = drum_count(
-                changes[i, j], cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], cables[j, layout.COUNT_LENGTH]
+            out[sample, j] = drum_count(
+                changes[sample, j],
+                cables[j, layout.TANGENT],
+                cables[j, layout.AXIAL],
+                cables[j, layout.TRAVEL],
+                cables[j, layout.COUNT_LENGTH],
             )
     return out
 
@@ -288,16 +296,16 @@ def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor:
         out[layout.BY_ATTACHMENT + c] = inward[c]
 
 
-@kernel
+@strict_kernel
 def length_gradients(cables: FloatArray, poses: FloatArray, counts: FloatArray, scales: FloatArray) -> FloatArray:
     """(n, m, layout.WIDTH) derivatives of F(pose) - D(k) by `PARAMETERS`, for (n, m) true counts and (m,) decoding scales."""
     out = np.empty((poses.shape[0], cables.shape[0], layout.WIDTH))
-    for i in range(poses.shape[0]):
+    for sample in range(poses.shape[0]):
         for j in range(cables.shape[0]):
             if cables[j, layout.KIND] == layout.CABLE:
-                length_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
+                length_gradient(cables[j], poses[sample], counts[sample, j], scales[j], out[sample, j])
             elif is_external(cables[j, layout.KIND]):
-                external_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
+                external_gradient(cables[j], poses[sample], counts[sample, j], scales[j], out[sample, j])
             else:
-                sensor_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
+                sensor_gradient(cables[j], poses[sample], counts[sample, j], scales[j], out[sample, j])
     return out

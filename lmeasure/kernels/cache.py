@@ -20,6 +20,7 @@ from typing import IO, Any
 from numba.core import caching
 from numba.core.registry import cpu_target
 
+from lmeasure.kernels.kept_folder import is_mine
 from lmeasure.kernels.progress import compilation
 
 try:
@@ -42,30 +43,11 @@ def ready() -> None:
     cpu_target.target_context.refresh()
 
 
-def own_folder(path: Path) -> bool:
-    """Whether the folder is there, made if need be, and is the user's own: nobody else may write in it."""
-    try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = path.lstat()
-        if not stat.S_ISDIR(found.st_mode) or not _is_mine(found):
-            return False
-        if os.name != "nt" and found.st_mode & 0o077:
-            path.chmod(0o700)
-    except OSError:
-        return False
-    return os.access(path, os.W_OK | os.X_OK)
-
-
-def _is_mine(found: os.stat_result) -> bool:
-    # Windows has no such owners and modes: there the folder lies in the user's profile
-    return os.name == "nt" or (found.st_uid == os.geteuid() and not found.st_mode & 0o022)
-
-
 def _read(path: str) -> bytes | None:
     """What was kept there; None where it is not as it was written, or not by this user."""
     with open(path, "rb") as file:  # noqa: PTH123 - numba's own paths are texts
         found = os.fstat(file.fileno())
-        if not stat.S_ISREG(found.st_mode) or not _is_mine(found):
+        if not stat.S_ISREG(found.st_mode) or not is_mine(found):
             return None
         content = file.read()
     head = len(MARK) + hashlib.sha256().digest_size

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray
-from lmeasure.kernels.decorators import inline, kernel
+from lmeasure.kernels.decorators import inline, strict_kernel
 
 FOLLOWED, EMPTY, JUMPED, UNSURE, FOREIGN, WENT_ON = range(6)
 RETURN_S = 0.1  # within which a jump back shows that the number was wrong and not the counter
@@ -26,7 +26,7 @@ def shortest(step: float, full: float) -> float:
     return step - full * math.floor(step / full + 0.5) if full > 0.0 else step
 
 
-@kernel
+@strict_kernel
 def resume_counting(
     recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
 ) -> tuple[FloatArray, IntArray]:
@@ -85,7 +85,7 @@ def resume_counting(
     return counts, what
 
 
-@kernel
+@strict_kernel
 def runs_on(
     values: IntArray,
     times: FloatArray,
@@ -115,7 +115,7 @@ def runs_on(
     return True
 
 
-@kernel
+@strict_kernel
 def rests(time_s: FloatArray, recorded: FloatArray, least_s: float) -> IntArray:
     """(k, 2) first and last sample of each stretch of least_s or more over which (n,) recorded counts stay the same; empty cells are
     passed over."""

@@ -9,17 +9,13 @@ no rig. What fails leaves NaN, as everywhere.
 import ctypes
 import logging
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
-import llvmlite.binding
 import numpy as np
-from llvmlite import ir
-from numba import types as numba_types
-from numba.core import cgutils as numba_cgutils
-from numba.extending import intrinsic
 
 from lmeasure.core import FloatArray, plug_in, plug_in_names
-from lmeasure.kernels.decorators import inline
+from lmeasure.kernels.decorators import inline, symbols
 from lmeasure.kernels.layout import (
     ANGLE_ZERO,
     BY_ANGLE_ZERO,
@@ -35,10 +31,6 @@ from lmeasure.kernels.layout import (
 from lmeasure.kernels.vector import Vec3
 
 GROUP = "lmeasure.sensors"
-# numba has no types of its own
-types: Any = numba_types
-cgutils: Any = numba_cgutils
-_intrinsic: Any = intrinsic
 KINDS = 64
 """How many kinds there can be."""
 READING_COLUMNS = 7
@@ -47,7 +39,7 @@ _POINTER = ctypes.POINTER(ctypes.c_double)
 _PROTOTYPE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _POINTER)
 _table = (ctypes.c_void_p * (2 * KINDS))()
 _kept: dict[int, Any] = {}
-llvmlite.binding.add_symbol(_SYMBOL, ctypes.addressof(_table))
+symbols[_SYMBOL] = ctypes.addressof(_table)
 
 Law = Callable[[FloatArray, FloatArray], FloatArray]
 """The row of a channel and a pose (7,) in; the reading with its rates by (omega; v) (7,), or derivatives by `PARAMETERS` (13,), out."""
@@ -111,18 +103,56 @@ for _place in range(2 * KINDS):
 
 def _copied(context: Any, builder: Any, kind: Any, value: Any, size: int) -> Any:
     """Copy an array of any layout to the stack: a law sees its numbers one behind the other, and cannot change them."""
+    from llvmlite import ir
+    from numba.core import cgutils
+
     array = context.make_array(kind)(context, builder, value)
-    (stride,) = cgutils.unpack_tuple(builder, array.strides, 1)
+    (stride,) = cgutils.unpack_tuple(builder, array.strides, 1)  # type: ignore[no-untyped-call]
     begin = builder.bitcast(array.data, ir.IntType(8).as_pointer())
-    out = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), size))
+    out: Any = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), size))  # type: ignore[no-untyped-call]
     for i in range(size):
         at = builder.gep(begin, [builder.mul(stride, ir.Constant(stride.type, i))])
-        builder.store(builder.load(builder.bitcast(at, ir.DoubleType().as_pointer())), cgutils.gep_inbounds(builder, out, 0, i))
-    return cgutils.gep_inbounds(builder, out, 0, 0)
+        value = builder.load(builder.bitcast(at, ir.DoubleType().as_pointer()))
+        builder.store(value, cgutils.gep_inbounds(builder, out, 0, i))  # type: ignore[no-untyped-call]
+    return cgutils.gep_inbounds(builder, out, 0, 0)  # type: ignore[no-untyped-call]
+
+
+class _Law:
+    """A call of the law at a place of the table, in compiled code and outside of it: (place, row, pose) in, numbers out."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+
+    def __call__(self, place: int, row: FloatArray, pose: FloatArray) -> tuple[Any, ...]:
+        if pose.ndim > 1:  # of many samples, by columns
+            return tuple(np.array([self(place, row, one) for one in pose.T]).reshape(-1, self._size).T)
+        out = np.empty(self._size)
+        _PROTOTYPE(_table[place] or 0)(*(np.ascontiguousarray(a, np.float64).ctypes.data_as(_POINTER) for a in (row, pose, out)))
+        return tuple(out)
+
+    @cached_property
+    def _numba_type_(self) -> Any:
+        from numba import types
+        from numba.core.typing.templates import infer, make_intrinsic_template
+
+        size, result = self._size, types.UniTuple(types.float64, self._size)  # type: ignore[no-untyped-call]
+
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return context.make_tuple(builder, result, _call(context, builder, signature, args, size))
+
+        def law(typing: Any, place: Any, row: Any, pose: Any) -> Any:
+            return result(types.int64, row, pose), code
+
+        template = make_intrinsic_template(self, law, f"law of {size}")  # type: ignore[no-untyped-call]
+        infer(template)  # type: ignore[no-untyped-call]
+        return types.Function(template)  # type: ignore[no-untyped-call]
 
 
 def _call(context: Any, builder: Any, signature: Any, args: Any, size: int) -> list[Any]:
     """Call the law at a place of the table with copies of row and pose; return what it put out."""
+    from llvmlite import ir
+    from numba.core import cgutils
+
     double, word = ir.DoubleType(), ir.IntType(64)
     function = ir.FunctionType(ir.VoidType(), [double.as_pointer()] * 3)
     table = builder.module.globals.get(_SYMBOL)
@@ -131,30 +161,13 @@ def _call(context: Any, builder: Any, signature: Any, args: Any, size: int) -> l
         table.linkage = "external"
     row = _copied(context, builder, signature.args[1], args[1], CABLE_COLUMNS)
     pose = _copied(context, builder, signature.args[2], args[2], POSE_COLUMNS)
-    out = cgutils.alloca_once(builder, ir.ArrayType(double, size))
+    out: Any = cgutils.alloca_once(builder, ir.ArrayType(double, size))  # type: ignore[no-untyped-call]
     law = builder.load(builder.gep(table, [word(0), args[0]]))
-    builder.call(law, [row, pose, cgutils.gep_inbounds(builder, out, 0, 0)])
-    return [builder.load(cgutils.gep_inbounds(builder, out, 0, i)) for i in range(size)]
+    builder.call(law, [row, pose, cgutils.gep_inbounds(builder, out, 0, 0)])  # type: ignore[no-untyped-call]
+    return [builder.load(cgutils.gep_inbounds(builder, out, 0, i)) for i in range(size)]  # type: ignore[no-untyped-call]
 
 
-@_intrinsic
-def _reading(typing: Any, place: Any, row: Any, pose: Any) -> Any:
-    result = types.UniTuple(types.float64, READING_COLUMNS)
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return context.make_tuple(builder, result, _call(context, builder, signature, args, READING_COLUMNS))
-
-    return result(types.int64, row, pose), code
-
-
-@_intrinsic
-def _gradient(typing: Any, place: Any, row: Any, pose: Any) -> Any:
-    result = types.UniTuple(types.float64, WIDTH)
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return context.make_tuple(builder, result, _call(context, builder, signature, args, WIDTH))
-
-    return result(types.int64, row, pose), code
+_reading, _gradient = _Law(READING_COLUMNS), _Law(WIDTH)
 
 
 @inline

@@ -6,10 +6,10 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels.cable import guide_direction, leaving, span
-from lmeasure.kernels.decorators import inline, kernel
+from lmeasure.kernels.decorators import inline, kernel, strict_kernel
 from lmeasure.kernels.vector import Vec3, norm, sine_cosine, sub
 
-WIDTH = 32  # candidates tried at a time
+LANES = 32  # candidates tried at a time
 
 
 @inline
@@ -36,71 +36,65 @@ def misfit(candidate: FloatArray, radius: float, points: FloatArray, changes: Fl
     return total
 
 
-@kernel
+@strict_kernel
 def best_of(
     candidates: FloatArray, keep: int, radius: float, points: FloatArray, changes: FloatArray, zeroed: BoolArray
 ) -> tuple[IntArray, FloatArray]:
-    """Indices (keep,) and misfits (keep,) [mm^2] of the best of (q, 5) candidates, best first; -1 and infinity where there are fewer.
+    """Indices (keep,) and misfits (keep,) [mm^2] of the best of (q, 5) candidates, q a whole number of `LANES_AT_ONCE`,
+    best first; -1 and infinity where there are fewer.
 
     A tile of candidates is given up as soon as all of it is worse than the last one kept, usually after a few poses.
     """
     index, value = np.full(keep, -1, np.int64), np.full(keep, math.inf)
-    place, way = np.empty((3, WIDTH)), np.empty((3, WIDTH))
-    start, total = np.empty(WIDTH), np.empty(WIDTH)
+    place, way = np.empty((3, LANES)), np.empty((3, LANES))
+    start, total = np.empty(LANES), np.empty(LANES)
     number = candidates.shape[0]
-    for first in range(0, number, WIDTH):
-        for lane in range(WIDTH):
-            c = min(first + lane, number - 1)
+    for first in range(0, number, LANES):
+        for lane in range(LANES):
             for axis in range(3):
-                place[axis, lane] = candidates[c, axis]
-            way[0, lane], way[1, lane] = candidates[c, 3], candidates[c, 4]
-        for lane in range(WIDTH):
+                place[axis, lane] = candidates[first + lane, axis]
+            way[0, lane], way[1, lane] = candidates[first + lane, 3], candidates[first + lane, 4]
+        for lane in range(LANES):
             sa, ca = sine_cosine(way[0, lane])
             sb, cb = sine_cosine(way[1, lane])
             way[0, lane], way[1, lane], way[2, lane] = -ca * sb, -ca * cb, sa
             total[lane] = 0.0
         bound = value[keep - 1]
         for i in range(points.shape[0]):
-            smallest = _add_pose(place, way, radius, (points[i, 0], points[i, 1], points[i, 2]), changes[i], zeroed[i], start, total)
+            _add_pose(place, way, radius, (points[i, 0], points[i, 1], points[i, 2]), changes[i], zeroed[i], start, total)
             # written so that NaN gives up too
-            if not smallest <= bound:
+            if not np.min(total) <= bound:
                 break
         else:
-            for lane in range(min(WIDTH, number - first)):
-                found = total[lane]
+            for i in range(LANES):
+                found = total[i]
                 if not found < value[keep - 1]:
                     continue
                 k = keep - 1
                 while k > 0 and value[k - 1] > found:
                     value[k], index[k] = value[k - 1], index[k - 1]
                     k -= 1
-                value[k], index[k] = found, first + lane
+                value[k], index[k] = found, first + i
     return index, value
 
 
 @inline
 def _add_pose(
     place: FloatArray, way: FloatArray, radius: float, point: Vec3, change: float, zeroed: bool, start: FloatArray, total: FloatArray
-) -> float:
-    """Add one pose's squared residuals to the totals (WIDTH,) of a tile, or begin a cable at its zero pose: the smallest of the totals.
+) -> None:
+    """Add one pose's squared residuals to the totals (LANES,) of a tile, or begin a cable at its zero pose.
 
-    place, way (3, WIDTH): positions and guide directions of the candidates.
+    place, way (3, LANES): positions and guide directions of the candidates.
     """
-    smallest = math.inf
     if zeroed:
-        for lane in range(WIDTH):
+        for lane in range(LANES):
             start[lane] = _length(place, way, radius, point, lane) - change
-            smallest = min(smallest, total[lane])
-        return smallest
-    for lane in range(WIDTH):
-        r = _length(place, way, radius, point, lane) - start[lane] - change
-        t = total[lane] + r * r
-        # a candidate where a cable cannot run is out, and its NaN must not hide the others
-        t = t if t < math.inf else math.inf
-        total[lane] = t
-    for lane in range(WIDTH):
-        smallest = min(smallest, total[lane])
-    return smallest
+    else:
+        for lane in range(LANES):
+            r = _length(place, way, radius, point, lane) - start[lane] - change
+            t = total[lane] + r * r
+            # a candidate where a cable cannot run is out, and its NaN must not hide the others
+            total[lane] = t if t < math.inf else math.inf
 
 
 @inline

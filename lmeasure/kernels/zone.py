@@ -13,7 +13,7 @@ from lmeasure.core import FloatArray, IntArray
 from lmeasure.kernels import layout
 from lmeasure.kernels.cable import drum_count, leaving, length_gradient, span_at
 from lmeasure.kernels.clearance import span_clearance
-from lmeasure.kernels.decorators import inline, kernel
+from lmeasure.kernels.decorators import inline, slow_to_compile, strict_kernel
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.least_squares import length_twists
 from lmeasure.kernels.screw import CABLES, attachment_speed, invert, platform_size
@@ -139,7 +139,7 @@ def _wrapped(cable: FloatArray, pose: FloatArray) -> float:
     return leaving(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE), cable[layout.RADIUS]).phi
 
 
-@kernel
+@strict_kernel
 def around(cables: FloatArray, poses: FloatArray, pairs: IntArray, bodies: FloatArray) -> FloatArray:
     """(n, 2) at (n, 7) poses: largest wrapped angle [rad], and least distance [mm] of pairs of cables and of cables from bodies."""
     out = np.empty((len(poses), 2))
@@ -161,7 +161,7 @@ def _norm2(twists: FloatArray, size: float) -> float:
     return norm2
 
 
-@kernel
+@slow_to_compile
 def scan(
     cables: FloatArray,
     positions: FloatArray,

@@ -8,7 +8,7 @@ cache. What a unit of each length does to the pose comes without pivots: of six 
 where that is not sound, or where a figure is not finite, are marked for the pivoted scalar kernel.
 
 Each stage is inlined, so that the compiler sees its rows as constants and vectorises it. Only + - * / and square roots are used, in a fixed
-order and without contraction (`strict_kernel`), so that every processor gives the same bits.
+order and without contraction (`slow_to_compile`), so that every processor gives the same bits.
 """
 
 import math
@@ -18,7 +18,7 @@ import numpy as np
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels.cable import leaving
 from lmeasure.kernels.clearance import span_clearance
-from lmeasure.kernels.decorators import inline, strict_kernel
+from lmeasure.kernels.decorators import inline, slow_to_compile
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.layout import BASE, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, GUIDE, RADIUS
 from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub, vec
@@ -47,6 +47,7 @@ from lmeasure.kernels.zone_rows import (  # fmt: skip
 from lmeasure.kernels.zone_six import inverse_twists
 
 LEAST_SOUND = 1e-3
+NOTHING = (0.0, 0.0, 0.0)
 
 
 @inline
@@ -101,8 +102,9 @@ def _add_product(B: FloatArray, S: FloatArray, T: FloatArray, row: int, L: Float
 def _radius(B: FloatArray, S: FloatArray, m: int, row: int, variance: FloatArray, L: FloatArray | None, worst: int) -> None:
     """Largest 95 % radius of what the columns c_j at `row` make of the lengths' covariance: of their variances alone, or of L, its lower
     triangle row by row, LANES each; total keeps what is not finite."""
-    for i in range(COVARIANCE * LANES, (COVARIANCE + 6) * LANES):
-        B[i] = 0.0
+    for lane in range(LANES):
+        put(B, COVARIANCE, lane, NOTHING)
+        put(B, COVARIANCE + 3, lane, NOTHING)
     if L is None:
         for j in range(m):
             _add_square(B, S[j * CABLE_ROWS * LANES :], row, variance[j])
@@ -138,7 +140,7 @@ def _to_body(B: FloatArray, S: FloatArray, d: Vec3, moves: float, way: Vec3, len
         least(B, WORST + CLEARANCE, lane, gap)
 
 
-@strict_kernel
+@slow_to_compile
 def scan_lanes(
     cables: FloatArray,
     positions: FloatArray,
@@ -170,7 +172,7 @@ def scan_lanes(
         L, H = np.empty(m * (m + 1) // 2 * LANES), np.zeros(2 * m * GRADIENT_ROWS * LANES)
     for first in range(0, n, LANES):
         for lane in range(LANES):
-            put(B, PLACE, lane, vec(positions[first + lane], 0))
+            put(B, PLACE, lane, (positions[first + lane, 0], positions[first + lane, 1], positions[first + lane, 2]))
             for f in range(len(WORST_START)):
                 B[(WORST + f) * LANES + lane] = WORST_START[f]
             B[SOUND * LANES + lane], B[TOTAL * LANES + lane] = math.inf, 0.0

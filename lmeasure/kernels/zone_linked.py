@@ -17,7 +17,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.kernels import layout
-from lmeasure.kernels.cable import drum_count, drum_way, leaving, length_gradients, span_lengths
+from lmeasure.kernels.cable import drum_count, drum_way, leaving
 from lmeasure.kernels.decorators import inline, strict_kernel
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub, vec
 from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, PLACE, at, put
@@ -26,8 +26,6 @@ BLOCK = 5
 BLOCKS = -(-layout.WIDTH // BLOCK)
 LENGTH = BLOCK * BLOCKS  # row of a cable's length behind those of its derivatives
 GRADIENT_ROWS = LENGTH + 1
-
-strict_gradients, strict_lengths = strict_kernel(length_gradients), strict_kernel(span_lengths)
 
 Five = tuple[float, float, float, float, float]
 

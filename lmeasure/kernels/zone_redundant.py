@@ -46,8 +46,9 @@ def least_squares_twists(B: FloatArray, S: FloatArray, N: FloatArray, arms: Floa
 
 @inline
 def _normal(N: FloatArray, S: FloatArray, arms: FloatArray, weights: FloatArray, plain: bool) -> None:
-    for i in range(NORMAL_ROWS * LANES):
-        N[i] = 0.0
+    for row in range(NORMAL_ROWS):
+        for lane in range(LANES):
+            N[row * LANES + lane] = 0.0
     for j in range(len(weights)):
         _add_row(N, S[j * CABLE_ROWS * LANES :], vec(arms[j], 0), 1.0 if plain else weights[j])
 

@@ -29,11 +29,11 @@ def put(B: FloatArray, row: int, lane: int, a: Vec3) -> None:
 
 @inline
 def least(B: FloatArray, row: int, lane: int, value: float) -> None:
-    i = row * LANES + lane
-    B[i] = value if value < B[i] else B[i]
+    kept = B[row * LANES + lane]
+    B[row * LANES + lane] = value if value < kept else kept
 
 
 @inline
 def most(B: FloatArray, row: int, lane: int, value: float) -> None:
-    i = row * LANES + lane
-    B[i] = value if value > B[i] else B[i]
+    kept = B[row * LANES + lane]
+    B[row * LANES + lane] = value if value > kept else kept

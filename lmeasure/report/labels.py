@@ -1,6 +1,5 @@
 """Labels of a drawing in space: each on the side of its marker where, as the page opens, nothing else stands."""
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,8 @@ REACH = 0.1
 WIDE = np.array([1.6, 1.0])
 """A label is wider than high."""
 STEPS = np.linspace(0.0, 1.0, 20)
+DENSE = 500
+"""A line of more points is an obstacle by its points alone."""
 GAP = "\u00a0\u00a0"
 
 
@@ -33,7 +34,7 @@ def place_labels(drawing: go.Figure) -> None:
     named = [t for t in drawing.data if t.type == "scatter3d" and "text" in (t.mode or "")]
     camera = drawing.layout.scene.camera.eye
     eye = (camera.x, camera.y, camera.z)
-    taken = [_seen(place, eye) for t in own for place in _places(t)]
+    taken = [_seen(_places(t), eye) for t in own]
     every = np.concatenate([_seen(_points(t), eye) for t in {id(t): t for t in own + named}.values()] or [np.empty((0, 2))])
     if not named or not len(every):
         return
@@ -77,8 +78,9 @@ def _points(trace: Any, *, whole: bool = False) -> FloatArray:
     return points if whole else points[np.isfinite(points).all(axis=1)]
 
 
-def _places(trace: Any) -> list[FloatArray]:
-    """Where a trace draws: its markers, and points along its lines."""
+def _places(trace: Any) -> FloatArray:
+    """(k, 3) where a trace draws: its markers, and points along its lines."""
     points = _points(trace, whole=True)
-    drawn = [points] if "lines" not in (trace.mode or "") else [a + STEPS[:, None] * (b - a) for a, b in itertools.pairwise(points)]
-    return [each[np.isfinite(each).all(axis=1)] for each in drawn]
+    if "lines" in (trace.mode or "") and len(points) <= DENSE:
+        points = (points[:-1, None] + STEPS[:, None] * np.diff(points, axis=0)[:, None]).reshape(-1, 3)
+    return points[np.isfinite(points).all(axis=1)]

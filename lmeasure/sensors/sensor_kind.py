@@ -16,7 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -29,9 +28,6 @@ STEP_RAD = 3e-5
 TURNS = [Rotation.from_rotvec([on, -on]).as_matrix() for on in STEP_RAD * np.eye(3)]
 """Small turns about each base axis, and back."""
 READING_COLUMNS = 7
-# numba has no types of its own
-_numba: Any = numba
-types, carray, cfunc, njit = _numba.types, _numba.carray, _numba.cfunc, _numba.njit
 _log = logging.getLogger("lmeasure")
 
 Reading = Callable[[FloatArray, FloatArray, FloatArray], float]
@@ -153,6 +149,10 @@ def _called(address: int, at: tuple[FloatArray, FloatArray]) -> FloatArray:
 
 def _compiled(reading: Reading, q: int, steps: list[float], period: float) -> tuple[Any, Any] | None:
     """Return the compiled reading with its rates, and the derivatives by the parameters; None where numba cannot compile the law."""
+    import numba
+
+    any_numba: Any = numba  # has no types of its own
+    types, carray, cfunc, njit = any_numba.types, any_numba.carray, any_numba.cfunc, any_numba.njit
     columns, places, own_steps = np.array(OWN_COLUMNS[:q], np.int64), np.array(OWN_PARAMETERS[:q], np.int64), np.array(steps)
     turns, width, attachment = np.array(TURNS), WIDTH, int(ATTACHMENT_XYZ.start)
     law: Any = njit(error_model="numpy")(reading)

@@ -16,7 +16,7 @@ import pytest
 
 from lmeasure import kernels
 from lmeasure.kernels import decorators
-from lmeasure.kernels.cache import own_folder
+from lmeasure.kernels.kept_folder import own_folder
 
 RECONSTRUCT = """
 import hashlib
@@ -63,7 +63,7 @@ def test_a_process_that_compiles_gives_the_digits_of_one_that_loads(tmp_path: Pa
 ONE = """
 import numpy as np
 from lmeasure.kernels import rests
-found = rests(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
+found = rests.dispatcher(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
 assert found.tolist() == [[1, 3]], found
 print("hits", sum(rests.stats.cache_hits.values()), "misses", sum(rests.stats.cache_misses.values()))
 """
@@ -88,7 +88,7 @@ def here(folder: Path) -> str:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
-        found = module.rests(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
+        found = module.rests.dispatcher(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
     assert found.tolist() == [[1, 3]]
     return f"hits {sum(module.rests.stats.cache_hits.values())} misses {sum(module.rests.stats.cache_misses.values())}"
 
@@ -164,7 +164,7 @@ from lmeasure.kernels import rests
 Path(sys.argv[1]).touch()
 while not all(map(Path.exists, map(Path, sys.argv[1:]))):
     time.sleep(0.001)
-rests(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
+rests.dispatcher(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
 print(*compilation.names)
 """
 

@@ -7,7 +7,7 @@ from scipy.stats import qmc
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import FloatArray
-from lmeasure.kernels import pose_covariances, span_lengths, span_rows_of
+from lmeasure.kernels import span_lengths, span_rows_of
 from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
 from lmeasure.sensors import cable_covariance, channel_names, counts_from_poses, further_solved, length_gradients_since
 
@@ -42,7 +42,7 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
     rows = workspace(campaign, seed)
     cables = campaign.drums
     zero = campaign.poses.rows[campaign.zero[0]]
-    kernel_rows, scales = rig.cable_rows(cables), rig.scales(cables)
+    kernel_rows = rig.cable_rows(cables)
     lengths = span_lengths(kernel_rows, rows)
     rows = rows[np.isfinite(lengths).all(axis=1)]
     counts = counts_from_poses(rig, rows, zero, cables)
@@ -57,10 +57,7 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
         u[:, j] = np.sqrt(np.maximum(np.einsum("na,ab,nb->n", g[:, j], own, g[:, j]), 0.0))
     pose = np.empty((len(rows), 0))
     if len(cables) == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
-        if wide:
-            return Prediction(rows, u, _of_poses(kernel_rows, rows, g, covariance))
-        _, systematic = pose_covariances(kernel_rows, zero, np.ascontiguousarray(rows), counts, scales, np.zeros(len(cables)), covariance)
-        pose = np.sqrt(np.maximum(np.einsum("nii->ni", systematic), 0.0))[:, [3, 4, 5, 0, 1, 2]]
+        pose = _of_poses(kernel_rows, rows, g, covariance)
     return Prediction(rows, u, pose)
 
 
