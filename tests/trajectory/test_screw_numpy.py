@@ -73,23 +73,18 @@ def test_beyond_75_degrees_the_kernels_decide() -> None:
 
 SHORT = """
 import sys
-from numba.core import event
-compiled = event.RecordingListener()
-event.register("numba:compile", compiled)
 from lmeasure.cli.app import main
-from lmeasure.core import Status
 try:
     main()
 except SystemExit as end:
     assert not end.code
-names = {e.data["dispatcher"].py_func.__module__ for _, e in compiled.buffer if e.is_start}
-print(sorted(n for n in names if n.startswith("lmeasure")), "pandas" in sys.modules)
+print([name for name in ("numba", "pandas") if name in sys.modules])
 """
 
 
-def test_a_short_log_compiles_nothing_and_loads_no_pandas(tmp_path: Path) -> None:
+def test_a_short_log_loads_neither_compiler_nor_pandas(tmp_path: Path) -> None:
     write_run(tmp_path / "run", record(cell(), *motion(500)))
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     arguments = ["reconstruct", str(tmp_path / "run"), "--out", str(tmp_path / "out.parquet")]
     done = subprocess.run([sys.executable, "-c", SHORT, *arguments], capture_output=True, text=True, check=True, env=environment)
-    assert done.stdout.splitlines()[-1] == "[] False"
+    assert done.stdout.splitlines()[-1] == "[]"
