@@ -88,6 +88,7 @@ def limit_words(say: Say = ENGLISH) -> dict[str, str]:
         "gaps": say("mechanism.gaps_carriages"),
         "base_cone": say("mechanism.angle_axis_base"),
         "platform_cone": say("mechanism.angle_axis_platform"),
+        "hooke": say("mechanism.turn_of_legs"),
         "regular": say("mechanism.nearness_singular_pose"),
         "stands": say("mechanism.standing"),
     }

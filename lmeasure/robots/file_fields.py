@@ -92,6 +92,10 @@ class Limits(Strict):
     """Largest angle between a leg and the base's z."""
     platform_cone_deg: Cone | None = None
     """Largest angle between a leg and the platform's z."""
+    leg_turn_deg: Cone | None = None
+    """Largest rotation of a leg on Hooke joints about itself, from the rotation at which both crosses are parallel."""
+    hooke_deg: Annotated[float, Field(gt=0.0, le=90.0)] | None = None
+    """Largest angle between a leg and the plane normal to the first axis of either of its Hooke joints."""
     singular: Annotated[float, Field(ge=0.0, lt=1.0)] = 1e-3
     """Smallest allowed ratio of the smallest to the largest singular value of the Jacobian."""
     mass_mm: tuple[Length, Length, Length] | None = None

@@ -1,4 +1,5 @@
 from .links import Linkage as Linkage, linkage_of as linkage_of, read_linkage as read_linkage
+from .measures import Parts as Parts, parts as parts
 from .record import (
     Boundary as Boundary,
     Described as Described,

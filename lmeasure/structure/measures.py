@@ -5,6 +5,7 @@ by lengths that are off by 1 mm together, and the radius that holds 95 % of the 
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -237,3 +238,48 @@ def along(linkage: Linkage, pose: FloatArray, to: FloatArray) -> dict[str, Any]:
 
 def _zero(before: float, after: float) -> float:
     return float(before / (before - after))
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The motion of n poses in two parts (thesis, conclusion): along the screw that lengths see least, `reciprocal`, and orthogonal to it,
+    a turn counted at the platform's rim.
+
+    reciprocal_mm, orthogonal_mm (n,): of the step from the pose before, 0 at the first; reciprocal_mm_per_mm, orthogonal_mm_per_mm (n,):
+    the largest error of each part by lengths that are off by 1 mm together. twists (n, 6): the screw (omega; v of the platform's origin),
+    of 1 mm.
+    """
+
+    reciprocal_mm: FloatArray
+    orthogonal_mm: FloatArray
+    reciprocal_mm_per_mm: FloatArray
+    orthogonal_mm_per_mm: FloatArray
+    twists: FloatArray
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Columns of a table beside those of the poses; errors without a bound, at singular poses, are empty."""
+        own = ("reciprocal_mm", "orthogonal_mm", "reciprocal_mm_per_mm", "orthogonal_mm_per_mm")
+        screw = zip(("screw_rx_rad", "screw_ry_rad", "screw_rz_rad", "screw_x_mm", "screw_y_mm", "screw_z_mm"), self.twists.T, strict=True)
+        return {name: np.where(np.isfinite(v := getattr(self, name)), v, np.nan) for name in own} | dict(screw)
+
+
+def parts(linkage: Linkage, poses: FloatArray) -> Parts:
+    """The parts of the motion along poses (n, 7); NaN at poses that are NaN and after them."""
+    known = np.asarray(~np.isnan(poses).any(axis=1))
+    unit = np.repeat([1.0 / rim_mm(linkage.platform), 1.0], 3)
+    lost, s = np.full((len(poses), 6), np.nan), np.full((len(poses), 6), np.nan)
+    rows = rows_at(linkage, poses[known])[1] * unit
+    good = np.isfinite(rows).all(axis=(1, 2))
+    at = np.flatnonzero(known)[good]
+    s[at], lost[at] = (part if i == 0 else part[:, -1] for i, part in enumerate(np.linalg.svd(rows[good])[1:]))
+    # one direction along the motion
+    for before, i in pairwise(at):
+        lost[i] *= 1.0 if lost[i] @ lost[before] >= 0.0 else -1.0
+    step = np.full((len(poses), 6), np.nan)
+    both = np.flatnonzero(known[1:] & known[:-1]) + 1
+    step[both] = se3.displacement(poses[both], poses[both - 1]) / unit
+    if known[:1].all():
+        step[:1] = 0.0
+    along = np.einsum("ni,ni->n", lost, step)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Parts(along, np.linalg.norm(step - along[:, None] * lost, axis=1), 1.0 / s[:, 5], 1.0 / s[:, 4], lost * unit)

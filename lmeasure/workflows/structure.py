@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 AT_A_POSE = "At a pose"
 LENGTHS = "Lengths"
+ALONG = "Along a trajectory"
 MOST_LEVELS = 50
 
 
@@ -84,6 +85,11 @@ class Settings(Writing):
         option("Largest pressure angle in the workspace; default no limit except singular poses.", panel=AT_A_POSE, within=(0.0, 90.0)),
     ] = None
     length_mm: Annotated[Pair | None, option("Smallest and largest length in the workspace.", metavar="MIN:MAX", panel=AT_A_POSE)] = None
+    trajectory: Annotated[
+        Path | None,
+        option("Trajectory whose motion is split into the screw that lengths see least and the rest.", metavar="TRAJECTORY", panel=ALONG),
+    ] = None
+    parts: Annotated[Path | None, option("Table of both parts to write.", metavar="FILE.csv", panel=ALONG)] = None
     report: Annotated[Path | None, option("Write structure.html, with drawings, into this folder.", metavar="DIR")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None
@@ -97,7 +103,7 @@ class Settings(Writing):
     def paths(self) -> Paths:
         """A description, its page and recording from a rig or a table."""
         report = () if self.report is None else inside(self.report, "structure.html")
-        return Paths((*present(self.out, self.rerun), *report), present(self.file))
+        return Paths((*present(self.out, self.rerun, self.parts), *report), present(self.file, self.trajectory))
 
 
 @workflow
@@ -129,6 +135,8 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         except StructureError as error:
             raise FileFormatError(f"{settings.file}: {error}") from None
         lines = described_lines(made)
+        if settings.trajectory is not None and settings.parts is not None:
+            lines.append(_split(linkage, settings.trajectory, settings.parts))
         progress(0.5, "structure")
         if settings.report is not None:
             from lmeasure.report import write_structure_page
@@ -144,6 +152,24 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         files.write_json(settings.out, made)
     written = () if settings.report is None else (message("line.written", files=settings.report / "structure.html"),)
     return Result(made, (*lines, *written), _figures(made))
+
+
+def _split(linkage: "Linkage", trajectory: Path, out: Path) -> str:
+    """Write both parts of a trajectory's motion."""
+    import numpy as np
+
+    from lmeasure.io import files
+    from lmeasure.structure import parts
+    from lmeasure.trajectory import read_trajectory
+
+    found = read_trajectory(trajectory)
+    own = parts(linkage, found.poses)
+    files.write_table(out, {"time_s": found.time_s} | own.columns())
+    worst = int(np.nanargmax(own.reciprocal_mm_per_mm))
+    return message(
+        "structure.parts_of_motion", time=float(found.time_s[worst]), along=float(own.reciprocal_mm_per_mm[worst]),
+        rest=float(own.orthogonal_mm_per_mm[worst]), file=out,
+    )  # fmt: skip
 
 
 def _of_robot(path: Path) -> "Linkage | None":
@@ -188,10 +214,12 @@ def _check(settings: Settings) -> None:
     if settings.position_mm is None:
         refuse(settings, "states an orientation without --position-mm", "quaternion")
         refuse(settings, "needs --position-mm, from where it begins", "to_mm", "boundary", "singular")
+    if (settings.trajectory is None) != (settings.parts is None):
+        raise SettingsError("trajectory", "goes with --parts FILE.csv, which is written")
     if settings.boundary is None:
         refuse(settings, "goes with --boundary", "levels", "reach_mm", "limit_deg", "length_mm")
     if settings.file is None:
-        refuse(settings, "is of a file's links, not of --list", "position_mm", "lengths_mm", "rerun", "design")
+        refuse(settings, "is of a file's links, not of --list", "position_mm", "lengths_mm", "rerun", "design", "trajectory")
     if settings.reach_mm is not None and not 0.0 < settings.reach_mm < math.inf:
         raise SettingsError("reach_mm", f"{settings.reach_mm:g} is no distance")
     if settings.limit_deg is not None and not 0.0 < settings.limit_deg <= 90.0:

@@ -1,6 +1,7 @@
 """`lmeasure mechanism` and `lmeasure dyads`: workspaces against a brute force of their own, tables, pages, recordings, refusals."""
 
 import json
+import tomllib
 from importlib.resources import files as resources
 from pathlib import Path
 
@@ -241,6 +242,24 @@ def _turn(q: np.ndarray) -> np.ndarray:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def test_legs_on_hooke_joints_turn_and_bend_no_farther_than_is_stated(tmp_path: Path) -> None:
+    """Thesis 5.8: at 20 degrees about z legs turn by 16.56 and 20.05 degrees; angles of joints by an own product."""
+    text = Path(str(robot_files.joinpath("logos.toml"))).read_text(encoding="utf-8")
+    turned = ["--quaternion", "fixed-xyz:0,0,20"]
+    data = tomllib.loads(text)
+    c, s = np.cos(np.radians(20.0)), np.sin(np.radians(20.0))
+    turn, home = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array(data["home"]["position_mm"])
+    bent = []
+    for leg in data["leg"]:
+        e = home + turn @ leg["platform_mm"] - leg["base_mm"]
+        for axis in (np.array(leg["base_axis"]), turn @ leg["platform_axis"]):
+            bent.append(90.0 - np.degrees(np.arccos(abs(e @ axis) / np.linalg.norm(e) / np.linalg.norm(axis))))
+    for key, value in (("leg_turn_deg", 20.06), ("hooke_deg", max(bent))):
+        for more, words in ((0.01, False), (-0.03, True)):
+            (tmp_path / "own.toml").write_text(text.replace("[[leg]]", f"[limits]\n{key} = {value + more}\n\n[[leg]]", 1))
+            assert ("outside" in run("mechanism", tmp_path / "own.toml", *turned)) == words
 
 
 def test_angles_of_the_documents_do_where_quaternions_do(tmp_path: Path) -> None:

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
+from lmeasure.io import files
 
 COLUMNS = 'schema = "lmeasure.structure/1"\n' + "".join(
     f"[{side}]\n" + "".join(f"{side[0].upper()}{i} = {p}\n" for i, p in enumerate(points, 1))
@@ -62,3 +64,43 @@ def test_what_cannot_be_analysed_is_refused(tmp_path: Path) -> None:
     code, said, record = found(tmp_path, "--position-mm", "0,0,0", links=LINKS + '[[link]]\nfrom = "B1"\nto = "P2"\n')
     assert (code, record) == (1, {})
     assert "7 links; singular poses are analysed for six" in said
+
+
+def test_a_motion_past_a_singular_pose_in_its_two_parts(tmp_path: Path) -> None:
+    """Thesis, conclusion: a turn about z of the columns is the part that lengths do not see, a shift is the other one."""
+    (tmp_path / "columns.toml").write_text(COLUMNS + LINKS)
+    turn = np.array([0.02, 0.01, 0.0, -0.01, -0.01, -0.01])
+    x = np.array([0.0, 0.0, 0.0, 0.0, 1e-4, 2e-4])
+    table = {
+        "time_s": np.arange(6.0),
+        "x_mm": x,
+        "y_mm": 0 * x,
+        "z_mm": 0 * x,
+        "qx": 0 * x,
+        "qy": 0 * x,
+        "qz": np.sin(turn / 2),
+        "qw": np.cos(turn / 2),
+    }
+    files.write_table(tmp_path / "t.csv", table)
+    words = ["structure", str(tmp_path / "columns.toml"), "--trajectory", str(tmp_path / "t.csv"), "--parts", str(tmp_path / "p.csv")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "nearest to a singular pose at 2 s" in done.output
+    found = files.read_table(tmp_path / "p.csv")
+    rim = np.linalg.norm(np.array([[0, -1], [1, 0], [0, 1]]) - [1 / 3, 0], axis=1).max()
+    along, rest = found.numbers("reciprocal_mm"), found.numbers("orthogonal_mm")
+    np.testing.assert_allclose(np.abs(along[:4]), [0.0, 0.01 * rim, 0.01 * rim, 0.01 * rim], rtol=2e-3, atol=1e-12)
+    np.testing.assert_allclose(rest[4:], 1e-4, rtol=2e-3)
+    assert np.abs(along[4:]).max() < 3e-6
+    # lengths off by 1 mm together move the body by so much: by differences of its own
+    base = np.array([[0, -1, -1.6], [1, 0, -1.6], [0, 1, -1.6], [0, -2.6, 0], [2.6, 0, 0], [0, 2.6, 0]])
+    body = np.array([[0, -1, 0], [1, 0, 0], [0, 1, 0]] * 2, dtype=float)
+
+    def lengths(step: np.ndarray) -> np.ndarray:
+        turned = Rotation.from_rotvec(step[:3] / rim) * Rotation.from_rotvec([0, 0, turn[1]])
+        return np.asarray(np.linalg.norm(turned.apply(body) + step[3:] - base, axis=1))
+
+    J = np.array([(lengths(h) - lengths(-h)) / 2e-6 for h in 1e-6 * np.eye(6)]).T
+    gains = np.linalg.svd(np.linalg.inv(J), compute_uv=False)
+    assert gains[0] == pytest.approx(float(found.numbers("reciprocal_mm_per_mm", gaps=True)[1]), rel=1e-5)
+    assert gains[1] == pytest.approx(float(found.numbers("orthogonal_mm_per_mm")[1]), rel=1e-5)

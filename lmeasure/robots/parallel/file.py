@@ -300,7 +300,10 @@ class ParallelFile(Strict):
         """The robot that computes."""
         home, legs = self.home.row, []
         for leg in self.leg:
-            carried = None
+            carried: Any = None
+            if isinstance(leg, Strut) and leg.base_axis is not None and leg.platform_axis is not None:
+                axes = np.array([leg.base_axis, leg.platform_axis])
+                carried = axes / np.linalg.norm(axes, axis=1, keepdims=True)
             if isinstance(leg, Way):
                 rods = tuple((rod.base_mm, rod.platform_mm, rod.rod_mm) for rod in self.leg if isinstance(rod, Rod))
                 driver = Driver(leg.platform_mm, leg.step_mm, (leg.min_mm, leg.max_mm))

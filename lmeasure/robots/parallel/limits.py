@@ -28,6 +28,8 @@ class Checks:
     """Legs to the base's z."""
     platform_cone: BoolArray
     """Legs to the platform's z."""
+    hooke: BoolArray
+    """Turns of legs about themselves, and angles of their Hooke joints."""
     regular: BoolArray
     """Away from singular poses."""
     stands: BoolArray
@@ -72,6 +74,7 @@ def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
         gaps=_gaps(robot, limits, safe),
         base_cone=cone(np.broadcast_to([0.0, 0.0, 1.0], normal.shape), limits.base_cone_deg),
         platform_cone=cone(normal, limits.platform_cone_deg),
+        hooke=_hooked(robot, limits, spans / far[..., None], there),
         regular=reached & (nearness(robot.jacobians(there, safe).output, robot.units) > limits.singular),
         stands=every if limits.mass_mm is None else _stands(feet, se3.apply(there, np.tile(limits.mass_mm, (len(there), 1)))),
     )
@@ -131,6 +134,32 @@ def _stands(feet: FloatArray, mass: FloatArray) -> BoolArray:
     feet = np.take_along_axis(feet, order[..., None], axis=1)
     chord, to_mass = np.roll(feet, -1, axis=1) - feet, mass[:, None, :] - feet
     return np.asarray((chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0] > 0.0).all(axis=1))
+
+
+def hooke_turns(e: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """(...,) rad by which a leg of unit direction e (..., 3) turns about itself, signed, against where both crosses, of first axes low and
+    high (..., 3), are parallel: atan2(e . (e x h) x (e x k), (e x h) . (e x k)) (thesis 5.8)."""
+    one, other = np.cross(e, low), np.cross(e, high)
+    return np.asarray(np.arctan2((e * np.cross(one, other)).sum(axis=-1), (one * other).sum(axis=-1)))
+
+
+def _hooked(robot: Parallel, limits: Limits, directions: FloatArray, poses: FloatArray) -> BoolArray:
+    """(N,) whether struts between Hooke joints keep their limits; directions (N, k, 3) of the legs that have one."""
+    kept = np.ones(len(poses), np.bool_)
+    if limits.leg_turn_deg is None and limits.hooke_deg is None:
+        return kept
+    turn = se3.matrices(poses)
+    spanned = [leg for leg in robot.legs if leg.kind not in ("plane", "way")]
+    for e, leg in zip(np.moveaxis(directions, 1, 0), spanned, strict=True):
+        if leg.kind != "strut" or leg.carried is None:
+            continue
+        low, high = leg.carried[0], turn @ leg.carried[1]
+        if limits.leg_turn_deg is not None:
+            kept &= np.degrees(np.abs(hooke_turns(e, low, high))) <= limits.leg_turn_deg + 1e-9
+        if limits.hooke_deg is not None:
+            sines = np.abs(np.stack([e @ low, (e * high).sum(axis=1)]))
+            kept &= np.degrees(np.arcsin(np.minimum(sines, 1.0))).max(axis=0) <= limits.hooke_deg + 1e-9
+    return kept
 
 
 def _gaps(robot: Parallel, limits: Limits, drives: FloatArray) -> BoolArray:

@@ -13,9 +13,9 @@ from lmeasure.kernels import radius_95
 from lmeasure.linkages import mobility
 from lmeasure.robots.model import joint_columns
 from lmeasure.robots.parallel.completion import KINDS as COMPLETED, completed
-from lmeasure.robots.parallel.file import ParallelFile, Strut
+from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.parallel.jacobians import Jacobians, Singular, nearness, singular, velocities
-from lmeasure.robots.parallel.limits import Checks, checked, own_roots, ranges
+from lmeasure.robots.parallel.limits import Checks, checked, hooke_turns, own_roots, ranges
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS
 
 BLOCK = 20000
@@ -312,15 +312,13 @@ def _ended_by(file: ParallelFile, found: Workspace, orientation: FloatArray) -> 
 
 
 def leg_turns(file: ParallelFile, pose: FloatArray) -> dict[str, float]:
-    """[deg] by which legs between Hooke joints turn about themselves at a pose (7,), signed, against where both crosses are parallel:
-    atan2(e . (e x h) x (e x k), (e x h) . (e x k)) of the leg's direction e and the crosses' fixed axes h, k (thesis 5.8)."""
+    """[deg] by which legs between Hooke joints turn about themselves at a pose (7,), signed: `limits.hooke_turns`."""
     out = {}
-    for leg in file.leg:
-        if isinstance(leg, Strut) and leg.base_axis is not None and leg.platform_axis is not None:
-            away = se3.apply(pose, np.array(leg.platform_mm)) - np.array(leg.base_mm)
+    for leg in file.model.legs:
+        if leg.kind == "strut" and leg.carried is not None:
+            away = se3.apply(pose, leg.point) - leg.values[:3]
             e = away / np.linalg.norm(away)
-            low, high = np.cross(e, leg.base_axis), np.cross(e, se3.matrices(pose) @ np.array(leg.platform_axis))
-            out[leg.name] = float(np.degrees(np.arctan2(e @ np.cross(low, high), low @ high)))
+            out[leg.name] = float(np.degrees(hooke_turns(e, leg.carried[0], se3.matrices(pose) @ leg.carried[1])))
     return out
 
 
