@@ -83,4 +83,10 @@ from .sensor_table import (
     table_of as table_of,
 )
 from .sensors import Distance as Distance, Inclination as Inclination, Swivel as Swivel
-from .typical_sizes import TYPICAL_SIZES as TYPICAL_SIZES, WARMER_K as WARMER_K, TypicalSize as TypicalSize, Unstated as Unstated
+from .typical_sizes import (
+    STEEL_PER_K as STEEL_PER_K,
+    TYPICAL_SIZES as TYPICAL_SIZES,
+    WARMER_K as WARMER_K,
+    TypicalSize as TypicalSize,
+    Unstated as Unstated,
+)

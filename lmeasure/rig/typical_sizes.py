@@ -56,10 +56,12 @@ class TypicalSize:
     def _written(self, value: float) -> Message:
         if self.unit == "band":
             return message("size.band", counts=round(2.0 * value))
-        return message(f"size.{self.unit}", **{self.unit: 100.0 * value if self.unit == "percent" else value})
+        return message(f"size.{self.unit}", **{self.unit.partition("_of_")[0]: 100.0 * value if self.unit == "percent" else value})
 
 
 WARMER_K = 5.0
+STEEL_PER_K = 11.5e-6
+"""Expansion of steel."""
 _SIZES = (
     TypicalSize("u_count_length_mm", 5e-4, 1e-4, "percent", "count_length", relative=True),
     TypicalSize("u_groove_pitch_mm", 0.01, 0.002, "mm", "groove_pitch"),
@@ -70,9 +72,11 @@ _SIZES = (
     TypicalSize("u_backlash_counts", 1.0, 0.0, "band", "backlash"),
     TypicalSize("u_friction_counts", 4.0, 1.0, "band", "friction"),
     TypicalSize("temperature_c", WARMER_K, 0.5, "kelvin", "temperature"),
+    TypicalSize("calibration.temperature_c", WARMER_K, 0.5, "kelvin_of_calibration", "calibration_temperature"),
+    TypicalSize("cable_expansion_per_k", STEEL_PER_K, 1e-6, "per_k", "expansion"),
     TypicalSize("u_position_mm", 0.3, 0.02, "mm", "start_position"),
     TypicalSize("u_rotation_deg", 0.05, 0.003, "deg", "start_rotation"),
     TypicalSize("u_length_mm", 0.3, 0.05, "mm", "start_length"),
 )
 TYPICAL_SIZES = {size.key: size for size in _SIZES}
-"""The one table of typical sizes, by the key that states each: of rig.toml down to friction, then of run.toml and its [start]."""
+"""The one table of typical sizes, by the key that states each: of rig.toml down to friction, of temperatures, of a run's [start]."""

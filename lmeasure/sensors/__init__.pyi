@@ -50,7 +50,6 @@ from .lengths import (
 from .rejected_samples import ARM_MM as ARM_MM, Reason as Reason, rate_notes as rate_notes
 from .sensor_kind import AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorKind as SensorKind
 from .stated_errors import (
-    EXPANSION_PER_K as EXPANSION_PER_K,
     Unsolved as Unsolved,
     Variable as Variable,
     free_lengths as free_lengths,

@@ -15,7 +15,6 @@ from lmeasure.sensors.effect_laws import ATTACHMENT, BACKLASH, ECCENTRICITY, FRI
 from lmeasure.sensors.wrap import Span, arms, spans
 from lmeasure.text import message
 
-EXPANSION_PER_K = 11.5e-6  # of steel
 BAND = 2.5  # recorded counts
 
 

@@ -15,7 +15,7 @@ from test_unsolved import START, after_play, delta, nominal, truth
 from lmeasure.accuracy import exact_radius_95, radii_95, scan_zone, tilts
 from lmeasure.core import se3
 from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
-from lmeasure.rig import TYPICAL_SIZES, Rig, rig_from_dict
+from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, Rig, rig_from_dict
 from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream, write_trajectory
 
 FloatArray = NDArray[np.float64]
@@ -193,6 +193,57 @@ def test_the_temperature_that_nobody_stated_is_five_kelvin_of_steel() -> None:
     moved = np.linalg.norm(reconstruct(grown).poses[1:, :3] - found.poses[1:, :3], axis=1)
     u = np.sqrt(np.einsum("nii->n", found.systematic[1:, 3:, 3:]))
     np.testing.assert_allclose(u, moved, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("calibrated_c", "expands", "begun_c", "now_c", "keys"),
+    [
+        (None, False, 20.0, 20.0, ["calibration.temperature_c"]),
+        (None, False, 20.0, 26.0, ["calibration.temperature_c", "cable_expansion_per_k"]),
+        (None, True, 20.0, 26.0, ["calibration.temperature_c"]),
+        (16.0, False, 20.0, 26.0, ["cable_expansion_per_k"]),
+        (16.0, True, 20.0, 26.0, []),
+    ],
+)
+def test_steel_of_another_temperature_than_the_calibrations_errs_as_its_matter_says(
+    calibrated_c: float | None, expands: bool, begun_c: float, now_c: float, keys: list[str]
+) -> None:
+    """By the matter of the cable: a count pays out the same matter at any temperature, and free matter grows."""
+    true, a = truth(2), 11.5e-6
+    poses = real_rig.path(np.random.default_rng(4), 30)
+    lengths = true.spans(np.vstack([START[None], poses]))[0]
+
+    def counts(calibrated: float, begun: float, now: float) -> FloatArray:
+        k = np.zeros_like(lengths)
+        for _ in range(30):
+            free = lengths + np.hypot(true.tangent, true.axial + k * true.pitch / real_rig.COUNTS_PER_REVOLUTION)
+            matter = free / (1.0 + a * (np.r_[begun, np.full(len(poses), now)][:, None] - calibrated))
+            k = (matter - matter[0]) / real_rig.COUNT_MM
+        return k
+
+    data = rig_of(2, **dict.fromkeys(TYPICAL, 0.0)).to_dict()
+    for point in data["observation_point"]:
+        point["drum"] |= {"cable_expansion_per_k": a, "drum_expansion_per_k": a} if expands else {}
+    record = CalibrationRecord(rig="real", parameters=(), covariance=(), residuals=(), equations=0, unknowns=0, rank=0, temperature_c=calibrated_c)
+    data |= {"reference_temperature_c": 20.0 if calibrated_c is None else calibrated_c}
+
+    def found(k: FloatArray) -> Trajectory:
+        warm = np.r_[begun_c, np.full(len(poses), now_c)]
+        rig = rig_from_dict(data)
+        counted = Counts(np.arange(len(k)) / 100.0, rig.channels, k, temperature_c=warm)
+        return reconstruct(Run(rig, START, (counted,), record, u_start=(0.0, 0.0)))
+
+    plain = found(counts(20.0, 20.0, 20.0))
+    moved = []
+    if "calibration.temperature_c" in keys:
+        moved.append(found(counts(15.0, 20.0, 20.0)).poses - found(counts(20.0, 20.0, 20.0)).poses)
+    if "cable_expansion_per_k" in keys:
+        reference = begun_c if calibrated_c is None else calibrated_c
+        moved.append(found(counts(reference, begun_c, now_c)).poses - plain.poses)
+    expected = np.sqrt(sum(((m[1:, :3] ** 2).sum(axis=1) for m in moved), start=np.zeros(len(poses))))
+    u = np.sqrt(np.einsum("nii->n", plain.systematic[1:, 3:, 3:]))
+    np.testing.assert_allclose(u, expected, rtol=0.12, atol=1e-4)
+    assert {one.key for one in plain.assumed.every if one.u95_mm < plain.assumed.u95_mm} == set(keys)
 
 
 def test_exact_rigs_keep_their_figures_to_all_digits() -> None:

@@ -13,8 +13,8 @@ from lmeasure.calibration.solve.sizes import Sized
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit, Parameters
-from lmeasure.rig import GUIDE, PLACE, TYPICAL_SIZES, Finding, Unobservable
-from lmeasure.sensors import BACKLASH, EXPANSION_PER_K, Variable, effects_of, free_lengths
+from lmeasure.rig import GUIDE, PLACE, STEEL_PER_K, TYPICAL_SIZES, Finding, Unobservable
+from lmeasure.sensors import BACKLASH, Variable, effects_of, free_lengths
 from lmeasure.text import message
 
 ALIKE_K = 0.5
@@ -66,7 +66,7 @@ def _unstated_expansion(campaign: Campaign, warm: FloatArray) -> list[Finding]:
     rows, poses = campaign.rig.cable_rows(campaign.drums), campaign.poses.rows
     free = free_lengths(rows, poses[campaign.zero[: len(rows)]])
     paid = np.array([np.abs(free_lengths(rows, np.repeat(pose[None], len(rows), axis=0)) - free) for pose in poses])
-    mm = EXPANSION_PER_K * float(np.max(off * paid + (high - low) * free))
+    mm = STEEL_PER_K * float(np.max(off * paid + (high - low) * free))
     return [Finding(code="temperature", text=message("expansion.campaign", kelvin=off, at_deg_c=mean, mm=mm), value=mm)]
 
 

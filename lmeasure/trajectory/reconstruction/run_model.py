@@ -170,6 +170,14 @@ class Correction:
             out += [friction * own for own, u in zip(np.eye(friction.shape[1]), self._effects.u_tension_change_n, strict=True) if u > 0.0]
         return np.moveaxis(np.array(out).reshape(len(out), *counts.shape), 0, 2)
 
+    def reference_shift(self, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray | None, kelvin: float) -> FloatArray:
+        """Return (n, m) changes of the modelled lengths if the rig has its dimensions at a temperature that is so much lower."""
+        zero, warm = self._situation(counts, temperature_c)
+        rows = self._scheme.rows[: counts.shape[1]]
+        warmer = replace(zero, temperature_c=zero.temperature_c + kelvin)
+        higher = self._effects.excess(rows, warmer, poses, counts, temperature_c=warm + kelvin)
+        return higher - self._effects.excess(rows, zero, poses, counts, temperature_c=warm)
+
     def _situation(self, counts: FloatArray, temperature_c: FloatArray | None) -> tuple[Zero, FloatArray]:
         """Where the run starts, and the temperatures (n, m) of its samples."""
         start = self._effects.reference_c if self._temperature_c is None else self._temperature_c
@@ -242,8 +250,11 @@ class RunModel:
         return REFERENCE_C if self.rig.reference_temperature_c is None else self.rig.reference_temperature_c
 
     @cached_property
-    def temperature_assumed(self) -> bool:
-        """Return whether the temperature errs by a typical size: it is not known, or the rig does not say how it grows."""
+    def temperatures_assumed(self) -> tuple[str, ...]:
+        """Return which typical sizes the cables' temperature and expansion have, as nobody states them."""
         if self.temperature_stated_c is None:
-            return not self.exact
-        return self.rig.unstated == "typical" and not (self.correction is not None and self.correction.thermal)
+            return () if self.exact else ("temperature_c",)
+        if self.rig.unstated == "exact":
+            return ()
+        expands = self.correction is not None and self.correction.thermal
+        return ("calibration.temperature_c",) * (self.reference_c is None) + ("cable_expansion_per_k",) * (not expands)

@@ -89,7 +89,7 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
         )
         if begun is None:
             model = replace(model, u_start=run.start_errors.u, assumed_start=run.start_errors.assumed)
-        if run.temperature_c is None and (model.correction is not None or model.temperature_assumed):
+        if run.temperature_c is None and (model.correction is not None or model.temperatures_assumed):
             # where no effect needs it, counts without a temperature at the beginning have none
             pieces = source.pieces(doubts) if model.correction is not None else itertools.islice(source.pieces(doubts), 1)
             measured = (zero_temperature(lengths, None) for lengths in pieces)

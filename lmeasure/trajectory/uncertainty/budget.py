@@ -33,7 +33,7 @@ from lmeasure.kernels import (
     span_rows_of,
     twists as least_squares_twists,
 )
-from lmeasure.rig import FURTHER, TABLE, WARMER_K, Owner
+from lmeasure.rig import FURTHER, STEEL_PER_K, TABLE, WARMER_K, Owner
 from lmeasure.sensors import (
     OTHERS,
     PLAY,
@@ -204,8 +204,6 @@ ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
 TEMPERATURE = "temperature"
-EXPANSION_PER_K = 11.5e-6
-"""Of steel."""
 SAMPLED = 64
 """Poses of a piece at which the effect of assumed sizes is computed."""
 CHUNK = 2048  # poses whose factors are in memory at once
@@ -293,9 +291,7 @@ class Budget:
                 self._drum_lengths,
                 assumed=of_assumed,
             ),
-            Source(
-                (TEMPERATURE,) * model.temperature_assumed, (), self._warm_lengths, assumed=("temperature_c",) * model.temperature_assumed
-            ),
+            Source((TEMPERATURE,) * len(model.temperatures_assumed), (), self._warm_lengths, assumed=model.temperatures_assumed),
             own_lengths(rig, calibration),
             unknown_zeros(rig, calibration),
         )
@@ -594,17 +590,32 @@ class Budget:
         return self._padded(-np.concatenate([shifts, played, np.broadcast_to(begun, (len(poses), *begun.shape))], axis=2))
 
     def _warm_lengths(self, at: Situation) -> FloatArray:
-        """(n, m, 1) errors of the lengths by the temperature that nobody stated, or by an expansion that the rig does not state: cables of
-        steel of another temperature than the rig's dimensions, and warmer than when they were zeroed."""
-        _, counts, warm = self._of_cables(at)
+        """(n, m, k) errors of the lengths by what nobody stated of temperature: that of the run, that of the calibration, how cables grow.
+
+        With a the expansion, T0 and T the temperatures at zeroing and now, Tc that at which a count has its length, a cable of paid-out
+        length D and free length L (D and what was out at zeroing) changes by a (T0 - Tc) D + a (T - T0) L.
+        """
+        poses, counts, warm = self._of_cables(at)
         rows, model = self.scheme.rows[: self._cables], self.model
         paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
         free = paid + np.hypot(rows[:, TANGENT], rows[:, AXIAL]) + free_lengths(rows, self._begun.poses)
-        if model.temperature_stated_c is None or model.reference_c is None:
-            return self._padded(-EXPANSION_PER_K * WARMER_K * free[:, :, None])
-        now = model.temperature_stated_c if warm is None else np.where(np.isfinite(warm), warm, model.temperature_stated_c)
-        off = (model.temperature_stated_c - model.reference_c) * paid + (now - model.temperature_stated_c) * free
-        return self._padded(-EXPANSION_PER_K * off[:, :, None])
+        stated_per_k = [self.rig.point(c.from_point).drum.cable_expansion_per_k for c in self.rig.cable]
+        per_k = np.array([STEEL_PER_K if value is None else value for value in stated_per_k])
+
+        def grown(key: str) -> FloatArray:
+            if key == "temperature_c":
+                return per_k * WARMER_K * free
+            begun = model.temperature_stated_c
+            assert begun is not None
+            if key == "calibration.temperature_c":
+                if self.correction is not None and self.correction.thermal:
+                    return self.correction.reference_shift(poses, counts, warm, WARMER_K)
+                return per_k * WARMER_K * paid
+            now = begun if warm is None else np.where(np.isfinite(warm), warm, begun)
+            off = 0.0 if model.reference_c is None else begun - model.reference_c
+            return per_k * (off * paid + (now - begun) * free)
+
+        return self._padded(-np.stack([grown(key) for key in model.temperatures_assumed], axis=2))
 
     def _from_start(self, values: FloatArray) -> FloatArray:
         """Values (m, ...) of the channels that count from the start pose, zero of the others."""
