@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -13,14 +13,28 @@ from scipy.optimize import differential_evolution, minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from lmeasure.accuracy.scan import digest_of
-from lmeasure.accuracy.zone import axis, make_plan, tilts
+from lmeasure.accuracy.scan import digest_of, run
+from lmeasure.accuracy.zone import assumed_in_zone, axis, dimension_variance, make_plan, tilts
 from lmeasure.core import AccuracyError, DataFrame, FloatArray, Shown, framed
 from lmeasure.io import Strict, Whole, checked, files
-from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, CABLE, GUIDE_XYZ, KIND, LANES, SWIVEL, worst_at_task, worst_of_channels
+from lmeasure.kernels import (
+    ALPHA,
+    ATTACHMENT_XYZ,
+    BASE_XYZ,
+    BETA,
+    CABLE,
+    FIGURES,
+    GUIDE_XYZ,
+    KIND,
+    LANES,
+    SWIVEL,
+    worst_at_task,
+    worst_of_channels,
+)
 from lmeasure.rig import Rig
 from lmeasure.sensors import length_variance
 from lmeasure.text import Lines, message
+from lmeasure.trajectory import Assumed
 
 Progress = Callable[[int, int], None]
 Vector = tuple[float, float, float]
@@ -111,6 +125,8 @@ class Placed(Shown):
     after: dict[str, float]
     sensitivity: dict[str, tuple[float, float, float]]
     evaluations: int
+    assumed: Assumed = field(default_factory=Assumed)
+    """What typical sizes that nobody stated make of U95 at the task after the search."""
 
     def about(self) -> dict[str, str]:
         """The worst figures at the task, before and after."""
@@ -140,7 +156,8 @@ class Placed(Shown):
             ),
         ]
         name, most = max(self.sensitivity.items(), key=lambda item: max(map(abs, item[1])))
-        return Lines([*lines, message("accuracy.most_sensitive_point_deg", point=name, change=max(map(abs, most)))])
+        lines.append(message("accuracy.most_sensitive_point_deg", point=name, change=max(map(abs, most))))
+        return Lines([*lines, *self.assumed.lines])
 
 
 class Search:
@@ -160,7 +177,12 @@ class Search:
         self.positions = np.concatenate([self.nodes, np.repeat(self.nodes[-1:], -len(self.nodes) % LANES, axis=0)])
         self.centre = 0.5 * (np.array(task.low_mm) + np.array(task.high_mm))
         turns = tilts(task.tilt_rad, task.tilt_steps, Rotation.from_quat(task.quaternion_xyzw))
-        self.plan = make_plan(rig, None, self.positions, turns, start=np.array([*self.centre, *task.quaternion_xyzw]))
+        self.turns, self.start = turns, np.array([*self.centre, *task.quaternion_xyzw])
+        # the search takes the errors of dimensions as they are on average at the present rig, the result as they are
+        plan = make_plan(rig, None, self.positions, turns, start=self.start)
+        more = dimension_variance(plan)
+        channels = plan.channels and replace(plan.channels, drums=plan.channels.drums + np.pad(more, (0, len(rig.observed) - len(more))))
+        self.plan = replace(plan, variance=plan.variance + more, channels=channels)
         self.rows, self.evaluations = rig.cable_rows(rig.observed), 0
         # channels with an observation point and a guide
         self.led = np.isin(self.rows[:, KIND], (CABLE, SWIVEL))
@@ -307,9 +329,11 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     if search.broken(best[None], shortest, longest)[0] > BROKEN_MM:
         raise AccuracyError("placement: no places were found that keep the cable lengths and keep-outs at the whole task")
     before, after = search.current(), best
-    return Placed(
-        _rig_at(search, best), _told(search, before, draws), _told(search, after, draws), _sensitivity(search, after), search.evaluations
-    )
+    found = _rig_at(search, best)
+    told = _told(search, before, draws), _told(search, after, draws)
+    worst = np.tile(search.nodes[np.argmax(_u95_mm(search, found))], (len(search.turns), 1))
+    assumed = assumed_in_zone(found, None, worst, search.turns, start=search.start, share=1.0)
+    return Placed(found, *told, _sensitivity(search, after), search.evaluations, assumed)
 
 
 def mounting_draws(search: Search, seed: int) -> FloatArray:
@@ -336,6 +360,8 @@ def _local(search: Search, x: FloatArray, draws: FloatArray) -> FloatArray:
 
 def _told(search: Search, x: FloatArray, draws: FloatArray) -> dict[str, float]:
     speed2, u95, shortest, longest = (float(v) for v in search.figures(x[None])[0])
+    if search.plan.factor.shape[1]:
+        u95 = float(_u95_mm(search, _rig_at(search, x)).max())
     robust = float(search.figures(np.concatenate([x[None], x[None] + draws]))[:, 0].max())
     return {
         "worst_pressure_angle_deg": _angle(speed2),
@@ -344,6 +370,11 @@ def _told(search: Search, x: FloatArray, draws: FloatArray) -> dict[str, float]:
         "shortest_cable_mm": shortest,
         "longest_cable_mm": longest,
     }
+
+
+def _u95_mm(search: Search, rig: Rig) -> FloatArray:
+    """(n,) worst U95 of the position at each node of the task, of all that a zone includes."""
+    return run(make_plan(rig, None, search.nodes, search.turns, start=search.start))[0][FIGURES.index("u95_position")]
 
 
 def _angle(speed2: float) -> float:
@@ -386,6 +417,7 @@ def placement_record(placed: Placed, seed: int) -> dict[str, Any]:
         "evaluations": placed.evaluations,
         "before": placed.before,
         "after": placed.after,
+        "assumed": placed.assumed.figures(),
         "sensitivity_deg_per_mm": placed.sensitivity,
         "rig_sha256": digest_of({"cables": placed.rig.cable_rows(), "variance": length_variance(placed.rig)}),
     }

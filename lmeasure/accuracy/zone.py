@@ -21,7 +21,7 @@ from lmeasure.accuracy.readings import determined, readings_of
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, with_faults, within
 from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, LMeasureError, covariance_root, se3
-from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, span_lengths as cable_kernels_span_lengths
+from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, length_gradients, span_lengths as cable_kernels_span_lengths
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import (
     PLAY,
@@ -313,6 +313,7 @@ def map_zone(
             "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
             "u95_assumed_mm": assumed.part_mm,
             "assumed": "\n".join(assumed.lines),
+            "assumed_figures": json.dumps(assumed.figures()),
             "messages": json.dumps(table([covered, assumed.lines]), ensure_ascii=False),
             "plan_sha256": plan.digest(),
         },
@@ -411,10 +412,25 @@ def drum_variance(
     return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2 + known**2
 
 
+def dimension_variance(plan: Plan) -> FloatArray:
+    """Return the variance [mm^2] of each cable's length, (m,), by the uncertain parameters of a plan's rig: the mean over its poses."""
+    poses, rows = sampled(plan.positions, Rotation.from_quat(plan.quaternions)), plan.cables
+    start = plan.start[None]
+    lengths, begun = cable_kernels_span_lengths(rows, poses), cable_kernels_span_lengths(rows, start)
+    runs = np.isfinite(lengths).all(axis=1)
+    if not plan.factor.shape[1] or not runs.any():
+        return np.zeros(len(rows))
+    counts = counts_from_changes(rows, np.ascontiguousarray(lengths[runs] - begun))
+    since = length_gradients(rows, poses[runs], counts, plan.scales)
+    since -= length_gradients(rows, start, np.zeros((1, len(rows))), plan.scales)
+    errors = np.einsum("nmw,mwr->nmr", since, plan.factor.reshape(len(rows), -1, plan.factor.shape[1]))
+    return np.asarray((errors**2).sum(axis=2).mean(axis=0))
+
+
 def assumed_in_zone(
-    rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray
+    rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray, share: float = 0.5
 ) -> Assumed:
-    """What sizes that are assumed because nobody stated them make of U95 at the better half of the places of a scan. Start and temperature
+    """What sizes that are assumed because nobody stated them make of U95 at the better share of the places of a scan. Start and temperature
     are those of a run."""
     model = RunModel(rig, start, calibration)
     try:
@@ -433,8 +449,8 @@ def assumed_in_zone(
     determines = np.isfinite(spread)
     if not determines.any():
         return Assumed()
-    well = determines & (spread <= np.median(spread[determines]))
-    return budget.assumed(Situation(np.zeros(int(well.sum())), poses[well], counts[well], nothing[well]))
+    well = determines & (spread <= np.quantile(spread[determines], share))
+    return budget.assumed(Situation(np.zeros(int(well.sum())), poses[well], counts[well], nothing[well]), places=True)
 
 
 def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:

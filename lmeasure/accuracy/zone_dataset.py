@@ -116,7 +116,8 @@ def summary(zone: "xr.Dataset") -> str:
     if rejected:
         listed = tuple(message("zone_line.reason", reason=message(f"zone_reason.{reason}"), n=n) for reason, n in rejected.items())
         lines.append(message("zone_line.rejected", reasons=listed))
-    return Lines([*lines, message("accuracy.95_radius_covers", covers=messages_of(zone, "u95_covers")[0])])
+    covered = message("accuracy.95_radius_covers", covers=messages_of(zone, "u95_covers")[0])
+    return Lines([*lines, covered, *messages_of(zone, "assumed")])
 
 
 def goes_on(zone: "xr.Dataset") -> list[str]:

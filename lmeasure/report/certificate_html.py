@@ -7,7 +7,7 @@ from markupsafe import Markup
 from lmeasure.certificate import Measured
 from lmeasure.report import certificate_pictures as pictures, certificate_text as texts_of, drawings, html, summary
 from lmeasure.report.certificate_figures import plots
-from lmeasure.text import Say
+from lmeasure.text import Say, from_stated
 
 SHOWN = 4
 """Numbers of the first screen."""
@@ -50,6 +50,7 @@ def answer(certificate: dict[str, Any], space: pictures.Picture | None, say: Say
                 html.kept(f"{name} ") + html.pieces(texts_of.symbol_pieces(shown.result.symbol)), summary.value_of(shown.result), note
             )
         )
+    rows += html.assumed_numbers(map(from_stated, certificate.get("findings", ())), say)
     load, speed = texts_of.load_and_speed(certificate)
     subject = " · ".join(t for t in (certificate["id"], summary.robot(certificate), load, speed) if t)
     steps = [html.Step(say("certificate.next_verify"), "lmeasure verify FOLDER")]

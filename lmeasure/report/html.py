@@ -4,7 +4,7 @@ import base64
 import hashlib
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,7 +16,7 @@ from plotly.offline import get_plotlyjs
 
 from lmeasure.io import files
 from lmeasure.report.text import with_indices
-from lmeasure.text import Say
+from lmeasure.text import Message, Say
 
 HERE = Path(__file__).parent
 
@@ -29,6 +29,15 @@ class Number:
     value: str
     note: str = ""
     state: str = ""
+
+
+def assumed_numbers(lines: Iterable[object], say: Say) -> tuple[Number, ...]:
+    """Return how much of U95 is assumed, with the statement that would help most, from lines about it; none where nothing is assumed."""
+    by_code = {line.code: line for line in reversed([one for one in lines if isinstance(one, Message)])}
+    if "assumed.part" not in by_code:
+        return ()
+    best = by_code.get("assumed.statement", "")
+    return (Number(say("page.assumed"), say("zone.in_mm", mm=by_code["assumed.part"].values["part"]), say.message(best), "warn"),)
 
 
 @dataclass(frozen=True)

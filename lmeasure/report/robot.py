@@ -13,7 +13,7 @@ from lmeasure.core import FloatArray, se3
 from lmeasure.report import figures, html
 from lmeasure.report.text import axes, unit
 from lmeasure.robots import HALF, Identified, PredictionMap
-from lmeasure.text import ENGLISH, Say, message, texts
+from lmeasure.text import ENGLISH, Say, from_stated, message, texts
 
 ARROWS = 0.1
 """Of the measured places' extent: length at which the largest error is drawn."""
@@ -63,6 +63,7 @@ def answer(folder: str, record: dict[str, Any], before: FloatArray, after: Float
     noise = record["noise"]["position_mm"]
     if noise is not None:
         rows.append(html.Number(say("robot.scatter"), say("comparison.mm", mm=noise), say("robot.scatter_note")))
+    rows += html.assumed_numbers((from_stated(w["finding"]) for w in record["warnings"]), say)
     state, verdict = "good", say("robot.identified_verdict")
     improved = held["mean_mm"] if held is not None else float(np.linalg.norm(after, axis=1).mean()) if len(after) else math.nan
     nominal = float(np.linalg.norm(before, axis=1).mean()) if len(before) else math.nan

@@ -62,6 +62,7 @@ def answer(name: str, found: Along, rig: Rig | None, say: Say) -> html.Answer:
         span = say("calibration.mm_from_to", low=float(np.nanmin(found.u95_mm)), high=float(found.u95_mm[i]))
         rows.insert(0, html.Number(say("trajectory.u95_place"), span, say("trajectory.best_worst")))
         place = say.numbers(trajectory.poses[i, :3], ".1f")
+        rows += html.assumed_numbers(trajectory.assumed.lines, say)
         limits = say("trajectory.limited_place", time=number(settled(time_s[i]), ".6g"), place=place)
         if np.isfinite(angle := trajectory.worst_pressure_angle_deg[i]):
             limits += " " + say("trajectory.limited_angle", angle=float(angle))

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from lmeasure.accuracy import VARIABLES, Extent, ellipsoids, extent, sole_reasons
+from lmeasure.accuracy import VARIABLES, Extent, ellipsoids, extent, messages_of, sole_reasons
 from lmeasure.report import html, zone_text
 from lmeasure.report.figures import figure
 from lmeasure.report.structure import slices_figure
@@ -95,6 +95,7 @@ def answer(folder: str, zone: xr.Dataset, found: Extent, *, rig: Rig, calibratio
             html.Number(say(f"zone.u95_{name}"), say("zone.in_mm", mm=mm), say("zone.at_place", place=say.numbers(here, "g")))
             for name, mm, here in (("best", best, where[0]), ("worst", worst, where[1]))
         )
+        rows += html.assumed_numbers(messages_of(zone, "assumed"), say)
         rows += (
             html.Number(
                 say("zone.volume"), say("zone.m", m3=found.volume_mm3 / 1e9), say("zone.volume_note", error=found.volume_error_mm3 / 1e9)

@@ -3,6 +3,7 @@
 import json
 import math
 from collections import Counter
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -244,6 +245,12 @@ class CalibrationRecord(Shown, _Record):
     def dimension_columns(self, names: list[list[str]]) -> tuple[FloatArray, FloatArray]:
         """Independent errors of the dimensions, of unit variance: (s, s) what each does to these, and (13 m, s) to the kernels' parameters,
         named as in `cable_covariance`, whose covariance holds the squares of these columns."""
+        to_own, to_parameters = self._dimension_roots
+        return to_own, self._selection(names) @ to_parameters
+
+    @cached_property
+    def _dimension_roots(self) -> tuple[FloatArray, FloatArray]:
+        """(s, s) and (p, s) what independent errors of unit variance do to the dimensions, and to the parameters."""
         cross, own = self._of_dimensions()
         width = np.sqrt(np.maximum(np.diag(own), 0.0))
         width = np.where(width > 0.0, width, 1.0)
@@ -252,7 +259,7 @@ class CalibrationRecord(Shown, _Record):
         root = np.where(kept, np.sqrt(np.maximum(values, 0.0)), 0.0)
         back = np.where(kept, 1.0 / np.where(kept, root, 1.0), 0.0)
         # symmetric, so that no choice of LAPACK's is in them (`lmeasure.core.linalg`)
-        return width[:, None] * (vectors * root) @ vectors.T, self._selection(names) @ (cross / width) @ (vectors * back) @ vectors.T
+        return width[:, None] * (vectors * root) @ vectors.T, (cross / width) @ (vectors * back) @ vectors.T
 
     def _selection(self, names: list[list[str]]) -> FloatArray:
         """(13 m, p) the kernels' parameters by the record's."""

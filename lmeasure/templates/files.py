@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, se3
 from lmeasure.io import shipped
 from lmeasure.kernels import counts_from_changes, span_lengths, twists
-from lmeasure.rig import FACTORS, GUIDE, PLACE, ObservationPoint, Rig, parameter_names
+from lmeasure.rig import FACTORS, GUIDE, PLACE, TYPICAL_SIZES, Drum, ObservationPoint, Rig, parameter_names
 from lmeasure.sensors import count_variance, length_gradients_since
 from lmeasure.templates.shapes import HALF_MM, TILT_RAD
 
@@ -87,6 +87,12 @@ angles = {angles}
 
 # Guessed values: they get wide priors, and reports name them. `lmeasure drum` removes the values that it computes.
 assumed = [{assumed}]
+
+# An uncertainty that you do not state has a typical size. Lines such as "# u_run_out_mm = 0.02" show it: measure it, write
+# the smaller size, and remove the "#", in each table. "exact" means that all that is not stated is exact (simulations).
+# run.toml states the start pose and the temperature of a run: {of_run}.
+unstated = "typical"
+{of_rig}
 """
 POINT_KEYS = {
     "position_mm": "\"B\": contact of the swivel axis with the pulley's groove. Tape measure from the robot's base, within 30 mm",
@@ -143,7 +149,15 @@ def _head(rig: Rig, about: str) -> str:
         angles=_text(rig.angles),
         others=", ".join(name for name in CONVENTIONS if name != rig.angles),
         assumed="".join(line for line in lines if line.strip(" ,\n")) + "\n" * bool(rig.assumed),
+        of_run=", ".join(f"{key} {TYPICAL_SIZES[key].size}" for key in ("u_position_mm", "u_rotation_deg", "temperature_c")),
+        of_rig="\n".join(_typical_sizes(Rig)),
     )
+
+
+def _typical_sizes(table: type[Rig | ObservationPoint | Drum], count_length_mm: float = 0.0) -> list[str]:
+    """Return the typical sizes of a table's keys as comments with their reasons."""
+    own = [s for s in TYPICAL_SIZES.values() if s.key in table.model_fields and s.key.startswith("u_") and not s.code.startswith("start")]
+    return [f"# {s.key} = {s.value * (count_length_mm if s.relative else 1.0):g}  # {s.what}: {s.reason}" for s in own]
 
 
 def _point(point: ObservationPoint, cost: Mapping[str, Cost], first: bool) -> str:
@@ -153,10 +167,11 @@ def _point(point: ObservationPoint, cost: Mapping[str, Cost], first: bool) -> st
         value = getattr(point, key)
         known = cost.get(f"{point.name}.{'guide' if key.startswith('guide') else key}")
         lines += _line(key, _numbers(value) if isinstance(value, tuple) else repr(value), text if first else "", known)
-    lines.append("[observation_point.drum]")
+    lines += [*(_typical_sizes(ObservationPoint) if first else ()), "[observation_point.drum]"]
     for key, text in DRUM_KEYS.items():
         lines += _line(key, repr(getattr(point.drum, key)), text if first else "", cost.get(f"{point.name}.{key}"))
-    rest = DRUM_REST.format(sign=point.drum.count_sign) if first else f"count_sign = {point.drum.count_sign}\n"
+    sizes = "".join(f"{line}\n" for line in _typical_sizes(Drum, point.drum.count_length_mm))
+    rest = DRUM_REST.format(sign=point.drum.count_sign) + sizes if first else f"count_sign = {point.drum.count_sign}\n"
     return "\n".join(lines) + "\n" + rest
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import OtherTrajectoryError
-from lmeasure.text import Say, of_terminal
+from lmeasure.text import Message, Say, from_stated, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import (
     COLUMNS,
@@ -99,11 +99,12 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
             raise
         raise OtherTrajectoryError(f"{error}; if it was reconstructed with another rig than the run's own, --rig names it") from None
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
-    notes = _strange(content)
+    assumed = _assumed(content)
+    notes = [*_strange(content), *(line.text(content["language"]) for line in assumed)]
     lines += notes
-    return Result(
-        content, tuple(lines), _figures(content), tuple(notes), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file()))
-    )
+    figures = _figures(content) | _assumed_figures(assumed)
+    written = tuple(sorted(p for p in settings.out.rglob("*") if p.is_file()))
+    return Result(content, tuple(lines), figures, tuple(notes), files=written)
 
 
 TURNED_DEG = 90.0
@@ -117,6 +118,23 @@ def _strange(content: dict[str, Any]) -> list[str]:
         return []
     say = Say(content["language"])
     return [say("certify.note_every_pose_tool", least=min(off))]
+
+
+def _assumed(content: dict[str, Any]) -> list[Message]:
+    """Return the lines about typical sizes that nobody stated; none where all is stated, or exact by statement."""
+    every = [from_stated(e) for e in content.get("findings", ())]
+    found = [m for m in every if m is not None and m.code.startswith("assumed.")]
+    return found if any(m.code == "assumed.part" for m in found) else []
+
+
+def _assumed_figures(lines: list[Message]) -> dict[str, float]:
+    """Return the numbers of these lines, named as those of a trajectory."""
+    by_code = {line.code: line.values for line in lines}
+    if "assumed.part" not in by_code:
+        return {}
+    part = by_code["assumed.part"]
+    stated = {f"u95_mm_if_stated_{m.values['key']}": m.values["then"] for m in lines if m.code == "assumed.statement"}
+    return {"largest_u95_position_mm": part["u95"], "largest_u95_assumed_mm": part["part"]} | stated
 
 
 def _figures(content: dict[str, Any]) -> dict[str, float]:

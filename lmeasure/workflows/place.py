@@ -43,5 +43,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Placed]":
         from lmeasure.view import write_recording
 
         write_recording(settings.rerun, placed.rig, nominal=sketch)
-    figures = {"rigs_tried": float(placed.evaluations)} | placed.after | {f"before_{name}": v for name, v in placed.before.items()}
+    figures = (
+        {"rigs_tried": float(placed.evaluations)}
+        | placed.after
+        | {f"before_{name}": v for name, v in placed.before.items()}
+        | placed.assumed.figures()
+    )
     return Result(placed, tuple(placed.summary().splitlines()), figures)

@@ -1,5 +1,6 @@
 """Where in the cell the instrument can be believed."""
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -159,7 +160,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         files.write_table(settings.out.with_suffix(".path.csv"), guard_columns(parts))
         lines += [part.line() for part in parts]
     inside = data["in_zone"].values.astype(bool)
-    figures = {"zone_volume_mm3": float(data.attrs["zone_volume_mm3"]), "nodes": float(inside.size), "nodes_in_zone": float(inside.sum())}
+    figures: dict[str, float] = json.loads(data.attrs["assumed_figures"])
+    figures["zone_volume_mm3"] = float(data.attrs["zone_volume_mm3"])
+    figures |= {"nodes": float(inside.size), "nodes_in_zone": float(inside.sum())}
     figures["smallest_worst_pressure_angle_deg"] = float(data["worst_pressure_angle_deg"].min())
     if inside.any():
         u95 = data["u95_position_mm"].values[inside]

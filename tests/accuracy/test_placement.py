@@ -76,6 +76,18 @@ def test_attachment_points_and_radius_can_be_asked_for() -> None:
     assert placed.rig.observation_point == cell().observation_point
 
 
+def test_the_uncertainty_of_a_placed_rig_includes_what_nobody_stated() -> None:
+    rig = cell().model_copy(update={"unstated": "typical"})
+    wanted = Placement(objective="u95", task=TASK, mount=(Where(points=("B1",), low_mm=(900, -300, 500), high_mm=(1500, 300, 1100)),))
+    placed, nodes = place(rig, wanted, generations=3), axis(-300, 300, 300)
+    zone = scan_zone(placed.rig, None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.3, 2))
+    assert float(zone["u95_position_mm"].max()) == pytest.approx(placed.after["u95_position_mm"], rel=1e-9)
+    assert placed.after["u95_position_mm"] > 10.0 * place(cell(), wanted, generations=1).after["u95_position_mm"]
+    assert placed.after["u95_position_mm"] < placed.before["u95_position_mm"]
+    assert 0.9 < placed.assumed.part_mm / placed.after["u95_position_mm"] < 1.05
+    assert "state the " in placed.summary()
+
+
 def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
     rig = cell()
     box = {"low_mm": (0, 0, 0), "high_mm": (1, 1, 1)}

@@ -224,7 +224,9 @@ def test_steel_of_another_temperature_than_the_calibrations_errs_as_its_matter_s
     data = rig_of(2, **dict.fromkeys(TYPICAL, 0.0)).to_dict()
     for point in data["observation_point"]:
         point["drum"] |= {"cable_expansion_per_k": a, "drum_expansion_per_k": a} if expands else {}
-    record = CalibrationRecord(rig="real", parameters=(), covariance=(), residuals=(), equations=0, unknowns=0, rank=0, temperature_c=calibrated_c)
+    record = CalibrationRecord(
+        rig="real", parameters=(), covariance=(), residuals=(), equations=0, unknowns=0, rank=0, temperature_c=calibrated_c
+    )
     data |= {"reference_temperature_c": 20.0 if calibrated_c is None else calibrated_c}
 
     def found(k: FloatArray) -> Trajectory:

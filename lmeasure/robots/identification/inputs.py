@@ -56,7 +56,8 @@ def _trajectory(path: Path, columns: Mapping[str, Column]) -> tuple[Trajectory, 
     if path.is_dir():
         aligned = align(read_run(path))
         trajectory = reconstruct(aligned, covariances=False)
-        return trajectory, ErrorsOfRun(aligned), [Noted("run", note) for note in trajectory.notes]
+        notes = [Noted("run", note) for note in trajectory.notes]
+        return trajectory, ErrorsOfRun(aligned), notes + [Noted("assumed", line) for line in trajectory.assumed.lines]
     trajectory = read_trajectory(path, Stated(columns or None, of_others=True))
     notes = [Noted("markers" if kind_of(path) == "markers" else "trajectory", note) for note in trajectory.notes]
     if trajectory.systematic.any():

@@ -61,6 +61,8 @@ class Assumed:
     every: tuple[Statement, ...] = ()
     after_all_mm: float = 0.0
     exact: bool = False
+    where: Message | None = None
+    """The least and the largest part over the poses, and where that is."""
 
     def joined(self, other: "Assumed") -> "Assumed":
         """Return both, of two pieces of a run."""
@@ -83,7 +85,8 @@ class Assumed:
             return [message("assumed.exact")] if self.exact else []
         last = message("assumed.all", u95=self.u95_mm, then=self.after_all_mm)
         listed = [*(one.said(self.u95_mm) for one in self.statements), last] if self.statements else []
-        return [message("assumed.part", u95=self.u95_mm, part=self.part_mm), *listed]
+        where = [] if self.where is None else [self.where]
+        return [message("assumed.part", u95=self.u95_mm, part=self.part_mm), *where, *listed]
 
     def figures(self) -> dict[str, float]:
         """Return the numbers by name."""
@@ -95,6 +98,14 @@ class Assumed:
 
 NOTHING = Assumed()
 """Of poses whose uncertainty has nothing assumed."""
+
+
+def place_of(poses: FloatArray, parts_mm: FloatArray) -> Message | None:
+    """Return between which sizes assumed parts of U95 (n,) lie at poses (n, 7), and where the largest is."""
+    if np.isnan(parts_mm).all():
+        return None
+    x, y, z = poses[int(np.nanargmax(parts_mm)), :3]
+    return message("assumed.where", least=float(np.nanmin(parts_mm)), most=float(np.nanmax(parts_mm)), x=float(x), y=float(y), z=float(z))
 
 
 def assumed_of(own: FloatArray, factors: FloatArray, groups: dict[str, FloatArray]) -> Assumed:

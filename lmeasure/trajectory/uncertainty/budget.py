@@ -56,7 +56,7 @@ from lmeasure.sensors import (
 )
 from lmeasure.text import message
 from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
-from lmeasure.trajectory.uncertainty.assumed import Assumed, assumed_of, positions_95
+from lmeasure.trajectory.uncertainty.assumed import Assumed, assumed_of, place_of, positions_95
 from lmeasure.trajectory.uncertainty.sources import (
     ANYWHERE,
     NEAR_RAD,
@@ -504,8 +504,8 @@ class Budget:
         at = Situation(lengths.time_s[some], poses[some], lengths.counts[some], speed, few(lengths.temperature_c), few(travel))
         return self.assumed(at, few(lengths.u_mm), None if unused is None else unused[some])
 
-    def assumed(self, at: Situation, u_mm: FloatArray | None = None, unused: BoolArray | None = None) -> Assumed:
-        """Return what assumed sizes make of the uncertainty of poses; u_mm, unused: as `of` has them."""
+    def assumed(self, at: Situation, u_mm: FloatArray | None = None, unused: BoolArray | None = None, *, places: bool = False) -> Assumed:
+        """Return what assumed sizes make of the uncertainty of poses; u_mm, unused: as `of` has them; places: and where they make most."""
         keys = np.array([key for source in self.every for key in _assumed_in(source)])
         exact = self.rig.unstated == "exact" and self.model.exact
         if not keys.any() or not len(at.poses):
@@ -523,7 +523,8 @@ class Budget:
             return np.asarray(G @ columns[:, :, of] @ mix[of])
 
         groups = {key: part(keys == key) for key in dict.fromkeys(keys[keys != ""].tolist())}
-        return assumed_of(own, part(np.ones(len(keys), np.bool_)), groups)
+        found = assumed_of(own, part(np.ones(len(keys), np.bool_)), groups)
+        return replace(found, where=place_of(poses, positions_95(part(keys != "")))) if places else found
 
     def drawn_start(self, generator: np.random.Generator, moved: FloatArray) -> FloatArray:
         """(7,) the start as the scheme takes it, displaced by a draw of its errors; by the rig's moved rows where it came from lengths."""
