@@ -133,7 +133,7 @@ def _assumed_figures(lines: list[Message]) -> dict[str, float]:
     if "assumed.part" not in by_code:
         return {}
     part = by_code["assumed.part"]
-    stated = {f"u95_mm_if_stated_{m.values['key']}": m.values["then"] for m in lines if m.code == "assumed.statement"}
+    stated = {f"u95_if_stated_{m.values['key']}_mm": m.values["then"] for m in lines if m.code == "assumed.statement"}
     return {"largest_u95_position_mm": part["u95"], "largest_u95_assumed_mm": part["part"]} | stated
 
 

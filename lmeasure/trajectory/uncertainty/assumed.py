@@ -92,8 +92,8 @@ class Assumed:
         """Return the numbers by name."""
         if not self.part_mm:
             return {}
-        found = {"largest_u95_position_mm": self.u95_mm, "largest_u95_assumed_mm": self.part_mm, "u95_mm_if_all_stated": self.after_all_mm}
-        return found | {f"u95_mm_if_stated_{one.key}": one.u95_mm for one in self.statements}
+        found = {"largest_u95_position_mm": self.u95_mm, "largest_u95_assumed_mm": self.part_mm, "u95_if_all_stated_mm": self.after_all_mm}
+        return found | {f"u95_if_stated_{one.key}_mm": one.u95_mm for one in self.statements}
 
 
 NOTHING = Assumed()
