@@ -1,4 +1,5 @@
 from .faults.consistency import collect_epochs as collect_epochs
+from .faults.detectable_sizes import proposed_returns as proposed_returns
 from .faults.doubts import shifted as shifted
 from .faults.redundancy import Epochs as Epochs, Faults as Faults, Redundancy as Redundancy, faults_shown as faults_shown
 from .faults.rest_evidence import SETTLED as SETTLED, SUSPECTED as SUSPECTED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder

@@ -26,6 +26,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     from lmeasure.io import write_table
     from lmeasure.recording import pose_columns
     from lmeasure.rig import read_rig
+    from lmeasure.trajectory import proposed_returns
 
     out, extend = settings.out, settings.extend
     if out.suffix.lower() != ".csv":
@@ -87,7 +88,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     figures |= {"unknowns": len(plan.parameters), "directions_determined": plan.outlook.rank}
     figures |= {"u_length_rms_mm": plan.outlook.rms_mm, "u_length_worst_mm": plan.outlook.worst_mm}
     answer = message("workflow.planned", poses=len(plan.poses), mm=plan.outlook.worst_mm, out=out, fill_in=fill_in)
-    return Result(plan, (*plan_summary(plan).splitlines(), "", answer), figures)
+    returns = proposed_returns(rig, plan.poses.rows, plan.poses.names)
+    return Result(plan, (*plan_summary(plan).splitlines(), *returns, "", answer), figures)
 
 
 def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Campaign":

@@ -25,6 +25,7 @@ from lmeasure.workflows.settings import (
 if TYPE_CHECKING:
     from lmeasure.iso9283 import Cube
     from lmeasure.recording import Program
+    from lmeasure.text import Message
 
 KEPT = "Paths within the zone"
 EDGES = "Box that the robot uses most, mm."
@@ -69,7 +70,7 @@ class Settings(Writing):
         Path | None,
         option("Change the paths of this program to stay within the limits of --rig; their ends stay.", metavar="PROGRAM.toml", panel=KEPT),
     ] = None
-    rig: Annotated[Path | None, option("With --correct: rig.", metavar="RIG.toml", panel=KEPT)] = None
+    rig: Annotated[Path | None, option("Rig, for --correct and for the faults that returns show.", metavar="RIG.toml")] = None
     limit_deg: Annotated[float, option("With --correct: largest pressure angle.", panel=KEPT, within=(0.0, 90.0))] = 60.0
     length_mm: Annotated[Pair | None, option("With --correct: cable lengths.", metavar="MIN:MAX", panel=KEPT)] = None
     drift_hours: Annotated[float, option("Duration of the drift test.", unit="h")] = 8.0
@@ -86,7 +87,7 @@ class Settings(Writing):
             return Paths((), present(self.ran, self.loaded))
         if self.correct is not None:
             return Paths(inside(self.out, "program.toml", "corrected.csv"), present(self.correct, self.rig))
-        return Paths(inside(self.out, "program.toml", "commands.csv", "robodk.csv"), present(self.zone))
+        return Paths(inside(self.out, "program.toml", "commands.csv", "robodk.csv"), present(self.zone, self.rig))
 
 
 @workflow
@@ -99,7 +100,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     refuse(settings, "goes with --ran", "loaded", "columns", "align")
     if settings.correct is not None:
         return _corrected(settings, settings.correct)
-    refuse(settings, "goes with --correct", "rig")
     cube = _cube(settings)
     chosen = Tests(
         tests=TESTS if settings.tests == ("all",) else settings.tests,
@@ -126,9 +126,24 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
                 "workflow.program", poses=len(plan.program.pose), paths=len(plan.program.path), commands=len(plan.commands), lasts=lasts
             ),
             message("workflows.program_toml_commands_csv", folder=settings.out),
+            *_returns(settings, plan.program),
         ),
         {"edge_mm": float(cube.edge_mm), "minutes": minutes},
     )
+
+
+def _returns(settings: Settings, program: "Program") -> "list[Message]":
+    """Propose the returns that show slow faults of a rig with six cables."""
+    import numpy as np
+
+    from lmeasure.rig import read_rig
+    from lmeasure.trajectory import proposed_returns
+
+    if settings.rig is None:
+        return []
+    poses = {p.name: [*p.position_mm, *p.quaternion_xyzw] for p in program.pose}
+    speed = settings.path_speed if program.path else None
+    return proposed_returns(read_rig(settings.rig), np.array(list(poses.values())).reshape(-1, 7), tuple(poses), speed)
 
 
 def _corrected(settings: Settings, commanded: Path) -> "Result[Program]":

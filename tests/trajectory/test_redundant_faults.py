@@ -142,7 +142,7 @@ def test_the_summary_says_what_can_be_seen(pairs: list[tuple[str, str]] | None, 
     assert said in text
     assert "or more are detected. The limit comes from the motion's own acceleration" in text
     if pairs is None:
-        assert "Slow drift and errors present from the start are not" in text
+        assert "Errors present from the start are not" in text
     np.testing.assert_array_equal(run.known_start, START)
 
 

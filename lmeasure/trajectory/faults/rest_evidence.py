@@ -17,7 +17,7 @@ A rest is a mean of lengths. Two rests are of one place when all cables but one 
 sent to do not differ by the one twist that a single cable sees; a counter that lost counts does.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import stdtr
@@ -28,7 +28,9 @@ from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, ContinuityFinder, Stood
+from lmeasure.trajectory.faults.detectable_sizes import ALONE, CLOSED_COUNTS, CLOSED_MM, CLOSED_SCATTERS
 from lmeasure.trajectory.faults.doubts import NONE, Doubt, Doubts
+from lmeasure.trajectory.faults.reversals import ReversalFinder, Reversals
 
 VISIT_LAG_S = 0.05
 STILL_MM = 0.2  # by which no cable's length changes within VISIT_LAG_S while the robot rests
@@ -282,18 +284,12 @@ LEAST_COUNTS = 5.0
 """A step that is smaller is not determined from the robot's."""
 SCATTERS = 3.0
 """Or smaller than this many scatters of single visits."""
-ALONE = 8.0
-"""Times as much as the other channels together (root mean square): a robot that steps moves several cables."""
 AT_ONCE = 0.5
 """Of a step must lie between the two visits of each place next to it, beyond what lies between others near: a drift is spread over all."""
 TRENDED = 6
 """Degrees of freedom from which a linear drift is taken off."""
 DETERMINED = 3
 """Changes from visit to visit from which their scatter is determined."""
-CLOSED_COUNTS = 3.0
-CLOSED_MM = 0.1
-CLOSED_SCATTERS = 5.0
-"""Of the difference of two visits: up to these the counts close; the second is what robots drift by."""
 MOST_STEPS = 12
 TERMS = 8
 """Of the series of a closure that was lost at an unknown moment."""
@@ -336,11 +332,35 @@ class Evidence:
     """Channels that stepped while the robot moved, or stood: not used at all."""
     unseen: Message | None = None
     """What steps the run would not have shown."""
+    returned_mm: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    """(k, m) changes of length at the positions to which the robot came back."""
+    return_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+    """(m,) difference of two visits from which a single channel does not close."""
+    lost_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+    """(m,) length from which lost counts of a single channel show, by all visits."""
+    reversals: Reversals | None = None
+    """What paths that were followed forth and back show."""
 
     @property
     def sound(self) -> bool:
         """Whether nothing is to be said against the counts."""
-        return not self.steps and not self.closure_mm.any()
+        return not self.steps and not self.closure_mm.any() and not self.late_s.any()
+
+    @property
+    def late_s(self) -> FloatArray:
+        """(m,) lateness of a single channel that paths forth and back show [s], 0 of all others."""
+        if self.reversals is None:
+            return np.zeros(len(self.closure_mm))
+        effect = self.reversals.effect_mm
+        return np.where(_alone(effect) & (effect > CLOSED_MM), self.reversals.late_s, 0.0)
+
+    @property
+    def least_late_s(self) -> float:
+        """The smallest lateness of any single channel that these paths would show [s]; infinite without them."""
+        if self.reversals is None:
+            return np.inf
+        effect = np.where(self.late_s != 0.0, 0.0, self.reversals.effect_mm)
+        return float((np.maximum(CLOSED_MM, ALONE * _others(effect)) / np.maximum(self.reversals.speed_mm_s, 1e-9)).max())
 
     def closure_lengths(self, time_s: FloatArray) -> FloatArray:
         """(n, m, K) errors of the lengths [mm] at times (n,) per variable of unit variance that the run shares.
@@ -360,6 +380,13 @@ class Evidence:
             out[:, j, k * TERMS : (k + 1) * TERMS] = self.closure_mm[j] * series
         return out
 
+    def late_lengths(self, speed_mm_s: FloatArray) -> FloatArray:
+        """(n, m, K) errors of the lengths [mm] at speeds (n, m) by channels that are late, a variable of unit variance each."""
+        late = np.flatnonzero(self.late_s)
+        return np.where(
+            np.arange(len(self.closure_mm))[:, None] == late, speed_mm_s[:, : len(self.closure_mm), None] * self.late_s[late], 0.0
+        )
+
     def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, Message]]:
         """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
         return [((time_s > step.after_s) & ~unused[:, step.cable], message(SUSPECTED, step=step.said)) for step in self.steps]
@@ -372,12 +399,16 @@ class EvidenceFinder:
         self._rig, self._recorded = rig, recorded
         self._mm = np.array([rig.point(c.from_point).drum.count_length_mm for c in rig.cable])
         self._finder, self._continuity = RestFinder(), ContinuityFinder(rig)
+        # channels of several passes are of one motion only as the robot repeats it
+        self._reversals = ReversalFinder() if rig.passes == 1 else None
 
     def add(self, lengths: Lengths) -> None:
         """Take the next piece into account."""
         lengths = lengths.of_cables()
         assert lengths.gone_on is not None
         self._finder.add(lengths.time_s, lengths.gone_on * self._mm)
+        if self._reversals is not None:
+            self._reversals.add(lengths.time_s, lengths.change_mm)
         self._continuity.add(lengths)
 
     def found(self) -> Evidence:
@@ -385,7 +416,16 @@ class EvidenceFinder:
         rests, continuity = self._finder.rests(), self._continuity.found()
         doubts = doubts_of(self._rig, continuity, rests)
         evidence = evidence_of(self._rig, rests, self._recorded, doubts)
-        return replace(evidence, doubts=doubts, unseen=unseen_steps(self._rig, continuity))
+        reversals = None if self._reversals is None else self._reversals.found()
+        evidence = replace(evidence, doubts=doubts, unseen=unseen_steps(self._rig, continuity), reversals=reversals)
+        return replace(evidence, notes=(*evidence.notes, *_late_notes(self._rig, evidence)))
+
+
+def _late_notes(rig: Rig, evidence: Evidence) -> list[Message]:
+    """A note for each channel that is late."""
+    late = np.flatnonzero(evidence.late_s)
+    effect = np.zeros(0) if evidence.reversals is None else evidence.reversals.effect_mm
+    return [message("counts.late", channel=rig.cable[j].channel, ms=1e3 * float(evidence.late_s[j]), mm=float(effect[j])) for j in late]
 
 
 def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), doubts: Doubts = NONE) -> Evidence:
@@ -404,20 +444,47 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), dou
     whole = (float(rests.begin_s[0]), float(rests.end_s[-1])) if len(rests) else (0.0, 0.0)
     back = [(_without(steps, difference, between), between) for difference, between in _returns(rests)]
     back += [(_without(steps, _recorded(rig, entry, per_mm), whole), whole) for entry in recorded if entry.closure_counts]
-    closure, span = np.zeros(len(drums)), whole
+    closure, span, moved = np.zeros(len(drums)), whole, np.zeros((0, len(drums)))
     for difference, between in back:
         believed = np.array([not doubts.about(j, between[1]) for j in range(len(drums))])
         lost = (np.abs(difference) > np.maximum(limit, np.abs(closure))) & _alone(difference) & believed
         if lost.any():
             closure, span = np.where(lost, difference, closure), between
+        moved = np.vstack([moved, np.where(_alone(difference) & believed, difference, 0.0)])
+    # what is lost evenly lies within the scatter of single visits, and not within that of all
+    slow, u_slow = _slow_loss(rests, steps)
+    slow_limit = np.maximum(np.maximum(CLOSED_COUNTS * count_mm, CLOSED_MM), CLOSED_SCATTERS * u_slow)
+    believed = np.array([not doubts.about(j, whole[1]) for j in range(len(drums))])
+    lost = (np.abs(slow) > np.maximum(slow_limit, np.abs(closure))) & _alone(slow) & believed
+    if lost.any():
+        closure, span = np.where(lost, slow, closure), whole
     for j in np.flatnonzero(closure):
         by = {"counts": float(closure[j] * per_mm[j]), "mm": float(closure[j])}
         notes.append(message("counts.not_closed", channel=rig.cable[j].channel, **by))
+        if np.ptp(moved[:, j]) > 2.0 * limit[j]:
+            notes.append(message("counts.moved_point", point=rig.cable[j].from_point, least=moved[:, j].min(), most=moved[:, j].max()))
     several = np.flatnonzero((np.abs(back[0][0]) > limit) & (closure == 0.0)) if _returns(rests) and not doubts.every else ()
     if len(several) > 1:
         determined = ", ".join(f"{rig.cable[j].channel} {back[0][0][j] * per_mm[j]:+.1f}" for j in several)
         notes.append(message("counts.not_closed.several", channels=determined))
-    return Evidence(steps, closure, *span, tuple(notes))
+    by_returns = _shown_from(limit, [difference for difference, _ in back])
+    lost_mm = np.minimum(by_returns, _shown_from(slow_limit, [slow]))
+    returned = _returned(rests, recorded)
+    return Evidence(steps, closure, *span, tuple(notes), returned_mm=returned, return_mm=by_returns, lost_mm=lost_mm)
+
+
+def _shown_from(limit: FloatArray, differences: list[FloatArray]) -> FloatArray:
+    """(m,) sizes from which a difference of visits shows in a single channel, beside those of the other channels (m,)."""
+    calm = [_others(np.where(_alone(d), 0.0, d)) for d in differences]
+    return np.maximum(limit, ALONE * np.max(calm, axis=0, initial=0.0))
+
+
+def _returned(rests: Rests, recorded: tuple[Recorded, ...]) -> FloatArray:
+    """(k, m) changes of length at positions that were visited again, the start included where a recorder saw that counts close."""
+    places = rests.places() if len(rests) else np.empty(0, np.int64)
+    again = [np.flatnonzero(places == place)[0] for place in np.unique(places) if (places == place).sum() > 1]
+    begun = any(entry.closure_counts for entry in recorded) and not again
+    return np.concatenate([rests.length_mm[again], np.zeros((int(begun), rests.length_mm.shape[1]))])
 
 
 def _recorded(rig: Rig, entry: Recorded, per_mm: FloatArray) -> FloatArray:
@@ -450,17 +517,44 @@ def _returns(rests: Rests) -> list[tuple[FloatArray, tuple[float, float]]]:
 
 def _alone(sizes: FloatArray) -> BoolArray:
     """(m,) which of m channels is ALONE times as large as the others together (root mean square); none can be determined of few."""
-    m = len(sizes)
-    others = np.sqrt(np.maximum((sizes**2).sum() - sizes**2, 0.0) / max(m - 1, 1))
-    return (np.abs(sizes) > ALONE * others) & (m >= LEAST_CABLES)
+    return (np.abs(sizes) > ALONE * _others(sizes)) & (len(sizes) >= LEAST_CABLES)
+
+
+def _others(sizes: FloatArray) -> FloatArray:
+    """(m,) root mean square of the other channels' sizes."""
+    return np.sqrt(np.maximum((sizes**2).sum() - sizes**2, 0.0) / max(len(sizes) - 1, 1))
+
+
+def _slow_loss(rests: Rests, steps: tuple[Step, ...]) -> tuple[FloatArray, FloatArray]:
+    """(m,) changes of length [mm] from the first rest to the last one, in proportion to time, by the differences of visits of one position,
+    and their standard uncertainties; infinite where there are too few visits."""
+    m = rests.length_mm.shape[1]
+    none = np.zeros(m), np.full(m, np.inf)
+    if not len(rests):
+        return none
+    places = rests.places()
+    r, freedom = _within(_without_steps(rests, steps), places)
+    t = _within(rests.begin_s[:, None], places)[0][:, 0]
+    if freedom < TRENDED or not t.any():
+        return none
+    slope = t @ r / (t @ t)
+    each = ((r - t[:, None] * slope) ** 2).sum(axis=0) / (freedom - 1)
+    whole = rests.begin_s[-1] - rests.end_s[0]
+    return slope * whole, whole * np.sqrt(np.maximum(each, each.mean()) / (t @ t))
+
+
+def _without_steps(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
+    """(N, m) lengths of the rests without the suspected steps."""
+    values = rests.length_mm.copy()
+    for step in steps:
+        values[rests.begin_s >= step.before_s, step.cable] -= step.length_mm
+    return values
 
 
 def _scatter(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
     """(m,) standard deviations [mm] of single visits, the suspected steps taken off, by the changes from visit to visit of a place, which a
     slow drift hardly enters; zero where there are too few to tell."""
-    values = rests.length_mm.copy()
-    for step in steps:
-        values[rests.begin_s >= step.before_s, step.cable] -= step.length_mm
+    values = _without_steps(rests, steps)
     places = rests.places() if len(rests) else np.empty(0, np.int64)
     changes = np.concatenate([np.diff(values[places == place], axis=0) for place in np.unique(places)] or [values])
     if len(changes) < DETERMINED:

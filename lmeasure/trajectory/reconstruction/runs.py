@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.core import BoolArray, FloatArray, Status, TrajectoryError
-from lmeasure.kernels import BELIEVED_AT, KIND
+from lmeasure.kernels import AXIAL, BELIEVED_AT, KIND, TANGENT, solve_pose, span_lengths, span_rows
 from lmeasure.recording import Counts, RateEvidence, Run, RunHead, WidthEvidence, notes_of, read_counts_in_pieces
 from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts, rate_notes, zero_temperature
 from lmeasure.text import Message, and_also, is_of, message
 from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
+from lmeasure.trajectory.faults.detectable_sizes import detectable_sizes
 from lmeasure.trajectory.faults.doubts import Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, places_of_reliability, reliability, reliability_notes
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence, EvidenceFinder
@@ -29,11 +30,11 @@ from lmeasure.trajectory.files.write import trajectory_writer
 from lmeasure.trajectory.origin.origins import settle_origins
 from lmeasure.trajectory.origin.start import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
-from lmeasure.trajectory.reconstruction.run_model import RunModel
+from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, reconstruction_of
 from lmeasure.trajectory.time.passes import Alignment, align
 from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budget, PoseCovariances
-from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, needed_zero, zeros_of
+from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of
 
 Progress = Callable[[int, int], None]
 SURE_S = 86400.0
@@ -292,7 +293,13 @@ def with_evidence(
     that are suspected, and what does not close in the systematic covariances."""
     evidence, budget, scheme = source.evidence, reconstruction.budget, reconstruction.model.scheme
     unseen = () if evidence.unseen is None else (evidence.unseen,)
-    more = (*reconstruction.doubts.notes, *evidence.notes, *unseen, _redundancy_note(reconstruction.model), *reconstruction.reliability)
+    more = (
+        *reconstruction.doubts.notes,
+        *evidence.notes,
+        *unseen,
+        *_redundancy_notes(reconstruction.model, evidence),
+        *reconstruction.reliability,
+    )
     trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(source.run.recorded), *more))
     if evidence.sound:
         return trajectory
@@ -301,21 +308,35 @@ def with_evidence(
     for mask, why in evidence.causes(trajectory.time_s, unused):
         cause[ok & mask] = and_also(cause[ok & mask], why)
     trajectory = replace(trajectory, cause=cause)
-    if not covariances or not evidence.closure_mm.any():
+    if not covariances or not (evidence.closure_mm.any() or evidence.late_s.any()):
         return trajectory
     systematic, poses = trajectory.systematic.copy(), trajectory.poses
     if scheme.point is not None:
         poses = np.where(np.isnan(poses) & ~np.isnan(poses[:, :1]), [0.0] * 6 + [1.0], poses)
+    speed = lengths.speed_mm_s
     for begin in range(0, len(systematic), CHUNK):
         i = slice(begin, begin + CHUNK)
-        factors = _closure_factors(budget, evidence, trajectory.time_s[i], poses[i], counts=lengths.counts[i], unused=unused[i])
+        at = Situation(trajectory.time_s[i], poses[i], lengths.counts[i], speed[i])
+        factors = _closure_factors(budget, evidence, at, unused[i])
         systematic[i] += factors @ np.swapaxes(factors, 1, 2)
     return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
 
 
-def _redundancy_note(model: RunModel) -> Message:
-    """Return which of its own faults a run can show with its number of cables."""
+def _redundancy_notes(model: RunModel, evidence: Evidence) -> list[Message]:
+    """Return which of its own faults a run can show with its number of cables, and of which size where none of them is redundant."""
     scheme = model.scheme
+    if not scheme.six:
+        return [_redundancy_note(scheme)]
+    rows, begun = scheme.rows, span_lengths(scheme.rows, model.zero_pose[None])[0]
+    poses = np.array([solve_pose(rows, begun + change, model.zero_pose)[3] for change in evidence.returned_mm]).reshape(-1, 7)
+    poses = poses[np.isfinite(poses).all(axis=1)]
+    lengths = span_lengths(rows, poses) + np.hypot(rows[:, TANGENT], rows[:, AXIAL])
+    directions = np.array([span_rows(rows, pose)[:, 3:] for pose in poses]).reshape(-1, len(rows), 3)
+    found = detectable_sizes(evidence.lost_mm, evidence.return_mm, directions, lengths, late_s=evidence.least_late_s)
+    return [_redundancy_note(scheme), *found.lines]
+
+
+def _redundancy_note(scheme: Scheme) -> Message:
     of: dict[str, int] = {"cables": len(scheme.rows), "unknowns": len(scheme.free)}
     channels = ".channels" if scheme.rows[:, KIND].any() else ""
     if scheme.redundancy == 0:
@@ -327,7 +348,8 @@ def _redundancy_note(model: RunModel) -> Message:
 
 def covered(covers: str, evidence: Evidence) -> str:
     """Return what the standard uncertainties include, in words, with what does not close."""
-    return message("trajectory.does_not_close_counts", sources=covers) if evidence.closure_mm.any() else covers
+    covers = message("trajectory.does_not_close_counts", sources=covers) if evidence.closure_mm.any() else covers
+    return message("trajectory.late_channels", sources=covers) if evidence.late_s.any() else covers
 
 
 def covariances(
@@ -398,8 +420,9 @@ def covariances(
         temperature_c=warm,
         travel=travel,
     )
-    if aligned.evidence.closure_mm.any():
-        closing = _closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, counts=lengths.counts[chosen], unused=unused)
+    if aligned.evidence.closure_mm.any() or aligned.evidence.late_s.any():
+        at = Situation(lengths.time_s[chosen], poses, lengths.counts[chosen], lengths.speed_mm_s[chosen])
+        closing = _closure_factors(budget, aligned.evidence, at, unused)
         sources = (*found.sources, *(CLOSURE,) * closing.shape[2])
         uniform = (*found.uniform, *(False,) * closing.shape[2])
         assumed = (*found.assumed, *("",) * closing.shape[2])
@@ -415,12 +438,10 @@ def _of_position(found: PoseCovariances) -> PoseCovariances:
     return replace(found, own=own, factors=factors)
 
 
-def _closure_factors(
-    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, *, counts: FloatArray, unused: BoolArray
-) -> FloatArray:
-    """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
-    G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled=True)
-    lengths = evidence.closure_lengths(time_s)
+def _closure_factors(budget: Budget, evidence: Evidence, at: Situation, unused: BoolArray) -> FloatArray:
+    """Return (n, 6, K) factors of poses for what does not close in the run's counts, and for channels that are late."""
+    G = budget.twists(np.ascontiguousarray(at.poses), at.counts, unused, compiled=True)
+    lengths = np.concatenate([evidence.closure_lengths(at.time_s), evidence.late_lengths(at.speed_mm_s)], axis=2)
     return np.asarray(G[:, :, : lengths.shape[1]] @ lengths)
 
 

@@ -1,0 +1,126 @@
+"""Late channels, found where a robot follows a path forth and back.
+
+The counts of a channel that is late by tau_j show l_j - v_j tau_j, with v_j the speed of the cable. Where the robot passes a position in
+both directions, the lengths of the two passages differ by
+
+    l(t2) - l(t1) = s u - (v(t2) - v(t1)) tau + e,
+
+with s the way between the two along the mean direction u of the path, and e what the robot deviates. s is eliminated, and tau follows by
+least squares over all such pairs, but for what all channels are late by in common. Play and friction of a single drum look alike.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lmeasure.core import FloatArray, IntArray
+
+SPACING_MM = 2.0
+"""Way between samples that are compared, of the cable that moves most."""
+MOST = 20_000
+"""Samples that are compared; of a longer run the spacing is doubled."""
+SLOW_MM_S = 20.0
+"""Below this speed of the fastest cable nothing shows."""
+PAUSE_S = 0.5
+"""Between two samples of one movement."""
+WITHIN_MM = 15.0
+"""Distance of the lengths of two passages: up to twice the way that a late channel is behind."""
+NEIGHBOURS = 16
+OPPOSITE = -0.95
+LEAST_PAIRS = 10
+LOOSE = 3.0
+"""Times the lower quartile of their deviations: pairs that deviate more are of two paths beside each other."""
+APART_MM = 0.3
+"""Deviation of a pair that is used in any case."""
+
+
+@dataclass(frozen=True)
+class Reversals:
+    """Lateness late_s (m,) of each channel against the others' median, and the mean change of each cable's speed at a reversal (m,)."""
+
+    late_s: FloatArray
+    speed_mm_s: FloatArray
+
+    @property
+    def effect_mm(self) -> FloatArray:
+        """Return (m,) by how much the two passages of a position differ by each channel's lateness."""
+        return np.asarray(np.abs(self.late_s) * self.speed_mm_s)
+
+
+class ReversalFinder:
+    """Collects samples of the movements of a run that comes in pieces."""
+
+    def __init__(self) -> None:
+        self._spacing_mm = SPACING_MM
+        self._way_mm, self._last = 0.0, np.empty((0, 0))
+        self._kept: list[FloatArray] = []
+        self._count = 0
+
+    def add(self, time_s: FloatArray, length_mm: FloatArray) -> None:
+        """Take the next samples: times (n,) and changes of length (n, m), NaN where they are not known."""
+        rows = np.column_stack([time_s, length_mm])
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if not len(rows):
+            return
+        before = rows[:1] if not len(self._last) else self._last
+        steps = np.abs(np.diff(np.concatenate([before, rows])[:, 1:], axis=0)).max(axis=1)
+        way = self._way_mm + np.cumsum(steps)
+        number = np.floor(np.concatenate([[self._way_mm], way]) / self._spacing_mm)
+        self._kept.append(rows[np.diff(number) > 0.0])
+        self._count += len(self._kept[-1])
+        self._way_mm, self._last = float(way[-1]), rows[-1:]
+        if self._count > MOST:
+            self._kept = [np.concatenate(self._kept)[::2]]
+            self._count, self._spacing_mm = len(self._kept[0]), 2.0 * self._spacing_mm
+
+    def found(self) -> Reversals | None:
+        """Return the lateness of the channels; None where no path was followed in both directions."""
+        if self._count < LEAST_PAIRS:
+            return None
+        rows = np.concatenate(self._kept)
+        time_s, lengths = rows[:, 0], rows[:, 1:]
+        moving, speeds = _speeds(time_s, lengths)
+        first, second = _pairs(time_s[moving], lengths[moving], speeds)
+        if len(first) < LEAST_PAIRS:
+            return None
+        return _lateness(lengths[moving][second] - lengths[moving][first], speeds[first], speeds[second])
+
+
+def _speeds(time_s: FloatArray, lengths: FloatArray) -> tuple[IntArray, FloatArray]:
+    """(k,) samples in movement, and their speeds (k, m) between the neighbours."""
+    span = time_s[2:] - time_s[:-2]
+    speeds = (lengths[2:] - lengths[:-2]) / np.maximum(span, 1e-9)[:, None]
+    moving = (span < PAUSE_S) & (np.abs(speeds).max(axis=1) > SLOW_MM_S)
+    return np.flatnonzero(moving) + 1, speeds[moving]
+
+
+def _pairs(time_s: FloatArray, lengths: FloatArray, speeds: FloatArray) -> tuple[IntArray, IntArray]:
+    """Pairs of samples at which the robot passes nearly one position in opposite directions, each sample with the nearest of later ones."""
+    none = np.empty(0, np.int64)
+    if len(lengths) <= NEIGHBOURS:
+        return none, none
+    unit = speeds / np.linalg.norm(speeds, axis=1)[:, None]
+    away, other = cKDTree(lengths).query(lengths, NEIGHBOURS, distance_upper_bound=WITHIN_MM)
+    other = np.where(np.isfinite(away), other, 0)
+    fits = np.isfinite(away) & (other > np.arange(len(lengths))[:, None]) & (time_s[other] - time_s[:, None] > PAUSE_S)
+    fits &= np.einsum("nm,nkm->nk", unit, unit[other]) < OPPOSITE
+    first = np.flatnonzero(fits.any(axis=1))
+    return first, other[first, np.argmax(fits[first], axis=1)].astype(np.int64)
+
+
+def _lateness(apart: FloatArray, before: FloatArray, after: FloatArray) -> Reversals | None:
+    """The lateness by differences (n, m) of the lengths of pairs and speeds (n, m) at both."""
+    along = before - after
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    beside = apart - (apart * along).sum(axis=1, keepdims=True) * along
+    deviation = np.linalg.norm(beside, axis=1)
+    used = deviation <= max(APART_MM, LOOSE * float(np.quantile(deviation, 0.25)))
+    if used.sum() < LEAST_PAIRS:
+        return None
+    change, along, beside = (after - before)[used], along[used], beside[used]
+    # the projection beside the path of each channel's part
+    m = change.shape[1]
+    rows = change[:, :, None] * np.eye(m) - along[:, :, None] * (along * change)[:, None, :]
+    late = -np.linalg.lstsq(rows.reshape(-1, m), beside.reshape(-1), rcond=1e-6)[0]
+    return Reversals(late - np.median(late), np.sqrt(np.mean(change**2, axis=0)))
