@@ -89,9 +89,8 @@ angles = {angles}
 assumed = [{assumed}]
 
 # An uncertainty that you do not state has a typical size. Lines such as "# u_run_out_mm = 0.02" show it: measure it, write
-# the smaller size, and remove the "#", in each table. "exact" means that all that is not stated is exact (simulations).
-# run.toml states the start pose and the temperature of a run: {of_run}.
-unstated = "typical"
+# the smaller size, and remove the "#", in each table. run.toml states start pose and temperature: {of_run}.
+# unstated = "exact"  # all that is not stated is exact: for simulations
 {of_rig}
 """
 POINT_KEYS = {

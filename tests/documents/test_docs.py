@@ -23,7 +23,7 @@ import pytest
 from lmeasure.cli.app import main
 from lmeasure.cli.commands import command as command_of
 from lmeasure.kernels import lanes, screw
-from lmeasure.trajectory.faults import consistency, continuity, rest_evidence
+from lmeasure.trajectory.faults import consistency, continuity, detectable_sizes, rest_evidence
 from lmeasure.trajectory.reconstruction import screw_method
 from lmeasure.workflows import COMMANDS
 
@@ -150,7 +150,7 @@ CONSTANTS = {
         f"no length moves by more than {rest_evidence.STILL_MM:g} mm in {rest_evidence.VISIT_LAG_S:g} s, for {rest_evidence.LEAST_S:g} s",
         f"all cables but one agree within {rest_evidence.NEAR_MM:g} mm",
         f"({rest_evidence.SIGNIFICANCE:.0e} per run, shared by all channels and moments)",
-        f"by more than {rest_evidence.CLOSED_COUNTS:g} counts, {rest_evidence.CLOSED_MM:g} mm and",
+        f"by more than {detectable_sizes.CLOSED_COUNTS:g} counts, {detectable_sizes.CLOSED_MM:g} mm and",
     ],
 }
 

@@ -42,7 +42,7 @@ def motion(rng: np.random.Generator, order: tuple[int, ...] = ORDER, repeats_mm:
 def measured(
     seed: int = 1, late_s: float = 0.0, lost: float = 0.0, moved: Any = None, order: tuple[int, ...] = ORDER
 ) -> tuple[Trajectory, Run]:
-    """The trajectory of such a run with a channel that is late, that loses counts evenly, or whose point moves slowly about half-way [mm]."""
+    """The trajectory of such a run with a channel that is late, that loses counts evenly, or whose point moves half-way [mm]."""
     true = truth(2)
     time_s, poses = motion(np.random.default_rng(seed), order)
     counts = true.true_counts(poses, START)
