@@ -114,7 +114,7 @@ def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
     assert not bounds.inside(poses).any()
 
 
-@pytest.mark.parametrize(("words", "said"), [(["--rig", str(RIG)], "rig"), (["--correct", "p.toml"], "correct")])
+@pytest.mark.parametrize(("words", "said"), [(["--rig", str(RIG)], "--x"), (["--correct", "p.toml"], "correct")])
 def test_a_correction_needs_program_and_rig(tmp_path: Path, words: list[str], said: str) -> None:
     done = CliRunner().invoke(app, ["program", "--out", str(tmp_path), *words])
     assert (done.exit_code, said in done.output) == (2, True)
