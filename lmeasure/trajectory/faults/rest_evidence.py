@@ -291,6 +291,8 @@ TRENDED = 6
 DETERMINED = 3
 """Changes from visit to visit from which their scatter is determined."""
 MOST_STEPS = 12
+MOST_RETURNS = 32
+"""Positions visited again of which the directions of the cables are computed."""
 TERMS = 8
 """Of the series of a closure that was lost at an unknown moment."""
 
@@ -482,7 +484,7 @@ def _shown_from(limit: FloatArray, differences: list[FloatArray]) -> FloatArray:
 def _returned(rests: Rests, recorded: tuple[Recorded, ...]) -> FloatArray:
     """(k, m) changes of length at positions that were visited again, the start included where a recorder saw that counts close."""
     places = rests.places() if len(rests) else np.empty(0, np.int64)
-    again = [np.flatnonzero(places == place)[0] for place in np.unique(places) if (places == place).sum() > 1]
+    again = [np.flatnonzero(places == place)[0] for place in np.unique(places) if (places == place).sum() > 1][:MOST_RETURNS]
     begun = any(entry.closure_counts for entry in recorded) and not again
     return np.concatenate([rests.length_mm[again], np.zeros((int(begun), rests.length_mm.shape[1]))])
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lmeasure.core import BoolArray, FloatArray, Status, TrajectoryError
 from lmeasure.kernels import AXIAL, BELIEVED_AT, KIND, TANGENT, solve_pose, span_lengths, span_rows
 from lmeasure.recording import Counts, RateEvidence, Run, RunHead, WidthEvidence, notes_of, read_counts_in_pieces
-from lmeasure.rig import Rig
+from lmeasure.rig import PHASED, Rig
 from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts, rate_notes, zero_temperature
 from lmeasure.text import Message, and_also, is_of, message
 from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
@@ -298,6 +298,7 @@ def with_evidence(
         *evidence.notes,
         *unseen,
         *_redundancy_notes(reconstruction.model, evidence),
+        *_phase_notes(reconstruction),
         *reconstruction.reliability,
     )
     trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(source.run.recorded), *more))
@@ -320,6 +321,17 @@ def with_evidence(
         factors = _closure_factors(budget, evidence, at, unused[i])
         systematic[i] += factors @ np.swapaxes(factors, 1, 2)
     return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
+
+
+def _phase_notes(reconstruction: Reconstruction) -> list[Message]:
+    """Return what is assumed of the angles at which eccentric drums and pulleys stood when the run began."""
+    rig, record = reconstruction.model.rig, reconstruction.model.calibration
+    solved = set() if record is None else {name.partition(".")[0] for name in record.names if name.rpartition(".")[2] in PHASED}
+    unsolved = reconstruction.budget.unsolved.variables
+    free = sorted({v.owner for v in unsolved if any(name.rpartition(".")[2] in PHASED for name in v.names)})
+    at_zero = sorted(name for name in solved if rig.point(name).phase_length_mm is None)
+    by_code = {"phase.calibrated": sorted(solved - set(at_zero)), "phase.at_zero": at_zero, "phase.any": free}
+    return [message(code, points=tuple(points)) for code, points in by_code.items() if points]
 
 
 def _redundancy_notes(model: RunModel, evidence: Evidence) -> list[Message]:
