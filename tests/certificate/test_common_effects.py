@@ -1,6 +1,7 @@
 """Start pose and dimensions that nobody stated are one error of a whole run: they widen pose accuracy, and not repeatability."""
 
 import itertools
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ RATE_HZ, CYCLES = 50.0, 8
 PLACES = np.array([[100.0, 50, 20], [130, 50, 20], [-150, 120, -80]])
 
 
-def certified(seed: int, unstated: str) -> tuple[Evaluation, np.ndarray]:
+def certified(seed: int, unstated: Literal["typical", "exact"]) -> tuple[Evaluation, np.ndarray]:
     """The figures of a run that states nothing but its temperature, and the true positions (3, cycles, 3), by an independent forward
     model with start pose, count lengths and attachment points off by typical sizes."""
     rng, plain = np.random.default_rng(seed), truth(20)
@@ -56,7 +57,8 @@ def certified(seed: int, unstated: str) -> tuple[Evaluation, np.ndarray]:
 
 def test_common_effects_widen_pose_accuracy_and_not_repeatability_or_near_distances() -> None:
     by_kind = {}
-    for unstated in ("exact", "typical"):
+    kinds: tuple[Literal["typical", "exact"], ...] = ("exact", "typical")
+    for unstated in kinds:
         figures = certified(1, unstated)[0].characteristics
         by_kind[unstated] = {name: max(c.u95 for c in figures if c.name == name and c.u95) for name in ("AP_p", "RP_l", "RD", "AD_p")}
     exact, typical = by_kind["exact"], by_kind["typical"]
