@@ -11,6 +11,7 @@ from lmeasure.core import CertificationError, FileFormatError
 from lmeasure.io import Strict, checked, files
 from lmeasure.register.drift import LEAST, forecast
 from lmeasure.register.register import Register
+from lmeasure.text import Message, message
 
 LIMITS = "limits.toml"
 EPOCH = datetime.date(1970, 1, 1)
@@ -63,6 +64,18 @@ class Due:
     last: float | None = None
     drift: tuple[float, float] | None = None
     beyond: bool = False
+
+    def overdue(self, today: datetime.date) -> bool:
+        """Return whether the next calibration should have been made by today."""
+        return self.beyond or (self.day is not None and self.day <= today)
+
+    def said(self, today: datetime.date) -> Message:
+        """Return the line of a list of what is due."""
+        about = {"subject": self.limit.subject, "result": self.limit.result, "unit": self.unit, "risk": self.limit.risk_percent}
+        if self.day is None:
+            return message("register.never", **about)
+        code = "beyond" if self.beyond else "overdue" if self.day <= today else "due"
+        return message(f"register.{code}", **about, day=self.day.isoformat(), last=self.last)
 
 
 def read_limits(folder: Path) -> Limits:

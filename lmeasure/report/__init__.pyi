@@ -1,4 +1,5 @@
 from .calibration import write_calibration_page as write_calibration_page
+from .cell_drawing import cell_plan as cell_plan
 from .certificate import (
     PRINTERS as PRINTERS,
     Choices as Choices,
@@ -11,7 +12,7 @@ from .comparison import reported as reported, write_comparison_page as write_com
 from .correction import write_correction_page as write_correction_page
 from .demonstration import Part as Part, write_demo_page as write_demo_page
 from .fleet import FleetItem as FleetItem, write_fleet_page as write_fleet_page
-from .html import kept as kept
+from .html import BASE_STYLE as BASE_STYLE, kept as kept
 from .inspection import write_inspection_page as write_inspection_page
 from .interim import write_check_page as write_check_page
 from .mechanism import workspace_words as workspace_words, write_mechanism_page as write_mechanism_page
@@ -25,6 +26,7 @@ from .plots import (
 from .qualification import qualification_pdf as qualification_pdf
 from .robot import write_robot_page as write_robot_page
 from .structure import write_list_page as write_list_page, write_structure_page as write_structure_page
+from .summary import Glance as Glance, glance as glance
 from .text import word as word
 from .trajectory import (
     about_stretch as about_stretch,

@@ -19,6 +19,8 @@ from lmeasure.report.text import with_indices
 from lmeasure.text import Message, Say
 
 HERE = Path(__file__).parent
+BASE_STYLE = HERE / "base.css"
+"""Colours, sizes and the parts that all pages have, those of the workbench too."""
 
 
 @dataclass(frozen=True)
@@ -193,8 +195,8 @@ def themed(svg: str) -> Markup:
 
 def page(template: str, answer: Answer, say: Say, **values: Any) -> str:
     """Return the text of a page from its template, its first screen and the values that the template names."""
-    read = [Markup((HERE / name).read_text(encoding="utf-8")) for name in ("page.css", "page.js")]
-    whole = _templates().get_template(template).render(answer=answer, say=say, style=read[0], script=read[1], **values)
+    read = [Markup((HERE / name).read_text(encoding="utf-8")) for name in ("base.css", "page.css", "page.js")]
+    whole = _templates().get_template(template).render(answer=answer, say=say, style=read[0] + read[1], script=read[2], **values)
     plotly = f'<script>window.PlotlyConfig = {{MathJaxConfig: "local"}};</script><script>{get_plotlyjs()}</script>'
     whole = whole.replace("@plotly@", plotly if 'class="plotly-graph-div' in whole else "", 1)
     return whole.replace("@policy@", policy(whole), 1)

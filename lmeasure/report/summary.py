@@ -1,7 +1,7 @@
 """What a reader must know of a certificate at a glance: the figures that matter most, chosen from certificate.json, never computed."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from lmeasure.certificate import chosen, gathered
 from lmeasure.report import certificate_text as say
@@ -22,6 +22,27 @@ def sentence(certificate: dict[str, Any]) -> str:
     load, speed = say.load_and_speed(certificate)
     text = ", ".join([*parts, *([word(language, "sentence.speed", speed=speed)] if speed else []), *([load] if load else [])])
     return f"{text[:1].upper()}{text[1:]}."
+
+
+class Glance(NamedTuple):
+    """A certificate in three lines: the worst value of the result that shows most of a robot, what it is of, and the outcome against the
+    stated tolerances with its state (good, warn, bad, or empty where none is stated)."""
+
+    value: str
+    about: str
+    state: str
+    outcome: str
+
+
+def glance(certificate: Mapping[str, Any], language: str) -> Glance:
+    """Return what a list of certificates shows of one, in a language of its own."""
+    own = {**certificate, "language": language}
+    state, outcome = say.outcome(own)
+    if not (found := chosen(own)[:1]):
+        return Glance("\u2013", word(language, "no_results"), state, outcome)
+    shown = say.result(own, found[0].figure)
+    about = ", ".join((shown.name, say.place_of(language, found[0].figure), *([robot(own)] if own["details"].get("item") else [])))
+    return Glance(value_of(shown), about, state, outcome)
 
 
 def value_of(result: say.Result) -> str:

@@ -20,7 +20,7 @@ from starlette.templating import Jinja2Templates
 from lmeasure.text import typed
 from lmeasure.workbench import forms, guard, tour
 from lmeasure.workbench.cards import TITLES
-from lmeasure.workbench.jobs import Job, Jobs
+from lmeasure.workbench.jobs import DONE, FAILED, Job, Jobs
 from lmeasure.workbench.processes import prepared
 from lmeasure.workbench.project import OutsideError, Project, inside, look_at
 from lmeasure.workbench.project_list import Shelf
@@ -64,6 +64,35 @@ def _bus(job: Job) -> str:
     return str(forms.of_words(job.command, job.words).get("bus", ""))
 
 
+def files_of(job: Job, folder: Path) -> list[str]:
+    """Return the files of the project that a job wrote, pages first."""
+    out = []
+    for text in (job.result or {}).get("files", ()):
+        try:
+            path = inside(folder, str(text))
+        except OutsideError:
+            continue
+        if path.is_file():
+            out.append(path.relative_to(folder.resolve()).as_posix())
+    return sorted(dict.fromkeys(out), key=lambda path: (not path.endswith(".html"), not path.endswith(".pdf"), path))
+
+
+def doubted(jobs: Jobs, folder: Path) -> frozenset[str]:
+    """Return the files that a failed job wrote, unless a later job wrote them anew, or a self-test of them passed."""
+    out: set[str] = set()
+    good: set[str] = set()
+    for job in jobs.all():
+        if job.state not in (DONE, FAILED):
+            continue
+        asked = forms.of_words(job.command, job.words)
+        files = {*files_of(job, folder), *({str(asked["write"])} if asked.get("write") else ())}
+        if job.state == FAILED:
+            out |= files - good
+        else:
+            good |= {*files, *({str(asked["rig"])} if job.command == "check" and asked.get("rig") else ())}
+    return frozenset(out)
+
+
 @dataclass
 class Bench:
     """One project, open in this server; shelf: where others are, if that was stated."""
@@ -90,7 +119,7 @@ class Bench:
     @property
     def project(self) -> Project:
         """As it is now."""
-        return replace(look_at(self.folder), known=bus_in_use(self.jobs))
+        return replace(look_at(self.folder), known=bus_in_use(self.jobs), doubted=doubted(self.jobs, self.folder))
 
 
 def bench_of(request: Request) -> Bench:

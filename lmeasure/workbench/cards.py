@@ -44,6 +44,31 @@ PAGES = {
         ("program", "certificate", "identification", "robot"),
     ),
 }
+MAKES = {
+    "check": "checked",
+    "play": "",
+    "plan-poses": "poses",
+    "capture": "calibration",
+    "calibrate": "record",
+    "zone": "zone",
+    "import": "run",
+    "reconstruct": "trajectory",
+    "record": "run",
+    "program": "program",
+    "certify": "certificate",
+}
+"""Kinds of files that commands make, as far as the way from an empty folder to a certificate goes by them."""
+
+
+def primary(page: Page, project: Project) -> str:
+    """Return the command of a page that is open while the others are folded: the first whose file the project lacks and whose input it
+    has, else the last on the way."""
+    way = [name for name in page.commands if MAKES.get(name)]
+    missing = [name for name in way if not project.of(MAKES[name])]
+    ready = [name for name in missing if name not in NEEDS or project.of(NEEDS[name][0])]
+    return (ready or missing or way[-1:] or list(page.commands[:1]))[0]
+
+
 FIRST = {
     "init": ("template", "out"),
     "check": ("rig", "bus", "write"),

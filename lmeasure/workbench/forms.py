@@ -108,6 +108,8 @@ class FieldOf:
             return found[0] if label is None else say("workbench.quoted", label=say(label))
 
         text = _WORD.sub(lambda found: say("workbench.quoted", label=found[1]), _FLAG.sub(named, say(self.option.help)))
+        # the label is right above it
+        text = re.sub(rf"^{re.escape(say(self.option.label))}[:,;] (\w)", lambda found: found[1].upper(), text, flags=re.IGNORECASE)
         low, high = self.option.minimum, self.option.maximum
         if low is None and high is None:
             return text
@@ -136,7 +138,7 @@ def fields(
         value = values.get(option.name)
         if value is None and given is None:
             taken = option.required or (command, option.name) in TAKEN or ((command, option.name) in TAKEN_ALONE and len(offers) == 1)
-            only = offers[0] if taken and offers else ""
+            only = offers[0] if taken and offers and offers[0] not in project.doubted else ""
             known = "" if command == "play" else project.known.get(option.name, "")  # which plays on no bus that others use
             value = only or known or suggested(command, option.name, project) or option.default
         text = "\n".join(map(str, value)) if isinstance(value, list | tuple) else "" if value is None else str(value)
@@ -148,9 +150,9 @@ def fields(
 def offered(command: str, name: str, project: Project) -> tuple[str, ...]:
     """Files of the project that suit an option; for a rig, calibrated ones first, except where one is calibrated."""
     kinds = BY_COMMAND.get((command, name), KINDS.get(name, ()))
-    found = tuple(path for kind in kinds for path in project.of(kind))
+    found = tuple(sorted((path for kind in kinds for path in project.of(kind)), key=project.doubted.__contains__))
     if name == "rig":
-        calibrated = project.calibrated()
+        calibrated = tuple(path for path in project.calibrated() if path not in project.doubted)
         plain = tuple(path for path in found if path not in calibrated)
         return (*plain, *calibrated) if command in ("check", "plan-poses", "capture", "drum", "calibrate") else (*calibrated, *plain)
     return found

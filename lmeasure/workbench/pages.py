@@ -1,5 +1,6 @@
 """The pages: each answers with a template; what is done is done by a job."""
 
+import contextlib
 import re
 from collections import defaultdict
 from collections.abc import Mapping
@@ -15,10 +16,11 @@ from starlette.routing import Route
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import not_written
 from lmeasure.workbench import forms, runs
-from lmeasure.workbench.answers import COOKIE, Form, bench_of, form_of, job_of, language_of, lost, page, posted
-from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking
+from lmeasure.workbench.answers import COOKIE, Form, bench_of, files_of, form_of, job_of, language_of, lost, page, posted
+from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking, primary
+from lmeasure.workbench.cell_state import CellState, cell_state
 from lmeasure.workbench.jobs import DONE, FAILED, RUNNING, Job
-from lmeasure.workbench.project import OutsideError, inside, steps
+from lmeasure.workbench.project import OutsideError, Project, following, steps
 from lmeasure.workbench.project_list import Shelf
 from lmeasure.workbench.text import said
 from lmeasure.workflows import COMMANDS, JOBS, command_help, job_name
@@ -38,33 +40,57 @@ STEP_NAMES = {
 LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "workbench.every_dimension_instrument_plain"}
 LASTING = ("record", "watch", "capture", "play")
 """Commands whose end is somebody's wish: what they have written by then is kept."""
+SHOWN = {"calibrate": "calibration", "zone": "zone", "runs": "run", "robot": "certificate", "check": "check"}
+"""Pages of commands whose last result is above them: the tile of the cell's state."""
 OWN = ("runs", "robot", "zone", "check", "calibrate")
 """Pages of commands that have something of their own above them."""
 
 
-def home(request: Request, wrong: str = "", typed: str = "") -> Response:
-    """What the project has and what comes next, and the projects beside it; wrong is what is wrong with a name that was typed for one."""
+async def home(request: Request, wrong: str = "", typed: str = "") -> Response:
+    """The state of the cell and what comes next, and the projects beside it; wrong is what is wrong with a name that was typed for one."""
+    project = await run_in_threadpool(lambda: bench_of(request).project)
+    return await run_in_threadpool(_home, request, project, await _state(request, project), wrong, typed)
+
+
+async def _state(request: Request, project: Project) -> CellState:
+    """Return the state of the cell; of a project with nothing, or with files that cannot be read in time, a verdict alone."""
+    language = language_of(request)
+    if project.found:
+        with contextlib.suppress(LMeasureError):
+            state: CellState = await bench_of(request).reading.ask(cell_state, project.folder, language)
+            return state
+        return CellState(said(language, "workbench.cannot_read"), "warn")
+    return CellState(said(language, "cell.empty"), "warn")
+
+
+def _home(request: Request, project: Project, state: CellState, wrong: str, typed: str) -> Response:
     bench = bench_of(request)
-    project, jobs = bench.project, bench.jobs.all()
-    checked = any(job.command == "check" and job.state == "done" for job in jobs)
-    verified = any(job.command == "verify" and job.state == "done" for job in jobs)
-    way = [step._asdict() if step.name != "verify" else step._asdict() | {"done": verified} for step in steps(project, checked)]
-    following = next((step["name"] for step in way if not step["done"]), "")
-    values = {"project": project, "steps": way, "step_names": STEP_NAMES, "following": following, "jobs": jobs, "leads": LEADS}
+    jobs = bench.jobs.all()
+    checked, verified = (any(job.command == name and job.state == "done" for job in jobs) for name in ("check", "verify"))
+    way = [step if step.name != "verify" else step._replace(done=verified) for step in steps(project, checked)]
+    values = {"project": project, "steps": way, "step_names": STEP_NAMES, "following": following(way), "jobs": jobs, "leads": LEADS}
     beside = None if bench.shelf is None else bench.shelf.projects()
-    return page(request, "home.html", 422 if wrong else 200, **values, beside=beside, wrong=wrong, typed=typed)
+    return page(request, "home.html", 422 if wrong else 200, **values, state=state, beside=beside, wrong=wrong, typed=typed)
 
 
-def cards(request: Request) -> Response:
+async def cards(request: Request) -> Response:
     """A page of commands."""
+    project = await run_in_threadpool(lambda: bench_of(request).project)
+    state = await _state(request, project) if request.scope["path"].strip("/") in SHOWN else None
+    return await run_in_threadpool(_cards, request, project, state)
+
+
+def _cards(request: Request, project: Project, state: CellState | None) -> Response:
     bench = bench_of(request)
     name = request.scope["path"].strip("/")
-    here, project = PAGES[name], bench.project
+    here = PAGES[name]
     made = [one for one in project.found if one.kind in here.kinds]
     if name == "live" and (seen := next((job for job in bench.jobs.running() if job.command in ("record", "watch")), None)) is not None:
         return RedirectResponse(f"/jobs/{seen.number}", 303)
     shown = [card(command, project, page=name) for command in here.commands]
-    values: dict[str, Any] = {"title": here.title, "lead": here.lead, "cards": shown, "made": made}
+    values: dict[str, Any] = {"title": here.title, "lead": here.lead, "cards": shown, "made": made, "primary": primary(here, project)}
+    if state is not None:
+        values |= {"tiles": [tile for tile in state.tiles if tile.name == SHOWN[name]], "plan": state.plan}
     if name == "runs":
         values |= {"made": [], "runs": runs.runs(project, language_of(request)), "trajectories": project.of("trajectory")}
     if name == "calibrate":
@@ -165,7 +191,7 @@ def _form(
 def job(request: Request) -> Response:
     """A job: what it says, and what it made."""
     found, bench = job_of(request), bench_of(request)
-    files = _files(found, bench.folder)
+    files = files_of(found, bench.folder)
     shown = [path for path in files if path.endswith(".html")][:2]
     again = f"/run/{found.command}?{urlencode(_query(found), doseq=True)}"
     return page(request, "job.html", job=found, files=files, shown=shown, again=again, onward=_onward(found))
@@ -182,19 +208,6 @@ def _onward(job: Job) -> tuple[tuple[str, str], ...]:
         return ()
     given = defaultdict(str, {key: quote(value) for key, value in asked.items() if isinstance(value, str)})
     return tuple((address.format_map(given), text) for address, text in ONWARD.get(job.command, ()))
-
-
-def _files(job: Job, folder: Path) -> list[str]:
-    """Files of the project that a job wrote, pages first."""
-    out = []
-    for text in (job.result or {}).get("files", ()):
-        try:
-            path = inside(folder, str(text))
-        except OutsideError:
-            continue
-        if path.is_file():
-            out.append(path.relative_to(folder.resolve()).as_posix())
-    return sorted(dict.fromkeys(out), key=lambda path: (not path.endswith(".html"), not path.endswith(".pdf"), path))
 
 
 def _query(job: Job) -> dict[str, Any]:
@@ -255,14 +268,13 @@ def _shelf(request: Request) -> Shelf:
     return shelf
 
 
-def begin(request: Request, form: Form) -> Response:
-    """Begin a project and show it among the others; what is wrong with its name stands there too."""
-    shelf = _shelf(request)
-    name = form.get("name", [""])[-1].strip()
+async def begin(request: Request) -> Response:
+    """Begin a project and show it among the others; what is wrong with its name is beside it."""
+    name = (await form_of(request)).get("name", [""])[-1].strip()
     try:
-        shelf.begin(name)
+        await run_in_threadpool(_shelf(request).begin, name)
     except OutsideError as error:
-        return home(request, wrong=str(error), typed=name)
+        return await home(request, wrong=str(error), typed=name)
     return RedirectResponse("/#projects", 303)
 
 
@@ -290,6 +302,6 @@ ROUTES = (
     Route("/jobs/{number:int}/cancel", answer, methods=["POST"]),
     Route("/commands", all_commands),
     Route("/language", language, methods=["POST"]),
-    Route("/projects", posted(begin), methods=["POST"]),
+    Route("/projects", begin, methods=["POST"]),
     Route("/projects/{name}", go),
 )

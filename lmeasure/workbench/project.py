@@ -4,7 +4,7 @@ import contextlib
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -47,6 +47,8 @@ class Project:
     found: tuple[Found, ...] = field(repr=False, default=())
     known: Mapping[str, str] = field(repr=False, default_factory=dict)
     """What is known beside files, by options: the bus that is used, and where a simulated robot stands."""
+    doubted: frozenset[str] = field(repr=False, default=frozenset())
+    """Files of failed jobs: a form offers them last, and fills none of them in."""
 
     def of(self, kind: str) -> tuple[str, ...]:
         """Paths of a kind, those nearest to the top first."""
@@ -115,6 +117,10 @@ def _kinds(folder: Path, path: Path) -> Iterator[Found]:
         yield Found("certificate", above)
     elif path.name == "calibration.json":
         yield Found("record", here)
+    elif path.name == "check.json":
+        yield Found("check", here)
+    elif path.name == "register.sqlite":
+        yield Found("register", above)
     elif path.name == "identified.json":
         yield Found("identification", above)
     elif path.name == "reference_poses.csv" and (path.parent / "counts.csv").is_file():
@@ -196,14 +202,21 @@ def steps(project: Project, checked: bool = False) -> tuple[Step, ...]:
     certificates = project.of("certificate")
     return (
         Step("rig", "/rig", bool(project.of("rig")), project.of("rig")[:1]),
-        Step("check", "/check", checked, ()),
-        Step("plan", "/calibrate", bool(project.of("poses") or project.of("calibration")), project.of("poses")[:1]),
+        # who has calibrated without them needs them no more
+        Step("check", "/check", checked or bool(calibrated), ()),
+        Step("plan", "/calibrate", bool(calibrated or project.of("poses") or project.of("calibration")), project.of("poses")[:1]),
         Step("calibrate", "/calibrate", bool(calibrated), calibrated[:1]),
         Step("zone", "/zone", bool(project.of("zone")), project.of("zone")[:1]),
         Step("measure", "/runs", bool(project.of("run")), project.of("run")[:1]),
         Step("certify", "/robot", bool(certificates), certificates[:1]),
-        Step("verify", "/robot", any(_sealed(project.folder / one) for one in certificates), ()),
+        Step("verify", "/robot#verify", any(_sealed(project.folder / one) for one in certificates), ()),
     )
+
+
+def following(way: Sequence[Step]) -> Step | None:
+    """Return the step to take next: the first open one behind all that is done, else the first that is open; None where all is done."""
+    last = max((i for i, step in enumerate(way) if step.done), default=-1)
+    return next((step for step in (*way[last + 1 :], *way) if not step.done), None)
 
 
 def _sealed(folder: Path) -> bool:

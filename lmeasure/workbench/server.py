@@ -20,20 +20,20 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import Mount
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from lmeasure.core import LMeasureError
 from lmeasure.io import not_written
-from lmeasure.report import kept
+from lmeasure.report import BASE_STYLE, kept
 from lmeasure.text import decimal, number, typed
 from lmeasure.workbench import api, certificates, pages, project_files, register, runs
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused, unread
 from lmeasure.workbench.guard import HERE as LOOPBACK, Door, Guard, secured
 from lmeasure.workbench.project import OWN
 from lmeasure.workbench.project_list import Shelf
-from lmeasure.workbench.text import said
+from lmeasure.workbench.text import blocks, said
 from lmeasure.workflows import COMMANDS, load
 
 GRACE_S = 3
@@ -57,9 +57,10 @@ def application(folder: Path, door: Door, port: int, language: str = "en", *, sh
         yield
         await bench.close()
 
+    base = Route("/static/base.css", lambda _: FileResponse(BASE_STYLE))
     static = Mount("/static", StaticFiles(directory=HERE / "static"))
     app = Starlette(
-        routes=[*ROUTES, static],
+        routes=[*ROUTES, base, static],
         middleware=[Middleware(Guard, door=door, port=port)],
         exception_handlers={HTTPException: _refused, **dict.fromkeys(CANNOT_READ, unread), Exception: _failed},
         lifespan=lifespan,
@@ -69,6 +70,7 @@ def application(folder: Path, door: Door, port: int, language: str = "en", *, sh
     TEMPLATES.env.filters["words"] = lambda name: name.replace("_", " ")
     TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="kept">\g<0></span>', str(escape(line))))
     TEMPLATES.env.filters["together"] = lambda text: Markup(kept(text.replace(" -", " \u2212")))
+    TEMPLATES.env.filters["blocks"] = blocks
     TEMPLATES.env.filters["number"] = _number
     TEMPLATES.env.filters["typed"] = typed
     return app

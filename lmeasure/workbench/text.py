@@ -1,5 +1,9 @@
 """Words of the workbench's pages, by their ids."""
 
+import itertools
+import re
+from collections.abc import Iterable
+
 from lmeasure.text import LANGUAGES, Message, texts
 
 
@@ -15,3 +19,13 @@ def preferred(header: str) -> str:
     """Return the first language of a browser's Accept-Language that has a catalogue; English without one."""
     names = (part.split(";")[0].strip().split("-")[0].lower() for part in header.split(","))
     return next((name for name in names if name in LANGUAGES), "en")
+
+
+def blocks(lines: Iterable[str]) -> list[list[list[str]]]:
+    """Return the lines of a result as blocks of rows of cells: lines in columns one after the other are a table, any other is by itself."""
+    rows = [re.split(r"\s{2,}", line.strip()) for text in lines for line in text.splitlines() if line.strip()]
+    out: list[list[list[str]]] = []
+    for columns, group in itertools.groupby(rows, key=lambda row: len(row) > 1):
+        own = list(group)
+        out += [own] if columns else [[row] for row in own]
+    return out

@@ -27,7 +27,7 @@ def _read(path: Path, changed_ns: int) -> Along:
     return along(read_trajectory(path))
 
 
-def _along(path: Path) -> Along:
+def along_of(path: Path) -> Along:
     size = path.stat().st_size
     if max(size, decoded_bytes(path) if path.suffix.lower() == ".parquet" else 0) > LARGEST:
         raise FileFormatError(f"{path}: holds more than {LARGEST / 2**20:.0f} MB of numbers and texts; a page shows no such file")
@@ -36,7 +36,7 @@ def _along(path: Path) -> Along:
 
 def about(path: Path, language: str) -> dict[str, Any]:
     """Return summary, left_out, begin and end [s] of a trajectory file, in words of a language."""
-    found = _along(path)
+    found = along_of(path)
     time_s = found.trajectory.time_s
     reported = {"summary": trajectory_summary(found, language), "left_out": left_out(found, language)}
     return reported | {"begin": float(time_s[0]), "end": float(time_s[-1])}
@@ -51,7 +51,7 @@ def left_out(found: Along, language: str) -> list[dict[str, Any]]:
 
 def series_of(path: Path, begin_s: float, end_s: float) -> dict[str, list[float | None]]:
     """Return the `series` of a trajectory file."""
-    return series(_along(path), begin_s, end_s)
+    return series(along_of(path), begin_s, end_s)
 
 
 def series(found: Along, begin_s: float, end_s: float) -> dict[str, list[float | None]]:
@@ -71,7 +71,7 @@ def series(found: Along, begin_s: float, end_s: float) -> dict[str, list[float |
 
 @lru_cache(maxsize=1)
 def _columns(path: Path, changed_ns: int) -> dict[str, Any]:
-    return _along(path).trajectory.columns()
+    return along_of(path).trajectory.columns()
 
 
 def rows(path: Path, begin_s: float, end_s: float, first: int) -> tuple[str, int]:

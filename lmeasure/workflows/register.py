@@ -73,7 +73,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
         kinds = {kind: sum(s.documents for s in register.subjects() if s.kind == kind) for kind in _KINDS}
         if not (settings.recall or settings.subject or settings.verify):
             lines.append(message("register.holds", count=sum(kinds.values()), name=register.name, **kinds))
-            lines += [_due_line(d, datetime.date.today()) for d in waiting]
+            lines += [d.said(datetime.date.today()) for d in waiting]
         if settings.export is not None:
             _export(settings.export, register.entries())
         if settings.backup is not None:
@@ -82,7 +82,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
     finally:
         register.close()
     figures = {"entries": float(sum(kinds.values())), "added": float(len(added)), "faults": float(len(faults))}
-    figures["overdue"] = float(sum(d.day is not None and d.day <= datetime.date.today() for d in waiting))
+    figures["overdue"] = float(sum(d.overdue(datetime.date.today()) for d in waiting))
     written = present(register.path if settings.add else None)
     return Result(answer, tuple(lines), figures, files=written, failure="; ".join(faults))
 
@@ -150,15 +150,6 @@ def _of_subject(register: "Register", settings: Settings) -> "list[Message]":
     low, high = ahead.interval(ahead.last + 365.25)
     drift = {"drift": 365.25 * ahead.drift, "u": 365.25 * ahead.u_drift}
     return [*lines, message("register.forecast", unit=unit, low=low, high=high, **drift)]
-
-
-def _due_line(due: "Due", today: datetime.date) -> "Message":
-    limit = due.limit
-    about = {"subject": limit.subject, "result": limit.result, "unit": due.unit, "risk": limit.risk_percent}
-    if due.day is None:
-        return message("register.never", **about)
-    code = "beyond" if due.beyond else "overdue" if due.day <= today else "due"
-    return message(f"register.{code}", **about, day=due.day.isoformat(), last=due.last)
 
 
 def _due_json(due: "Due") -> dict[str, object]:

@@ -28,15 +28,24 @@ def to(page: Page, path: str) -> None:
     tap(page, f"header nav a[href$='{path}']", f"{HERE} === '{path}'")
 
 
+def unfolded(page: Page, form: str) -> None:
+    """Open the part of the page that a form is in, where it is folded."""
+    fold = f"document.querySelector({json.dumps(form)}).closest('details')"
+    page.wait(f"{READY} && !!document.querySelector({json.dumps(form)})")
+    if page.evaluate(f"{fold} !== null && !{fold}.open"):
+        tap(page, f"details:has(> {form}) > summary", f"{fold}.open")
+
+
 def begun(page: Page, command: str, **values: str) -> None:
     """Fill in a command's form, load the page anew in the middle of it, and press its button; what was typed is still there."""
     form = f"form[data-command='{command}']"
-    page.wait(f"{READY} && !!document.querySelector({json.dumps(form)})")
+    unfolded(page, form)
     page.evaluate(f"for (const e of document.querySelectorAll({json.dumps(form + ' details')})) e.open = true")
     fill(page, form, **values)
     page.again()
     typed = [f"document.querySelector({json.dumps(f'{form} [name={name}]')}).value === {json.dumps(v)}" for name, v in values.items()]
     page.wait(" && ".join(["true", *typed]))
+    unfolded(page, form)
     tap(page, f"{form} button.go", f"{HERE}.startsWith('/jobs/')")
 
 
@@ -156,6 +165,7 @@ def plugged(page: Page, reported: Reported, job: Job) -> None:
     who_speaks(page, job.drums)
     reported("who speaks", page)
     if not job.turns:
+        unfolded(page, "form[data-command=check]")
         tap(page, "form[data-command=check] details summary", "document.querySelector('form[data-command=check] details').open")
         tap(page, "form[data-command=check] [name=turns]", "!document.querySelector('form[data-command=check] [name=turns]').checked")
     begun(page, "check")
@@ -269,6 +279,7 @@ def engineer(page: Page, reported: Reported, project: Path) -> Path:
     reported("verified", page)
     packed = Path(shutil.make_archive(str(project.parent / "mine"), "zip", project / "certificates" / "first"))
     to(page, "/robot")
+    unfolded(page, "form[action$='/verify']")
     choose(page, "#packed", packed)
     tap(page, "form[action$='/verify'] button.go", f"{HERE}.startsWith('/jobs/')")
     done(page)

@@ -35,7 +35,7 @@ function paint(canvas) {
   }
   pen.fillText(`${number(span[0], 2)} ${place.dataset.s}`, left(), high - 6); const end = `${number(span[1], 2)} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
   if (half) {
-    pen.fillStyle = colour('--blue'); pen.globalAlpha = 0.3;
+    pen.fillStyle = colour('--act'); pen.globalAlpha = 0.3;
     let run = [];
     const fill = () => {
       if (run.length > 1) { pen.beginPath(); run.forEach((i) => pen.lineTo(across(canvas, data.time_s[i]), y(values[i] + half[i]))); run.reverse().forEach((i) => pen.lineTo(across(canvas, data.time_s[i]), y(values[i] - half[i]))); pen.fill(); }
@@ -43,7 +43,7 @@ function paint(canvas) {
     };
     values.forEach((v, i) => { if (v === null || half[i] === null) fill(); else run.push(i); }); fill(); pen.globalAlpha = 1;
   }
-  pen.strokeStyle = colour('--blue'); pen.lineWidth = 1.5; pen.beginPath(); let down = false;
+  pen.strokeStyle = colour('--act'); pen.lineWidth = 1.5; pen.beginPath(); let down = false;
   values.forEach((v, i) => { if (v === null) { down = false; return; } pen[down ? 'lineTo' : 'moveTo'](across(canvas, data.time_s[i]), y(v)); down = true; });
   pen.stroke(); pen.strokeStyle = colour('--bad'); pen.beginPath(); pen.moveTo(across(canvas, at), 20); pen.lineTo(across(canvas, at), high - 20); pen.stroke();
 }

@@ -6,7 +6,8 @@ for (const form of document.querySelectorAll('form[data-command], #rig-form, #de
   const key = `${location.pathname}${location.search}#${form.dataset.command ?? form.id}`;
   const kept = again && sessionStorage.getItem(key);
   if (kept) {
-    const values = JSON.parse(kept);
+    const values = JSON.parse(kept), fold = form.closest('details');
+    if (fold) fold.open = true;
     for (const field of typed(form)) {
       if (!(field.name in values)) continue;
       if (field.type === 'checkbox') field.checked = values[field.name]; else field.value = values[field.name];

@@ -29,7 +29,7 @@ export async function draw(place, form) {
     pen.setTransform(ratio, 0, 0, ratio, 0, 0); pen.clearRect(0, 0, canvas.width, canvas.height);
     pen.font = letters(0.875); pen.strokeStyle = pen.fillStyle = style.getPropertyValue('--ink') || '#000';
     const stroke = (a, b, colour, width) => { pen.beginPath(); pen.strokeStyle = colour; pen.lineWidth = width; pen.moveTo(...screen(a)); pen.lineTo(...screen(b)); pen.stroke(); };
-    [['X', '--bad', [1, 0, 0]], ['Y', '--good', [0, 1, 0]], ['Z', '--blue', [0, 0, 1]]].forEach(([name, its, way]) => {
+    [['X', '--bad', [1, 0, 0]], ['Y', '--good', [0, 1, 0]], ['Z', '--act', [0, 0, 1]]].forEach(([name, its, way]) => {
       const colour = style.getPropertyValue(its);
       const end = way.map((v) => v * reach * 0.3); stroke([0, 0, 0], end, colour, 2); pen.fillStyle = colour; pen.fillText(name, ...screen(end));
     });
@@ -37,7 +37,7 @@ export async function draw(place, form) {
     for (const c of rig.cables) if (at[c.from] && rig.tool[c.to]) stroke(at[c.from], rig.tool[c.to], style.getPropertyValue('--soft'), 1.5);
     for (const [name, p] of Object.entries(rig.tool)) { pen.fillStyle = '#c2410c'; pen.beginPath(); pen.arc(...screen(p), 3, 0, 7); pen.fill(); }
     rig.points.forEach((p, i) => {
-      pen.fillStyle = style.getPropertyValue(i === held ? '--bad' : '--blue'); const [x, y] = screen(p.position_mm);
+      pen.fillStyle = style.getPropertyValue(i === held ? '--bad' : '--act'); const [x, y] = screen(p.position_mm);
       pen.beginPath(); pen.arc(x, y, 7, 0, 7); pen.fill(); pen.fillText(p.name, x + 10, y - 8);
     });
   };
@@ -90,12 +90,19 @@ export async function draw(place, form) {
     const step = {ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1]}[event.key];
     if (step) { event.preventDefault(); turn += step[0]; lift += step[1]; paint(); }
   });
-  form.addEventListener('change', () => {
-    rig.points.forEach((p, i) => p.position_mm.forEach((_, axis) => {
-      const input = form.elements[`observation_point.${i}.position_mm.${axis}`];
-      const value = Number(input?.value) * (document.getElementById('inches').checked ? 25.4 : 1); if (Number.isFinite(value)) p.position_mm[axis] = value;
-    }));
-    paint(); judge();
-  });
+  // the drawing follows what is typed; how good the zone is follows once it is put in
+  const typed = (key, before) => {
+    const input = form.elements[key], value = Number(input?.value.replace(',', '.')) * (document.getElementById('inches').checked ? 25.4 : 1);
+    return input?.value.trim() && Number.isFinite(value) ? value : before;
+  };
+  const follow = () => {
+    rig.points.forEach((p, i) => { p.position_mm = p.position_mm.map((v, axis) => typed(`observation_point.${i}.position_mm.${axis}`, v)); p.name = form.elements[`observation_point.${i}.name`]?.value || p.name; });
+    for (const [name, p] of Object.entries(rig.tool)) rig.tool[name] = p.map((v, axis) => typed(`tool.${name}.${axis}`, v));
+    rig.cables.forEach((c, i) => { for (const end of ['from', 'to']) c[end] = form.elements[`cable.${i}.${end}`]?.value ?? c[end]; });
+    paint();
+  };
+  form.addEventListener('input', follow);
+  form.addEventListener('change', () => { follow(); judge(); });
+  follow();
   new ResizeObserver(paint).observe(canvas); paint();
 }

@@ -26,6 +26,11 @@ for (const form of document.querySelectorAll('form[data-command]')) {
   renew();
 }
 
+// A link to a part opens it.
+const open = () => { const part = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1))); if (part?.tagName === 'DETAILS') { part.open = true; part.scrollIntoView(); } };
+addEventListener('hashchange', open);
+open();
+
 const job = document.getElementById('job');
 if (job && job.dataset.state === 'running') follow(job.dataset.number);
 
@@ -40,10 +45,20 @@ function follow(number) {
   };
   // what began is at work: no word on compiling, no bar without a measure
   const begun = () => { at('doing').textContent = ''; at('progress').hidden = !at('progress').hasAttribute('value'); };
+  // how long the rest takes at the pace so far, once that is known
+  let first = null;
+  const left = (fraction) => {
+    const now = performance.now() / 1000;
+    if (first === null || fraction < first.fraction) first = {fraction, now};
+    const [done, seconds] = [fraction - first.fraction, now - first.now];
+    if (seconds < 3 || done < 0.02) return '';
+    const rest = seconds * (1 - fraction) / done, words = at('left').dataset;
+    return rest < 100 ? words.seconds.replace('{n}', Math.ceil(rest / 5) * 5) : words.minutes.replace('{n}', Math.ceil(rest / 60));
+  };
   const reported = {
     live: begun,
     capture: begun,
-    progress: (e) => { at('progress').value = e.fraction; at('doing').textContent = e.text; },
+    progress: (e) => { at('progress').value = e.fraction; at('doing').textContent = e.text; at('left').textContent = left(e.fraction); },
     compiling: (e) => { const text = at('doing').dataset.compiling.replace('{name}', e.text); at('doing').textContent = text; line(text, 'said'); },
     said: (e) => line(e.text, 'said'),
     typed: (e) => { if (e.text) line(`> ${e.text}`, 'typed'); at('asked').hidden = true; at('typing').classList.remove('question'); steps(false); },
