@@ -1,24 +1,28 @@
 """The closed loop over a simulated cell: from counts on a bus to a trajectory and a zone, beside the truth they came from."""
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lmeasure.accuracy import axis, scan_zone, tilts, write_zone
+from lmeasure.accuracy import axis, radii_95, scan_zone, tilts, write_zone
 from lmeasure.calibration import Calibration
+from lmeasure.certificate import Improvement
 from lmeasure.core import QUATERNION_COLUMNS, Status
 from lmeasure.demo.bus_loop import DWELL_S, SPEED_MM_S, different_counts, record_motion
 from lmeasure.demo.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
 from lmeasure.demo.folder import mark
+from lmeasure.demo.robot_cell import RobotCell
+from lmeasure.demo.robot_in_cell import TESTS, Tested, robot_tested
 from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS, Run, read_run, write_run
 from lmeasure.rig import Rig
 from lmeasure.simulation import WORK_SPACE_MM, WORK_TILT_RAD, Leg, cell_rig, scattered_poses, simulate_run, smooth_path
-from lmeasure.text import of_terminal
+from lmeasure.text import Say, of_terminal
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
 
 if TYPE_CHECKING:
@@ -94,14 +98,18 @@ def point_error(rig: Rig, true: Rig) -> float:
     return vector_rms(found)
 
 
-STAGES = COUNT, CALIBRATE, RECORD, RECONSTRUCT, MAP, DRAW = (
+STAGES = COUNT, CALIBRATE, RECORD, RECONSTRUCT, MAP, TEST_ROBOT, DRAW = (
     COUNT,
     CALIBRATE,
     message("demo.record_motion_over_bus"),
     "reconstruct",
     message("demo.map_zone"),
+    message("demo.test_robot"),
     "draw",
 )
+BRIEF = replace(TESTS, tests=("pose",), cycles={"pose": 10})
+"""Tests of the robot: pose accuracy alone, a third of the cycles of ISO 9283."""
+ROBOT_STEPS = 9
 
 PAGE = "demo.html"
 LOST_COUNTS = 200
@@ -166,14 +174,22 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     write_zone(out / "zone.nc", zone)
     write_zone_page(out / "zone.html", zone, run.rig, run.calibration, language=of_terminal())
 
+    report = step(TEST_ROBOT)
+    done = itertools.count(1)
+    robot = robot_tested(
+        out / "robot", RobotCell(true, calibration), BRIEF, correct=True, seed=seed, rng=rng,
+        step=lambda stage: _within(report, next(done), ROBOT_STEPS), thorough=False,
+    )  # fmt: skip
+
     report = step(DRAW)
-    fault, shown = counter_fault(run)
-    write_demo_page(
-        out / PAGE,
-        message("demo_page.title"),
-        page_parts(run, calibration, trajectory, errors, zone=zone, fault=(fault, shown)),
-        of_terminal(),
+    u95 = radii_95((trajectory.random + trajectory.systematic)[:, 3:, 3:])
+    distance = np.linalg.norm(errors.position_mm, axis=1)
+    within = float(np.nanmean(distance <= u95))
+    verdict = message(
+        "demo_page.verdict", poses=int((trajectory.status == Status.OK).sum()), mm=vector_rms(errors.position_mm), percent=100.0 * within
     )
+    found = Found(run, calibration, trajectory, distance, u95, zone, robot)
+    write_demo_page(out / PAGE, message("demo_page.title"), verdict, found.parts(Say(of_terminal())), of_terminal())
     write_recording(
         out / "demo.rrd",
         run.rig,
@@ -204,8 +220,10 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
         "error_of_points_mm": point_error(calibration.rig, true),
         "error_of_position_mm": vector_rms(errors.position_mm),
         "error_of_rotation_rad": vector_rms(errors.rotation_rad),
-        "positions_inside_95": errors.inside_position,
+        "positions_inside_95": within,
         "rotations_inside_95": errors.inside_rotation,
+        "robot_before_mm": found.improvement.before_mm[0],
+        "robot_after_mm": found.improvement.after_mm[0],
         "zone_volume_mm3": float(zone.attrs["zone_volume_mm3"]),
     }
     return Demo(lines, figures, remarks, tuple(out / name for name in look))
@@ -220,49 +238,78 @@ def counter_fault(run: Run) -> tuple[Trajectory, float]:
     return reconstruct(replace(run, passes=(replace(counts, recorded=recorded), *run.passes[1:]))), float(counts.time_s[row])
 
 
-def page_parts(
-    run: Run, calibration: Calibration, trajectory: Trajectory, errors: Errors, *, zone: "xr.Dataset", fault: tuple[Trajectory, float]
-) -> "list[Part]":
-    """Return the steps of the demo's page, each with its picture."""
-    from lmeasure.accuracy import radii_95
-    from lmeasure.report import Part, errors_beside_figure, figure_of, playing_figure
+def _within(report: Callable[[int, int], None], number: int, of: int) -> Callable[[int, int], None]:
+    """Report a step as part of a stage."""
+    report(min(number - 1, of), of)
+    return lambda done, total: report(min(number - 1, of), of)
 
-    time_s, u95 = trajectory.time_s, radii_95((trajectory.random + trajectory.systematic)[:, 3:, 3:])
-    error = np.linalg.norm(errors.position_mm, axis=1)
-    broken, at = fault
-    bad = broken.status != Status.OK
-    inside = zone["in_zone"].values.astype(bool)
-    best = float(zone["u95_position_mm"].values[inside].min()) if inside.any() else math.nan
-    of_counts = figure_of(run.passes[0])
-    of_counts.add_vline(x=at, line={"color": "#c1272d", "dash": "dash"})
-    if bad.any():
-        of_counts.add_vrect(x0=float(broken.time_s[bad][0]), x1=float(broken.time_s[bad][-1]), fillcolor="#c1272d", opacity=0.15)
-    text = message
-    return [
-        Part(
-            text("demo_page.cell"), text("demo_page.cell.text", cables=len(run.rig.cable), samples=len(time_s)),
-            playing_figure(run.rig, trajectory), "demo.rrd", "lmeasure reconstruct run --out trajectory.parquet",
-        ),
-        Part(
-            text("demo_page.error"),
-            text("demo_page.error.text", percent=100.0 * float(np.nanmean(error <= u95)), rms=vector_rms(errors.position_mm)),
-            errors_beside_figure(time_s, error, u95), "trajectory.parquet", "lmeasure report trajectory.parquet --out report",
-        ),
-        Part(
-            text("demo_page.calibration"),
-            text("demo_page.calibration.text", poses=len(calibration.campaign.poses), rms=calibration.record.noise["residual_rms_mm"]),
-            figure_of(calibration), "calibration/report.html", "lmeasure calibrate campaign --out calibration",
-        ),
-        Part(
-            text("demo_page.zone"), text("demo_page.zone.text", volume=_volume(zone), best=best),
-            figure_of(zone, run.rig), "zone.html", "lmeasure zone calibration/rig.toml --out zone.nc",
-        ),
-        Part(
-            text("demo_page.fault"), text("demo_page.fault.text", counts=LOST_COUNTS, at=at, samples=int(bad.sum())),
-            of_counts, "run/pass1.csv", "lmeasure reconstruct run --out trajectory.parquet",
-        ),
-        Part(text("demo_page.robot"), text("demo_page.robot.text"), None, "", "lmeasure demo --robot"),
-    ]  # fmt: skip
+
+class Found(NamedTuple):
+    """What the page shows: run, calibration and trajectory, its distances from the truth and its U95 (n,) [mm], the zone, the robot."""
+
+    run: Run
+    calibration: Calibration
+    trajectory: Trajectory
+    distance_mm: FloatArray
+    u95_mm: FloatArray
+    zone: "xr.Dataset"
+    robot: Tested
+
+    @property
+    def improvement(self) -> Improvement:
+        """Return what correction made of the robot."""
+        assert self.robot.loop is not None
+        return self.robot.loop.improvement
+
+    def parts(self, say: Say) -> "list[Part]":
+        """Return the steps of the page: a sentence, a picture, a file and a command each."""
+        from lmeasure.report import (
+            Part,
+            distances_figure,
+            errors_beside_figure,
+            fault_figure,
+            playing_figure,
+            residuals_figure,
+            space_figure,
+        )
+
+        run, calibration, inside = self.run, self.calibration, self.zone["in_zone"].values.astype(bool)
+        best = float(self.zone["u95_position_mm"].values[inside].min()) if inside.any() else math.nan
+        broken, at = counter_fault(run)
+        bad = broken.time_s[broken.status != Status.OK]
+        better = self.improvement
+        text = message
+        return [
+            Part(
+                text("demo_page.cell"), text("demo_page.cell.text", cables=len(run.rig.cable)),
+                playing_figure(run.rig, self.trajectory, say), "demo.rrd", "lmeasure view demo.rrd",
+            ),
+            Part(
+                text("demo_page.error"), text("demo_page.error.text"),
+                errors_beside_figure(self.trajectory.time_s, self.distance_mm, self.u95_mm, say), "trajectory.parquet",
+                "lmeasure reconstruct run --out trajectory.parquet",
+            ),
+            Part(
+                text("demo_page.calibration"),
+                text("demo_page.calibration.text", poses=len(calibration.campaign.poses), rms=calibration.record.noise["residual_rms_mm"]),
+                residuals_figure(calibration.record, calibration.rig, say), "calibration/report.html",
+                "lmeasure calibrate campaign --out calibration",
+            ),
+            Part(
+                text("demo_page.zone"), text("demo_page.zone.text", volume=_volume(self.zone), best=best),
+                space_figure(self.zone, run.rig, say), "zone.html", "lmeasure zone calibration/rig.toml --out zone.nc --report zone",
+            ),
+            Part(
+                text("demo_page.fault"), text("demo_page.fault.text", counts=LOST_COUNTS, at=at, samples=len(bad)),
+                fault_figure(run.passes[0], at, (float(bad[0]), float(bad[-1])) if len(bad) else None, say), "run/pass1.csv",
+                "lmeasure check-instrument run --out check",
+            ),
+            Part(
+                text("demo_page.robot"), text("demo_page.robot.text", before=better.before_mm[0], after=better.after_mm[0]),
+                distances_figure(better, say), "robot/comparison.html",
+                "lmeasure compare robot/certificate robot/again/certificate --out comparison.json --page comparison.html",
+            ),
+        ]  # fmt: skip
 
 
 def map_zone(run: Run, progress: Callable[[int, int], None] | None = None) -> "xr.Dataset":

@@ -10,10 +10,22 @@ from lmeasure.io import files
 
 SCHEMA = "lmeasure.demo/1"
 MARK = "demo.json"
-OF_CELL = (MARK, "campaign", "calibration", "run", "truth.parquet", "trajectory.parquet", "demo.rrd", "zone.nc", "zone.html", "demo.html")
+OF_CELL = (
+    MARK,
+    "campaign",
+    "calibration",
+    "run",
+    "truth.parquet",
+    "trajectory.parquet",
+    "demo.rrd",
+    "zone.nc",
+    "zone.html",
+    "demo.html",
+    "robot",
+)
 """Files and folders of the demo of the cell."""
 OF_ROBOT = (
-    *OF_CELL[:-3], "commands.csv", "program.toml", "certificate", "characteristics.csv", "robot.toml", "identification", "identified",
+    *OF_CELL[:-4], "commands.csv", "program.toml", "certificate", "characteristics.csv", "robot.toml", "identification", "identified",
     "corrected", "again", "comparison.json", "comparison.html",
 )  # fmt: skip
 """Files and folders of the demo of the robot."""

@@ -38,11 +38,11 @@ class Judged:
     record: dict[str, Any]
 
 
-def judge(found: Identified[Any], inputs: Sequence[Path], findings: Sequence[Noted], seed: int = 0) -> Judged:
-    """Hold rows out, and make the record of it all."""
+def judge(found: Identified[Any], inputs: Sequence[Path], findings: Sequence[Noted], seed: int = 0, *, thorough: bool = True) -> Judged:
+    """Hold rows out, and make the record of it all; thorough: find out too how well fewer poses would do."""
     held = held_out(found, seed=seed)
     found = replace(found, misfit=1.0 if held is None else held.misfit, beyond=beyond(found))
-    curve, worth, over = learning_curve(found, seed), worth_freeing(found), workspace(found, seed=seed)
+    curve, worth, over = learning_curve(found, seed) if thorough else (), worth_freeing(found), workspace(found, seed=seed)
     record = identified_record(found, inputs, held, curve, worth=worth, findings=findings, over=over)
     return Judged(found, held, over, record)
 

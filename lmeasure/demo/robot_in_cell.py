@@ -4,19 +4,19 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lmeasure.certificate import Inputs
 from lmeasure.core import QUATERNION_COLUMNS, FloatArray, Status
-from lmeasure.demo.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
+from lmeasure.demo.calibrated_cell import CALIBRATE, COUNT, Progress, Step, calibrated_cell, stages
 from lmeasure.demo.folder import mark
 from lmeasure.demo.robot_cell import RobotCell
 from lmeasure.demo.robot_loop import COMPARED, LOOP_STAGES, Loop, Retest, close_loop
 from lmeasure.io import files
 from lmeasure.iso9283 import CertificationSettings, Tests, campaign, evaluate, largest_cube, timed, write_commands
-from lmeasure.recording import POSITION_COLUMNS, Program, read_run, write_program, write_run
+from lmeasure.recording import POSITION_COLUMNS, Program, Run, read_run, write_program, write_run
 from lmeasure.robots import RATED_LOAD_KG, RATED_SPEED_MM_S, cell_robot
 from lmeasure.simulation import cell_rig
 from lmeasure.text import message, of_terminal
@@ -98,8 +98,7 @@ def robot_demo(
     """Calibrate the cell, let the simulated robot run the test cube, measure it and certify it by the settings; all files into `out`.
     correct: correct the robot then, and certify it again.
     """
-    # slow to import, and needed only for pages and pictures
-    from lmeasure.report import Choices, write_certificate
+    # slow to import, and needed only for pictures
     from lmeasure.view import write_recording
 
     out = Path(out)
@@ -107,7 +106,55 @@ def robot_demo(
     step = stages(progress)
     rng = np.random.default_rng(seed)
     true = cell_rig(seed)
-    cell = calibrated_cell(out, true, rng, step)
+    cell = RobotCell(true, calibrated_cell(out, true, rng, step).calibration)
+    tested = robot_tested(out, cell, tests, settings, correct=correct, seed=seed, rng=rng, step=step)
+    step(DRAW)
+    record = cell.calibration.record
+    write_recording(out / "demo.rrd", tested.run.rig, run=tested.run, trajectory=tested.trajectory, truth=tested.truth, record=record)
+    mark(out, tested.held)
+    look = (
+        *(("comparison.html",) if tested.loop else ()),
+        "demo.rrd",
+        "certificate/report.html",
+        "certificate/certificate.pdf",
+        "characteristics.csv",
+        "program.toml",
+        "commands.csv",
+        "run",
+    )
+    remarks = _remarks(tested.held, settings or CertificationSettings())
+    return RobotDemo(tested.held, tested.loop, remarks, tuple(out / name for name in look))
+
+
+class Tested(NamedTuple):
+    """A robot that was tested: its characteristics beside their truth, what correction made of it, and what was measured, beside the true
+    poses (n, 7)."""
+
+    held: tuple[Held, ...]
+    loop: Loop | None
+    run: Run
+    trajectory: Trajectory
+    truth: FloatArray
+
+
+def robot_tested(
+    out: Path,
+    cell: RobotCell,
+    tests: Tests,
+    settings: CertificationSettings | None = None,
+    *,
+    correct: bool,
+    seed: int,
+    rng: np.random.Generator,
+    step: Step,
+    thorough: bool = True,
+) -> Tested:
+    """Let a simulated robot run the tests in a calibrated cell and certify it; correct it then and certify it again; all files into `out`.
+
+    thorough: as for `close_loop`.
+    """
+    # slow to import, and needed only for pages
+    from lmeasure.report import Choices, write_certificate
 
     report = step(PERFORM)
     plan = campaign(CUBE, tests)
@@ -118,8 +165,7 @@ def robot_demo(
     write_program(out / "program.toml", program)
 
     report = step(RECORD)
-    seen = RobotCell(true, cell.calibration)
-    write_run(out / "run", seen.record(done, rng, report))
+    write_run(out / "run", cell.record(done, rng, report))
     columns = {"time_s": done.time_s} | dict(zip((*POSITION_COLUMNS, *QUATERNION_COLUMNS), done.poses.T, strict=True))
     files.write_table(out / "truth.parquet", columns)
 
@@ -141,22 +187,8 @@ def robot_demo(
     if correct:
         again = campaign(CUBE, replace(tests, tests=tuple(t for t in AGAIN if t in tests.tests)))
         retest = Retest(again, settings, tests.settle_s, RATE_HZ)
-        loop = close_loop(out, seen, robot, retest, first=(program, done), rng=rng, step=step)
-
-    step(DRAW)
-    write_recording(out / "demo.rrd", run.rig, run=run, trajectory=trajectory, truth=done.poses, record=cell.calibration.record)
-    mark(out, held)
-    look = (
-        *(("comparison.html",) if loop else ()),
-        "demo.rrd",
-        "certificate/report.html",
-        "certificate/certificate.pdf",
-        "characteristics.csv",
-        "program.toml",
-        "commands.csv",
-        "run",
-    )
-    return RobotDemo(held, loop, _remarks(held, settings), tuple(out / name for name in look))
+        loop = close_loop(out, cell, robot, retest, first=(program, done), rng=rng, step=step, thorough=thorough)
+    return Tested(held, loop, run, trajectory, done.poses)
 
 
 def hold(

@@ -93,14 +93,17 @@ def close_loop(
     first: tuple[Program, Performance],
     rng: np.random.Generator,
     step: Step,
+    thorough: bool = True,
 ) -> Loop:
     """Identify the robot, correct and run its program, and compare its certificate with the first in `out`; all files into `out`.
 
     first: the program that was certified, and how it was carried out; the robot goes on from there, as warm as it then was.
+    thorough: judge the identification by poses that are held out of it, and by fewer poses; else it takes half as many poses.
     """
     warm_s = float(first[1].time_s[-1])
     report = step(IDENTIFY)
-    poses = scattered_poses(IDENTIFIED_AT, (INSIDE * WORK_SPACE_MM,) * 3, INSIDE * WORK_TILT_RAD, STANDS, rng=rng)
+    count = IDENTIFIED_AT if thorough else IDENTIFIED_AT // 2
+    poses = scattered_poses(count, (INSIDE * WORK_SPACE_MM,) * 3, INSIDE * WORK_TILT_RAD, STANDS, rng=rng)
     ways = [Command(row[None], RATED_SPEED_MM_S, RESTS_S, f"I{i}", load_kg=RATED_LOAD_KG) for i, row in enumerate(poses, 1)]
     done = robot.perform(ways, retest.plan.start, retest.rate_hz, rng, since_s=warm_s)
     write_run(out / "identification" / "run", cell.record(done, rng, report))
@@ -108,7 +111,7 @@ def close_loop(
     files.write_table(joints, _logged(robot, done))
     drawn = nominal_robot()
     write_robot(out / "robot.toml", drawn)
-    judged = identified(drawn, out / "identification" / "run", joints)
+    judged = identified(drawn, out / "identification" / "run", joints, thorough=thorough)
     language = of_terminal()
     write_identification(out / "identified", drawn, judged, language)
 
@@ -149,11 +152,11 @@ def standing(program: Program, done: Performance) -> float:
     return float(np.mean(distances))
 
 
-def identified(drawn: Robot, run: Path, joints: Path) -> Judged:
+def identified(drawn: Robot, run: Path, joints: Path, *, thorough: bool = True) -> Judged:
     """The robot by the rests of a run and the joint values that a controller has logged there."""
     rows = given(run, joints, drawn.model, Stated())
     found = identify_with_choice(drawn.model, rows.rows)
-    return judge(found, [joints], (*rows.notes, *found.findings))
+    return judge(found, [joints], (*rows.notes, *found.findings), thorough=thorough)
 
 
 def _compared(out: Path, judged: Judged, corrected: Corrected, true_mm: tuple[float, float], language: str) -> Loop:

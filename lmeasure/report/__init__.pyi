@@ -1,4 +1,5 @@
 from .calibration import write_calibration_page as write_calibration_page
+from .calibration_figures import residuals_figure as residuals_figure
 from .cell_drawing import cell_plan as cell_plan
 from .certificate import (
     PRINTERS as PRINTERS,
@@ -8,7 +9,7 @@ from .certificate import (
     write_certificate as write_certificate,
 )
 from .certificate_text import about as about, title as title
-from .comparison import reported as reported, write_comparison_page as write_comparison_page
+from .comparison import distances_figure as distances_figure, reported as reported, write_comparison_page as write_comparison_page
 from .correction import write_correction_page as write_correction_page
 from .demonstration import Part as Part, write_demo_page as write_demo_page
 from .fleet import FleetItem as FleetItem, write_fleet_page as write_fleet_page
@@ -19,6 +20,7 @@ from .mechanism import workspace_words as workspace_words, write_mechanism_page 
 from .plots import (
     Figure as Figure,
     errors_beside_figure as errors_beside_figure,
+    fault_figure as fault_figure,
     figure_of as figure_of,
     playing_figure as playing_figure,
     scans_figure as scans_figure,
@@ -33,4 +35,5 @@ from .trajectory import (
     trajectory_summary as trajectory_summary,
     write_trajectory_page as write_trajectory_page,
 )
+from .zone_figures import space_figure as space_figure
 from .zone_html import write_zone_page as write_zone_page, write_zone_report as write_zone_report

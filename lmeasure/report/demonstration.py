@@ -12,28 +12,27 @@ from lmeasure.text import Message, Say
 
 
 class Part(NamedTuple):
-    """A step of the demo: heading, sentence, picture, file beside the page to open, and the command that makes the same; picture and file
-    are absent of a step that the command has yet to make."""
+    """A step of the demo: heading, sentence, picture, file beside the page to open, and the command that makes the same."""
 
     heading: Message
     sentence: Message
-    figure: go.Figure | None
+    figure: go.Figure
     link: str
     command: str
 
 
-def write_demo_page(path: Path, title: Message, parts: Sequence[Part], language: str) -> None:
+def write_demo_page(path: Path, title: Message, verdict: Message, parts: Sequence[Part], language: str) -> None:
     """Write a self-contained page, whole or not at all."""
     say = Say(language)
     shown = [
         {
             "heading": part.heading.text(language),
             "sentence": part.sentence.text(language),
-            "plot": Markup() if part.figure is None else figures.figure(part.figure, f"picture-{number}", language),
+            "plot": figures.figure(part.figure, f"picture-{number}", language),
             "link": part.link,
             "command": part.command,
         }
         for number, part in enumerate(parts)
     ]
-    answer = html.Answer(title.text(language), parts[0].sentence.text(language), "", (), "", (), Markup())
+    answer = html.Answer(title.text(language), verdict.text(language), "good", (), "", (), Markup())
     html.write_page(path, "demo.html", answer, say, parts=shown)

@@ -27,6 +27,7 @@ from lmeasure.recording import Counts, Poses, Program, Run
 from lmeasure.report import correction, figures, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
+from lmeasure.report.text import axes
 from lmeasure.report.zone_figures import slices_figure, space_figure
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.robot_programs import Corrected
@@ -34,6 +35,7 @@ from lmeasure.robots import Identified
 from lmeasure.sensors import Lengths
 from lmeasure.simulation import Simulated
 from lmeasure.structure import Boundary, Described
+from lmeasure.text import Say
 from lmeasure.trajectory import Trajectory
 
 JSON = "application/vnd.plotly.v1+json"
@@ -149,8 +151,8 @@ def _trajectory(trajectory: Trajectory, rig: Rig | None) -> go.Figure:
     return figure
 
 
-def playing_figure(rig: Rig, trajectory: Trajectory) -> go.Figure:
-    """Draw the cell with its cables and the tool as it moves along its path; it plays by itself, and again by a button."""
+def playing_figure(rig: Rig, trajectory: Trajectory, say: Say) -> go.Figure:
+    """Draw the cell with its cables and the tool as it moves along its path; a button plays it."""
     known = np.flatnonzero(~np.isnan(trajectory.poses).any(axis=1))
     shown = known[np.linspace(0, len(known) - 1, min(FRAMES, len(known))).astype(int)]
     rows, poses = rig.cable_rows(), trajectory.poses[shown]
@@ -158,37 +160,49 @@ def playing_figure(rig: Rig, trajectory: Trajectory) -> go.Figure:
     gap = np.full((len(shown), len(rows), 1, 3), np.nan)
     base = np.broadcast_to(rows[:, BASE_XYZ], attachment.shape)
     cables = np.concatenate([np.stack([base, tangent, attachment], axis=2), gap], axis=2).reshape(len(shown), -1, 3)
-    figure = _space()
-    points = np.array([p.position_mm for p in rig.observation_point])
+    figure = go.Figure()
+    x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
     names = [html.label(p.name) for p in rig.observation_point]
-    x, y, z = points.T
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 5, "color": "black"}, name="drums")
+    marker = {"size": 5, "color": figures.POINT}
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker=marker, name=say("page.observation_points"))
     x, y, z = trajectory.poses[known[:: max(1, len(known) // MOST_POINTS)], :3].T
-    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 3, "color": "#56b4e9"}, name="path of the gripper")
+    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 3, "color": "#56b4e9"}, name=say("demo_page.path"))
 
     def moving(i: int) -> list[go.Scatter3d]:
         (cx, cy, cz), (tx, ty, tz) = cables[i].T, attachment[i].T
         return [
-            go.Scatter3d(x=cx, y=cy, z=cz, mode="lines", line={"width": 4, "color": "#d55e00"}, name="cables"),
-            go.Scatter3d(x=tx, y=ty, z=tz, mode="markers", marker={"size": 6, "color": "#0072b2"}, name="gripper"),
+            go.Scatter3d(x=cx, y=cy, z=cz, mode="lines", line={"width": 4, "color": "#d55e00"}, name=say("zone.cables")),
+            go.Scatter3d(x=tx, y=ty, z=tz, mode="markers", marker={"size": 6, "color": "#0072b2"}, name=say("demo_page.gripper")),
         ]
 
     figure.add_traces(moving(0))
     figure.frames = [go.Frame(data=moving(i), traces=[2, 3], name=str(i)) for i in range(len(shown))]
     pace = {"frame": {"duration": 80, "redraw": True}, "transition": {"duration": 0}}
-    button = {"label": "▶", "method": "animate", "args": [None, {**pace, "fromcurrent": False}]}
-    figure.update_layout(updatemenus=[{"type": "buttons", "buttons": [button], "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "top"}])
+    button = {"label": say("demo_page.play"), "method": "animate", "args": [None, {**pace, "fromcurrent": False}]}
+    figure.update_layout(
+        updatemenus=[{"type": "buttons", "buttons": [button], "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "top"}], scene=axes(say)
+    )
     return figure
 
 
-def errors_beside_figure(time_s: FloatArray, errors_mm: FloatArray, u95_mm: FloatArray) -> go.Figure:
+def errors_beside_figure(time_s: FloatArray, errors_mm: FloatArray, u95_mm: FloatArray, say: Say) -> go.Figure:
     """Draw distances from the truth (n,) and the U95 (n,) that was stated without it over time."""
     step = max(1, len(time_s) // 4000)
     figure = go.Figure()
-    figure.add_scatter(x=time_s[::step], y=u95_mm[::step], mode="lines", fill="tozeroy", line={"color": "#56b4e9"}, name="stated U95")
-    figure.add_scatter(x=time_s[::step], y=errors_mm[::step], mode="lines", line={"color": "#d55e00"}, name="true error")
-    figure.update_xaxes(title_text="time, s").update_yaxes(title_text="mm")
+    line, error = {"color": "#56b4e9"}, {"color": "#d55e00"}
+    figure.add_scatter(x=time_s[::step], y=u95_mm[::step], mode="lines", fill="tozeroy", line=line, name=say("demo_page.stated_u95"))
+    figure.add_scatter(x=time_s[::step], y=errors_mm[::step], mode="lines", line=error, name=say("demo_page.true_error"))
+    figure.update_xaxes(title_text=say("demo_page.time_s")).update_yaxes(title_text=say("page.mm"))
     return figure.update_layout(height=380, margin={"t": 20})
+
+
+def fault_figure(counts: Counts, at_s: float, without_s: tuple[float, float] | None, say: Say) -> go.Figure:
+    """Draw counts over time, the moment of a fault, and the span that has no pose because of it."""
+    figure = _over_time([(counts.time_s, counts.channels, counts.recorded)], say("demo_page.counts"))
+    figure.add_vline(x=at_s, line={"color": "#c1272d", "dash": "dash"})
+    if without_s is not None:
+        figure.add_vrect(x0=without_s[0], x1=without_s[1], fillcolor="#c1272d", opacity=0.15)
+    return figure.update_xaxes(title_text=say("demo_page.time_s"))
 
 
 def _simulated(made: Simulated, rig: Rig | None) -> go.Figure:

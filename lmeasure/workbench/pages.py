@@ -270,9 +270,9 @@ def _shelf(request: Request) -> Shelf:
 
 async def begin(request: Request) -> Response:
     """Begin a project and show it among the others; what is wrong with its name is beside it."""
-    name = (await form_of(request)).get("name", [""])[-1].strip()
+    shelf, name = _shelf(request), (await form_of(request)).get("name", [""])[-1].strip()
     try:
-        await run_in_threadpool(_shelf(request).begin, name)
+        await run_in_threadpool(shelf.begin, name)
     except OutsideError as error:
         return await home(request, wrong=str(error), typed=name)
     return RedirectResponse("/#projects", 303)

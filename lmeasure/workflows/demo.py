@@ -79,6 +79,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
     lines = (
         message("demo_page.measured", poses=int(found["with_a_pose"]), mm=found["error_of_position_mm"]),
         message("demo_page.honest", percent=100.0 * found["positions_inside_95"]),
+        message("demo_page.robot.text", before=found["robot_before_mm"], after=found["robot_after_mm"]),
         message("demo_page.page", page=shown.look[0]),
     )
     return Result(shown, lines, found, shown.remarks, shown.look, page=shown.look[0])

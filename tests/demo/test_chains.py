@@ -73,25 +73,38 @@ def test_demo_leaves_the_folders_of_every_stage(ran: Ran) -> None:
         "run/run.toml", "run/rig.toml", "run/calibration.json", "run/pass1.csv", "trajectory.parquet", "truth.parquet", "zone.nc",
         "zone.html", "demo.rrd", "demo.json", "demo.html",
     }  # fmt: skip
-    assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == expected
+    # tests/demo/test_robot_demo.py knows the files of a robot
+    assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file() and p.relative_to(out).parts[0] != "robot"} == expected
 
 
 def test_demo_tells_its_stages_and_where_to_look(ran: Ran) -> None:
     places = [ran.reported.index(stage) for stage in STAGES]
     assert places == sorted(places)
     error, _ = ran.line("gripper position")
-    first, second, third, following = ran.printed.splitlines()
+    first, second, robot, third, following = ran.printed.splitlines()
     assert f"{error:.3f} mm (rms) from the true ones" in first
     assert second.endswith("without knowing the truth")
+    certificates = [
+        json.loads((ran.out / "robot" / name / "certificate.json").read_text()) for name in ("certificate", "again/certificate")
+    ]
+    before, after = (np.mean([c["value"] for c in one["characteristics"] if c["name"] == "AP_p"]) for one in certificates)
+    assert f"by {before:.3f} mm on average" in robot
+    assert robot.endswith(f"{after:.3f} mm.")
+    assert after < 0.3 * before
     assert following.startswith("next: lmeasure ")
     page = Path(third.partition(": ")[2])
     text = page.read_text(encoding="utf-8")
     # the path plays, and each step has a link to a file that is there and its command
     assert "Plotly.addFrames" in text
     links = re.findall(r'<a href="([^"]+)">', text)
-    assert len(links) > 4
+    assert len(links) == 6
+    # the terminal and the page state the same, and no sentence is on the page twice
+    share = second.partition(" %")[0]
+    assert f"{share}\u00a0%" in text
+    sentences = re.findall(r"<p(?: [^>]*)?>([^<]{40,})</p>", text)
+    assert len(set(sentences)) == len(sentences) >= 7
     assert all((page.parent / link).exists() for link in links)
-    assert text.count("<code>lmeasure ") > len(links)
+    assert len(re.findall(r"<code>(?:<span[^>]*>)?lmeasure", text)) == len(links)
 
 
 def test_demo_table_against_its_own_files(ran: Ran) -> None:

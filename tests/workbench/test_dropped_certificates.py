@@ -44,7 +44,7 @@ def verified(asked: TestClient, files: Any) -> dict[str, Any]:
 def test_a_tampered_zip_is_dropped_and_the_file_is_named(tmp_path: Path) -> None:
     with client(tmp_path) as asked:
         changed = verified(asked, {"files": ("mine.zip", packed(SEALED, tampered="inputs/run/pass1.csv"))})
-        reported = asked.get("/jobs/1").text
+        reported = asked.get("/jobs/1").text.replace("<wbr>", "")
         assert changed["state"] == "failed"
         assert "inputs/run/pass1.csv: was changed" in reported
         files = [("files", (f"given/{p.relative_to(SEALED).as_posix()}", p.read_bytes())) for p in sorted(SEALED.rglob("*")) if p.is_file()]
