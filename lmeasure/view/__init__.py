@@ -10,7 +10,8 @@ Entities
 /world/pulleys, /world/tangent_points, /world/platform
 /world/tool                     base_from_tool over time; /world/path the whole way; /world/truth where it is known
 /world/zone/inside, /outside    nodes coloured by their worst pressure angle
-/residual_mm/<cable>, /worst_pressure_angle_deg, /position_mm, /u_position_mm, /u_rotation_rad, /counts/pass<n>/<channel>
+/position_mm, /errors           measurements: values with their variances, drawn as bands
+/residual_mm/<cable>, /worst_pressure_angle_deg, /u_position_mm, /u_rotation_rad, /counts/pass<n>/<channel>
 /calibration_residual_mm/<channel>   on the timeline `pose`
 /status (text log), /status_lane, /notes
 

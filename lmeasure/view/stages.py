@@ -227,11 +227,14 @@ def _blueprint(
     spaces += [space("Accuracy zone", ["$origin/**"])] if zone else []
     pages: list[rrb.Vertical] = []
     if trajectory:
-        motion: list[rrb.View] = [plot("Position [mm]", "/position_mm"), plot("Worst pressure angle [deg]", "/worst_pressure_angle_deg")]
+        motion: list[rrb.View] = [
+            plot("Position [mm], band: standard uncertainty", "/position_mm"),
+            plot("Worst pressure angle [deg]", "/worst_pressure_angle_deg"),
+        ]
         if residuals:
             motion.append(plot("Residual of each cable [mm]", "/residual_mm"))
         motion.append(rrb.StateTimelineView(name="Status", origin="/status_lane"))
-        spread: list[rrb.View] = [plot("Error against truth", "/errors")] if errors else []
+        spread: list[rrb.View] = [plot("Error against truth, band: standard uncertainty", "/errors")] if errors else []
         spread += [
             plot("Standard uncertainty, position [mm]", "/u_position_mm"),
             plot("Standard uncertainty, rotation [rad]", "/u_rotation_rad"),

@@ -11,15 +11,12 @@ from lmeasure.core import WORDS, FloatArray, IntArray, Status
 from lmeasure.rig import Rig
 from lmeasure.text import message
 from lmeasure.trajectory import Trajectory
-from lmeasure.view.recording import changed_rows, entity_path, indexes_at, send_scalars, time_indexes
+from lmeasure.view.recording import changed_rows, entity_path, indexes_at, send_measurements, send_scalars, time_indexes
 from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, Thinned, draw_frames, draw_shaded_path, send_tool, thinned_note
 
 GOOD, BAD = (0, 130, 95), (213, 94, 0)
-SERIES = {
-    "position_mm": ("x_mm", "y_mm", "z_mm"),
-    "u_position_mm": ("u_x_mm", "u_y_mm", "u_z_mm"),
-    "u_rotation_rad": ("u_rx_rad", "u_ry_rad", "u_rz_rad"),
-}
+PLACE = ("x_mm", "y_mm", "z_mm")
+SERIES = {"u_position_mm": ("u_x_mm", "u_y_mm", "u_z_mm"), "u_rotation_rad": ("u_rx_rad", "u_ry_rad", "u_rz_rad")}
 
 
 def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, errors: Mapping[str, FloatArray]) -> list[str]:
@@ -27,8 +24,12 @@ def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, er
     log = TrajectoryLog(rec, rig)
     log.add(trajectory)
     indexes = time_indexes(trajectory.time_s)
+    columns = trajectory.columns()
     for name, values in errors.items():
-        send_scalars(rec, entity_path("errors", name), indexes, values)
+        if f"u_{name}" in columns:
+            send_measurements(rec, entity_path("errors", name), indexes, values, columns[f"u_{name}"])
+        else:
+            send_scalars(rec, entity_path("errors", name), indexes, values)
     return log.end()
 
 
@@ -59,6 +60,8 @@ class TrajectoryLog:
         send_tool(rec, indexes, piece.poses, place_only=self._place_only)
         send_scalars(rec, "/worst_pressure_angle_deg", indexes, piece.worst_pressure_angle_deg)
         columns = piece.columns()
+        for name in PLACE:
+            send_measurements(rec, f"/position_mm/{name}", indexes, columns[name], columns[f"u_{name}"])
         for group, names in SERIES.items():
             for name in names:
                 send_scalars(rec, f"/{group}/{name}", indexes, columns[name])

@@ -27,5 +27,5 @@ def stored(path: Path, entity: str, component: str, timeline: str | None = None)
     return np.array(index, dtype=np.int64)[order] if timeline is not None else np.empty(0, np.int64), [cells[i] for i in order]
 
 
-def scalars(path: Path, entity: str, timeline: str = "time") -> FloatArray:
-    return np.array([cell[0] for cell in stored(path, entity, "Scalars:scalars", timeline)[1]])
+def scalars(path: Path, entity: str, timeline: str = "time", component: str = "Scalars:scalars") -> FloatArray:
+    return np.array([cell[0] for cell in stored(path, entity, component, timeline)[1]])

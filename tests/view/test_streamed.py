@@ -170,7 +170,7 @@ def test_the_command_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
         main()
     assert not stop.value.code
     assert f"{N} samples" in capsys.readouterr().out
-    assert len(cells(tmp_path / "a.rrd")["/position_mm/x_mm", "Scalars:scalars"]) == N
+    assert len(cells(tmp_path / "a.rrd")["/position_mm/x_mm", "Measurements:values"]) == N
 
 
 def test_a_run_that_breaks_late_leaves_neither_file(tmp_path: Path) -> None:

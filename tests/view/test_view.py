@@ -116,10 +116,14 @@ def test_scalars_are_whole_and_exact(written: tuple[Path, SimulatedRun, Trajecto
     path, simulated, trajectory = written
     np.testing.assert_array_equal(scalars(path, "/worst_pressure_angle_deg"), trajectory.worst_pressure_angle_deg)
     for i, axis in enumerate("xyz"):
-        np.testing.assert_array_equal(scalars(path, f"/position_mm/{axis}_mm"), trajectory.poses[:, i])
+        of = f"/position_mm/{axis}_mm"
+        np.testing.assert_array_equal(scalars(path, of, component="Measurements:values"), trajectory.poses[:, i])
+        np.testing.assert_allclose(scalars(path, of, component="Measurements:variances"), trajectory.u[:, i] ** 2, rtol=1e-14)
         np.testing.assert_array_equal(scalars(path, f"/u_position_mm/u_{axis}_mm", "sample"), trajectory.u[:, i])
         np.testing.assert_array_equal(scalars(path, f"/u_rotation_rad/u_r{axis}_rad"), trajectory.u[:, 3 + i])
-    np.testing.assert_array_equal(scalars(path, "/errors/x_mm"), trajectory.poses[:, 0] - simulated.poses[:, 0])
+    errors = scalars(path, "/errors/x_mm", component="Measurements:values")
+    np.testing.assert_array_equal(errors, trajectory.poses[:, 0] - simulated.poses[:, 0])
+    np.testing.assert_allclose(scalars(path, "/errors/x_mm", component="Measurements:variances"), trajectory.u[:, 0] ** 2, rtol=1e-14)
     counts = simulated.run.passes[0]
     for j, channel in enumerate(counts.channels):
         np.testing.assert_array_equal(scalars(path, f"/counts/pass1/{channel}"), counts.recorded[:, j])
