@@ -3,6 +3,7 @@
 import random
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from lmeasure.sensors import span_lengths
 from lmeasure.simulation import campaign_at
 
 HERE = Path(__file__).parents[1]
+PATIENCE_S = 500.0
 
 
 def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: Any, code: int = 0) -> str:
@@ -56,15 +58,24 @@ def walked(capsys: pytest.CaptureFixture[str], person: Person, *words: Any, code
     with subprocess.Popen([sys.executable, "-m", "lmeasure", *map(str, words)], **pipes) as process:
         assert process.stdin is not None
         assert process.stdout is not None
-        for line in process.stdout:
-            lines.append(line.rstrip())
-            if line.rstrip().endswith("then press Enter"):
-                person.do(line.partition(" ")[2])
-                person.done()
-                time.sleep(0.2)  # until the last counts have come
-                print(file=process.stdin, flush=True)
-            elif line.startswith(("pose ", "return to the first pose: pose ")):
-                person.do(line)
+        # what goes wrong here, or never ends, ends the command too: nobody would wait for it
+        patience = threading.Timer(PATIENCE_S, process.kill)
+        patience.start()
+        try:
+            for line in process.stdout:
+                lines.append(line.rstrip())
+                if line.rstrip().endswith("then press Enter"):
+                    person.do(line.partition(" ")[2])
+                    person.done()
+                    time.sleep(0.2)  # until the last counts have come
+                    print(file=process.stdin, flush=True)
+                elif line.startswith(("pose ", "return to the first pose: pose ")):
+                    person.do(line)
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            patience.cancel()
     assert process.returncode == code, lines
     with capsys.disabled():
         print(f"\n{words[0]}: {time.monotonic() - begin:.1f} s", end="")

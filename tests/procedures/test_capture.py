@@ -45,6 +45,20 @@ def test_a_robot_that_goes_through_the_poses_leaves_a_folder_that_calibrates(tmp
     assert bench.said[1].startswith("  U95: lengths ")
 
 
+def test_a_rest_whose_first_counts_are_missing_is_read_once_they_come(tmp_path: Path) -> None:
+    """A busy machine loses frames. The robot stays where it is, and nobody presses a key: the rest is read when its last dwell is whole."""
+    bench = Bench(tmp_path)
+    bench.show(bench.at(0))
+    bench.show(going(POSES[[0, 1]], 0.0))
+    rest = bench.at(1, 0.6)
+    rest.recorded[[i for i in range(40) if i % 5], 0] = np.nan
+    bench.show(Samples(rest.time_s[:40], rest.recorded[:40]))
+    assert bench.read == ["1"]
+    assert sum("of the dwell has no counts" in line for line in bench.said) == 1
+    bench.show(Samples(rest.time_s[40:], rest.recorded[40:]))
+    assert bench.read == ["1", "2"]
+
+
 def test_each_reading_says_what_it_was_worth(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.show(going(POSES, 0.25))

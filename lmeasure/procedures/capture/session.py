@@ -57,6 +57,16 @@ def worth_line(worth: Worth, readings: int, code: str = "capture.u95_now_lengths
     return message(code, rms_mm=worth.rms_mm, worst_mm=worth.worst_mm, worst_cable=worth.worst_cable, position=position, held=held)
 
 
+def _missing(recorded: FloatArray, channels: tuple[str, ...]) -> str:
+    """Return why a dwell's counts (n, m) are too few for a reading; empty where they are enough."""
+    if np.isfinite(recorded).all(axis=1).mean() >= WHOLE_PART:
+        return ""
+    gaps = np.isnan(recorded).mean(axis=0)
+    return message(
+        "procedures.counts_missing_dwell", which=tuple(f"{channels[j]} ({gaps[j]:.0%})" for j in np.argsort(-gaps) if gaps[j] > 0)
+    )
+
+
 def surprising(expected: Expected) -> BoolArray:
     """(m,) whether lengths are off what is expected."""
     return np.abs(expected.off_mm) > np.maximum(SURPRISED * expected.u_mm, SURPRISED_MM)
@@ -170,7 +180,7 @@ class Session:
         self._wanted, self._idle = False, False
         self.behind_s = 0.0
         """How old the newest sample is where more wait [s]."""
-        self._asked_s = self._held_s = -np.inf
+        self._asked_s = self._held_s = self._lacking_s = -np.inf
         self.trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
         self._seen_events = 0
         self._originless: set[str] = set()
@@ -366,7 +376,15 @@ class Session:
 
     def _is_due(self) -> bool:
         """Whether the rest is whole, and somebody or the rest itself wants the reading."""
-        return self.rest.seen_throughout(self.settings.dwell_s) and (self._wanted or self._may_read_by_itself())
+        return self.rest.seen_throughout(self.settings.dwell_s) and (self._wanted or (self._may_read_by_itself() and not self._lacking()))
+
+    def _lacking(self) -> str:
+        """Why too many counts are missing in the dwell; said once of a rest, which is read as soon as its last seconds are whole."""
+        why = "" if self._unfit() else _missing(self.rest.last(self.settings.dwell_s).recorded, self.folder.channels)
+        if why and not self._lacking_s >= self.rest.since_s:
+            self._lacking_s = self.rest.now_s
+            self._refuse(why)
+        return why
 
     def _away_from_last(self) -> bool:
         """Whether this rest is elsewhere than the last reading, and nothing was said of it yet."""
@@ -404,11 +422,7 @@ class Session:
         self._wanted = False
         dwell = self.rest.last(self.settings.dwell_s)
         whole = np.isfinite(dwell.recorded).all(axis=1)
-        why = self._unfit()
-        if not why and whole.mean() < WHOLE_PART:
-            gaps = np.isnan(dwell.recorded).mean(axis=0)
-            worst = [f"{self.folder.channels[j]} ({gaps[j]:.0%})" for j in np.argsort(-gaps) if gaps[j] > 0]
-            why = message("procedures.counts_missing_dwell", which=tuple(worst))
+        why = self._unfit() or _missing(dwell.recorded, self.folder.channels)
         if why:
             self._held_s = self.rest.now_s  # said once of a rest
             self._refuse(why)
