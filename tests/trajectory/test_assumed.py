@@ -15,7 +15,7 @@ from test_unsolved import START, after_play, delta, nominal, truth
 from lmeasure.accuracy import exact_radius_95, radii_95, scan_zone, tilts
 from lmeasure.core import se3
 from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
-from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, Rig, rig_from_dict
+from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, Dimension, Rig, rig_from_dict
 from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream, write_trajectory
 
 FloatArray = NDArray[np.float64]
@@ -246,6 +246,45 @@ def test_steel_of_another_temperature_than_the_calibrations_errs_as_its_matter_s
     u = np.sqrt(np.einsum("nii->n", plain.systematic[1:, 3:, 3:]))
     np.testing.assert_allclose(u, expected, rtol=0.12, atol=1e-4)
     assert {one.key for one in plain.assumed.every if one.u95_mm < plain.assumed.u95_mm} == set(keys)
+
+
+def test_angles_of_drums_and_pulleys_follow_from_the_calibration() -> None:
+    """A run that begins elsewhere than the calibration: only the lengths of its cables give the angles."""
+    rng = np.random.default_rng(8)
+    # grooves without pitch: where the cable leaves a drum depends on where its counter was zeroed
+    plain = replace(truth(3), pitch=np.zeros(6))
+    true = real_rig.without(plain, run_out_mm=rng.normal(0, 0.06, (6, 2)), eccentric_mm=rng.normal(0, 0.15, (6, 2)))
+    poses = real_rig.path(np.random.default_rng(9), 400)[120:]
+    counts = true.true_counts(poses, START)
+    data = nominal(plain) | {"unstated": "typical"}
+    begun = true.spans(START[None])[0][0]
+    dimensions = []
+    for j, point in enumerate(data["observation_point"]):
+        point["phase_length_mm"] = float(begun[j])
+        point["pulley_eccentricity_mm"] = true.flaws.eccentric_mm[j].tolist()
+        point["drum"]["run_out_mm"] = true.flaws.run_out_mm[j].tolist()
+        dimensions += [(f"{point['name']}.{part}_{c}_mm", 0.006) for part in ("run_out", "pulley_eccentricity") for c in ("cos", "sin")]
+    own = [
+        Dimension(name=name, value=0.0, u=u, prior_u=0.1, covariance=tuple(np.where(np.arange(24) == i, u**2, 0.0).tolist()))
+        for i, (name, u) in enumerate(dimensions)
+    ]
+    nothing: Any = {"parameters": (), "covariance": (), "residuals": (), "equations": 0, "unknowns": 0, "rank": 0}
+    record = CalibrationRecord(rig="real", **nothing, dimensions=tuple(own))
+
+    def found(rig: Rig, calibration: CalibrationRecord | None) -> tuple[float, str]:
+        recorded = Counts(np.arange(len(counts)) / 100.0, rig.channels, np.rint(counts - counts[0]))
+        run = Run(rig, poses[0], (recorded,), calibration, u_start=(0.0, 0.0), temperature_c=20.0)
+        trajectory = reconstruct(run)
+        return float(np.linalg.norm(trajectory.poses[:, :3] - poses[:, :3], axis=1).max()), "; ".join(map(str, trajectory.notes))
+
+    rig = rig_from_dict(data)
+    points = tuple(p.model_copy(update={"phase_length_mm": None}) for p in rig.observation_point)
+    known, said = found(rig, record)
+    lost, said_at_zero = found(rig.model_copy(update={"observation_point": points}), record)
+    assert known < 0.03 < 0.3 < lost
+    assert "follow from the calibration and the cable lengths there (B1, B2, B3, B4, B5, B6)" in said
+    assert "count from zeroing" in said_at_zero
+    assert "run-out and eccentricity are in the uncertainty at any angle" in found(rig_of(3), None)[1]
 
 
 def test_exact_rigs_keep_their_figures_to_all_digits() -> None:
