@@ -16,7 +16,7 @@ import numpy as np
 from lmeasure.core import AccuracyError, CertificationError, FloatArray, LMeasureError
 from lmeasure.recording import Run, read_run, write_run
 from lmeasure.rig import CalibrationRecord, Rig, read_linked_rig
-from lmeasure.text import LANGUAGES
+from lmeasure.text import LANGUAGES, message
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -226,7 +226,7 @@ def zone(
     scan = replace(scan, limits=replace(scan.limits, **within))
     for name, span in zip("xyz", (x, y, z), strict=True):
         if isinstance(span, tuple) and len(span) != 3:
-            raise AccuracyError(f"{name} = {span}: needs three numbers, least, greatest and step [mm], or an array of the nodes")
+            raise AccuracyError(message("error.needs_three_numbers_least", name=name, span=span))
     nodes = [axis(*span) if isinstance(span, tuple) else np.asarray(span, dtype=np.float64) for span in (x, y, z)]
     turned = tilts(tilt_rad, tilt_steps) if rotations is None else rotations
     return map_zone(used, record, (nodes[0], nodes[1], nodes[2]), turned, scan=scan, progress=progress)
@@ -374,7 +374,7 @@ def plan_poses(
 
     if settings is None:
         if box is None:
-            raise CalibrationError("box: say where the robot may go, low and high along x, y, z")
+            raise CalibrationError(message("error.box_say_where_the"))
         low, high = np.array(list(box), dtype=np.float64).T
         settings = planning_PlanSettings(poses, Region(low, high, math.radians(tilt_deg), np.array([0.0, 0.0, 0.0, 1.0])))
     if isinstance(recorded, Path | str):
@@ -415,7 +415,7 @@ def plan_program(
     from lmeasure.iso9283 import Tests, campaign, cube_in_zone, largest_cube
 
     if (zone is None) == (low_mm is None or high_mm is None):
-        raise CertificationError("give the box by low_mm and high_mm, or a zone")
+        raise CertificationError(message("error.give_the_box_by"))
     cube = largest_cube(list(low_mm or ()), list(high_mm or ())) if zone is None else cube_in_zone(Path(zone))
     return campaign(cube, _with("plan_program", Tests(), tests))
 
@@ -634,7 +634,7 @@ def certify(
 
     chosen = _with("certify", settings or certification_CertificationSettings(), options)
     if language not in LANGUAGES:
-        raise CertificationError(f"language = {language!r}: must be {' or '.join(LANGUAGES)}")
+        raise CertificationError(message("error.language_must_be", language=language, languages=" or ".join(LANGUAGES)))
     choices = Choices(language, None if key is None else Path(key), dcc, force=force)
     with tempfile.TemporaryDirectory() as scratch:
         here = Path(scratch)
@@ -767,7 +767,7 @@ def _wrong(name: str, given: object, wanted: str) -> TypeError:
 def _there(part: Given | None, key: str) -> Given:
     """A part of what was simulated."""
     if part is None:
-        raise LMeasureError(f"the scenario states no {key}: that part was not simulated")
+        raise LMeasureError(message("error.the_scenario_states_no", key=key))
     return part
 
 

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 from lmeasure.core import AccuracyError, BoolArray, FloatArray
 from lmeasure.io import Strict, checked, files
 from lmeasure.kernels import BODY_COLUMNS, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, BODY_START, BODY_WAY, CANNOT_RUN, SINGULAR
+from lmeasure.text import message
 
 
 def limit_from_accuracy(length_mm: float, position_mm: float) -> float:
@@ -41,9 +42,7 @@ def limit_from_accuracy(length_mm: float, position_mm: float) -> float:
     60.0
     """
     if not 0.0 < length_mm <= position_mm < math.inf:
-        raise AccuracyError(
-            f"an accuracy of {position_mm:g} mm cannot be asked of lengths good to {length_mm:g} mm: it must be the larger of the two"
-        )
+        raise AccuracyError(message("error.an_accuracy_of_mm", position_mm=position_mm, length_mm=length_mm))
     return math.degrees(math.acos(length_mm / position_mm))
 
 
@@ -86,13 +85,13 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.angle_deg <= 90.0:
-            raise AccuracyError(f"a pressure-angle limit of {self.angle_deg:g} degrees: it must lie in (0, 90]")
+            raise AccuracyError(message("error.a_pressure_angle_limit", angle_deg=self.angle_deg))
         if self.length_mm is not None and not 0.0 <= self.length_mm[0] < self.length_mm[1]:
-            raise AccuracyError(f"cable lengths of {self.length_mm[0]:g} to {self.length_mm[1]:g} mm: the limits must rise from 0 or more")
+            raise AccuracyError(message("error.cable_lengths_of_to", length_mm=self.length_mm[0], length_mm2=self.length_mm[1]))
         for name in ("u95_mm", "u95_rotation_deg", "u95_attachment_mm", "wrap_deg", "clearance_mm", "singularity"):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value < math.inf:
-                raise AccuracyError(f"{name} = {value:g}: a limit must be a number, 0 or more")
+                raise AccuracyError(message("error.a_limit_must_be", name=name, value=value))
 
     @property
     def needs_all(self) -> bool:
@@ -139,7 +138,7 @@ def broken_limits(figures: Mapping[str, NDArray[Any]], limits: Limits, sign: int
 
 def _length(value: float) -> float:
     if not abs(value) <= 1e6:
-        raise ValueError("must be a length of at most a kilometre")
+        raise ValueError(message("error.must_be_a_length"))
     return value
 
 

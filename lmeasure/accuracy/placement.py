@@ -62,7 +62,7 @@ class Box(Strict):
     @model_validator(mode="after")
     def _rises(self) -> Self:
         if any(a > b for a, b in zip(self.low_mm, self.high_mm, strict=True)):
-            raise ValueError("low_mm must not exceed high_mm")
+            raise ValueError(message("error.low_mm_must_not"))
         return self
 
 
@@ -196,15 +196,17 @@ class Search:
 
     def _check(self) -> None:
         if not self.free:
-            raise AccuracyError("placement: neither [[mount]] nor [[attachment]] names a point that may be moved")
+            raise AccuracyError(message("error.placement_neither_mount_nor"))
         points, tool = {p.name for p in self.rig.observation_point}, set(self.rig.tool)
         seen: set[tuple[str, str]] = set()
         for kind, name, _ in self.free:
             known = points if kind == "mount" else tool
             if name not in known:
-                raise AccuracyError(f"placement: {kind}: {name!r} is no point of rig {self.rig.name!r} ({', '.join(sorted(known))})")
+                raise AccuracyError(
+                    message("error.placement_is_no_point", kind=kind, name=name, name2=self.rig.name, known=", ".join(sorted(known)))
+                )
             if (kind, name) in seen:
-                raise AccuracyError(f"placement: {kind}: {name!r} is placed twice")
+                raise AccuracyError(message("error.placement_is_placed_twice", kind=kind, name=name))
             seen.add((kind, name))
 
     def current(self) -> FloatArray:
@@ -327,7 +329,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     best = min(finalists, key=lambda x: search.around(x, draws))
     _, _, shortest, longest = search.figures(best[None]).T
     if search.broken(best[None], shortest, longest)[0] > BROKEN_MM:
-        raise AccuracyError("placement: no places were found that keep the cable lengths and keep-outs at the whole task")
+        raise AccuracyError(message("error.placement_no_places_were"))
     before, after = search.current(), best
     found = _rig_at(search, best)
     told = _told(search, before, draws), _told(search, after, draws)

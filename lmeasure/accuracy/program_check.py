@@ -145,7 +145,7 @@ def corrected(
     tried = (_bounds(linkage, x, q, limit_deg, lengths_mm) for x, q in zip(places, turns, strict=True))
     bounds = next((b for b in tried if b is not None), None)
     if bounds is None:
-        raise AccuracyError(f"no pose or path of the program keeps {limit_deg:g} degrees and the lengths anywhere")
+        raise AccuracyError(message("error.no_pose_or_path", limit_deg=limit_deg))
     found = [_led(bounds, path, rotation) for path in program.path]
     paths = tuple(_as_points(path, one) if one.changed else path for path, one in zip(program.path, found, strict=True))
     return program.model_copy(update={"path": paths}), found

@@ -43,6 +43,7 @@ from lmeasure.kernels import (
 )
 from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
 from lmeasure.sensors import Channels, phase_columns
+from lmeasure.text import message
 from lmeasure.trajectory import Faults, faults_shown, zero_columns
 
 CHUNK = 2048
@@ -112,7 +113,7 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
     channels = Channels.of_rig(rig, calibration)
     m = len(channels)
     if m < CABLES_FOR_A_POSE:
-        raise RigError(f"rig {rig.name!r}: has {m} channels; a pose needs at least {CABLES_FOR_A_POSE}")
+        raise RigError(message("error.rig_has_channels_a", name=rig.name, m=m, cables_for_a_pose=CABLES_FOR_A_POSE))
     if not rig.measures_turns:
         rig.require_spread()
     origins = np.column_stack([phase_columns(rig, rig.observed), zero_columns(rig, calibration)[0]])

@@ -49,6 +49,7 @@ from lmeasure.kernels import (
     span_rows_of,
     tile,
 )
+from lmeasure.text import message
 
 Progress = Callable[[int, int], None]
 
@@ -314,9 +315,7 @@ class _Kept:
         plan_and_program = f"{plan.digest()} lmeasure {version_of('lmeasure')}"
         if mark.exists():
             if files.read_bytes(mark).decode("ascii", "replace").strip() != plan_and_program:
-                raise AccuracyError(
-                    f"{folder}: holds the chunks of another scan or version; give an empty folder or the same rig, box and options"
-                )
+                raise AccuracyError(message("error.holds_the_chunks_of", where=folder))
         else:
             files.write_text(mark, plan_and_program + "\n")
 
@@ -329,7 +328,7 @@ class _Kept:
             with open_regular(path) as file, np.load(file, allow_pickle=False) as stored:
                 return stored["figures"], stored["flags"]
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise AccuracyError(f"{path}: is no chunk of a scan ({_one_line(error)}); remove it, and it is done again") from error
+            raise AccuracyError(message("error.is_no_chunk_of", where=path, error=_one_line(error))) from error
 
     def put(self, number: int, result: tuple[FloatArray, IntArray]) -> None:
         """Keep a chunk, whole or not at all."""

@@ -110,12 +110,12 @@ SAMPLED = 500  # poses of a scan at which what cannot be carried from node to no
 def axis(start: float, stop: float, step: float) -> FloatArray:
     """Nodes from start to stop, both included; AccuracyError when the step does not divide the way, or it leads beyond a kilometre."""
     if max(abs(start), abs(stop)) > MAX_LENGTH_MM:
-        raise AccuracyError(f"{start:g}:{stop:g}:{step:g}: lies beyond {MAX_LENGTH_MM:g}")
+        raise AccuracyError(message("error.lies_beyond", start=start, stop=stop, step=step, max_length_mm=MAX_LENGTH_MM))
     if not (math.isfinite(start) and math.isfinite(stop) and math.isfinite(step) and step > 0.0 and stop >= start):
-        raise AccuracyError(f"{start:g}:{stop:g}:{step:g}: must be finite, with start <= stop and step > 0")
+        raise AccuracyError(message("error.must_be_finite_with", start=start, stop=stop, step=step))
     steps = (stop - start) / step
     if steps > MAX_NODES or abs(steps - round(steps)) > 1e-6 * max(1.0, steps):
-        raise AccuracyError(f"{start:g}:{stop:g}:{step:g}: the step does not divide the way from start to stop, both ends included")
+        raise AccuracyError(message("error.the_step_does_not", start=start, stop=stop, step=step))
     return np.linspace(start, stop, round(steps) + 1)
 
 
@@ -123,9 +123,9 @@ def tilts(tilt_rad: float, steps: int, base: Rotation | None = None) -> Rotation
     """Orientations Exp(a, b, c) R0: each component of the rotation vector [rad, base frame] over equal steps from -tilt to +tilt; one
     step means 0, as a tilt of 0 does. R0 defaults to the identity."""
     if steps < 1 or not 0.0 <= tilt_rad <= math.pi:
-        raise AccuracyError(f"tilts of {tilt_rad:g} rad in {steps} steps: the tilt must lie in [0, pi] and there must be a step")
+        raise AccuracyError(message("error.tilts_of_rad_in", tilt_rad=tilt_rad, steps=steps))
     if steps**3 > MAX_ORIENTATIONS:
-        raise AccuracyError(f"{steps} steps of each tilt make {steps**3} orientations; at most {MAX_ORIENTATIONS} are tried")
+        raise AccuracyError(message("error.steps_of_each_tilt", steps=steps, steps2=steps**3, max_orientations=MAX_ORIENTATIONS))
     values = np.linspace(-tilt_rad, tilt_rad, steps) if steps > 1 and tilt_rad > 0.0 else np.zeros(1)
     vectors = np.stack(np.meshgrid(values, values, values, indexing="ij"), axis=-1).reshape(-1, 3)
     turned = Rotation.from_rotvec(vectors)
@@ -279,7 +279,7 @@ def map_zone(
     axes = [np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in nodes]
     _check(axes)
     if refine is not None and not 0.0 < refine < 1.0:
-        raise AccuracyError(f"refine = {refine:g}: the relative change at which to stop must lie between 0 and 1")
+        raise AccuracyError(message("error.refine_the_relative_change", refine=refine))
     spacing = _spacing(axes, scan.spacing_mm)
     full = scan.full or limits.needs_all
     start = scan.start
@@ -348,13 +348,13 @@ def make_plan(
     if not rig.sensors:
         rig.require_pose(redundant=True)
     if rotations.single or len(rotations) == 0:
-        raise AccuracyError("the orientations must be a list of at least one rotation")
+        raise AccuracyError(message("error.the_orientations_must_be"))
     factor = covariance_factor(rig, calibration)
     if factor.shape[1]:
         try:
             span_lengths(rig, start[None, :])
         except GeometryError as error:
-            raise GeometryError(f"the calibration's part needs the pose at which the counters are zeroed: {error}") from None
+            raise GeometryError(message("error.the_calibration_s_part", error=error)) from None
     # cables that share a point, or run in different passes, cannot touch elsewhere
     pairs = [
         (i, j)
@@ -502,11 +502,11 @@ def covers(rig: Rig, calibration: CalibrationRecord | None) -> Message:
 def _check(axes: Sequence[FloatArray]) -> None:
     for name, values in zip(DIMS, axes, strict=True):
         if values.ndim != 1 or not len(values) or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
-            raise AccuracyError(f"the nodes along {name} must be finite and rise")
+            raise AccuracyError(message("error.the_nodes_along_must", name=name))
         if len(values) > 2 and np.ptp(np.diff(values)) > 1e-6 * (values[-1] - values[0]):
-            raise AccuracyError(f"the nodes along {name} must be equally spaced")
+            raise AccuracyError(message("error.the_nodes_along_must_be", name=name))
     if math.prod(len(a) for a in axes) > MAX_NODES:
-        raise AccuracyError(f"the box has {math.prod(len(a) for a in axes)} nodes; at most {MAX_NODES} are scanned at once")
+        raise AccuracyError(message("error.the_box_has_nodes", prod=math.prod(len(a) for a in axes), max_nodes=MAX_NODES))
 
 
 def _spacing(axes: Sequence[FloatArray], given: tuple[float, float, float] | None) -> tuple[float, float, float]:

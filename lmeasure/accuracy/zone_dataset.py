@@ -192,9 +192,9 @@ def read_zone(path: Path) -> "xr.Dataset":
         with xr.open_dataset(path, engine="h5netcdf") as stored:
             data = stored.load()
     except Exception as error:  # HDF5's readers raise whatever a broken file leads them into
-        raise FileFormatError(f"{path}: is no netCDF file as `lmeasure zone` writes it: {' '.join(str(error).split())[:200]}") from error
+        raise FileFormatError(message("error.is_no_netcdf_file", where=path, error=" ".join(str(error).split())[:200])) from error
     if data.attrs.get("schema") != SCHEMA:
-        raise FileFormatError(f"{path}: schema = {data.attrs.get('schema')!r}; this program reads {SCHEMA!r}")
+        raise FileFormatError(message("error.schema_this_program_reads", where=path, stated=data.attrs.get("schema"), schema=SCHEMA))
     _check(path, data)
     return data
 
@@ -203,21 +203,21 @@ def _check(path: Path, data: "xr.Dataset") -> None:
     """FileFormatError names the axis, variable or attribute that does not hold what a zone needs: somebody else wrote or changed it."""
     for name in DIMS:
         if name not in data.coords or data.coords[name].dims != (name,):
-            raise FileFormatError(f"{path}: coordinate {name} is missing")
+            raise FileFormatError(message("error.coordinate_is_missing", where=path, name=name))
         values = data.coords[name].values
         if values.dtype.kind not in "fiu" or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
-            raise FileFormatError(f"{path}: coordinate {name} does not hold finite, rising numbers")
+            raise FileFormatError(message("error.coordinate_does_not_hold", where=path, name=name))
     if "in_zone" not in data:
-        raise FileFormatError(f"{path}: variable in_zone is missing")
+        raise FileFormatError(message("error.variable_in_zone_is", where=path))
     for name in ("in_zone", *(v for v in ABOUT if v in data)):
         if data[name].dims not in (DIMS, (*DIMS, "channel")) or data[name].values.dtype.kind not in "fiub":
-            raise FileFormatError(f"{path}: variable {name} does not hold numbers over {', '.join(DIMS)}")
+            raise FileFormatError(message("error.variable_does_not_hold", where=path, name=name, dims=", ".join(DIMS)))
     if not np.isin(data["in_zone"].values, (0, 1)).all():
-        raise FileFormatError(f"{path}: variable in_zone holds more than 0 and 1")
+        raise FileFormatError(message("error.variable_in_zone_holds", where=path))
     for name, count in (("node_spacing_mm", 3), ("zone_volume_mm3", 1), ("limit_deg", 1)):
         values = np.atleast_1d(data.attrs.get(name, np.empty(0)))
         if values.shape != (count,) or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
-            raise FileFormatError(f"{path}: attribute {name} does not hold {count} finite number(s)")
+            raise FileFormatError(message("error.attribute_does_not_hold", where=path, name=name, count=count))
 
 
 def messages_of(zone: "xr.Dataset", name: str) -> list[str]:
@@ -235,7 +235,7 @@ def with_faults(data: "xr.Dataset", rig: Rig, readings: Readings, positions: Flo
     """The dataset of a zone with `VARIABLES` over its nodes, positions (n, 3), and channels, worst over the orientations: of single
     samples. AccuracyError where no channel is to spare."""
     if len(readings.rows) == CABLES_FOR_A_POSE:
-        raise AccuracyError(f"rig {rig.name!r}: has six channels for six unknowns: none is to spare, and no fault of any would show")
+        raise AccuracyError(message("error.rig_has_six_channels", name=rig.name))
     lengths = ~readings.angular
     unit = np.where(lengths, 1.0, 180.0 / np.pi)
     smallest, apart, effect = worst_faults(readings, positions, data["quaternion_xyzw"].values)

@@ -189,11 +189,11 @@ def edges(
     has six cables or more and the levels are few enough.
     """
     if rig.sensors:
-        raise AccuracyError(f"--boundary: the edge is followed by cables alone, and rig {rig.name!r} has encoders beside them")
+        raise AccuracyError(message("error.boundary_the_edge_is", name=rig.name))
     if len(rig.cable) < CABLES_FOR_A_POSE:
-        raise AccuracyError(f"--boundary: the edge of the zone is followed for six cables and more, this rig has {len(rig.cable)}")
+        raise AccuracyError(message("error.boundary_the_edge_of", n_cable=len(rig.cable)))
     if len(zone["z"]) > LEVELS:
-        raise AccuracyError(f"--boundary: {len(zone['z'])} levels; at most {LEVELS} are followed")
+        raise AccuracyError(message("error.boundary_levels_at_most", n_zone=len(zone["z"]), levels=LEVELS))
     linkage = linkage_of(rig)
     x, y, z = (zone[name].values for name in "xyz")
     limit, inside = float(zone.attrs["limit_deg"]), zone["in_zone"].values.astype(bool)

@@ -256,9 +256,11 @@ class _Writer:
             table: dict[str, Any] = files.read_toml(path)
             earlier = read_rig(self.folder / "rig.toml")
             if earlier.model_copy(update={"can": None}) != self.rig.model_copy(update={"can": None}):
-                raise AcquisitionError(f"{self.folder / 'rig.toml'}: is another rig than that of pass {self.passage}")
+                raise AcquisitionError(message("error.is_another_rig_than", where=self.folder / "rig.toml", passage=self.passage))
             if len(table.get("pass", [])) != self.passage - 1:
-                raise AcquisitionError(f"{path}: has {len(table.get('pass', []))} passes; pass {self.passage} cannot follow")
+                raise AcquisitionError(
+                    message("error.has_passes_pass_cannot", where=path, n_get=len(table.get("pass", [])), passage=self.passage)
+                )
         else:
             for name in ("run.toml", "rig.toml", *beside):
                 there = self._before[self.folder / name]

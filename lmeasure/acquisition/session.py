@@ -19,6 +19,7 @@ from lmeasure.core import AcquisitionError
 from lmeasure.io import files
 from lmeasure.recording import start_from_text
 from lmeasure.rig import CanOpenCan, Rig, read_linked_rig
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import can
@@ -45,7 +46,7 @@ def record_session(
     """
     rig, calibration = read_linked_rig(rig_path)
     if passage > rig.passes:
-        raise AcquisitionError(f"{rig_path}: its cables need {rig.passes} pass{'es' * (rig.passes > 1)}; there is no pass {passage}")
+        raise AcquisitionError(message("error.its_cables_need_pass", where=rig_path, passes=rig.passes, passage=passage))
     pose = None if start is None else start_from_text(start, rig)
     here = Path(rig_path).parent
     link = connect(rig, here, bus, passage=passage, options=options_from_text(options), paced=paced)
@@ -98,9 +99,7 @@ def connect(
         _warm_up(rig, fields, passage)
         return Link(open_source(bus, table.bit_rate, options, paced=paced), fields)
     if interface == "simulated":
-        raise AcquisitionError(
-            f"--bus {bus!r}: the rig's encoders are asked over CANopen (decoder 'cia406'), and the simulated cell has none"
-        )
+        raise AcquisitionError(message("error.bus_the_rig_s", bus=bus))
     given = dict(options or {})
     if table.sync_period_ms is not None and interface != "udp_multicast":  # which gives them back anyway
         given.setdefault("receive_own_messages", 1)
@@ -111,7 +110,7 @@ def connect(
         for first, now in zip(devices[0] if devices else (), found, strict=False):
             if (now.serial, now.field) != (first.serial, first.field):
                 other = f"came back as another device: serial number {now.serial}, before {first.serial}"
-                raise AcquisitionError(f"node {now.node} (channel {now.channel}): {other}")
+                raise AcquisitionError(message("error.node_channel", node=now.node, channel=now.channel, other=other))
         devices.append(found)
         if table.sync_period_ms is not None:
             produce_sync(opened, table.sync_id, table.sync_period_ms / 1e3)
@@ -131,5 +130,5 @@ def options_from_text(options: Sequence[str]) -> dict[str, str]:
     """KEY=VALUE texts as a dictionary."""
     for option in options:
         if "=" not in option:
-            raise AcquisitionError(f"--bus-option {option!r}: is not KEY=VALUE")
+            raise AcquisitionError(message("error.bus_option_is_not", option=option))
     return dict(option.split("=", 1) for option in options)

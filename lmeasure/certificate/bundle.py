@@ -24,7 +24,7 @@ from typing import Any
 
 from lmeasure.certificate.signature import canonical, digest, fingerprint, sign, signer
 from lmeasure.core import CertificationError, FileFormatError, ForeignFolderError, LMeasureError
-from lmeasure.io import files, open_zip, unpack
+from lmeasure.io import files, open_zip, os_reason, unpack
 from lmeasure.text import Message, composed, message
 
 SCHEMA = "lmeasure.bundle/1"
@@ -71,7 +71,7 @@ def new_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     except ValueError as error:
         if isinstance(error, LMeasureError):
             raise
-        raise CertificationError(f"{str(out)!r}: cannot be written: {error}") from error
+        raise CertificationError(message("error.cannot_be_written", out=str(out), error=error)) from error
     try:
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
         files.make_folder(target.parent)
@@ -124,14 +124,14 @@ def _to_disk(folder: Path) -> None:
 
 def _claim(out: Path, *, force: bool) -> None:
     if out.is_symlink() or (out.exists() and not out.is_dir()):
-        raise ForeignFolderError(f"{out}: is not a folder; a certificate needs a folder of its own")
+        raise ForeignFolderError(message("error.is_not_a_folder", where=out))
     if out.is_dir() and any(out.iterdir()):
         known = _listed(out / MANIFEST)
         strange = sorted(found_files(out) - known - {MANIFEST, SIGNATURE}) if known else ["other files"]
         if strange:
-            raise ForeignFolderError(f"{out}: holds {strange[0]}, no part of an earlier certificate; give --out a folder of its own")
+            raise ForeignFolderError(message("error.holds_no_part_of", where=out, strange=strange[0]))
         if not force:
-            raise ForeignFolderError(f"{out / MANIFEST}: exists; --force replaces the certificate, or give another folder")
+            raise ForeignFolderError(message("error.exists_force_replaces_the", where=out / MANIFEST))
 
 
 def _listed(manifest: Path) -> set[str]:
@@ -163,7 +163,7 @@ def copy_into(folder: Path, copies: dict[str, Path]) -> None:
             files.read_bytes(source)  # says so where it was this one of the two
             raise
         except ValueError as error:
-            raise CertificationError(f"{source}: cannot be copied: {error}") from error
+            raise CertificationError(message("error.cannot_be_copied", where=source, error=error)) from error
 
 
 def regular_bytes(path: Path) -> bytes:
@@ -176,9 +176,11 @@ def _only_regular(path: Path) -> None:
     try:
         mode = path.lstat().st_mode
     except (OSError, ValueError) as error:
-        raise CertificationError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise CertificationError(
+            message("error.cannot_be_read", where=path, broken=os_reason(error) if isinstance(error, OSError) else error)
+        ) from error
     if not stat.S_ISREG(mode):
-        raise CertificationError(f"{path}: is no regular file")
+        raise CertificationError(message("error.is_no_regular_file", where=path))
 
 
 def entries(folder: Path, names: list[str]) -> list[dict[str, Any]]:
@@ -219,10 +221,10 @@ def check_seal(folder: Path, public_key: Any | None = None) -> Seal:
     """Every file against the manifest, the manifest against itself, the signature against the manifest and the given key."""
     folder = Path(folder)
     if not folder.is_dir():
-        raise CertificationError(f"{folder}: is no folder of a certificate")
+        raise CertificationError(message("error.is_no_folder_of", where=folder))
     found = found_files(folder)
     if not found & {MANIFEST, CERTIFICATE}:
-        raise CertificationError(f"{folder}: is no folder of a certificate: it holds neither {MANIFEST} nor {CERTIFICATE}")
+        raise CertificationError(message("error.is_no_folder_of_a", where=folder, manifest=MANIFEST, certificate=CERTIFICATE))
     out: list[Difference] = []
     text, content = b"", None
     if MANIFEST in found:
@@ -267,7 +269,7 @@ def safe_name(name: str) -> str:
     """A name inside a folder; CertificationError when it leads elsewhere."""
     parts = PurePosixPath(name).parts
     if not parts or name != "/".join(parts) or ".." in parts or "\\" in name or ":" in name or name.startswith("/") or "\x00" in name:
-        raise CertificationError(f"{name!r} is not the name of a file in the folder")
+        raise CertificationError(message("error.is_not_the_name", name=name))
     return name
 
 
@@ -340,7 +342,7 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
     if sidecar(path).exists():
         words = regular_bytes(sidecar(path).resolve()).split()
         if not words or words[0] != actual.encode("ascii"):
-            raise CertificationError(f"{path}: was changed: its SHA-256 is not the one in {sidecar(path).name}")
+            raise CertificationError(message("error.was_changed_its_sha", where=path, name=sidecar(path).name))
     folder = scratch / "bundle"
     try:
         folder.mkdir()
@@ -350,12 +352,12 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
             again.update(piece)
     except OSError as error:
         if error.errno in files.TO_DO:
-            raise CertificationError(files.not_written(scratch, error, f"{path.name} cannot be unpacked there")) from None
-        raise CertificationError(f"{path}: was changed, or is not the .zip of a certificate: {error}") from None
+            raise CertificationError(files.not_written(scratch, error, "error.cannot_be_unpacked_there")) from None
+        raise CertificationError(message("error.was_changed_or_is", where=path, error=error)) from None
     except FileFormatError as error:
-        raise CertificationError(f"{path}: was changed, or is not the .zip of a certificate: {error}") from None
+        raise CertificationError(message("error.was_changed_or_is", where=path, error=error)) from None
     if again.hexdigest() != actual:
-        raise CertificationError(f"{path}: was changed: it is not, byte for byte, the .zip of the files in it")
+        raise CertificationError(message("error.was_changed_it_is", where=path))
     yield folder
 
 
@@ -363,10 +365,10 @@ def _extract(path: Path, folder: Path) -> list[str]:
     with open_zip(path) as archive:
         names = [safe_name(info.filename) for info in archive.infolist()]
         if names != sorted(set(names)):
-            raise CertificationError(f"{path}: was changed: its files are not in order")
+            raise CertificationError(message("error.was_changed_its_files", where=path))
         # stored only: what it unpacks to can be no larger than itself
         if any(info.compress_type != zipfile.ZIP_STORED for info in archive.infolist()):
-            raise CertificationError(f"{path}: was changed: its files are not stored as they are")
+            raise CertificationError(message("error.was_changed_its_files_are", where=path))
         unpack(archive, folder)
     return names
 

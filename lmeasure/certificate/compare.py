@@ -103,26 +103,24 @@ def compare_certificates(certificates: Sequence[tuple[str, dict[str, Any]]]) -> 
         raise
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, np.linalg.LinAlgError) as error:
         names = ", ".join(name for name, _ in certificates)
-        raise CertificationError(
-            f"{names}: one is not as lmeasure writes certificates ({error}); lmeasure verify names what is wrong"
-        ) from None
+        raise CertificationError(message("error.one_is_not_as", where=names, error=error)) from None
 
 
 def _compared(certificates: Sequence[tuple[str, dict[str, Any]]]) -> Comparison:
     if len(certificates) < 2:
-        raise CertificationError("a comparison needs two certificates or more")
+        raise CertificationError(message("error.a_comparison_needs_two"))
     twice = [name for name, content in certificates if sum(content["id"] == c["id"] for _, c in certificates) > 1]
     if twice:
-        raise CertificationError(f"{twice[0]}: is given twice")
+        raise CertificationError(message("error.is_given_twice", where=twice[0]))
     bare = [name for name, content in certificates if any(c["u95"] is None for c in content["characteristics"])]
     if bare:
-        raise CertificationError(f"{bare[0]}: states no uncertainty: whether it differs from another cannot be determined")
+        raise CertificationError(message("error.states_no_uncertainty_whether", where=bare[0]))
     ordered = sorted(certificates, key=lambda c: (_day(c[1]), c[1]["created"]))
     (first_name, first), *others = ordered
     pairs = tuple(_pair(first_name, first, name, content) for name, content in others)
     if not any(pair.changes or pair.shifts for pair in pairs):
         why = f": {pairs[0].otherwise[0]} was commanded otherwise" if pairs[0].otherwise else ""
-        raise CertificationError(f"{others[0][0]}: has no characteristic in common with {first_name}{why}: compare tests of one program")
+        raise CertificationError(message("error.has_no_characteristic_in", where=others[0][0], first_name=first_name, why=why))
     return Comparison(_kind(ordered), tuple(name for name, _ in ordered), pairs, _exchangeability(ordered), tuple(_notes(ordered)))
 
 

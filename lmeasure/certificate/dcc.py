@@ -55,7 +55,7 @@ def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
     country = certificate["details"].get("country")
     if country not in COUNTRIES.split():
         found = "country is missing" if country is None else f"country = {country!r} is no code"
-        raise CertificationError(f'details: {found}: a DCC needs that of the laboratory, two letters of ISO 3166-1 such as country = "DE"')
+        raise CertificationError(message("error.details_a_dcc_needs", found=found))
     root = etree.Element(f"{{{DCC}}}digitalCalibrationCertificate", nsmap={"dcc": DCC, "si": SI, "xsi": XSI})
     root.set("schemaVersion", VERSION)
     root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
@@ -82,10 +82,10 @@ def check_xml(content: bytes, xsd: Path) -> None:
     try:
         schema = etree.XMLSchema(etree.parse(str(xsd), parser))
     except (etree.XMLSyntaxError, etree.XMLSchemaParseError, OSError) as error:
-        raise CertificationError(f"{xsd}: cannot be used as an XSD: {str(error).splitlines()[0]}") from None
+        raise CertificationError(message("error.cannot_be_used_as", where=xsd, error=str(error).splitlines()[0])) from None
     if not schema.validate(etree.fromstring(content, parser)):
         first = schema.error_log[0]
-        raise CertificationError(f"{xsd}: the DCC does not keep to it: line {first.line}: {first.message}")
+        raise CertificationError(message("error.the_dcc_does_not", where=xsd, line=first.line, message=first.message))
 
 
 def _add(parent: Any, name: str, text: object = None) -> Any:
@@ -321,9 +321,9 @@ def read_dcc(path: Path) -> Dcc:
     try:
         root = etree.fromstring(files.read_bytes(path), parser)
     except etree.XMLSyntaxError as error:
-        raise FileFormatError(f"{path}: cannot be read as XML: {str(error).splitlines()[0]}") from None
+        raise FileFormatError(message("error.cannot_be_read_as_xml", where=path, error=str(error).splitlines()[0])) from None
     if root.tag != f"{{{DCC}}}digitalCalibrationCertificate":
-        raise FileFormatError(f"{path}: is no DCC: it begins with {etree.QName(root).localname}")
+        raise FileFormatError(message("error.is_no_dcc_it", where=path, localname=etree.QName(root).localname))
 
     def text(at: Any, where: str) -> str:
         return " ".join("".join(one.itertext()).strip() for one in at.iterfind(where, {"dcc": DCC, "si": SI})).strip()
@@ -338,7 +338,9 @@ def read_dcc(path: Path) -> Dcc:
             value = math.nan
         if not math.isfinite(value):
             line = at.sourceline
-            raise FileFormatError(f"{path}:{line}: {etree.QName(at).localname}: {found[:40]!r} is no number")
+            raise FileFormatError(
+                message("error.is_no_number", where=path, line=line, localname=etree.QName(at).localname, found=found[:40])
+            )
         return value
 
     def date(found: str, name: str) -> datetime.date | None:
@@ -346,7 +348,7 @@ def read_dcc(path: Path) -> Dcc:
             # a day of XML may have a time zone
             return datetime.date.fromisoformat(found[:10]) if found else None
         except ValueError:
-            raise FileFormatError(f"{path}: {name}: {found[:40]!r} is no date") from None
+            raise FileFormatError(message("error.is_no_date_2", where=path, name=name, found=found[:40])) from None
 
     core = "dcc:administrativeData/dcc:coreData/dcc:"
     day = date(text(root, f"{core}endPerformanceDate"), "endPerformanceDate")
@@ -387,7 +389,7 @@ def _after(begun: datetime.date | None, period: str, path: Path) -> datetime.dat
     """Return the day a period of XML (P1Y6M) behind another."""
     found = _PERIOD.fullmatch(period)
     if begun is None or found is None or period in ("P", "PT"):
-        raise FileFormatError(f"{path}: statement: period: {period[:40]!r} is no period such as P1Y")
+        raise FileFormatError(message("error.statement_period_is_no", where=path, period=period[:40]))
     years, months, days = (int(part or 0) for part in found.groups())
     months += 12 * (begun.year + years) + begun.month - 1
     year, month = divmod(months, 12)
@@ -395,4 +397,4 @@ def _after(begun: datetime.date | None, period: str, path: Path) -> datetime.dat
         last = calendar.monthrange(year, month + 1)[1]
         return datetime.date(year, month + 1, min(begun.day, last)) + datetime.timedelta(days=days)
     except (ValueError, OverflowError, calendar.IllegalMonthError):
-        raise FileFormatError(f"{path}: statement: period: {period[:40]!r} ends at no day") from None
+        raise FileFormatError(message("error.statement_period_ends_at", where=path, period=period[:40])) from None

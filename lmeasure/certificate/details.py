@@ -15,23 +15,23 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from lmeasure.certificate.dcc import read_dcc
 from lmeasure.core import CertificationError, FileFormatError
 from lmeasure.io import Strict, checked, files
-from lmeasure.text import Message
+from lmeasure.text import Message, message
 
 SCHEMA = "lmeasure.report/1"
 
 
 def _printable(value: str) -> str:
     if not value.strip():
-        raise ValueError("must not be empty; leave the key out when there is nothing to state")
+        raise ValueError(message("error.must_not_be_empty"))
     if not all(line.isprintable() for line in value.split("\n")):
-        raise ValueError("must be printable text")
+        raise ValueError(message("error.must_be_printable_text"))
     return value.strip()
 
 
 def _day(value: Any) -> Any:
     """A date of TOML, or text like 2026-03-31, as that text."""
     if isinstance(value, datetime.datetime):
-        raise ValueError("must be a date such as 2026-03-31, without a time")  # noqa: TRY004
+        raise ValueError(message("error.must_be_a_date_such"))  # noqa: TRY004
     if isinstance(value, datetime.date):
         return value.isoformat()
     if isinstance(value, str):
@@ -39,7 +39,7 @@ def _day(value: Any) -> Any:
             return datetime.date.fromisoformat(value).isoformat()
         except ValueError:
             pass
-    raise ValueError("must be a date such as 2026-03-31")
+    raise ValueError(message("error.must_be_a_date"))
 
 
 Text = Annotated[str, Field(max_length=4000), AfterValidator(_printable)]
@@ -91,7 +91,7 @@ class Dates(Strict):
         stated = [(key, day) for key, day in self if day is not None]
         for (before, a), (after, b) in itertools.pairwise(stated):
             if b < a:
-                raise ValueError(f"{after} {b} lies before {before} {a}")
+                raise ValueError(message("error.lies_before", after=after, b=b, before=before, a=a))
         return self
 
 
@@ -212,7 +212,7 @@ def read_logo(details: Path, stated: Details) -> Logo | None:
     path = details.parent / stated.logo
     content = files.read_bytes(path)
     if len(content) > MOST_LOGO_BYTES:
-        raise CertificationError(f"{path}: a logo of {len(content)} bytes; at most {MOST_LOGO_BYTES} are printed")
+        raise CertificationError(message("error.a_logo_of_bytes", where=path, n_content=len(content), most_logo_bytes=MOST_LOGO_BYTES))
     if content.startswith(b"\x89PNG\r\n\x1a\n"):
         return Logo(content, "png")
     if content.startswith(b"\xff\xd8\xff"):
@@ -222,7 +222,7 @@ def read_logo(details: Path, stated: Details) -> Logo | None:
     except lxml.etree.XMLSyntaxError:
         root = None
     if root is None or lxml.etree.QName(root).localname != "svg":
-        raise CertificationError(f"{path}: is no picture: a logo is an SVG, PNG or JPEG file")
+        raise CertificationError(message("error.is_no_picture_a", where=path))
     return Logo(content, "svg")
 
 
@@ -242,5 +242,5 @@ def read_details(path: Path) -> Details:
     """Read a details file; FileFormatError names the file and the key."""
     data = files.read_toml(path)
     if data.get("schema") != SCHEMA:
-        raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads {SCHEMA!r}")
+        raise FileFormatError(message("error.schema_this_program_reads", where=path, stated=data.get("schema"), schema=SCHEMA))
     return checked(data, Details, str(path))

@@ -18,7 +18,7 @@ from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate, undeci
 from lmeasure.recording import POSITION_COLUMNS, Program, Run, read_program, read_run, read_run_head
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import OTHERS, stated as unsolved_stated
-from lmeasure.text import Message
+from lmeasure.text import Message, message
 from lmeasure.trajectory import ErrorsOfRun, Stated, Trajectory, align, read_trajectory, reconstruct
 
 Progress = Callable[[int, int], None]
@@ -83,7 +83,7 @@ class Inputs:
         for name in out:
             first = taken.setdefault(safe_name(name).casefold(), name)
             if first != name:
-                raise CertificationError(f"{out[name]}: its copy would have the name of that of {out[first]}")
+                raise CertificationError(message("error.its_copy_would_have", where=out[name], out=out[first]))
         return out
 
     def stated(self) -> dict[str, Any]:
@@ -108,13 +108,13 @@ def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
         if isinstance(name, str):
             places[key] = folder / safe_name(name)
         elif name is not None or key in ("trajectory", "program"):
-            raise CertificationError(f"certificate.json: measurement: {key} is not the name of a file")
+            raise CertificationError(message("error.certificate_json_measurement_is", key=key))
     constraint, repeatability = stated.get("constraint"), stated.get("repeatability_mm")
     if not isinstance(constraint, str | None) or not isinstance(repeatability, float):
-        raise CertificationError("certificate.json: measurement: constraint or repeatability_mm is not what this program writes")
+        raise CertificationError(message("error.certificate_json_measurement_constraint"))
     beside = {name: stated[name] for name in _BESIDE if name in stated}
     if not all(isinstance(value, str if name == "columns" else float) for name, value in beside.items()):
-        raise CertificationError("certificate.json: measurement: columns or uncertainties are not what this program writes")
+        raise CertificationError(message("error.certificate_json_measurement_columns"))
     return replace(Inputs(**places), constraint=constraint, repeatability_mm=repeatability, sealed=True, **beside)
 
 
@@ -123,11 +123,11 @@ def settings_from(stated: Any, *, earlier: bool = False) -> CertificationSetting
     be missing."""
     known = {f.name for f in fields(CertificationSettings)}
     if not isinstance(stated, dict) or not set(stated) <= known or (set(stated) != known and not earlier):
-        raise CertificationError("certificate.json: settings: are not those this program writes")
+        raise CertificationError(message("error.certificate_json_settings_are"))
     try:
         return TypeAdapter(CertificationSettings).validate_python(stated)
     except ValidationError:
-        raise CertificationError("certificate.json: settings: hold a value of another kind") from None
+        raise CertificationError(message("error.certificate_json_settings_hold")) from None
 
 
 def settings_stated(settings: CertificationSettings) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def _beside(place: str, link: str, what: str) -> str:
             parts = []
             break
     if target.is_absolute() or not parts:
-        raise CertificationError(f"{what} = {link!r} lies too far from it to be copied with it; put it beside that file")
+        raise CertificationError(message("error.lies_too_far_from", what=what, link=link))
     return "/".join(parts)
 
 
@@ -192,8 +192,7 @@ def measure(inputs: Inputs, settings: CertificationSettings, progress: Progress 
     if unused is not None:
         where = "".join(f" at {name}" for name in (unused.pose, unused.path) if name is not None)
         raise CertificationError(
-            f"{inputs.program}: tolerance of {unused.characteristic}{where}: no characteristic is held against it: none has that name "
-            "there, or a tolerance before it takes all"
+            message("error.tolerance_of_no_characteristic", where=inputs.program, characteristic=unused.characteristic, where2=where)
         )
     return found
 
@@ -236,7 +235,7 @@ def _check_same(path: Path, trajectory: Trajectory) -> None:
     names = ("time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS)
     table = files.read_table(path, only=names)
     if len(table) != len(trajectory.time_s):
-        raise OtherTrajectoryError(f"{path}: has {len(table)} rows, but the run's counts give {len(trajectory.time_s)} poses")
+        raise OtherTrajectoryError(message("error.has_rows_but_the", where=path, n_table=len(table), n_time_s=len(trajectory.time_s)))
     allowed = [SAME_TIME_S, *[SAME_POSITION_MM] * 3, *[SAME_QUATERNION] * 4]
     for i, name in enumerate(names):
         expected = trajectory.time_s if i == 0 else trajectory.poses[:, i - 1]
@@ -245,5 +244,5 @@ def _check_same(path: Path, trajectory: Trajectory) -> None:
         if not same.all():
             row = int(np.argmax(~same))
             raise OtherTrajectoryError(
-                f"{path}: row {row} is not what the run's counts give: {name} is {found[row]:.9g}, from the counts {expected[row]:.9g}"
+                message("error.row_is_not_what", where=path, row=row, name=name, found=found[row], expected=expected[row])
             )

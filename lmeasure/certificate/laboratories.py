@@ -104,7 +104,7 @@ def read_laboratory(path: Path) -> Laboratory:
         name = content["details"].get("laboratory", {}).get("name", "")
         results = [_of_figure(f) for f in content["characteristics"] if f.get("u95")]
     if not results:
-        raise CertificationError(f"{path}: states no result with an uncertainty: laboratories are compared by their uncertainties")
+        raise CertificationError(message("error.states_no_result_with", where=path))
     return Laboratory(name or str(path), {r.name: (r.value, float(r.u or 0.0), r.unit) for r in results})
 
 
@@ -133,22 +133,22 @@ def compare_laboratories(laboratories: Sequence[Laboratory], *, common_mm: float
     """
     names = [one.name for one in laboratories]
     if len(names) < 2:
-        raise CertificationError("a comparison between laboratories needs two or more of them")
+        raise CertificationError(message("error.a_comparison_between_laboratories"))
     if twice := next((name for name in names if names.count(name) > 1), None):
-        raise CertificationError(f"two certificates are of laboratory {twice!r}: state the name of each laboratory in details.toml")
+        raise CertificationError(message("error.two_certificates_are_of", twice=twice))
     out = []
     for result in dict.fromkeys(name for one in laboratories for name in one.results):
         stating = [one for one in laboratories if result in one.results]
         units = {one.results[result][2] for one in stating}
         if len(units) > 1:
-            raise CertificationError(f"{result}: is stated in {' and '.join(sorted(units))}")
+            raise CertificationError(message("error.is_stated_in", where=result, units=" and ".join(sorted(units))))
         if len(stating) > 1:
             unit = units.pop()
             common, artefact = (common_mm, artefact_mm) if unit == "mm" else (0.0, 0.0)
             x, u = np.array([one.results[result][:2] for one in stating]).T
             out.append(consensus(result, [one.name for one in stating], x, u, unit=unit, common=common, artefact=artefact))
     if not out:
-        raise CertificationError(f"{', '.join(names)}: have no result in common")
+        raise CertificationError(message("error.have_no_result_in", where=", ".join(names)))
     return tuple(out)
 
 
@@ -158,7 +158,7 @@ def consensus(
     """Return the consensus of results (n,) with standard uncertainties (n,); see the text of this module."""
     if (u <= common).any():
         name = names[int(np.argmin(u))]
-        raise CertificationError(f"{result}: {name} states u = {u.min():g} {unit}, no more than the {common:g} that all have in common")
+        raise CertificationError(message("error.states_u_no_more", where=result, name=name, u=u.min(), unit=unit, common=common))
     v = u**2 + artefact**2 - common**2
     n, weights = len(x), 1.0 / v
     q = _mean(x, weights)[1]

@@ -15,6 +15,7 @@ import numpy as np
 
 from lmeasure.certificate.compare import Attained, attained, commanded_otherwise
 from lmeasure.core import CertificationError, FloatArray
+from lmeasure.text import message
 
 DRAWS = 2000
 OUTSIDE = 0.0125
@@ -69,7 +70,7 @@ def improvement(
     old, new = attained(first), attained(later)
     names = tuple(pose for pose in old if pose in new and ("pose", pose) not in other)
     if not names:
-        raise CertificationError("the certificates have no pose in common that was commanded alike: what improved cannot be determined")
+        raise CertificationError(message("error.the_certificates_have_no"))
     before, after = ([of[name] for name in names] for of in (old, new))
     rng = np.random.default_rng(seed)
     noise = [_noise(rows, rng) for rows in (before, after)]

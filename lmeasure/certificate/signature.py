@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from lmeasure.core import CertificationError, KeyKeptError, LMeasureError
 from lmeasure.io import files
+from lmeasure.text import message
 
 
 def canonical(value: Any) -> bytes:
@@ -39,7 +40,7 @@ def _only_finite(value: Any, where: str) -> None:
         for i, inner in enumerate(value):
             _only_finite(inner, f"{where}[{i}]")
     elif isinstance(value, float) and not math.isfinite(value):
-        raise CertificationError(f"{where} is {value}, not a finite number")
+        raise CertificationError(message("error.is_not_a_finite", where=where, value=value))
 
 
 SCHEMA = "lmeasure.signature/1"
@@ -57,7 +58,7 @@ def new_key(path: Path, *, force: bool = False) -> str:
     public_path = path.with_name(path.name + ".pub")
     for taken in (path, public_path):
         if taken.exists() and not force:
-            raise KeyKeptError(f"{taken}: exists; --force replaces the key, or give another name")
+            raise KeyKeptError(message("error.exists_force_replaces_the_key", where=taken))
     key = Ed25519PrivateKey.generate()
     private = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
@@ -85,10 +86,10 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     try:
         key = serialization.load_pem_private_key(text, password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
-        why = "is protected by a password" if isinstance(error, TypeError) else "is not a private key in PEM"
-        raise CertificationError(f"{path}: {why}; a key of its own without one is needed (lmeasure key)") from None
+        why = message("error.key_with_password" if isinstance(error, TypeError) else "error.key_not_in_pem")
+        raise CertificationError(message("error.a_key_of_its", where=path, why=why)) from None
     if not isinstance(key, Ed25519PrivateKey):
-        raise CertificationError(f"{path}: is not an Ed25519 key (lmeasure key makes one)")
+        raise CertificationError(message("error.is_not_an_ed25519", where=path))
     return key
 
 
@@ -98,9 +99,9 @@ def read_public_key(path: Path) -> Ed25519PublicKey:
     try:
         key = serialization.load_pem_public_key(text)
     except (ValueError, UnsupportedAlgorithm):
-        raise CertificationError(f"{path}: is not a public key in PEM") from None
+        raise CertificationError(message("error.is_not_a_public", where=path)) from None
     if not isinstance(key, Ed25519PublicKey):
-        raise CertificationError(f"{path}: is not an Ed25519 public key")
+        raise CertificationError(message("error.is_not_an_ed25519_public", where=path))
     return key
 
 
@@ -130,9 +131,9 @@ def signer(content: bytes, table: bytes) -> Ed25519PublicKey:
         signature = base64.b64decode(stated["signature"], validate=True)
         key.verify(signature, content)
     except InvalidSignature:
-        raise CertificationError("the signature is not that of manifest.json by the key it names") from None
+        raise CertificationError(message("error.the_signature_is_not")) from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, binascii.Error):
-        raise CertificationError("cannot be read as a signature") from None
+        raise CertificationError(message("error.cannot_be_read_as_a")) from None
     if canonical(_table(key, signature)) != table:
-        raise CertificationError("is not written as lmeasure writes it: a byte was changed")
+        raise CertificationError(message("error.is_not_written_as"))
     return key

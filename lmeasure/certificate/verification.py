@@ -186,9 +186,9 @@ def read_certificate(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(raw, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
-        raise CertificationError(f"{path}: is not JSON: {error}") from None
+        raise CertificationError(message("error.is_not_json", where=path, error=error)) from None
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise CertificationError(f"{path}: is not a certificate (schema {SCHEMA!r})")
+        raise CertificationError(message("error.is_not_a_certificate", where=path, schema=SCHEMA))
     kinds: dict[str, Any] = {
         "id": str, "created": str, "language": str, "details": dict, "measurement": dict, "inputs": list, "settings": dict,
         "environment": dict, "trajectory": dict, "characteristics": list, "excluded": list, "attained": list, "notes": list,
@@ -196,27 +196,27 @@ def read_certificate(path: Path) -> dict[str, Any]:
     }  # fmt: skip
     for key, kind in kinds.items():
         if not isinstance(content.get(key), kind):
-            raise CertificationError(f"{path}: {key} is missing or not what it should be")
+            raise CertificationError(message("error.is_missing_or_not", where=path, key=key))
     try:
         datetime.datetime.fromisoformat(content["created"])
     except ValueError:
-        raise CertificationError(f"{path}: created is not a date") from None
+        raise CertificationError(message("error.created_is_not_a", where=path)) from None
     method = content.get("method")
     if type(method) is not int or method < 1:
-        raise CertificationError(f"{path}: method is not a number from 1")
+        raise CertificationError(message("error.method_is_not_a", where=path))
     if content["language"] not in LANGUAGES:
-        raise CertificationError(f"{path}: language is not one of {', '.join(LANGUAGES)}")
+        raise CertificationError(message("error.language_is_not_one", where=path, languages=", ".join(LANGUAGES)))
     findings = content.get("findings", [])
     if not isinstance(findings, list) or not all(isinstance(f, dict) and isinstance(f.get("text"), str) for f in findings):
-        raise CertificationError(f"{path}: findings are not texts with their codes")
+        raise CertificationError(message("error.findings_are_not_texts", where=path))
     for figure in content["characteristics"]:
         if not isinstance(figure, dict) or not {"name", "value", "unit", "u95", "capable"} <= set(figure):
-            raise CertificationError(f"{path}: a characteristic lacks its name, value, unit, u95 or capable")
+            raise CertificationError(message("error.a_characteristic_lacks_its", where=path))
         numbers = [figure["value"], *([] if figure["u95"] is None and figure["capable"] is None else [figure["u95"]])]
         if not all(isinstance(number, int | float) and math.isfinite(number) for number in numbers):
-            raise CertificationError(f"{path}: {label(figure)}: value and u95 must be finite numbers")
+            raise CertificationError(message("error.value_and_u95_must", where=path, label=label(figure)))
     if canonical(content) != raw:
-        raise CertificationError(f"{path}: is not written as lmeasure writes it: a name stands there twice, or the digits are others")
+        raise CertificationError(message("error.is_not_written_as_lmeasure", where=path))
     return content
 
 

@@ -18,8 +18,9 @@ import typer
 
 from lmeasure.cli import interrupts
 from lmeasure.cli.help import Group, in_plain_words, wrong_use
-from lmeasure.cli.text import word
-from lmeasure.core import CancelledError, LMeasureError, OverwriteError, SettingsError, shortened
+from lmeasure.cli.text import rendered, word
+from lmeasure.core import CancelledError, LMeasureError, OverwriteError, SettingsError, one_line, shortened
+from lmeasure.text import faults, message
 from lmeasure.workflows import COMMANDS
 
 NO_ANSWER, WRONG_USE = 1, 2
@@ -145,25 +146,27 @@ def main() -> None:
     with interrupts.noted():
         try:
             code = app(standalone_mode=False)
-            _end(code if isinstance(code, int) else 0, str(CancelledError()) if code == INTERRUPTED else "")
+            _end(code if isinstance(code, int) else 0, *([message("error.interrupted")] if code == INTERRUPTED else []))
         except typer.TyperException as error:
             print(wrong_use(error), file=sys.stderr)
             _end(error.exit_code, printed=" ".join(in_plain_words(error).split()))
         except (CancelledError, typer.Abort, KeyboardInterrupt):  # the last before the parser watches for it
-            _end(INTERRUPTED, str(CancelledError()))
+            _end(INTERRUPTED, message("error.interrupted"))
         except (OverwriteError, SettingsError) as error:
-            _end(WRONG_USE, *error.lines)
+            _end(WRONG_USE, *faults(error))
         except LMeasureError as error:
-            _end(NO_ANSWER, *error.lines)
+            _end(NO_ANSWER, *faults(error))
         except MemoryError as error:
-            _end(NO_ANSWER, word("cli.memory", error=error))
+            _end(NO_ANSWER, message("cli.memory", error=error))
         except OSError as error:
             if error.errno not in FULL or error.filename is not None:
                 _unforeseen(error)
-            _end(NO_ANSWER, word("cli.output", error=error.strerror))
+            from lmeasure.io import os_reason
+
+            _end(NO_ANSWER, message("cli.output", error=os_reason(error)))
         except Exception as error:
             if interrupts.came():  # while something was being loaded, which is now half there
-                _end(INTERRUPTED, str(CancelledError()))
+                _end(INTERRUPTED, message("error.interrupted"))
             _unforeseen(error)
 
 
@@ -176,16 +179,16 @@ def _unforeseen(error: Exception) -> NoReturn:
     from lmeasure.core import plug_in_of, plug_ins_in_use
 
     if package := plug_in_of(error):
-        _end(NO_ANSWER, word("cli.fault_of_package", package=package, fault=fault))
-    _end(NO_ANSWER, word("cli.fault", fault=fault + plug_ins_in_use()))
+        _end(NO_ANSWER, message("cli.fault_of_package", package=package, fault=fault))
+    _end(NO_ANSWER, message("cli.fault", fault=fault + plug_ins_in_use()))
 
 
 def _end(code: "int | str | None", *texts: str, printed: str = "") -> NoReturn:
     """End with that exit code, the texts on standard error, a line each, and what is still held of the output written, if it can be. The
     texts, or one that was printed already, are the error of `--json`."""
-    lines = [line for line in (" ".join(text.split()) for text in texts) if line]
-    for line in lines:
-        print(f"lmeasure: {line}", file=sys.stderr)
+    for text in filter(None, texts):
+        print(f"lmeasure: {one_line(rendered(text))}", file=sys.stderr)
+    lines = [one_line(text) for text in texts if text]
     try:
         if (lines or printed) and isinstance(code, int) and sys.stdout is not None:
             from lmeasure.cli import machine
@@ -198,7 +201,9 @@ def _end(code: "int | str | None", *texts: str, printed: str = "") -> NoReturn:
         # the interpreter would try again at its end, and say so in its own way
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not lines:
-            lost = word("cli.output_files_whole", error=error.strerror)
+            from lmeasure.io import os_reason
+
+            lost = word("cli.output_files_whole", error=os_reason(error))
             print(f"lmeasure: {lost}", file=sys.stderr)
         code = code or NO_ANSWER
     raise SystemExit(code) from None

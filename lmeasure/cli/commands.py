@@ -15,7 +15,7 @@ from lmeasure.cli import events, machine
 from lmeasure.cli.help import Command
 from lmeasure.cli.progress import FACES, SILENT, Face, opens_pages, quietly, reported_compiling, with_bar
 from lmeasure.cli.text import rendered
-from lmeasure.core import LMeasureError, SettingsError
+from lmeasure.core import LMeasureError, SettingsError, one_line
 from lmeasure.kernels import compilation, used
 from lmeasure.text import message
 from lmeasure.workflows import Written, fields_of, flag_of, former_options, load, other_flags, rows_of_numbers, said_of, written
@@ -58,7 +58,7 @@ def command(name: str) -> Any:
                 document |= {"shown_made": {key: rendered(text) for key, text in made.items() if isinstance(text, str)}}
             typer.echo(machine.written(document))
             if result.failure:
-                typer.echo(f"lmeasure: {' '.join(result.failure.split())}", err=True)
+                typer.echo(f"lmeasure: {one_line(rendered(result.failure))}", err=True)
             raise typer.Exit(1 if result.failure else result.exit_code)
         if not quiet:
             _print(result, verbose)

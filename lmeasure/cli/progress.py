@@ -158,7 +158,7 @@ def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
         except typer.Abort:
             if sys.stdin is not None and sys.stdin.isatty():
                 raise
-            raise SettingsError("template", "is missing, and nobody answers; `lmeasure init --list` lists them") from None
+            raise SettingsError("template", message("error.is_missing_and_nobody")) from None
 
     if settings.list or settings.template is not None:
         return workflow.run(settings)
@@ -178,7 +178,7 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
     except ModuleNotFoundError as error:
         from lmeasure.core import LMeasureError, how_to_install
 
-        raise LMeasureError(f"the workbench needs {error.name}, which is not installed: {how_to_install('workbench')}") from error
+        raise LMeasureError(message("error.the_workbench_needs_which", name=error.name, install=how_to_install("workbench"))) from error
 
     if settings.browser and not opens_pages(settings):
         settings = settings.model_copy(update={"browser": False})

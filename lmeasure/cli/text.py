@@ -1,6 +1,6 @@
 """Render messages and the command line's own words in the language of the terminal.
 
-What scripts rely on, `--json` and errors that people look up, stays English.
+What scripts rely on, `--json`, stays English.
 """
 
 from lmeasure.text import Lines, Message, of_terminal as language, signs, texts

@@ -49,6 +49,7 @@ from .errors import (
     SettingsError as SettingsError,
     StructureError as StructureError,
     TrajectoryError as TrajectoryError,
+    one_line as one_line,
     pasted as pasted,
     shortened as shortened,
 )

@@ -31,16 +31,16 @@ class LMeasureError(Exception):
 
     def __str__(self) -> str:
         others = len(self.complaints) - 1
-        return _one_line(super().__str__()) + (f" (and {others} more)" if others > 0 else "")
+        return one_line(super().__str__()) + (f" (and {others} more)" if others > 0 else "")
 
     @property
     def lines(self) -> tuple[str, ...]:
         """Everything that is wrong, a line each; the first is what the error was raised with."""
-        return tuple(_one_line(text) for text in self.complaints) or (str(self),)
+        return tuple(one_line(text) for text in self.complaints) or (str(self),)
 
 
-def _one_line(text: str) -> str:
-    # names of files and texts of other libraries may bring line ends along, and characters that turn the line around or hide in it
+def one_line(text: str) -> str:
+    """Return a text without line ends and hidden characters, which names of files and texts of other libraries may contain."""
     return shortened("".join(c if c.isprintable() else f"\\u{{{ord(c):X}}}" for c in " ".join(text.split())))
 
 

@@ -144,7 +144,7 @@ class PlayedCell:
             return self._go_to(name)
         if word == "run" and not name:
             return self._run()
-        raise LMeasureError(f"{text.strip()!r}: the simulated cell knows pull NAME [MM], let NAME, turn NAME, go POSE, home and run")
+        raise LMeasureError(message("error.the_simulated_cell_knows", strip=text.strip()))
 
     # --- the hand ---
 
@@ -176,7 +176,7 @@ class PlayedCell:
             names = {o.name, o.channel, *([o.from_point] if o.is_cable else [])}
             if name in names:
                 return j
-        raise LMeasureError(f"{name!r}: there is no such cable; they are {', '.join(o.name for o in self._observed)}")
+        raise LMeasureError(message("error.there_is_no_such", name=name, observed=", ".join(o.name for o in self._observed)))
 
     def _move_hand(self, j: int, k: float) -> None:
         s = np.linspace(0.0, 1.0, max(2, round(HAND_S * self._rate_hz)))
@@ -190,7 +190,7 @@ class PlayedCell:
     def _go_to(self, name: str) -> str:
         if self._poses is None or name not in self._poses.names:
             known = "none was given by --poses" if self._poses is None else f"they are {', '.join(self._poses.names)}"
-            raise LMeasureError(f"there is no pose {name!r}; {known}")
+            raise LMeasureError(message("error.there_is_no_pose", name=name, known=known))
         i = self._poses.names.index(name)
         self._go(se3.displaced(self._poses.rows[i], self._errors[i]))
         self.at = name
@@ -221,7 +221,7 @@ def _number(text: str, usual: float) -> float:
     try:
         return float(text) if text else usual
     except ValueError:
-        raise LMeasureError(f"{text!r} is no number") from None
+        raise LMeasureError(message("error.is_no_number_2", text=text)) from None
 
 
 def _order(observed: tuple[Observed, ...], exchanged: tuple[str, ...]) -> list[int]:
@@ -230,7 +230,7 @@ def _order(observed: tuple[Observed, ...], exchanged: tuple[str, ...]) -> list[i
     order = list(range(len(channels)))
     unknown = next((c for c in exchanged if c not in channels), None)
     if unknown is not None or len(exchanged) not in (0, 2):
-        raise LMeasureError(f"two of the channels {', '.join(channels)} are exchanged, not {', '.join(exchanged)}")
+        raise LMeasureError(message("error.two_of_the_channels", channels=", ".join(channels), exchanged=", ".join(exchanged)))
     if exchanged:
         i, j = map(channels.index, exchanged)
         order[i], order[j] = j, i

@@ -6,11 +6,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from lmeasure.core import LMeasureError, how_to_install
+from lmeasure.text import message
 
 try:
     import sqlalchemy as sa
 except ModuleNotFoundError as error:
-    raise LMeasureError(f"a store's catalogue needs SQLAlchemy: {how_to_install('database')}") from error
+    raise LMeasureError(message("error.a_store_s_catalogue", install=how_to_install("database"))) from error
 
 DONE, FAILED = "done", "failed"
 _meta = sa.MetaData()
@@ -80,7 +81,7 @@ class Catalogue:
                     connection.exec_driver_sql("PRAGMA journal_mode = WAL")
                 _meta.create_all(connection)
         except (sa.exc.SQLAlchemyError, ModuleNotFoundError) as error:
-            raise LMeasureError(f"{self.name}: cannot be opened as a catalogue: {str(error).splitlines()[0]}") from None
+            raise LMeasureError(message("error.cannot_be_opened_as", where=self.name, error=str(error).splitlines()[0])) from None
 
     def close(self) -> None:
         """Let go of the database."""
@@ -97,7 +98,7 @@ class Catalogue:
                     connection.execute(sa.delete(_item).where(same))
                     connection.execute(_item.insert().values(**row))
         except sa.exc.SQLAlchemyError as error:
-            raise LMeasureError(f"{self.name}: cannot be written: {str(error).splitlines()[0]}") from None
+            raise LMeasureError(message("error.cannot_be_written_2", where=self.name, error=str(error).splitlines()[0])) from None
 
     def outcomes(self, command: str = "") -> tuple[Outcome, ...]:
         """Return the outcomes of a command, or of all, by robot, day and name."""

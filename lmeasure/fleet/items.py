@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from lmeasure.core import FileFormatError, SettingsError
 from lmeasure.io import decoded, open_regular, read_regular
+from lmeasure.text import message
 
 UNKNOWN = "unknown"
 """Robot or day of an item that nobody stated."""
@@ -74,9 +75,7 @@ def read_items(places: Sequence[str], subject: str, folders: str = "") -> tuple[
             found += _named([Path(match) for match in matches], subject, folders)
     twice = _first_twice((item.robot, item.day, item.name) for item in found)
     if twice is not None:
-        raise SettingsError(
-            "items", f"two items are named {twice[2]} (robot {twice[0]}, day {twice[1]}); name them apart by --folders or a table"
-        )
+        raise SettingsError("items", message("error.two_items_are_named", twice=twice[2], twice2=twice[0], twice3=twice[1]))
     return tuple(found)
 
 
@@ -104,7 +103,7 @@ def _item(path: Path, given: Path, subject: str, pattern: re.Pattern[str] | None
     if pattern is not None:
         match = pattern.search(path.as_posix())
         if match is None:
-            raise SettingsError("folders", f"{given}: does not end in {folders}")
+            raise SettingsError("folders", message("error.does_not_end_in_2", where=given, folders=folders))
         parts |= match.groupdict()
     return Item(**parts, options={subject: str(path)})
 
@@ -114,9 +113,7 @@ def _pattern(folders: str) -> re.Pattern[str]:
     words = re.split(r"(\{[^{}]*\})", folders.strip("/"))
     names = [word[1:-1] for word in words if word.startswith("{")]
     if not names or set(names) - set(PARTS) or len(set(names)) < len(names):
-        raise SettingsError(
-            "folders", f"{folders!r}: names folders by {{robot}}, {{day}} and {{name}}, each once, such as {{robot}}/{{day}}/{{name}}"
-        )
+        raise SettingsError("folders", message("error.names_folders_by_robot", folders=folders))
     return re.compile(
         "(?:^|/)"
         + "".join(f"(?P<{w[1:-1]}>[^/]+?)" if w.startswith("{") else re.escape(w).replace(r"\*", "[^/]*") for w in words)
@@ -138,22 +135,22 @@ def _rows(path: Path, subject: str) -> list[Item] | None:
         if subject not in header:
             return None
         if len(set(header)) < len(header):
-            raise FileFormatError(f"{path}, line 1: two columns have one name")
+            raise FileFormatError(message("error.line_1_two_columns", path=path))
         reader.fieldnames = header
         out = []
         for row in reader:
             if None in row or None in row.values():
-                raise FileFormatError(f"{path}, line {reader.line_num}: has not {len(header)} cells")
+                raise FileFormatError(message("error.line_has_not_cells", path=path, line_num=reader.line_num, n_header=len(header)))
             cells = {key: str(value).strip() for key, value in row.items() if str(value).strip()}
             if subject not in cells:
-                raise FileFormatError(f"{path}, line {reader.line_num}: states no {subject}")
+                raise FileFormatError(message("error.line_states_no", path=path, line_num=reader.line_num, subject=subject))
             parts = {key: cells.pop(key) for key in PARTS if key in cells}
             parts.setdefault("name", Path(cells[subject]).stem)
             out.append(Item(**parts, options=cells))
     except csv.Error as error:
-        raise FileFormatError(f"{path}, line {reader.line_num}: {error}") from None
+        raise FileFormatError(message("error.line", path=path, line_num=reader.line_num, error=error)) from None
     if not out:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     return out
 
 

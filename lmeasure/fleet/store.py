@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lmeasure.core import LMeasureError, how_to_install
+from lmeasure.text import message
 
 PARTS = ".parts"
 """Folder of results that are not whole yet."""
@@ -37,7 +38,7 @@ class Store:
                 self._remote, self._root = filesystems.core.url_to_fs(self.place)
             except (ImportError, ValueError) as error:
                 why = " ".join(str(error).split())
-                raise LMeasureError(f"{place}: needs a package that reaches it ({why}): {how_to_install('store')}") from None
+                raise LMeasureError(message("error.needs_a_package_that", where=place, why=why, install=how_to_install("store"))) from None
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from lmeasure.core import LMeasureError
 from lmeasure.io import cluster_client
+from lmeasure.text import message
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -59,7 +60,9 @@ def outcomes(
             # a scheduler that was there may come back, with none of what it knew
             first = len(left) == len(tasks)
             if (isinstance(error, LMeasureError) and first) or time.monotonic() > since + AWAY_S:
-                raise LMeasureError(f"{scheduler}: {len(left)} of {len(tasks)} items are left: {error}") from None
+                raise LMeasureError(
+                    message("error.of_items_are_left", where=scheduler, n_left=len(left), n_tasks=len(tasks), error=error)
+                ) from None
             time.sleep(1.0)
 
 
@@ -69,7 +72,7 @@ def _through(client: Any, work: Callable[[Task], Done], left: dict[str, Task]) -
     try:
         client.wait_for_workers(1, timeout=NO_WORKER_S)
     except TimeoutError:
-        raise LMeasureError(f"no worker within {NO_WORKER_S:g} s") from None
+        raise LMeasureError(message("error.no_worker_within_s", no_worker_s=NO_WORKER_S)) from None
     waiting, deaths = deque(left), dict.fromkeys(left, 0)
     ahead = max(AHEAD, 4 * sum(client.ncores().values()))
     held: dict[str, str] = {}
@@ -89,7 +92,7 @@ def _through(client: Any, work: Callable[[Task], Done], left: dict[str, Task]) -
             if deaths[key] < DEATHS:
                 running.add(submitted(key))
                 continue
-            done = LostError(f"{deaths[key]} times all workers that began it died (out of memory?)")
+            done = LostError(message("error.times_all_workers_that", deaths=deaths[key]))
         except (distributed.client.FutureCancelledError, distributed.comm.core.CommClosedError) as error:
             raise ConnectionError(" ".join(str(error).split())) from None
         future.release()  # the workers need not keep it any longer

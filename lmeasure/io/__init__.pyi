@@ -26,6 +26,7 @@ from .models import (
     complaint as complaint,
     complaints as complaints,
     gathered as gathered,
+    of_key as of_key,
     refuse as refuse,
     reported as reported,
     whole as whole,
@@ -36,6 +37,7 @@ from .safe_open import (
     no_folder as no_folder,
     open_regular as open_regular,
     open_zip as open_zip,
+    os_reason as os_reason,
     read_regular as read_regular,
     unpack as unpack,
 )

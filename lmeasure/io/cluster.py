@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from lmeasure.core import LMeasureError, how_to_install
+from lmeasure.text import message
 
 ANSWER_S = 10.0
 """Within which a scheduler must answer."""
@@ -39,7 +40,7 @@ def cluster_client(scheduler: str) -> Iterator[Any]:
     try:
         distributed: Any = import_module("distributed")
     except ImportError:
-        raise LMeasureError(f"--scheduler needs dask: {how_to_install('cluster')}") from None
+        raise LMeasureError(message("error.scheduler_needs_dask", install=how_to_install("cluster"))) from None
     if scheduler == LOCAL:
         settings: dict[str, Any] = {"n_workers": processors(), "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
         settings |= {"silence_logs": logging.CRITICAL}
@@ -47,11 +48,11 @@ def cluster_client(scheduler: str) -> Iterator[Any]:
             yield client
         return
     if not ADDRESS.fullmatch(scheduler):  # a client of a wrong one does not go without a quarrel
-        raise LMeasureError(f"--scheduler {scheduler!r}: is no address such as tcp://192.168.0.7:8786")
+        raise LMeasureError(message("error.scheduler_is_no_address", scheduler=scheduler))
     try:
         client = distributed.Client(scheduler, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         why = " ".join(str(error).split()) or type(error).__name__
-        raise LMeasureError(f"{scheduler}: no dask scheduler answers there: {why}") from error
+        raise LMeasureError(message("error.no_dask_scheduler_answers", where=scheduler, error=why)) from error
     with client:
         yield client

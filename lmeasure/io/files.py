@@ -22,25 +22,25 @@ import pyarrow.parquet
 import tomli_w
 
 from lmeasure.core import FileFormatError, LMeasureError, TextArray
-from lmeasure.io.safe_open import read_regular, sha256 as sha256
+from lmeasure.io.safe_open import os_reason, read_regular, sha256 as sha256
 from lmeasure.io.tables import Table as Table, read_table as read_table, read_table_in_pieces as read_table_in_pieces
 from lmeasure.io.toml_lines import Document, loads
+from lmeasure.text import joined, message
 
 LARGEST_TOML = 1 << 26
 TO_DO = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "make room there, or write to another disk"),
-    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "give a folder that you may write to"),
-    errno.EFBIG: "no file may be so large there; write to another disk",
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "full"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "no_permission"),
+    errno.EFBIG: "large",
 }
-"""What a person does about a file that cannot be written."""
+"""Ends of the ids of what a person does about a file that cannot be written (`os.remedy.full`)."""
 _becomes: dict[Path, Path] = {}  # temporary names, and what they become
 
 
-def not_written(path: Path, error: OSError, cannot: str = "cannot be written") -> str:
-    """What is said of a file that could not be written, why, and what to do about it."""
-    # other libraries put their own words before the system's
-    why = os.strerror(error.errno) if error.errno else " ".join(str(error).split())
-    return "; ".join(filter(None, [f"{path}: {cannot}: {why}", TO_DO.get(error.errno or 0)]))
+def not_written(path: Path, error: OSError, cannot: str = "error.cannot_be_written_2") -> str:
+    """Return that a file could not be written, why, and what to do about it."""
+    said, remedy = message(cannot, where=path, error=os_reason(error)), TO_DO.get(error.errno or 0)
+    return joined([said, message(f"os.remedy.{remedy}")]) if remedy else said
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def whole(path: Path) -> Iterator[Path]:
             raise LMeasureError(not_written(_becomes[path], error)) from error
         return
     if not path.name:
-        raise LMeasureError(f"{path}: cannot be written: it names no file")
+        raise LMeasureError(message("error.cannot_be_written_it", where=path))
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
     _becomes[temporary] = path
     try:
@@ -181,9 +181,9 @@ def read_toml(path: Path) -> Document:
         text = raw.decode("utf-8-sig")  # with the mark that some editors set before it
         return Document(loads(text), text)
     except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
+        raise FileFormatError(message("error.is_not_utf_8", where=path, start=error.start)) from error
     except (ValueError, RecursionError) as error:  # besides TOMLDecodeError: numbers of thousands of digits
-        raise FileFormatError(f"{path}: is not TOML: {error}{_likely(text, error)}") from error
+        raise FileFormatError(message("error.is_not_toml", where=path, error=error, likely=_likely(text, error))) from error
 
 
 def _likely(text: str, error: Exception) -> str:
@@ -251,7 +251,7 @@ def table_writer(path: Path, metadata: Metadata | None = None) -> Iterator[Calla
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in {".csv", ".parquet"}:
-        raise FileFormatError(f"{path}: the name must end in .csv or .parquet")
+        raise FileFormatError(message("error.the_name_must_end", where=path))
     writer: Any = None
     with whole(path) as temporary:
 

@@ -1,14 +1,14 @@
 """Checked tables: models that refuse unknown keys, and everything that is wrong with a file, a line each, with where it stands."""
 
 import difflib
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from lmeasure.core import FileFormatError, LMeasureError
 from lmeasure.io.toml_lines import Document, Keys
+from lmeasure.text import Message, composed, message
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
 
@@ -16,7 +16,7 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-
 def whole(value: Any) -> int:
     """A number of a file as an integer; ValueError (pydantic's) when it is none."""
     if isinstance(value, bool) or not (isinstance(value, int) or (isinstance(value, float) and value.is_integer())):
-        raise ValueError("must be a whole number")
+        raise ValueError(message("complaint.whole_number"))
     return int(value)
 
 
@@ -24,30 +24,31 @@ Whole = Annotated[int, BeforeValidator(whole)]
 """A whole number; 6000.0 is one, true is not."""
 
 _PLAIN = {
-    "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "float_parsing": "must be a number",
-    "int_parsing": "must be a whole number",
-    "int_from_float": "must be a whole number",
-    "string_type": "must be text",
-    "bool_type": "must be true or false",
-    "tuple_type": "must be an array",
-    "dict_type": "must be a table",
-    "model_type": "must be a table",
-    "model_attributes_type": "must be a table",
-    "too_short": "must have at least {min_length} of them, has {actual_length}",
-    "too_long": "must have at most {max_length} of them, has {actual_length}",
-    "string_too_short": "must not be empty",
-    "string_pattern_mismatch": "may hold no spaces, commas, points, semicolons or control characters",
-    "finite_number": "must be a finite number",
-    "path_type": "must be a path",
-    "missing": "is missing",
-    "greater_than": "must be more than {gt}",
-    "greater_than_equal": "must be at least {ge}",
-    "less_than": "must be less than {lt}",
-    "less_than_equal": "must be at most {le}",
+    "float_type": "number",
+    "int_type": "whole_number",
+    "float_parsing": "number",
+    "int_parsing": "whole_number",
+    "int_from_float": "whole_number",
+    "string_type": "text",
+    "bool_type": "true_or_false",
+    "tuple_type": "array",
+    "dict_type": "table",
+    "model_type": "table",
+    "model_attributes_type": "table",
+    "too_short": "too_few",
+    "too_long": "too_many",
+    "string_too_short": "empty",
+    "string_pattern_mismatch": "name",
+    "finite_number": "finite",
+    "path_type": "path",
+    "missing": "missing",
+    "literal_error": "one_of",
+    "greater_than": "more_than",
+    "greater_than_equal": "at_least",
+    "less_than": "less_than",
+    "less_than_equal": "at_most",
 }
-"""Pydantic's complaints in the words of the file."""
+"""Kinds of pydantic's complaints, by the ends of the ids of messages in the words of files (`complaint.number`)."""
 
 _UNITS = ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s")
 _OWN_WORDS = frozenset(("schema_", "from_point", "to_point", "from_pose", "to_pose", "passage", "passes", "[key]"))
@@ -90,6 +91,11 @@ class ContradictionError(ValueError):
         super().__init__("; ".join(text for _, text in self.found))
 
 
+def of_key(key: str, text: str) -> ContradictionError:
+    """Return what a validator of a whole table finds wrong with one key of it."""
+    return ContradictionError([((key,), text)])
+
+
 def refuse(found: Iterable[tuple[Keys, str]]) -> None:
     """Raise ContradictionError where any was found."""
     contradictions = ContradictionError(found)
@@ -126,18 +132,23 @@ def reported(
 ) -> LMeasureError:
     """The error of complaints (keys that lead there, what is wrong), in the order of the file's lines."""
     line_of = data.line if isinstance(data, Document) else lambda keys: None
-    placed = sorted(((line_of(keys) or 0, f"{shown_path(keys, data)}: {text}".removeprefix(": ")) for keys, text in found), key=_by_line)
-    return gathered(source, [f"{source}:{line}: {text}" if line else f"{source}: {text}" for line, text in dict.fromkeys(placed)], error)
+    placed = sorted(((line_of(keys) or 0, shown_path(keys, data), text) for keys, text in found), key=_by_line)
+    return gathered(source, [_placed(source, *one) for one in dict.fromkeys(placed)], error)
 
 
-def _by_line(placed: tuple[int, str]) -> int:
+def _placed(source: str, line: int, path: str, text: str) -> str:
+    where = "".join((source, f":{line}" if line else "", f": {path}" if path else ""))
+    return composed("{where}: {text}", where=where, text=text)
+
+
+def _by_line(placed: tuple[int, str, str]) -> int:
     return placed[0]
 
 
-def gathered(source: str, lines: list[str], error: Callable[[str], LMeasureError] = FileFormatError) -> LMeasureError:
+def gathered(source: str, lines: Sequence[str], error: Callable[[str], LMeasureError] = FileFormatError) -> LMeasureError:
     """One error of several lines, the first MOST of them."""
     out = error(lines[0])
-    more = (f"{source}: and {len(lines) - MOST} more",) if len(lines) > MOST else ()
+    more = (message("complaint.more", source=source, count=len(lines) - MOST),) if len(lines) > MOST else ()
     out.complaints = (*lines[:MOST], *more)
     return out
 
@@ -157,23 +168,19 @@ def complaints(error: ValidationError, data: Any, root: type[BaseModel]) -> list
             key = str(one["loc"][-1])
             near = nearest(key, known_keys(owner))
             hinted.add((*keys[:-1], near))
-            out.append((keys, f"unknown key {key!r}{_hint(key, near, owner)}"))
+            out.append((keys, message("complaint.unknown_key", key=key, hint=_hint(key, near, owner))))
         elif keys not in seen and not (one["type"] == "too_short" and _has_enough(_at(data, keys), one)):
             # a value that is of none of several kinds is complained of once for each
             seen.add(keys)
             out.append(_plain(keys, one, data))
     # a key written wrongly is unknown, and its right name missing: once is enough
-    return [
-        (keys, f"{text}{_way_out(keys)}" if text == "is missing" else text)
-        for keys, text in out
-        if text != "is missing" or keys not in hinted
-    ]
+    missing = message("complaint.missing")
+    return [(keys, _with_remedy(keys, text) if text == missing else text) for keys, text in out if text != missing or keys not in hinted]
 
 
-def _way_out(keys: Keys) -> str:
-    """Which command writes what is missing."""
+def _with_remedy(keys: Keys, missing: str) -> str:
     of_a_drum = len(keys) > 1 and keys[0] == "observation_point" and keys[-1] == "drum"
-    return ": `lmeasure drum` writes it from what is measured (docs/drum.md)" if of_a_drum else ""
+    return message("complaint.missing_drum") if of_a_drum else missing
 
 
 def _has_enough(value: Any, one: Any) -> bool:
@@ -183,27 +190,35 @@ def _has_enough(value: Any, one: Any) -> bool:
 
 def complaint(one: Any) -> str:
     """One of pydantic's complaints about a value that was typed, in the words of files."""
-    point = "; a number has a point" if one["type"] in ("float_parsing", "int_parsing") and "," in str(one.get("input")) else ""
-    return _plain((), one, None)[1] + point
+    text = _plain((), one, None)[1]
+    with_comma = one["type"] in ("float_parsing", "int_parsing") and "," in str(one.get("input"))
+    return message("complaint.with_comma", text=text) if with_comma else text
 
 
 def _plain(keys: Keys, one: Any, data: Any) -> tuple[Keys, str]:
-    limits = {name: f"{value:g}" if isinstance(value, float) else value for name, value in one.get("ctx", {}).items()}
-    text = _PLAIN.get(one["type"], one["msg"].removeprefix("Value error, ").replace("Input should", "must"))
-    if one["type"] in _PLAIN:
-        text = text.format(**limits)
-    for limit, words in (("must be more than 0", "must be positive"), ("must have at least 1 of them, has 0", "must not be empty")):
-        text = words if text == limit else text
-    named = re.match(r"(\w+): ", text)
-    if named and isinstance(_at(data, keys), dict):
-        # a validator of a whole table that means one key of it
-        return (*keys, named[1]), text[named.end() :]
+    text = _words(one)
     if keys and isinstance(keys[-1], int) and isinstance(_at(data, keys[:-1]), list | tuple) and not isinstance(_at(data, keys), dict):
-        text, keys = f"number {keys[-1] + 1} {text}", keys[:-1]
+        text, keys = message("complaint.of_number", number=keys[-1] + 1, text=text), keys[:-1]
     value = one.get("input")
     is_shown = isinstance(value, int | float | str) and value != "" and len(repr(value)) < 60 and one["type"] != "missing"
     written = str(value).lower() if isinstance(value, bool) else repr(value)
-    return keys, " ".join(f"{text}{f', is {written}' if is_shown else ''}".split())
+    return keys, message("complaint.is", text=text, value=" ".join(written.split())) if is_shown else text
+
+
+def _words(one: Any) -> str:
+    """Return what is wrong with a value, in the words of files."""
+    limits = {name: f"{value:g}" if isinstance(value, float) else value for name, value in one.get("ctx", {}).items()}
+    raised, kind = limits.get("error"), _PLAIN.get(one["type"], "")
+    if not kind:
+        own = raised.args[0] if isinstance(raised, ValueError) and raised.args else ""
+        return (
+            own if isinstance(own, Message) else " ".join(one["msg"].removeprefix("Value error, ").replace("Input should", "must").split())
+        )
+    if kind == "more_than" and limits["gt"] in ("0", 0):
+        kind = "positive"
+    if kind == "too_few" and (limits["min_length"], limits["actual_length"]) == (1, 0):
+        kind = "empty"
+    return message(f"complaint.{kind}", **limits)
 
 
 def _keys(loc: tuple[int | str, ...], data: Any) -> Keys:
@@ -262,8 +277,8 @@ def nearest(key: str, known: list[str]) -> str:
 
 def _hint(key: str, near: str, owner: type[BaseModel]) -> str:
     if not near:
-        return f"; known here: {', '.join(known_keys(owner))}"
-    return f"; the unit is part of the name: {near!r}" if _stem(key) in _stems_of(near) else f"; did you mean {near!r}?"
+        return message("complaint.known_keys", names=tuple(known_keys(owner)))
+    return message("complaint.with_unit" if _stem(key) in _stems_of(near) else "complaint.did_you_mean", near=near)
 
 
 def _stem(key: str) -> str:

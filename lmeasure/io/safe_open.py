@@ -1,5 +1,6 @@
 """Opening what is to be read: regular files only, and none larger than makes sense; .zip files whose every entry is such a file."""
 
+import errno
 import hashlib
 import os
 import re
@@ -16,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, BinaryIO, cast
 
 from lmeasure.core import FileFormatError, LMeasureError
+from lmeasure.text import message
 
 LARGEST_BYTES = 1 << 33
 """Of a file that is read as a whole: more than an hour of counts, less than any memory it is read on could bear."""
@@ -31,6 +33,25 @@ _NO_NAME = re.compile(r'[\x00-\x1f\x7f\\:*?"<>|]')
 """What no name of an entry has, on any system."""
 
 
+_KNOWN = {
+    errno.ENOENT: "missing",
+    errno.ENOTDIR: "not_a_folder",
+    errno.EISDIR: "is_a_folder",
+    errno.EACCES: "no_permission",
+    errno.EPERM: "no_permission",
+    errno.EEXIST: "exists",
+    errno.ENOSPC: "full",
+    errno.EROFS: "read_only",
+    errno.EADDRINUSE: "address_in_use",
+}
+
+
+def os_reason(error: OSError) -> str:
+    """Return why the system refused, in the reader's language where the catalogue has it."""
+    known = _KNOWN.get(error.errno or 0)
+    return message(f"os.{known}") if known else os.strerror(error.errno) if error.errno else " ".join(str(error).split())
+
+
 def open_regular(path: Path) -> BinaryIO:
     """The file opened for reading bytes. FileFormatError for what is none: a pipe would be waited for, a device never ends."""
     path = Path(path)
@@ -38,15 +59,15 @@ def open_regular(path: Path) -> BinaryIO:
         # a pipe without a writer would hold up the opening itself
         number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0))
     except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise FileFormatError(message("error.cannot_be_read", where=path, broken=os_reason(error))) from error
     except ValueError as error:  # a zero byte in the name
-        raise FileFormatError(f"{str(path)!r}: cannot be read: {error}") from error
+        raise FileFormatError(message("error.cannot_be_read_2", path=str(path), error=error)) from error
     mode = os.fstat(number).st_mode
     if not stat.S_ISREG(mode):
         os.close(number)
-        inside_it = "rig.toml in it, perhaps" if (Path(path) / "rig.toml").is_file() else "a file is wanted"
-        what = f"Is a directory; {inside_it}" if stat.S_ISDIR(mode) else "it is no regular file but a pipe or a device; copy it into a file"
-        raise FileFormatError(f"{path}: cannot be read: {what}")
+        own_rig = (Path(path) / "rig.toml").is_file()
+        what = "os.pipe" if not stat.S_ISDIR(mode) else "os.folder_with_rig" if own_rig else "os.folder"
+        raise FileFormatError(message("error.cannot_be_read", where=path, broken=message(what)))
     return os.fdopen(number, "rb")
 
 
@@ -54,10 +75,10 @@ def no_folder(path: Path, holds: str) -> str:
     """What to say behind that a path is no folder of a kind: it is not there, or a file of one that holds such a file, or something
     else."""
     if not path.exists():
-        return ": it is not there"
+        return message("os.no_folder")
     if (path.parent / holds).is_file():
-        return f", but a file in one: give {path.parent}"
-    return f", which holds {holds}"
+        return message("os.file_in_folder", folder=path.parent)
+    return message("os.folder_holds", name=holds)
 
 
 def sha256(path: Path) -> str:
@@ -66,7 +87,7 @@ def sha256(path: Path) -> str:
         try:
             return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
         except OSError as error:
-            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+            raise FileFormatError(message("error.cannot_be_read", where=path, broken=os_reason(error))) from error
 
 
 def inside(folder: Path, name: str, what: str, place: str) -> Path:
@@ -74,9 +95,9 @@ def inside(folder: Path, name: str, what: str, place: str) -> Path:
     try:
         stays = (folder / name).resolve().is_relative_to(folder.resolve())
     except (ValueError, OSError, RuntimeError) as error:  # a zero byte; links that lead in a circle
-        raise FileFormatError(f"{what} = {name!r} is not the name of a file: {error}") from error
+        raise FileFormatError(message("error.is_not_the_name_of", what=what, name=name, error=error)) from error
     if not stays:
-        raise FileFormatError(f"{what} = {name!r} lies outside {place}")
+        raise FileFormatError(message("error.lies_outside", what=what, name=name, place=place))
     return folder / name
 
 
@@ -85,11 +106,11 @@ def read_regular(path: Path, most: int = LARGEST_BYTES) -> bytes:
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > most:
-            raise FileFormatError(f"{path}: cannot be read: {size} bytes, {most} are the most")
+            raise FileFormatError(message("error.cannot_be_read_bytes", where=path, size=size, most=most))
         try:
             return file.read()
         except OSError as error:
-            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+            raise FileFormatError(message("error.cannot_be_read", where=path, broken=os_reason(error))) from error
 
 
 class _Bounded:
@@ -121,7 +142,7 @@ def open_zip(path: Path, most: int = LARGEST_BYTES) -> Iterator[zipfile.ZipFile]
         raise
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError, zlib.error, struct.error) as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise FileFormatError(f"{path.name}: is not a .zip that can be read: {reason}") from error
+        raise FileFormatError(message("error.is_not_a_zip", where=path.name, reason=reason)) from error
 
 
 def unpack(archive: zipfile.ZipFile, folder: Path, name_of: Callable[[str], str] = str) -> None:

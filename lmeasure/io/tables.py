@@ -16,6 +16,7 @@ import pyarrow.parquet
 from lmeasure.core import BoolArray, FileFormatError, FloatArray, IntArray, TextArray
 from lmeasure.io.models import gathered
 from lmeasure.io.safe_open import LARGEST_BYTES, open_regular, read_regular
+from lmeasure.text import composed, message
 
 # what a person calls a number: no nan, no inf, no 1_000, no digits of other scripts
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -35,7 +36,7 @@ def _parsed(name: str, column: pa.ChunkedArray) -> tuple[pa.ChunkedArray, list[_
         text = "" if cell is None else cell.strip()
         good = _NUMBER.fullmatch(text) is not None
         if text and not good and len(faults) < ENOUGH:
-            faults.append((row, name, f"must be a number, is {_shown(cell)}"))
+            faults.append((row, name, message("complaint.is", text=message("complaint.number"), value=_shown(cell))))
         values.append(float(text) if good else None)
     return pa.chunked_array([pa.array(values, pa.float64())]), faults
 
@@ -86,7 +87,7 @@ class Table:
 
     def _column(self, name: str) -> pa.ChunkedArray:
         if name not in self._data.column_names:
-            raise FileFormatError(f"{self.path}: column {name!r} is missing; it has {', '.join(self.columns)}")
+            raise FileFormatError(message("error.column_is_missing_it_has", where=self.path, name=name, has=", ".join(self.columns)))
         return self._data.column(name)
 
     def numbers(self, name: str, *, gaps: bool = False) -> FloatArray:
@@ -107,7 +108,10 @@ class Table:
             raise
 
     def _refuse(self, faults: list[_Fault]) -> None:
-        lines = [f"{self._at(row, column)}: {text}" for row, column, text in sorted(faults, key=lambda fault: fault[0])]
+        lines = [
+            composed("{where}: {text}", where=self._at(row, column), text=text)
+            for row, column, text in sorted(faults, key=lambda fault: fault[0])
+        ]
         if lines:
             raise gathered(str(self.path), lines)
 
@@ -120,16 +124,16 @@ class Table:
                 column, faults = _parsed(name, column.cast(pa.string()))
             column = column.cast(pa.float64())
         except pa.ArrowException as error:
-            raise FileFormatError(f"{self.path}: column {name!r} is not a column of numbers: {_reason(error)}") from error
+            raise FileFormatError(message("error.column_is_not_a_column", where=self.path, name=name, reason=_reason(error))) from error
         values, empty = _numbers(column)
         if self.path.suffix.lower() == ".parquet":
             # there a missing float is a NaN as often as a null; in a CSV the text "nan" is a cell that is not a number
             empty |= np.isnan(values)
         bad = np.flatnonzero(~np.isfinite(values) & ~empty)
-        faults += [(int(row), name, f"must be a finite number, is {values[row]}") for row in bad[:ENOUGH]]
+        faults += [(int(row), name, message("complaint.is", text=message("complaint.finite"), value=values[row])) for row in bad[:ENOUGH]]
         if not gaps:
             known = {row for row, _, _ in faults}
-            faults += [(int(row), name, "is empty") for row in np.flatnonzero(empty)[:ENOUGH] if int(row) not in known]
+            faults += [(int(row), name, message("error.cell_is_empty")) for row in np.flatnonzero(empty)[:ENOUGH] if int(row) not in known]
         values[empty] = np.nan
         return values, faults
 
@@ -163,7 +167,9 @@ class Table:
         place = np.array([options.index(t) if t in options else -1 for t in texts], dtype=np.int64)[codes]
         if (place < 0).any():
             row = int(np.argmax(place < 0))
-            raise FileFormatError(f"{self._at(row, name)}: {texts[codes[row]]!r} is not one of {', '.join(options)}")
+            raise FileFormatError(
+                message("error.is_not_one_of", where=self._at(row, name), texts=texts[codes[row]], options=", ".join(options))
+            )
         return place
 
     def _encoded(self, name: str) -> tuple[list[str], IntArray]:
@@ -171,7 +177,7 @@ class Table:
         if pa.types.is_dictionary(column.type):
             column = column.cast(column.type.value_type)
         if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type) or pa.types.is_null(column.type)):
-            raise FileFormatError(f"{self.path}: column {name!r} is not a column of text")
+            raise FileFormatError(message("error.column_is_not_a", where=self.path, name=name))
         coded = column.cast(pa.string()).combine_chunks().dictionary_encode()
         texts, indices = coded.dictionary.to_pylist(), coded.indices
         codes = np.frombuffer(indices.buffers()[1] or b"", np.int32)[indices.offset : indices.offset + len(indices)].astype(np.int64)
@@ -198,7 +204,7 @@ def decoded_bytes(path: Path) -> int:
                 if bound > LARGEST_BYTES:
                     break
     except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{path}: cannot be read as parquet: {_reason(error)}") from error
+        raise FileFormatError(message("error.cannot_be_read_as_parquet", where=path, reason=_reason(error))) from error
     return bound
 
 
@@ -214,7 +220,7 @@ def _stated_bytes(path: Path, file: Any) -> tuple[int, list[str]]:
         elif _is_text(kind) or (pa.types.is_dictionary(kind) and _is_text(kind.value_type)):
             texts.append(field.name)
         elif pa.types.is_nested(kind) and any(_is_text(leaf) or pa.types.is_fixed_size_binary(leaf) for leaf in _leaves(kind)):
-            raise FileFormatError(f"{path}: column {field.name!r} has texts in lists or structures, and no table has those")
+            raise FileFormatError(message("error.column_has_texts_in", where=path, name=field.name))
     return bound, texts
 
 
@@ -250,12 +256,12 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
     try:
         if suffix == ".parquet":
             if (size := decoded_bytes(path)) > LARGEST_BYTES:
-                raise FileFormatError(f"{path}: cannot be read: its numbers and texts take {size} bytes, {LARGEST_BYTES} are the most")
+                raise FileFormatError(message("error.cannot_be_read_its", where=path, size=size, largest_bytes=LARGEST_BYTES))
             data = pa.parquet.read_table(pa.BufferReader(raw), columns=None if only is None else list(only))
             metadata = pa.parquet.read_metadata(pa.BufferReader(raw)).metadata
         elif suffix == ".csv":
             if not raw or raw.isspace():
-                raise FileFormatError(f"{path}: is empty")
+                raise FileFormatError(message("error.is_empty", where=path))
             separator = _separator(raw)
             data = pa.csv.read_csv(
                 pa.BufferReader(raw.removeprefix(b"\xef\xbb\xbf")),
@@ -271,16 +277,16 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
                 ),
             )
         else:
-            raise FileFormatError(f"{path}: is neither .csv nor .parquet")
+            raise FileFormatError(message("error.is_neither_csv_nor", where=path))
         names = [name.strip() for name in data.column_names]
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         _refuse_ragged(path, raw)
-        raise FileFormatError(f"{path}: cannot be read as {suffix[1:]}: {_reason(error)}") from error
+        raise FileFormatError(message("error.cannot_be_read_as_2", where=path, suffix=suffix[1:], reason=_reason(error))) from error
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise FileFormatError(f"{path}: column {twice[0]!r} stands twice")
+        raise FileFormatError(message("error.column_stands_twice", where=path, name=twice[0]))
     if "" in names:
-        raise FileFormatError(f"{path}: column number {names.index('') + 1} has no name")
+        raise FileFormatError(message("error.column_number_has_no", where=path, index=names.index("") + 1))
     return Table(path, data.rename_columns(names).replace_schema_metadata(metadata))
 
 
@@ -296,7 +302,8 @@ def _refuse_ragged(path: Path, raw: bytes) -> None:
 
     def note(row: Any) -> str:
         if len(lines) < ENOUGH:
-            lines.append(f"{path}:{row.number}: has {row.actual_columns} cells, the first line {row.expected_columns}: {_shown(row.text)}")
+            where, wide, text = f"{path}:{row.number}", row.expected_columns, _shown(row.text)
+            lines.append(message("error.row_has_cells", where=where, n_row=row.actual_columns, n_header=wide, text=text))
         return "skip"
 
     if path.suffix.lower() == ".csv":

@@ -16,7 +16,7 @@ from lmeasure.iso9283.paths import LEAST_PLANES, Crossings, crossings
 from lmeasure.iso9283.settings import CertificationSettings
 from lmeasure.iso9283.uncertainty import Moving, Part
 from lmeasure.recording import Program, Windows, read_program
-from lmeasure.text import Message
+from lmeasure.text import Message, message
 from lmeasure.trajectory import AttainedPose, Frame, Stamps, Trajectory, attain, window, worst_angle
 
 
@@ -28,7 +28,7 @@ def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:
     commanded = np.array([p.commanded[:3] for p in poses])
     attained = np.array([p.poses[:, :3].mean(axis=0) for p in poses])
     if len(poses) < 3 or np.linalg.svd(commanded - commanded.mean(axis=0), compute_uv=False)[1] < 1.0:
-        raise CertificationError(f"alignment: {len(poses)} poses with windows, or poses on one line, fix no frame; at least three apart")
+        raise CertificationError(message("error.alignment_poses_with_windows", n_poses=len(poses)))
     middle, place = commanded.mean(axis=0), attained.mean(axis=0)
     turn, _ = Rotation.align_vectors(attained - place, commanded - middle)
     return se3.pose(place - turn.apply(middle), turn)
@@ -41,7 +41,7 @@ def in_program_frame(trajectory: Trajectory, path: Path) -> Trajectory:
     """
     program = read_program(path)
     if not any(pose.windows_s for pose in program.pose):
-        raise CertificationError(f"{path}: states no windows of poses: `lmeasure program --ran TRAJECTORY --align` fills them in")
+        raise CertificationError(message("error.states_no_windows_of", where=path))
     frame = fit_frame(list(_poses(trajectory, program, Frame(np.zeros(3)), STILL_MM).values()))
     turn = se3.rotation(frame).inv()
     moved = np.full_like(trajectory.poses, np.nan)
@@ -195,8 +195,16 @@ def _check_order(poses: Sequence[AttainedPose], program: Program, still_mm: floa
                     "the robot is not the one that the program was made for, or the program's frame is another"
                 )
             raise CertificationError(
-                f"pose {pose.name}, cycle {j + 1}: at {pose.time_s[j]:.6g} s the tool is {own[j]:.4g} mm from {pose.name} and "
-                f"{apart[j].min():.4g} mm from {other}: {said}"
+                message(
+                    "error.pose_cycle_at_s",
+                    name=pose.name,
+                    j=j + 1,
+                    time_s=pose.time_s[j],
+                    own=own[j],
+                    apart=apart[j].min(),
+                    other=other,
+                    said=said,
+                )
             )
 
 

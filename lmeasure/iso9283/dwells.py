@@ -36,10 +36,7 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
     if len(cycles) > 1:
         most = cycles.most_common(1)[0][0]
         odd = next(p for p in poses if len(p.windows_s) != most)
-        raise CertificationError(
-            f"pose {odd.name}: is rested at {len(odd.windows_s)} times in the trajectory, other poses {most} times: where a run "
-            "ended early or a rest was not seen, state windows_s of the cycles that are whole"
-        )
+        raise CertificationError(message("error.pose_is_rested_at", name=odd.name, n_windows_s=len(odd.windows_s), most=most))
     paths = tuple(_with_runs(p, seen) for p in program.path)
     note = message("windows.found", rests=len(found), least_s=LEAST_S, still_mm=still_mm)
     data = program.model_dump(by_alias=True, exclude_none=True)
@@ -68,9 +65,7 @@ def _with_dwells(pose: CommandedPose, program: Program, rests: _Rests) -> Comman
     found = rests.found
     near = np.flatnonzero(np.linalg.norm(rests.places - np.array(pose.position_mm), axis=1) <= _reach(program))
     if len(near) == 0:
-        raise CertificationError(
-            f"pose {pose.name}: the trajectory has no rest within {_reach(program):.4g} mm of it ({len(found)} rests in all)"
-        )
+        raise CertificationError(message("error.pose_the_trajectory_has", name=pose.name, reach=_reach(program), n_found=len(found)))
     windows = [settled(rests.trajectory.time_s, rests.positions, found[i]) for i in near]
     _expect(pose.name, "pose", len(windows), pose.cycles)
     return pose.model_copy(update={"windows_s": tuple(windows)})
@@ -91,11 +86,11 @@ def _with_runs(path: CommandedPath, rests: _Rests) -> CommandedPath:
         if 0.8 * length < way < 1.5 * length:
             windows.append((float(trajectory.time_s[first]), float(trajectory.time_s[last])))
     if not windows:
-        raise CertificationError(f"path {path.name}: the trajectory has no motion from its start to its end between rests; give windows_s")
+        raise CertificationError(message("error.path_the_trajectory_has", name=path.name))
     _expect(path.name, "path", len(windows), path.cycles)
     return path.model_copy(update={"windows_s": tuple(windows)})
 
 
 def _expect(name: str, kind: str, found: int, stated: int | None) -> None:
     if stated is not None and found != stated:
-        raise CertificationError(f"{kind} {name}: found {found} cycles in the trajectory; the program states {stated}")
+        raise CertificationError(message("error.found_cycles_in_the", kind=kind, name=name, found=found, stated=stated))

@@ -298,7 +298,7 @@ def evaluate(
     twice = [str(key) for key, times in Counter(c.key for c in found).items() if times > 1]
     if twice and program.characteristics:
         added = ", ".join(program.characteristics)
-        raise CertificationError(f"characteristics: {twice[0]} is computed twice; one of {added} has the name of another characteristic")
+        raise CertificationError(message("error.characteristics_is_computed_twice", twice=twice[0], added=added))
     vectors = {f.key: f.key._replace(name=f.vector) for f in figures if f.vector is not None}
     judged = with_verdicts(found, vectors=vectors, signed=signed_names(clauses), tolerances=program.tolerance, settings=settings)
     unstated = () if covariances is not None or run is not None else _unstated(trajectory, settings)
@@ -389,21 +389,19 @@ def _unstated(trajectory: Trajectory, settings: CertificationSettings) -> tuple[
 def _check(trajectory: Trajectory, program: Program, settings: CertificationSettings) -> None:
     """What no figure can be determined from."""
     if not (program.pose or program.path):
-        raise CertificationError("the program has neither poses nor paths")
+        raise CertificationError(message("error.the_program_has_neither"))
     back = np.flatnonzero(~(np.diff(trajectory.time_s) > 0.0))
     if len(back):
         i = int(back[0]) + 1
-        raise CertificationError(
-            f"sample {i} of the trajectory: its time, {trajectory.time_s[i]:.6g} s, is not after that of the one before"
-        )
+        raise CertificationError(message("error.sample_of_the_trajectory", i=i, time_s=trajectory.time_s[i]))
     measured = not (np.isnan(trajectory.poses[:, 3]).all() and not np.isnan(trajectory.poses[:, 0]).all())
     if not measured and (settings.align or any(settings.tool_offset_mm)):
-        raise CertificationError("the trajectory has no orientation: neither another point of the tool nor a fitted frame can be had")
+        raise CertificationError(message("error.the_trajectory_has_no"))
     for name in ("capability", "planes", "still_mm", "trials"):
         if not getattr(settings, name) > 0:
-            raise CertificationError(f"{name} = {getattr(settings, name)} is not positive")
+            raise CertificationError(message("error.is_not_positive", name=name, value=getattr(settings, name)))
     if settings.planes < LEAST_PLANES:
-        raise CertificationError(f"planes = {settings.planes} normal to a path are too few: at least {LEAST_PLANES}")
+        raise CertificationError(message("error.planes_normal_to_a", planes=settings.planes, least_planes=LEAST_PLANES))
 
 
 def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], *, excluded: Exclusions, stamps: Stamps) -> Characteristic:

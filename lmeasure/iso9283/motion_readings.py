@@ -222,11 +222,11 @@ class Motion:
         part = window(self.trajectory, start, end, what)
         n = part.stop - part.start
         if n < 2:
-            raise CertificationError(f"{what}: the window [{start:g}, {end:g}] s holds one sample, and no motion")
+            raise CertificationError(message("error.the_window_s_holds", where=what, start=start, end=end))
         if self.stamps.stretch is not None and self.stamps.stretch[part.start] != self.stamps.stretch[part.stop - 1]:
             steps = np.diff(self.trajectory.time_s[part])
             a, b = self.trajectory.time_s[part][[int(np.argmax(steps)), int(np.argmax(steps)) + 1]]
-            raise CertificationError(f"{what}: there are no samples from {a:.6g} to {b:.6g} s, and what the robot did then is not known")
+            raise CertificationError(message("error.there_are_no_samples", where=what, a=a, b=b))
         places = (*((Stretch.begun(),) if begins else ()), Stretch.rested(n))
         poses = self.frame.of(self.trajectory.poses[part])
         return Stretch(np.arange(part.start, part.stop), self.trajectory.time_s[part], poses, places)

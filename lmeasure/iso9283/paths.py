@@ -12,6 +12,7 @@ from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray, l
 from lmeasure.iso9283.sample_gaps import Between, between, joined
 from lmeasure.kernels import follow_polyline
 from lmeasure.recording import CommandedPath
+from lmeasure.text import message
 from lmeasure.trajectory import Frame, Trajectory, moved, scatter, window
 
 HALVINGS = 40
@@ -211,7 +212,9 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
         part = window(trajectory, start, end, what)
         if part.stop - part.start < LEAST_SAMPLES:
             raise CertificationError(
-                f"{what}: the window [{start:g}, {end:g}] s has {part.stop - part.start} samples; at least {LEAST_SAMPLES}"
+                message(
+                    "error.the_window_s_has", where=what, start=start, end=end, stop=part.stop - part.start, least_samples=LEAST_SAMPLES
+                )
             )
         poses = frame.of(trajectory.poses[part])
         cycle = Cycle(np.arange(part.start, part.stop), trajectory.time_s[part], poses, line.way(poses[:, :3]))
@@ -220,7 +223,7 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
         worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
     moving = min(int(((c.way_mm > 0.01 * line.length) & (c.way_mm < 0.99 * line.length)).sum()) for c in cycles)
     if moving < LEAST_SAMPLES:
-        raise CertificationError(f"path {path.name}: a cycle has {moving} samples on the way; at least {LEAST_SAMPLES}")
+        raise CertificationError(message("error.path_a_cycle_has", name=path.name, moving=moving, least_samples=LEAST_SAMPLES))
     ways = line.planes(min(planes, moving // SAMPLES_PER_PLANE), quarters=quarters)
     m = len(ways)
     commanded, tangent = line.at(ways)
@@ -251,7 +254,7 @@ def _runs_along(cycle: Cycle, length: float, what: str) -> None:
     i = int(np.argmax(back))
     if back[i] > BACKWARDS * length:
         raise CertificationError(
-            f"{what}: runs backwards by {back[i]:.4g} mm until sample {cycle.samples[i]} at {cycle.time_s[i]:.6g} s: not the commanded path"
+            message("error.runs_backwards_by_mm", where=what, back=back[i], samples=cycle.samples[i], time_s=cycle.time_s[i])
         )
 
 
@@ -274,9 +277,9 @@ def _cross(cycle: Cycle, ways: FloatArray, what: str, *, commanded: FloatArray, 
     way, forward = cycle.way_mm, np.maximum.accumulate(cycle.way_mm)
     after = np.searchsorted(forward, ways, side="left")
     if after[0] == 0:
-        raise CertificationError(f"{what}: begins {way[0]:.4g} mm along the path; the window must hold its start")
+        raise CertificationError(message("error.begins_mm_along_the", where=what, way=way[0]))
     if after[-1] == len(forward):
-        raise CertificationError(f"{what}: ends {forward[-1]:.4g} mm along the path, before its end")
+        raise CertificationError(message("error.ends_mm_along_the", where=what, forward=forward[-1]))
     before = after - 1
     near = np.clip(before[:, None] + np.arange(-1, 3), 0, len(way) - 1)
     one, other = cycle.poses[before], cycle.poses[after]

@@ -6,6 +6,7 @@ from typing import get_args
 
 from lmeasure.core import MAX_LENGTH_MM, CertificationError
 from lmeasure.iso9283.characteristic import Rule
+from lmeasure.text import message
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,14 @@ class CertificationSettings:
 
     def __post_init__(self) -> None:
         if self.rule not in get_args(Rule):
-            raise CertificationError(f"rule = {self.rule!r}: must be {' or '.join(get_args(Rule))}")
+            raise CertificationError(message("error.rule_must_be", rule=self.rule, options=" or ".join(get_args(Rule))))
         if not all(abs(v) <= MAX_LENGTH_MM for v in self.tool_offset_mm):
-            raise CertificationError(f"tool_offset_mm = {list(self.tool_offset_mm)}: must be finite, at most {MAX_LENGTH_MM:g} mm")
+            raise CertificationError(
+                message("error.tool_offset_mm_must", tool_offset_mm=list(self.tool_offset_mm), max_length_mm=MAX_LENGTH_MM)
+            )
         for name, most in (("limit_angle_deg", 90.0), ("limit_u95_mm", MAX_LENGTH_MM)):
             limit = getattr(self, name)
             if limit is not None and not 0.0 < limit <= most:
-                raise CertificationError(f"{name} = {limit:g}: must be more than 0 and at most {most:g}")
+                raise CertificationError(message("error.must_be_more_than", name=name, limit=limit, most=most))
         if self.seed < 0 or not math.isfinite(self.capability):
-            raise CertificationError(f"seed = {self.seed}, capability = {self.capability}: must be numbers from 0")
+            raise CertificationError(message("error.seed_capability_must_be", seed=self.seed, capability=self.capability))

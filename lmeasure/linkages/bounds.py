@@ -63,10 +63,10 @@ class Bounds:
         elif sound:
             sound = float(np.linalg.cond(self._normal(M, points)[1])) < 1e12
         if not sound:
-            raise StructureError("bounds: the links do not hold the body at the pose from which the bounds are looked for")
+            raise StructureError(message("error.bounds_the_links_do"))
         if len(self.base) > LINKS and (self.determinant > 0.0 or (self.limit_rad is None and self.lengths_mm is None)):
             most = f"bounds: {len(self.base)} links have no determinant and lose hold of the body on curves only"
-            raise StructureError(f"{most}: state a limit angle or lengths")
+            raise StructureError(message("error.state_a_limit_angle", where=most))
 
     @cached_property
     def _start(self) -> float:

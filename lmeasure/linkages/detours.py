@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 from lmeasure.core import FloatArray, StructureError, se3
 from lmeasure.linkages.bounds import Bounds
 from lmeasure.linkages.singularity import rim_mm
+from lmeasure.text import message
 
 STEPS = 60
 SETTLED = 1e-8  # of the rim: gradients are differences
@@ -47,7 +48,7 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0, *, turns: boo
     for k in (0, len(poses) - 1):
         if not (bounds.values(poses[k]) >= margin).all():
             worst = bounds.names[int(np.argmin(bounds.values(poses[k])))]
-            raise StructureError(f"path: sample {k + 1}, an end, is beyond a limit itself: {worst}")
+            raise StructureError(message("error.path_sample_an_end", k=k + 1, worst=worst))
     aim = margin
     for _ in range(TRIES):
         found = _halved(bounds, poses, margin, aim, turns)
@@ -57,7 +58,7 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0, *, turns: boo
         # the straight way between two poses on a limit that bends cuts it: those are put so much farther inside
         aim += 1.5 * short
     else:
-        raise StructureError(f"path: between samples {where + 1} and {where + 2} a limit cannot be kept: state more samples there")
+        raise StructureError(message("error.path_between_samples_and", where=where + 1, where2=where + 2))
     rim = rim_mm(bounds.body)
     parameter, out = np.array([t for t, _ in found]), np.array([p for _, p in found])
     wanted = np.array([at(poses, t) for t in parameter])
@@ -67,8 +68,9 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0, *, turns: boo
     apart = np.flatnonzero(own > APART * np.maximum(way, 1e-3 * way.max()))
     if len(apart):
         raise StructureError(
-            f"path: between samples {int(parameter[apart[0]]) + 1} and {int(np.ceil(parameter[apart[0] + 1])) + 1} the limits lead to "
-            "different sides: there is no detour near the path"
+            message(
+                "error.path_between_samples_and_the", parameter=int(parameter[apart[0]]) + 1, ceil=int(np.ceil(parameter[apart[0] + 1])) + 1
+            )
         )
     return Detour(out, parameter, shift, turn, np.hypot(shift, rim * turn))
 
@@ -132,7 +134,7 @@ def led(
             out = se3.displaced(pose, unit @ now)
             if (bounds.values(out) >= aim - INSIDE).all():
                 return out
-    raise StructureError("path: no pose near the commanded one keeps the limits")
+    raise StructureError(message("error.path_no_pose_near"))
 
 
 def _rates(bounds: Bounds, pose: FloatArray, now: FloatArray, unit: FloatArray, rim: float) -> FloatArray:

@@ -21,6 +21,7 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, StructureError
 from lmeasure.linkages import intervals as iv
+from lmeasure.text import message
 
 BOXES = 40_000  # in all, after which an enclosure is as wide as it is
 TOLERANCE = 1e-5  # of the largest edge: an enclosure no wider is sharp
@@ -83,7 +84,9 @@ class Tetrahedron:
         """The same tetrahedron named so that PQ is the edge."""
         place = next((k for k, name in vars(self).items() if name == edge), None)
         if place is None:
-            raise StructureError(f"tetrahedron {', '.join((*(getattr(self, e) for e in EDGES), self.pq))}: has no edge {edge}")
+            raise StructureError(
+                message("error.tetrahedron_has_no_edge", names=", ".join((*(getattr(self, e) for e in EDGES), self.pq)), edge=edge)
+            )
         if place == "pq":
             return self
         if place == "xy":
@@ -103,7 +106,7 @@ def bands(tetrahedron: Tetrahedron, limits: Limits, edge: str) -> Flat:
     named = tetrahedron.seen_from(edge)
     box = np.array([limits[getattr(named, e)] for e in EDGES], dtype=np.float64)
     if not (np.isfinite(box).all() and (box[:, 0] > 0.0).all() and (box[:, 0] <= box[:, 1]).all()):
-        raise StructureError(f"limits: of {', '.join(getattr(named, e) for e in EDGES)}: must be positive, least before greatest")
+        raise StructureError(message("error.limits_of_must_be", edges=", ".join(getattr(named, e) for e in EDGES)))
     return Flat(*(Band(_extreme(box, side, -1.0), _extreme(box, side, 1.0)) for side in (1.0, -1.0)))
 
 
@@ -139,7 +142,7 @@ def _extreme(box: FloatArray, side: float, way: float) -> tuple[float, float]:
             break
         boxes = np.concatenate([boxes[corner[~done]], halved(boxes[~corner[~done]])])
     if not np.isfinite(closed):
-        raise StructureError("limits: a face of the tetrahedron cannot be assembled anywhere within them")
+        raise StructureError(message("error.limits_a_face_of"))
     return (reached, closed) if way > 0 else (-closed, -reached)
 
 
@@ -226,5 +229,5 @@ def adjusted(
             break
     stuck = next(t for t in tetrahedra if not clear(t, now))
     raise StructureError(
-        f"limits: tetrahedron {', '.join(vars(stuck).values())}: may be flat, or not be assembled, whatever {', '.join(adjustable)} are"
+        message("error.limits_tetrahedron_may_be", values=", ".join(vars(stuck).values()), adjustable=", ".join(adjustable))
     )

@@ -17,6 +17,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, StructureError, se3
 from lmeasure.linkages.singularity import LOST, determinants, displacement_gradients, link_rows, rim_mm
+from lmeasure.text import message
 
 FREEDOMS = 6
 LEAST_RANK = 3
@@ -66,7 +67,7 @@ def nearest_singular(base: FloatArray, body: FloatArray, pose: FloatArray) -> Fl
         # half a turn at most in all, so that a flat determinant throws nothing far away
         x = x + step * min(1.0, rim_mm(body) / max(float(np.linalg.norm(step)), 1e-300))
         there = se3.displaced(pose, unit * x)
-    raise StructureError("singular: no singular pose is found near this pose")
+    raise StructureError(message("error.singular_no_singular_pose"))
 
 
 def lost_twists(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatArray:

@@ -220,9 +220,7 @@ def parse(text: str, misprints: bool = True) -> tuple[Structure, ...]:
                 return (found,)
     elif name in _by_name():
         return _by_name()[name]
-    raise FileFormatError(
-        f"{text!r}: is no structure of six links: neither a class as L-321-222, one of its structures as L-321-222:abc-ab-c, nor S3332-00"
-    )
+    raise FileFormatError(message("error.is_no_structure_of", text=text))
 
 
 def mobility(bodies: int, pairs: Mapping[int, int]) -> int:

@@ -24,6 +24,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from lmeasure.core import FloatArray, StructureError
 from lmeasure.linkages.topology import Structure, somov_malyshev
+from lmeasure.text import composed, message
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Variants:
     def __post_init__(self) -> None:
         """StructureError of a structure that determines no pose."""
         if self.structure.degenerate is not None:
-            raise StructureError(f"{self.structure.notation}: {self.structure.degenerate}")
+            raise StructureError(composed("{where}: {error}", where=self.structure.notation, error=self.structure.degenerate))
 
     @cached_property
     def moved(self) -> tuple[int, int]:
@@ -91,7 +92,7 @@ class Rods:
     def __post_init__(self) -> None:
         for p in sorted({p for p, _ in self.links}):
             if p not in self.rods or (p, self.rods[p][1]) not in self.links:
-                raise StructureError(f"platform point {p + 1}: needs a rod through a base point to which it is linked")
+                raise StructureError(message("error.platform_point_needs_a", p=p + 1))
 
     def links_of_drives(self, drives: FloatArray) -> FloatArray:
         """(..., 6) distances from base points to platform points for lengths (..., 6) of the drives; NaN where no mechanism has them."""

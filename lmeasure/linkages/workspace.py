@@ -15,6 +15,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, StructureError
 from lmeasure.linkages.bounds import Bounds
+from lmeasure.text import message
 
 ON_MM = 1e-6  # of the reach: the last step onto the boundary but one, after which the error is its square
 NOISE_MM = 1e-8  # of the reach: steps that small may stay as large as they are, where a limit is so flat that rounding moves its edge
@@ -126,15 +127,15 @@ def boundary(bounds: Bounds, plane: Slice, direction: FloatArray, step_mm: float
     StructureError where the origin is outside, or the ray meets nothing within the reach.
     """
     if not bounds.inside(plane.origin):
-        raise StructureError("boundary: the place to look from keeps not all limits itself")
+        raise StructureError(message("error.boundary_the_place_to"))
     radius = float(first_met(bounds, plane, np.asarray(direction, dtype=np.float64)[None])[0])
     if not np.isfinite(radius):
-        raise StructureError(f"boundary: nothing is met within {plane.reach_mm:g} mm in that direction")
+        raise StructureError(message("error.boundary_nothing_is_met", reach_mm=plane.reach_mm))
     first = radius * np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
     which = int(np.argmin(bounds.values(plane.poses(first))))
     begun = _onto(bounds, plane, first, which)
     if np.isnan(begun).any():
-        raise StructureError("boundary: the limit has no tangent where the ray meets it: look in another direction")
+        raise StructureError(message("error.boundary_the_limit_has"))
     places, limits, closed = _walk(bounds, plane, begun, which, 1.0, step_mm)
     if not closed:
         back, behind, _ = _walk(bounds, plane, begun, which, -1.0, step_mm)
@@ -271,7 +272,7 @@ def _walk(
         if corner is not None:
             which, turned = other, _tangent(bounds, plane, corner, other, way)
         place, tangent, h = ahead, turned, min(step_mm, 2.0 * h)
-    raise StructureError(f"boundary: {MOST} points of {step_mm:g} mm are not all of it: take a longer step")
+    raise StructureError(message("error.boundary_points_of_mm", most=MOST, step_mm=step_mm))
 
 
 def _beside(
@@ -306,7 +307,7 @@ def _around(
         radius *= GROWN
         if radius > FARTHEST * plane.reach_mm:
             break
-    raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
+    raise StructureError(message("error.boundary_cannot_be_followed", place=place[0], place2=place[1]))
 
 
 def _at_radius(

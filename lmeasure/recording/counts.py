@@ -10,6 +10,7 @@ import numpy as np
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, IntArray, Shown, conventions, framed
 from lmeasure.io import files
 from lmeasure.kernels import BELIEVED_AT, FOLLOWED, FOREIGN, PAUSE, STATE, UNSURE, UNSURE_AT, resume_counting
+from lmeasure.text import message
 
 INFERRED_BITS = (16, 24, 32)
 
@@ -54,22 +55,27 @@ class Counts(Shown):
         n = len(self.time_s)
         if self.recorded.shape != (n, len(self.channels)):
             raise FileFormatError(
-                f"{self.source}: counts of shape {self.recorded.shape} do not fit {n} times and {len(self.channels)} channels"
+                message("error.counts_of_shape_do", where=self.source, shape=self.recorded.shape, n=n, n_channels=len(self.channels))
             )
         if n == 0:
-            raise FileFormatError(f"{self.source}: has no samples")
+            raise FileFormatError(message("error.has_no_samples", where=self.source))
         late = np.flatnonzero(~(np.diff(self.time_s) > 0))
         if len(late):
             i = int(late[0])
             raise FileFormatError(
-                f"{self.source}: sample {self.first + i + 1}: "
-                f"time_s = {float(self.time_s[i + 1])!r} does not follow {float(self.time_s[i])!r}"
+                message(
+                    "error.sample_time_s_does",
+                    where=self.source,
+                    first=self.first + i + 1,
+                    time_s=float(self.time_s[i + 1]),
+                    time_s2=float(self.time_s[i]),
+                )
             )
 
     def of(self, channel: str) -> FloatArray:
         """(n,) recorded counts of one channel; FileFormatError names the channels there are."""
         if channel not in self.channels:
-            raise FileFormatError(f"{self.source}: column {channel!r} is missing; it has {', '.join(self.channels)}")
+            raise FileFormatError(message("error.column_is_missing_it_has", where=self.source, name=channel, has=", ".join(self.channels)))
         return np.asarray(self.recorded[:, self.channels.index(channel)])
 
     def rising(self) -> FloatArray:
@@ -129,7 +135,7 @@ def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | Non
         counts = _counts(table)
         first = float(counts.time_s[0])
         if before is not None and not first > before[1]:
-            raise FileFormatError(f"{path}: sample {before[0]}: time_s = {first!r} does not follow {before[1]!r}")
+            raise FileFormatError(message("error.sample_time_s_does", where=path, first=before[0], time_s=first, time_s2=before[1]))
         before = table.first + len(table), float(counts.time_s[-1])
         yield counts
         if progress is not None:
@@ -139,7 +145,7 @@ def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | Non
 def _counts(table: files.Table) -> Counts:
     channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS)
     if not channels:
-        raise FileFormatError(f"{table.path}: has no count column besides {', '.join(table.columns)}")
+        raise FileFormatError(message("error.has_no_count_column", where=table.path, columns=", ".join(table.columns)))
     with table.every_fault(("time_s", "sync", "u_time_s", "temperature_c"), gaps=channels):
         return _taken(table, channels)
 
@@ -150,14 +156,13 @@ def _taken(table: files.Table, channels: tuple[str, ...]) -> Counts:
         sync = table.numbers("sync")
         bad = np.flatnonzero((sync != 0) & (sync != 1))
         if len(bad):
-            raise FileFormatError(f"{path}: sample {table.first + int(bad[0])}: sync = {sync[bad[0]]:g}; it must be 0 or 1")
+            raise FileFormatError(message("error.sample_sync_it_must", where=path, first=table.first + int(bad[0]), sync=sync[bad[0]]))
     skew = None
     if "u_time_s" in table.columns:
         skew = table.numbers("u_time_s")
         if (skew < 0).any():
             raise FileFormatError(
-                f"{path}: sample {table.first + int(np.argmax(skew < 0))}: "
-                f"u_time_s = {skew.min():g}; a standard uncertainty is not negative"
+                message("error.sample_u_time_s", where=path, first=table.first + int(np.argmax(skew < 0)), skew=skew.min())
             )
     warm = table.numbers("temperature_c") if "temperature_c" in table.columns else None
     if warm is not None:

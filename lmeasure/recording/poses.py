@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import QUATERNION_COLUMNS, DataFrame, FileFormatError, FloatArray, IntArray, Shown, convention, conventions, framed, se3
 from lmeasure.io import Column, ForeignTable, files, text_of
+from lmeasure.text import composed, message
 
 PLACES = ("x", "y", "z")
 STATED = (
@@ -40,8 +41,8 @@ def read_pose_table(
     given = ForeignTable(path, columns, part=part)
     names = given.row_names("pose", "name")
     if names is None and not unnamed:
-        hint = "" if columns is None else "; --columns says which column is which"
-        raise FileFormatError(f"{path}: column 'pose' is missing; it has {given.has}{hint}")
+        hint = "" if columns is None else message("error.columns_name_each")
+        raise FileFormatError(message("error.column_pose_is_missing", where=path, has=given.has, hint=hint))
     names = names or [str(i + 1) for i in range(len(given))]
     out: dict[str, pa.Array] = {"pose": pa.array(names, pa.string())}
     out |= {f"{axis}_mm": pa.array(given.numbers(axis, "mm")) for axis in PLACES}
@@ -201,17 +202,17 @@ def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Pos
     """
     rows = np.atleast_2d(np.array(rows, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1] != 7:
-        raise FileFormatError(f"poses of shape {rows.shape}: wanted are rows of x, y, z [mm], qx, qy, qz, qw")
+        raise FileFormatError(message("error.poses_of_shape_wanted", shape=rows.shape))
     if not np.isfinite(rows).all():
-        raise FileFormatError(f"pose {int(np.argmax(~np.isfinite(rows).all(axis=1))) + 1}: holds a number that is not finite")
+        raise FileFormatError(message("error.pose_holds_a_number", row=int(np.argmax(~np.isfinite(rows).all(axis=1))) + 1))
     far = (np.abs(rows[:, :3]) > conventions.MAX_LENGTH_MM).any(axis=1)
     if far.any():
-        raise FileFormatError(f"pose {int(np.argmax(far)) + 1}: lies more than {conventions.MAX_LENGTH_MM:.0f} mm from the origin")
+        raise FileFormatError(message("error.pose_lies_more_than", row=int(np.argmax(far)) + 1, max_length_mm=conventions.MAX_LENGTH_MM))
     with np.errstate(over="ignore"):  # a length of infinity is refused like others
         length = np.linalg.norm(rows[:, 3:], axis=1)
     if (np.abs(length - 1) > UNIT_TOLERANCE).any():
         i = int(np.argmax(np.abs(length - 1)))
-        raise FileFormatError(f"pose {i + 1}: the quaternion's length is {length[i]:.9g}, not 1")
+        raise FileFormatError(message("error.pose_the_quaternion_s", i=i + 1, length=length[i]))
     rows[:, 3:] /= length[:, None]
     zero = np.zeros(len(rows))
     return Poses(tuple(names) if names is not None else tuple(str(i + 1) for i in range(len(rows))), rows, zero, zero)
@@ -282,12 +283,12 @@ def _poses_in(table: files.Table, angles: str, positions_alone: bool) -> Poses:
     path = table.path
     names = table.text("pose")
     if len(names) == 0:
-        raise FileFormatError(f"{path}: has no poses")
+        raise FileFormatError(message("error.has_no_poses", where=path))
     if "" in names:
-        raise FileFormatError(f"{path}: pose number {names.index('') + 1} has no name")
+        raise FileFormatError(message("error.pose_number_has_no", where=path, index=names.index("") + 1))
     name, times = Counter(names).most_common(1)[0]
     if times > 1:
-        raise FileFormatError(f"{path}: pose {name!r} is given {times} times")
+        raise FileFormatError(message("error.pose_is_given_times", where=path, name=name, times=times))
     position, oriented = table.matrix(POSITION_COLUMNS), True
     columns = conventions.convention(angles).columns
     if all(c in table.columns for c in conventions.QUATERNION_COLUMNS):
@@ -300,16 +301,18 @@ def _poses_in(table: files.Table, angles: str, positions_alone: bool) -> Poses:
         quaternion, oriented = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1)), False
     else:
         raise FileFormatError(
-            f"{path}: needs the columns {', '.join(columns)} (angles = {angles!r}) or qx, qy, qz, qw; it has {', '.join(table.columns)}"
+            message(
+                "error.needs_the_columns_angles", where=path, columns=", ".join(columns), angles=angles, columns2=", ".join(table.columns)
+            )
         )
     try:
         poses = poses_from_rows(np.column_stack([position, quaternion]), names)
     except FileFormatError as error:
-        raise FileFormatError(f"{path}: {error}") from None
+        raise FileFormatError(composed("{where}: {error}", where=path, error=error)) from None
     u = {c: table.numbers(c) if c in table.columns else np.zeros(len(names)) for c in ("u_position_mm", "u_rotation_deg")}
     for column, values in u.items():
         if (values < 0).any():
-            raise FileFormatError(f"{path}: column {column!r}: a standard uncertainty is negative")
+            raise FileFormatError(message("error.column_a_standard_uncertainty", where=path, name=column))
     covariance = _covariance(table, u["u_position_mm"], np.radians(u["u_rotation_deg"]))
     columns_of = {"position": ("u_position_mm", "u_x_mm"), "rotation": ("u_rotation_deg", "u_rx_deg")}
     absent = tuple(n for n, c in columns_of.items() if not set(c) & set(table.columns) and (oriented or n == "position"))
@@ -329,13 +332,15 @@ def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: F
     for group, common in ((AXIS_COLUMNS[:3], "u_rotation_deg"), (AXIS_COLUMNS[3:], "u_position_mm")):
         given = [c for c in group if c in table.columns]
         if given and common in table.columns:
-            raise FileFormatError(f"{path}: has {given[0]!r} and {common!r}; one of them says how uncertain a pose is")
+            raise FileFormatError(message("error.has_and_one_of", where=path, given=given[0], common=common))
         if given and len(given) < len(group):
-            raise FileFormatError(f"{path}: column {next(c for c in group if c not in given)!r} is missing; {given[0]!r} is there")
+            raise FileFormatError(
+                message("error.column_is_missing_is", where=path, next=next(c for c in group if c not in given), given=given[0])
+            )
         for c in given:
             values = table.numbers(c)
             if (values < 0).any():
-                raise FileFormatError(f"{path}: column {c!r}: a standard uncertainty is negative")
+                raise FileFormatError(message("error.column_a_standard_uncertainty", where=path, name=c))
             sigma[:, AXIS_COLUMNS.index(c)] = np.radians(values) if c.endswith("_deg") else values
     correlation = np.tile(np.eye(6), (len(sigma), 1, 1))
     for c in stated:
@@ -343,12 +348,12 @@ def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: F
             continue
         axes = [AXES.index(a) for a in c.split("_")[1:] if a in AXES]
         if len(axes) != 2 or axes[0] == axes[1] or c.count("_") != 2:
-            raise FileFormatError(f"{path}: column {c!r}: a correlation is named by two of {', '.join(AXES)}, as 'rho_x_y'")
+            raise FileFormatError(message("error.column_a_correlation_is", where=path, c=c, axes=", ".join(AXES)))
         correlation[:, axes[0], axes[1]] = correlation[:, axes[1], axes[0]] = table.numbers(c)
     least = np.linalg.eigvalsh(correlation)[:, 0]
     if (least < -1e-9).any():
         pose = int(np.argmin(least))
-        raise FileFormatError(f"{path}:{pose + 2}: no six quantities can have these correlations (rho_...)")
+        raise FileFormatError(message("error.no_six_quantities_can", where=path, pose=pose + 2))
     return np.asarray(sigma[:, :, None] * correlation * sigma[:, None, :])
 
 

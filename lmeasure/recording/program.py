@@ -12,7 +12,8 @@ from pydantic import AfterValidator, Field, model_validator
 from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure.core import DataFrame, FloatArray, Shown, conventions, framed
-from lmeasure.io import Strict, Whole, checked, files
+from lmeasure.io import Strict, Whole, checked, files, of_key
+from lmeasure.text import message
 
 NEEDS = {
     "linear": ("start_mm", "end_mm"),
@@ -24,24 +25,24 @@ NEEDS = {
 
 def _one_line(value: str) -> str:
     if not value.isprintable():
-        raise ValueError("must be one line of printable text")
+        raise ValueError(message("error.must_be_one_line"))
     return value
 
 
 def _in_order(windows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     for number, (start, end) in enumerate(windows, 1):
         if not start < end:
-            raise ValueError(f"window {number}, [{start:g}, {end:g}] s, does not end after its start")
+            raise ValueError(message("error.window_s_does_not", number=number, start=start, end=end))
     for number, ((_, end), (start, _)) in enumerate(itertools.pairwise(windows), 1):
         if start < end:
-            raise ValueError(f"window {number + 1} starts at {start:g} s, before window {number} ends at {end:g} s")
+            raise ValueError(message("error.window_starts_at_s", number=number + 1, start=start, number2=number, end=end))
     return windows
 
 
 def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     length = math.hypot(*value)
     if abs(length - 1.0) > 1e-6:
-        raise ValueError(f"is not of length 1 but {length:.9g}")
+        raise ValueError(message("error.is_not_of_length", length=length))
     return value
 
 
@@ -72,7 +73,7 @@ class _Run(Strict):
     @model_validator(mode="after")
     def _all_cycles(self) -> Self:
         if self.cycles is not None and self.windows_s and len(self.windows_s) != self.cycles:
-            raise ValueError(f"has {len(self.windows_s)} windows for {self.cycles} cycles")
+            raise ValueError(message("error.has_windows_for_cycles", n_windows_s=len(self.windows_s), cycles=self.cycles))
         return self
 
 
@@ -97,7 +98,7 @@ class CommandedPose(_Run):
         for key in ("approaches", "units"):
             given = getattr(self, key)
             if given and self.windows_s and len(given) != len(self.windows_s):
-                raise ValueError(f"has {len(given)} {key} for {len(self.windows_s)} windows; one for each")
+                raise ValueError(message("error.has_for_windows_one", n_given=len(given), key=key, n_windows_s=len(self.windows_s)))
         return self
 
 
@@ -137,22 +138,22 @@ class CommandedPath(_Run):
     def _complete(self) -> Self:
         for key in NEEDS[self.kind]:
             if getattr(self, key) is None:
-                raise ValueError(f"kind {self.kind!r} needs {key}")
+                raise ValueError(message("error.kind_needs", kind=self.kind, key=key))
         for key in {k for keys in NEEDS.values() for k in keys} - set(NEEDS[self.kind]):
             if getattr(self, key) is not None:
-                raise ValueError(f"kind {self.kind!r} has no {key}")
+                raise ValueError(message("error.kind_has_no", kind=self.kind, key=key))
         if self.normal is not None and math.hypot(*self.normal) == 0.0:
-            raise ValueError("normal has no length")
+            raise ValueError(message("error.normal_has_no_length"))
         if self.end_quaternion_xyzw is not None and self.quaternion_xyzw is None:
-            raise ValueError("end_quaternion_xyzw needs quaternion_xyzw for the start")
+            raise ValueError(message("error.end_quaternion_xyzw_needs"))
         if (self.weave_stroke_mm is None) != (self.weave_distance_mm is None) or (self.weave_stroke_mm and self.kind != "linear"):
-            raise ValueError("a weave is a linear path with weave_stroke_mm and weave_distance_mm")
+            raise ValueError(message("error.a_weave_is_a"))
         corners = self.corners()
         steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         if (steps == 0.0).any():
-            raise ValueError(f"point {int(np.argmin(steps)) + 2} is the one before it again")
+            raise ValueError(message("error.point_is_the_one", row=int(np.argmin(steps)) + 2))
         if self.kind == "circular" and np.linalg.norm(self._from_centre()) < 1e-9:
-            raise ValueError("start_mm lies on the axis of the circle")
+            raise ValueError(message("error.start_mm_lies_on"))
         return self
 
     def corners(self) -> FloatArray:
@@ -248,7 +249,9 @@ class Compliance(Strict):
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
         if self.windows_s and len(self.force_n) != len(self.windows_s):
-            raise ValueError(f"compliance of {self.pose}: {len(self.force_n)} force_n for {len(self.windows_s)} windows_s; one for each")
+            raise ValueError(
+                message("error.compliance_of_force_n", pose=self.pose, n_force_n=len(self.force_n), n_windows_s=len(self.windows_s))
+            )
         return self
 
 
@@ -271,9 +274,9 @@ class Tolerance(Strict):
     @model_validator(mode="after")
     def _limits(self) -> Self:
         if self.lower is None and self.upper is None:
-            raise ValueError(f"tolerance of {self.characteristic}: needs lower, upper or both")
+            raise ValueError(message("error.tolerance_of_needs_lower", characteristic=self.characteristic))
         if self.lower is not None and self.upper is not None and not self.lower < self.upper:
-            raise ValueError(f"tolerance of {self.characteristic}: lower = {self.lower:g} is not below upper = {self.upper:g}")
+            raise ValueError(message("error.tolerance_of_lower_is", characteristic=self.characteristic, lower=self.lower, upper=self.upper))
         return self
 
 
@@ -316,12 +319,12 @@ class Program(Shown, Strict):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.angles is not None and self.angles not in conventions.CONVENTIONS:
-            raise ValueError(f"angles: {self.angles!r} is not one of {', '.join(conventions.CONVENTIONS)}")
+            raise of_key("angles", message("error.is_not_one_of_2", name=self.angles, templates=", ".join(conventions.CONVENTIONS)))
         poses, paths = [p.name for p in self.pose], [p.name for p in self.path]
         for kind, names in (("pose", poses), ("path", paths)):
             for name, times in Counter(names).items():
                 if times > 1:
-                    raise ValueError(f"{kind}: the name {name!r} is given {times} times")
+                    raise of_key(kind, message("error.the_name_is_given", name=name, times=times))
         asked = [(f"distance {d.name}", n) for d in (*self.distance, *self.posing) for n in (d.from_pose, d.to_pose)]
         asked += [("drift", d.pose) for d in self.drift] + [("compliance", c.pose) for c in self.compliance]
         asked += [
@@ -329,10 +332,10 @@ class Program(Shown, Strict):
         ]
         for what, name in asked:
             if name not in poses:
-                raise ValueError(f"{what}: there is no pose {name!r}")
+                raise of_key(what, message("error.there_is_no_pose_2", name=name))
         for t in self.tolerance:
             if t.path is not None and t.path not in paths:
-                raise ValueError(f"tolerance: there is no path {t.path!r}")
+                raise of_key("tolerance", message("error.there_is_no_path", path=t.path))
         _apart("pose", self.pose)
         _apart("path", self.path)
         return self
@@ -375,7 +378,7 @@ def _apart(kind: str, parts: Sequence[_Run]) -> None:
     windows = sorted((start, end, p.name) for p in parts for start, end in p.windows_s)
     for (_, end, one), (start, _, other) in itertools.pairwise(windows):
         if start < end:
-            raise ValueError(f"{kind} {other}: a window starts at {start:g} s, before one of {one} ends at {end:g} s")
+            raise ValueError(message("error.a_window_starts_at", kind=kind, other=other, start=start, one=one, end=end))
 
 
 def read_program(path: Path) -> Program:

@@ -136,7 +136,7 @@ def check_digests(recorded: tuple[Recorded, ...], counts: Mapping[str, Path], pa
     for entry in recorded:
         for name, digest in entry.sha256.items():
             if name in counts and files.sha256(counts[name]) != digest.lower():
-                raise FileFormatError(f"{counts[name]}: is not the file that was recorded: {path} has another SHA-256 for it")
+                raise FileFormatError(message("error.is_not_the_file", where=counts[name], path=path))
 
 
 def notes_of(recorded: tuple[Recorded, ...]) -> tuple[Message, ...]:
@@ -229,10 +229,7 @@ def known(start: FloatArray | None, source: str, rig: Rig) -> FloatArray:
         run = f"{source}: " if source else ""
         absolute = any(rig.counter(o).absolute for o in rig.observed)
         why = "what is asked needs it stated" if absolute else "its channels are not absolute"
-        raise TrajectoryError(
-            f"{run}the start pose of this run is not known, and {why}: state [start] in run.toml, a pose or lengths_mm, or give it to "
-            "`reconstruct` by --start"
-        )
+        raise TrajectoryError(message("error.the_start_pose_of", run=run, why=why))
     return start
 
 
@@ -273,16 +270,16 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     folder = Path(folder)
     path = folder / "run.toml"
     if not folder.is_dir():
-        raise FileFormatError(f"{folder}: is not a run folder{no_folder(folder, path.name)}")
+        raise FileFormatError(message("error.is_not_a_run", where=folder, hint=no_folder(folder, path.name)))
     data = files.read_toml(path)
     if not isinstance(data.get("pass"), list) or not data["pass"]:
-        raise FileFormatError(f"{path}: [[pass]] is missing")
+        raise FileFormatError(message("error.pass_is_missing", where=path))
     table = checked(data, RunFile, str(path))
     if table.rig is None and rig_path is None:
-        raise FileFormatError(f"{path}: rig: is missing; it names the rig file inside this folder")
+        raise FileFormatError(message("error.rig_is_missing_it", where=path))
     rig, calibration = read_linked_rig(rig_path or inside(folder, table.rig or "", f"{path}: rig", "the run folder"))
     if len(table.passes) < rig.passes:
-        raise FileFormatError(f"{path}: has {len(table.passes)} [[pass]], but the rig's cables need {rig.passes}")
+        raise FileFormatError(message("error.has_pass_but_the", where=path, n_passes=len(table.passes), passes=rig.passes))
     names = [one.counts for one in table.passes]
     counts = [inside(folder, name, f"{path}: pass {n}: counts", "the run folder") for n, name in enumerate(names, 1)]
     recorded = recorded_in(data, path)

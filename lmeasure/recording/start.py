@@ -15,6 +15,7 @@ from lmeasure.io import Strict, files
 from lmeasure.kernels import ATTACHMENT_XYZ
 from lmeasure.recording.poses import poses_from_rows
 from lmeasure.rig import TYPICAL_SIZES, Rig, Unstated
+from lmeasure.text import message
 
 LENGTHS = "lengths_mm"
 TYPED = "angles"
@@ -75,10 +76,7 @@ def stated_start(text: str) -> StatedStart:
             numbers = [float(part) for part in parts]
             return StatedStart({"position_mm": numbers[:3], turns[len(parts)]: numbers[3:]}, f"--start {text!r}")
     if not Path(text).is_file():
-        raise FileFormatError(
-            f"--start {text!r}: is neither six numbers, x,y,z in mm and the rig's three angles, nor seven, x,y,z and qx,qy,qz,qw, "
-            "nor a file with the table start"
-        )
+        raise FileFormatError(message("error.start_is_neither_six", text=text))
     return start_from(Path(text))
 
 
@@ -92,7 +90,7 @@ def start_from(path: Path) -> StatedStart:
     """The table start of a file; FileFormatError when there is none."""
     start = files.read_toml(path).get("start")
     if start is None:
-        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
+        raise FileFormatError(message("error.start_is_missing_the", where=path))
     return StatedStart(start, str(path))
 
 
@@ -112,11 +110,13 @@ def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
     lengths, rows = _lengths(start[LENGTHS], rig, path), rig.cable_rows()
     found, all_of_them = wrapped_assemblies(rows, lengths)
     if len(found) == 0:
-        raise FileFormatError(f"{path}: start: no pose of rig {rig.name!r} was found that has these lengths_mm")
+        raise FileFormatError(message("error.start_no_pose_of", where=path, name=rig.name))
     if rig.side is not None:
         there = by_side(found, rows, np.array(rig.side))
         if len(there) == 0:
-            raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found, all_of_them)}, none on the rig's side = {list(rig.side)}")
+            raise FileFormatError(
+                message("error.start_lengths_mm_fit_none", where=path, listed=_listed(found, all_of_them), side=list(rig.side))
+            )
         found = there
     if about[0] is not None:
         far = distances(found, about[0], about[1], _size(rows))
@@ -126,7 +126,7 @@ def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
             found = found[:1]
     if len(found) > 1 or not (all_of_them or about[0] is not None):
         hint = "position_mm and quaternion_xyzw of about where the tool starts, nearer to one of them, or side in the rig file"
-        raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found, all_of_them)}; state {hint}")
+        raise FileFormatError(message("error.start_lengths_mm_fit", where=path, listed=_listed(found, all_of_them), hint=hint))
     return np.asarray(found[0])
 
 
@@ -140,7 +140,7 @@ def _about(start: dict[str, Any], rig: Rig, path: Path | str) -> tuple[FloatArra
     place = {key: start[key] for key in start if key != LENGTHS}
     turned = any(key not in ("position_mm", *START_UNCERTAINTY) for key in place)
     if turned and "position_mm" not in place:
-        raise FileFormatError(f"{path}: start: an orientation without position_mm does not say about where the tool is")
+        raise FileFormatError(message("error.start_an_orientation_without", where=path))
     if not turned:
         place["quaternion_xyzw"] = [0.0, 0.0, 0.0, 1.0]
     if "position_mm" not in place:
@@ -153,10 +153,10 @@ def _about(start: dict[str, Any], rig: Rig, path: Path | str) -> tuple[FloatArra
 def _lengths(table: Any, rig: Rig, path: Path | str) -> FloatArray:
     names = [c.name for c in rig.cable]
     if not isinstance(table, dict) or set(table) != set(names):
-        raise FileFormatError(f"{path}: start: lengths_mm must give the length of each cable: {', '.join(names)}")
+        raise FileFormatError(message("error.start_lengths_mm_must", where=path, names=", ".join(names)))
     lengths = np.array([_numbers({name: [table[name]]}, name, 1, path)[0] for name in names])
     if not (lengths > 0.0).all():
-        raise FileFormatError(f"{path}: start: lengths_mm: {names[int(np.argmin(lengths))]} = {lengths.min():g} is not a length")
+        raise FileFormatError(message("error.start_lengths_mm_is", where=path, names=names[int(np.argmin(lengths))], lengths=lengths.min()))
     return lengths
 
 
@@ -173,7 +173,7 @@ def _listed(poses: FloatArray, all_of_them: bool) -> str:
 def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
     """(7,) the pose of a [start] table, its angles in the given convention; FileFormatError names the path and key."""
     if not isinstance(start, dict):
-        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
+        raise FileFormatError(message("error.start_is_missing_the", where=path))
     convention = conventions.convention(angles)
     unit = convention.columns[0].rsplit("_", 1)[1]
     angle_key = "_".join(c.rsplit("_", 1)[0] for c in convention.columns) + f"_{unit}"
@@ -182,10 +182,10 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
     known = ("position_mm", "quaternion_xyzw", angle_key, LENGTHS, *START_UNCERTAINTY)
     unknown = sorted(set(start) - set(known))
     if unknown:
-        raise FileFormatError(f"{path}: start: unknown key {unknown[0]!r}; known: {', '.join(known)}")
+        raise FileFormatError(message("error.start_unknown_key_known", where=path, unknown=unknown[0], known=", ".join(known)))
     position = _numbers(start, "position_mm", 3, path)
     if ("quaternion_xyzw" in start) == (angle_key in start):
-        raise FileFormatError(f"{path}: start: give either quaternion_xyzw or {angle_key}")
+        raise FileFormatError(message("error.start_give_either_quaternion", where=path, angle_key=angle_key))
     if "quaternion_xyzw" in start:
         quaternion = _numbers(start, "quaternion_xyzw", 4, path)
     else:
@@ -195,7 +195,7 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
     try:
         return np.asarray(poses_from_rows(np.concatenate([position, quaternion])).rows[0])
     except FileFormatError as error:
-        raise FileFormatError(f"{path}: start: {error}") from None
+        raise FileFormatError(message("error.start", where=path, error=error)) from None
 
 
 UStart = tuple[float | None, ...]
@@ -229,7 +229,7 @@ def start_uncertainty(start: dict[str, Any], path: Path | str) -> UStart:
             values.append(None)
             continue
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= conventions.MAX_LENGTH_MM:
-            raise FileFormatError(f"{path}: start: {key} = {value!r} is not a standard uncertainty: a number that is not negative")
+            raise FileFormatError(message("error.start_is_not_a", where=path, key=key, value=value))
         values.append(float(value))
     from_lengths = LENGTHS in start or START_UNCERTAINTY[2] in start
     return values[0], None if values[1] is None else math.radians(values[1]), *(values[2:] if from_lengths else ())
@@ -248,4 +248,4 @@ def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> F
             numbers = np.array([float(v) for v in values])
             if np.isfinite(numbers).all():
                 return numbers
-    raise FileFormatError(f"{path}: start: {key} must be {count} numbers")
+    raise FileFormatError(message("error.start_must_be_numbers", where=path, key=key, count=count))

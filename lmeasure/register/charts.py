@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray
+from lmeasure.text import message
 
 LEAST = 5
 """Values of a baseline."""
@@ -45,10 +46,10 @@ def control_charts(values: FloatArray, baseline: int) -> tuple[Chart, Chart, Cha
         If the baseline is shorter than 5, longer than the values, or does not vary.
     """
     if not LEAST <= baseline <= len(values):
-        raise CertificationError(f"control charts need a baseline of {LEAST} to {len(values)} values; {baseline} are asked for")
+        raise CertificationError(message("error.control_charts_need_a", least=LEAST, n_values=len(values), baseline=baseline))
     mean, spread = float(values[:baseline].mean()), float(values[:baseline].std(ddof=1))
     if not spread > 0.0:
-        raise CertificationError(f"the first {baseline} values are the same: control charts need their scatter")
+        raise CertificationError(message("error.the_first_values_are", baseline=baseline))
     return charts_of((values - mean) / spread)
 
 

@@ -14,6 +14,7 @@ import scipy.optimize
 import scipy.stats
 
 from lmeasure.core import CertificationError, FloatArray
+from lmeasure.text import message
 
 LEAST = 3
 """Calibrations from which a drift is estimated."""
@@ -81,9 +82,9 @@ def forecast(times: FloatArray, values: FloatArray, u: FloatArray) -> Forecast:
     order = np.argsort(times, kind="stable")
     t, x, u = times[order], values[order], u[order]
     if len(np.unique(t)) < LEAST:
-        raise CertificationError(f"{len(np.unique(t))} calibrations at different times; a drift is estimated from {LEAST} or more")
+        raise CertificationError(message("error.calibrations_at_different_times", n_unique=len(np.unique(t)), least=LEAST))
     if not (u > 0.0).all():
-        raise CertificationError("a drift is estimated from values with standard uncertainties above zero")
+        raise CertificationError(message("error.a_drift_is_estimated"))
     begin = float(t[0])
     s, A = t - begin, np.column_stack([np.ones(len(t)), t - begin])
     shared = np.minimum(s[:, None], s[None, :])

@@ -13,6 +13,7 @@ from lmeasure.core import CertificationError
 from lmeasure.io import files
 from lmeasure.procedures import COLUMNS
 from lmeasure.rig import read_calibration_record
+from lmeasure.text import message
 
 CALIBRATION = "calibration.json"
 NORMAL_95 = 1.959963984540054
@@ -73,7 +74,7 @@ def read_entries(path: Path, made: datetime.date | None = None) -> tuple[Entry, 
         return (_of_dcc(path, made),)
     if path.suffix.lower() == ".csv":
         return tuple(_of_checks(path))
-    raise CertificationError(f"{path}: is no folder of a certificate or a calibration, no .csv of intermediate checks, and no DCC (.xml)")
+    raise CertificationError(message("error.is_no_folder_of_a_certificate", where=path))
 
 
 def digest_of(path: Path) -> str:
@@ -128,7 +129,7 @@ def _of_checks(path: Path) -> Iterator[Entry]:
     """Yield one entry for each time at which the instrument was checked."""
     table = files.read_table(path)
     if tuple(table.columns) != COLUMNS:
-        raise CertificationError(f"{path}: is no file of intermediate checks: its columns are not {', '.join(COLUMNS)}")
+        raise CertificationError(message("error.is_no_file_of_intermediate", where=path, columns=", ".join(COLUMNS)))
     rows = list(zip(*(table.text(name) for name in COLUMNS), strict=True))
     for time in dict.fromkeys(row[0] for row in rows):
         own = [row for row in rows if row[0] == time]

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from lmeasure.core import CertificationError, FileFormatError
-from lmeasure.io import Strict, checked, files
+from lmeasure.io import Strict, checked, files, of_key
 from lmeasure.register.drift import LEAST, forecast
 from lmeasure.register.register import Register
 from lmeasure.text import Message, message
@@ -38,9 +38,9 @@ class Limit(Strict):
     @model_validator(mode="after")
     def _limits_something(self) -> "Limit":
         if self.lower is None and self.upper is None:
-            raise ValueError("upper: state upper, lower or both")
+            raise of_key("upper", message("error.state_upper_lower_or"))
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
-            raise ValueError("upper: must be above lower")
+            raise of_key("upper", message("error.must_be_above_lower"))
         return self
 
 
@@ -85,7 +85,7 @@ def read_limits(folder: Path) -> Limits:
         return Limits()
     data = files.read_toml(path)
     if data.get("schema") != "lmeasure.limits/1":
-        raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads 'lmeasure.limits/1'")
+        raise FileFormatError(message("error.schema_this_program_reads_lmeasure", where=path, stated=data.get("schema")))
     return checked(data, Limits, str(path))
 
 

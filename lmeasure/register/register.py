@@ -19,11 +19,12 @@ import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray, LMeasureError, how_to_install
 from lmeasure.register.entries import Entry, Result
+from lmeasure.text import message
 
 try:
     import sqlalchemy as sa
 except ModuleNotFoundError as error:
-    raise LMeasureError(f"a register needs SQLAlchemy: {how_to_install('database')}") from error
+    raise LMeasureError(message("error.a_register_needs_sqlalchemy", install=how_to_install("database"))) from error
 
 FILE = "register.sqlite"
 VERSION = 1
@@ -106,9 +107,9 @@ class Register:
                             text = f"CREATE TRIGGER IF NOT EXISTS {name} BEFORE {change} ON {table.name} "
                             connection.execute(sa.text(text + "BEGIN SELECT RAISE(ABORT, 'a register is append-only'); END"))
         except (sa.exc.SQLAlchemyError, ModuleNotFoundError) as error:
-            raise CertificationError(f"{self.name}: cannot be opened: {str(error).splitlines()[0]}") from None
+            raise CertificationError(message("error.cannot_be_opened", where=self.name, error=str(error).splitlines()[0])) from None
         if found and max(found) > VERSION:
-            raise CertificationError(f"{self.name}: is of version {max(found)}; this program knows {VERSION}: update lmeasure")
+            raise CertificationError(message("error.is_of_version_this", where=self.name, found=max(found), version=VERSION))
 
     def close(self) -> None:
         """Let go of the database."""
@@ -172,7 +173,9 @@ class Register:
             rows = connection.execute(chosen).all()
         units = {row.unit for row in rows}
         if len(units) > 1:
-            raise CertificationError(f"{self.name}: {result} of {subject} is stated in {' and '.join(sorted(units))}")
+            raise CertificationError(
+                message("error.of_is_stated_in", where=self.name, result=result, subject=subject, units=" and ".join(sorted(units)))
+            )
         days = np.array([datetime.date.fromisoformat(row.made).toordinal() - 719163 for row in rows], dtype=np.float64)
         u = np.array([np.nan if row.u is None else row.u for row in rows])
         return days, np.array([row.value for row in rows]), u, units.pop() if units else ""
@@ -223,7 +226,7 @@ class Register:
     def backup(self, path: Path) -> None:
         """Write a copy of an SQLite register while others use it."""
         if self.path is None:
-            raise CertificationError(f"{self.name}: is no file: back it up with its database's own tools")
+            raise CertificationError(message("error.is_no_file_back", where=self.name))
         with closing(sqlite3.connect(self.path)) as source, closing(sqlite3.connect(path)) as target:
             source.backup(target)
 

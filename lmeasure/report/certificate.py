@@ -33,6 +33,7 @@ from lmeasure.report.certificate_pictures import figures
 from lmeasure.report.readable import page_alike, page_text, pdf_text, xml_text
 from lmeasure.report.summary import counted
 from lmeasure.report.text import word
+from lmeasure.text import message
 
 PDF = "certificate.pdf"
 PAGE = "report.html"
@@ -90,11 +91,11 @@ def write_certificate(
     key = None if choices.key is None else read_private_key(choices.key)
     copies = inputs.copies()
     if inside := [path for path in copies.values() if path.resolve().is_relative_to(Path(out).resolve())]:
-        raise ForeignFolderError(f"{inside[0]}: is an input in the folder that is to be written; give --out a folder of its own")
+        raise ForeignFolderError(message("error.is_an_input_in", where=inside[0]))
     with new_folder(out, force=choices.force) as folder:
         measured = measure(inputs, settings, progress)
         if not measured.evaluation.characteristics:
-            raise CertificationError(f"{inputs.program}: names no pose or path with windows_s: there is nothing to certify")
+            raise CertificationError(message("error.names_no_pose_or", where=inputs.program))
         _without_holes(measured.evaluation)
         copy_into(folder, copies)
         known = entries(folder, sorted(copies))
@@ -117,10 +118,7 @@ def _without_holes(evaluation: Evaluation) -> None:
     out = {e.name for e in evaluation.excluded if e.kind == "path"}
     for path in evaluation.paths:
         if path.unseen is not None and path.name not in out:
-            raise CertificationError(
-                f"path {path.name}, {path.unseen}: what the robot did there was not measured; measure again, or state windows_s of the "
-                "poses and of this path's other cycles"
-            )
+            raise CertificationError(message("error.path_what_the_robot", name=path.name, unseen=path.unseen))
 
 
 def zip_of(out: Path) -> Path:

@@ -11,6 +11,7 @@ from lmeasure.certificate import Measured
 from lmeasure.core import CertificationError
 from lmeasure.report import certificate_pictures as pictures, certificate_text as say, drawings, html, summary
 from lmeasure.report.text import with_indices, word
+from lmeasure.text import message
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
 _NO_GLYPH = re.compile(r'the text `"(.*?)"` could not be displayed')
@@ -31,10 +32,10 @@ def certificate_pdf(certificate: dict[str, Any], measured: Measured) -> bytes:
         except typst.TypstError as error:
             missing = {c for text in _NO_GLYPH.findall(str(error)) for c in _ESCAPE.sub(_unescaped, text)}
             if not missing:
-                raise CertificationError(f"the PDF cannot be printed: {str(error).splitlines()[0]}") from None
+                raise CertificationError(message("error.the_pdf_cannot_be_printed", error=str(error).splitlines()[0])) from None
             for character in missing:
                 content = content.replace(character, f"[U+{ord(character):04X}]")
-    raise CertificationError("the PDF cannot be printed: too many characters without a glyph")
+    raise CertificationError(message("error.the_pdf_cannot_be"))
 
 
 def _unescaped(match: re.Match[str]) -> str:

@@ -94,7 +94,7 @@ def figure_of(what: Any, rig: Rig | None = None) -> go.Figure:
         if isinstance(what, kind):
             return ShownFigure(figures.settled(draw(what, rig)))
     known = ", ".join(kind.__name__ for kind in DRAWN)
-    raise LMeasureError(f"{type(what).__name__} is nothing that can be drawn; what can: {known}")
+    raise LMeasureError(message("error.is_nothing_that_can", name=type(what).__name__, known=known))
 
 
 def _space() -> go.Figure:

@@ -7,6 +7,7 @@ from typing import Any
 import typst
 
 from lmeasure.core import LMeasureError
+from lmeasure.text import message
 
 TEMPLATE = Path(__file__).with_name("qualification.typ")
 
@@ -33,4 +34,4 @@ def qualification_pdf(content: dict[str, Any]) -> bytes:
     try:
         return bytes(typst.compile(TEMPLATE.read_bytes(), sys_inputs=inputs, pdf_standards=["a-2b"], ignore_system_fonts=True))
     except typst.TypstError as error:
-        raise LMeasureError(f"the PDF cannot be printed: {str(error).splitlines()[0]}") from None
+        raise LMeasureError(message("error.the_pdf_cannot_be_printed", error=str(error).splitlines()[0])) from None

@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator, model_validator
 
 from lmeasure.core import DataFrame, FloatArray, Shown, framed
-from lmeasure.io import complaints, files, reported
-from lmeasure.text import Message, restored, table
+from lmeasure.io import complaints, files, of_key, reported
+from lmeasure.text import Message, message, restored, table
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=0)]
@@ -200,10 +200,15 @@ class CalibrationRecord(Shown, _Record):
         if p:
             name, times = Counter(q.name for q in self.parameters).most_common(1)[0]
             if times > 1:
-                raise ValueError(f"parameters: the name {name!r} is given {times} times")
+                raise of_key("parameters", message("error.the_name_is_given", name=name, times=times))
         for own in self.dimensions:
             if len(own.covariance) != p + len(self.dimensions):
-                raise ValueError(f"dimensions: {own.name}: covariance: has {len(own.covariance)} numbers, not {p + len(self.dimensions)}")
+                raise of_key(
+                    "dimensions",
+                    message(
+                        "error.covariance_has_numbers_not", name=own.name, n_covariance=len(own.covariance), p=p + len(self.dimensions)
+                    ),
+                )
         if self.dimensions:
             joint = self.joint_matrix()
             _check_covariance("dimensions: covariance", tuple(map(tuple, joint.tolist())), len(joint))
@@ -281,14 +286,14 @@ def _matrix(rows: tuple[tuple[float, ...], ...]) -> FloatArray:
 def _check_covariance(name: str, rows: tuple[tuple[float, ...], ...], p: int) -> None:
     """ValueError unless the rows are a symmetric positive semidefinite (p, p) matrix."""
     if len(rows) != p or any(len(row) != p for row in rows):
-        raise ValueError(f"{name}: is not {p} x {p} as the parameters ask")
+        raise of_key(name, message("error.is_not_x_as", p=p))
     matrix = _matrix(rows)
     scale = np.sqrt(np.outer(np.diag(matrix).clip(0), np.diag(matrix).clip(0)))
     if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
-        raise ValueError(f"{name}: is not symmetric with variances on its diagonal")
+        raise of_key(name, message("error.is_not_symmetric_with"))
     correlation = matrix / np.where(scale > 0, scale, 1.0)
     if p and np.linalg.eigvalsh(correlation).min() < -NEGATIVE_EIGENVALUE:
-        raise ValueError(f"{name}: is not positive semidefinite: some combination would have a negative variance")
+        raise of_key(name, message("error.is_not_positive_semidefinite"))
 
 
 def read_calibration_record(path: Path) -> CalibrationRecord:

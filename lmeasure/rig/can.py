@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from lmeasure.io import Name, Strict
+from lmeasure.io import Name, Strict, of_key
+from lmeasure.text import message
 
 SYNC_ID = 0x80
 FIRST_PDO = 0x180
@@ -56,9 +57,9 @@ class RawChannel(CounterChannel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if not self.extended and self.id > 0x7FF:
-            raise ValueError(f"id: {self.id:#x} has more than 11 bits; say extended = true")
+            raise of_key("id", message("error.has_more_than_11", id=self.id))
         if self.byte_offset + self.bits // 8 > 64:
-            raise ValueError(f"byte_offset: {self.bits} bits from byte {self.byte_offset} do not fit a frame")
+            raise of_key("byte_offset", message("error.bits_from_byte_do", bits=self.bits, byte_offset=self.byte_offset))
         return self
 
 
@@ -92,7 +93,7 @@ class NodeChannel(CounterChannel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if self.byte_offset + self.bits // 8 > 8:
-            raise ValueError(f"byte_offset: {self.bits} bits from byte {self.byte_offset} do not fit a frame")
+            raise of_key("byte_offset", message("error.bits_from_byte_do", bits=self.bits, byte_offset=self.byte_offset))
         return self
 
 
@@ -117,7 +118,7 @@ class J1939Channel(CounterChannel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if self.byte_offset + self.bits // 8 > 8:
-            raise ValueError(f"byte_offset: {self.bits} bits from byte {self.byte_offset} do not fit a frame")
+            raise of_key("byte_offset", message("error.bits_from_byte_do", bits=self.bits, byte_offset=self.byte_offset))
         return self
 
 
@@ -203,7 +204,7 @@ def check_channels(table: RawCan | DbcCan | CanOpenCan | J1939Can, wanted: set[s
     """ValueError when a channel stands twice in the table, or one that a cable needs is missing."""
     for name, times in Counter(c.channel for c in table.channel).items():
         if times > 1:
-            raise ValueError(f"can: channel {name!r} is given {times} times")
+            raise of_key("can", message("error.channel_is_given_times", name=name, times=times))
     missing = sorted(wanted - {c.channel for c in table.channel})
     if missing:
-        raise ValueError(f"can: channel {missing[0]!r} of the rig is missing")
+        raise of_key("can", message("error.channel_of_the_rig", missing=missing[0]))

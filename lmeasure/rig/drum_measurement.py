@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from lmeasure.core import FileFormatError, RigError
-from lmeasure.io import Name, Strict, Whole, checked, files
+from lmeasure.io import Name, Strict, Whole, checked, files, of_key
 from lmeasure.rig.points_and_drums import Length, NotNegative, Positive
 from lmeasure.rig.rig import Rig, rig_from_dict
 from lmeasure.text import message
@@ -90,23 +90,27 @@ class DrumMeasurement(Strict):
     def _can_be_built(self) -> Self:
         n, pitch, radius, count = self.counts_per_revolution, self.groove_pitch_mm, self.drum_radius_mm, self.count_length_mm
         if radius is None and count is None:
-            raise ValueError("drum_radius_mm or count_length_mm is missing")
+            raise ValueError(message("error.drum_radius_mm_or"))
         if count is not None and n * count <= pitch:
-            raise ValueError(f"groove_pitch_mm: must be less than the cable of one turn, {n * count:g} mm")
+            raise of_key("groove_pitch_mm", message("error.must_be_less_than", n=n * count))
         if radius is not None and count is not None:
             turn = math.hypot(2 * math.pi * radius, pitch)
             if abs(turn - n * count) > AGREEMENT * turn:
-                raise ValueError(f"drum_radius_mm gives {turn:g} mm of cable per turn, count_length_mm gives {n * count:g} mm")
+                raise ValueError(message("error.drum_radius_mm_gives", turn=turn, n=n * count))
         geometry = drum_geometry(self)
         if self.centre_distance_mm <= geometry.drum_radius_mm + self.fixed_pulley_radius_mm:
-            raise ValueError(
-                f"centre_distance_mm: {self.centre_distance_mm:g} mm is not more than the radii of drum and pulley together, "
-                f"{geometry.drum_radius_mm + self.fixed_pulley_radius_mm:g} mm"
+            raise of_key(
+                "centre_distance_mm",
+                message(
+                    "error.mm_is_not_more",
+                    centre_distance_mm=self.centre_distance_mm,
+                    drum_radius_mm=geometry.drum_radius_mm + self.fixed_pulley_radius_mm,
+                ),
             )
         if self.full_wind_counts <= geometry.engaging_counts:
-            raise ValueError(
-                f"full_wind_counts: {self.full_wind_counts:g} is not more than the {geometry.engaging_counts:.0f} counts "
-                "that bring the cable to the tangent"
+            raise of_key(
+                "full_wind_counts",
+                message("error.is_not_more_than", full_wind_counts=self.full_wind_counts, engaging_counts=geometry.engaging_counts),
             )
         return self
 
@@ -124,7 +128,7 @@ class DrumsFile(Strict):
         names = [d.point for d in self.drum]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"drum: the point {name!r} is given {names.count(name)} times")
+                raise of_key("drum", message("error.the_point_is_given", name=name, count=names.count(name)))
         return self
 
 
@@ -239,7 +243,7 @@ def choose(measured: tuple[DrumMeasurement, ...], points: list[str], source: str
     given = {m.point: m for m in measured}
     for name in points:
         if name not in given:
-            raise FileFormatError(f"{source}: has no drum of {name!r}; it has {', '.join(given)}")
+            raise FileFormatError(message("error.has_no_drum_of", where=source, name=name, given=", ".join(given)))
     return tuple(m for m in measured if not points or m.point in points)
 
 
@@ -281,7 +285,9 @@ def drums_into(content: Mapping[str, Any], measured: tuple[DrumMeasurement, ...]
     known: set[str] = set()
     for m in measured:
         if m.point not in points:
-            raise RigError(f"{source}: has no observation_point {m.point!r}; it has {', '.join(map(str, points)) or 'none'}")
+            raise RigError(
+                message("error.has_no_observation_point", where=source, point=m.point, points=", ".join(map(str, points)) or None)
+            )
         g, (u_tangent, u_offset) = drum_geometry(m), drum_uncertainty(m)
         values: dict[str, float] = {
             "counts_per_revolution": m.counts_per_revolution,

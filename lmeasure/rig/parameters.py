@@ -13,6 +13,7 @@ from lmeasure.rig.parameter_table import FURTHER as FURTHER, TABLE as TABLE, TIL
 from lmeasure.rig.points_and_drums import Drum, ObservationPoint
 from lmeasure.rig.rig import Observed, Rig, rig_from_dict
 from lmeasure.rig.sensor_table import OwnParameter, SensorChannel, SensorTable
+from lmeasure.text import message
 
 ZEROS = ("zero_deg", "zero_mm")
 """What is found of an absolute sensor, by the name of its channel: the angle or length at count 0."""
@@ -93,9 +94,9 @@ def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, 
     points = [p.name for p in rig.observation_point]
     for group, _, owner in (asked.partition(":") for asked in solve):
         if group not in GROUPS:
-            raise CalibrationError(f"--solve: {group!r} is not one of {', '.join(GROUPS)}")
+            raise CalibrationError(message("error.solve_is_not_one", group=group, groups=", ".join(GROUPS)))
         if owner and (owner not in points or group == "attachment"):
-            raise CalibrationError(f"--solve: {group}:{owner}: {owner!r} is no observation_point ({', '.join(points)})")
+            raise CalibrationError(message("error.solve_is_no_observation", group=group, owner=owner, points=", ".join(points)))
     assumed, out = _assumed(rig), []
     for name, p in _named(cables):
         owner = name.rpartition(".")[0]
@@ -108,7 +109,7 @@ def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, 
         if own.prior_u > EXACT:
             out.append(own)
     if not out:
-        raise CalibrationError("--solve: nothing is left to solve for")
+        raise CalibrationError(message("error.solve_nothing_is_left"))
     return tuple(out)
 
 
@@ -216,16 +217,16 @@ def value_of(rig: Rig, name: str) -> float | None:
         return None
     if at.kind is Owner.ATTACHMENT:
         if at.owner not in rig.tool:
-            raise RigError(f"there is no point {at.owner} in [tool] of")
+            raise RigError(message("error.there_is_no_point", owner=at.owner))
         return rig.tool[at.owner][at.place or 0]
     if at.kind is Owner.SENSOR:
         own = _of_sensor(rig, name)
         if own is None:
-            raise RigError(f"there is no encoder {at.owner} in")
+            raise RigError(message("error.there_is_no_encoder", owner=at.owner))
         return None if getattr(own[0], at.key) is None else own[0].value(own[1])
     point = next((p for p in rig.observation_point if p.name == at.owner), None)
     if point is None:
-        raise RigError(f"there is no observation point {at.owner} in")
+        raise RigError(message("error.there_is_no_observation", owner=at.owner))
     value = getattr(point.drum if at.kind is Owner.DRUM else point, at.key)
     if value is None and at.key in _ABSENT:
         return 0.0

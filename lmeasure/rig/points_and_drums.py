@@ -6,12 +6,13 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from lmeasure.core import conventions
-from lmeasure.io import Name, Strict, Whole, whole
+from lmeasure.io import Name, Strict, Whole, of_key, whole
+from lmeasure.text import message
 
 
 def _finite_length(value: float) -> float:
     if not abs(value) <= conventions.MAX_LENGTH_MM:
-        raise ValueError(f"must be a length of at most {conventions.MAX_LENGTH_MM:.0f} mm")
+        raise ValueError(message("error.must_be_a_length_of", max_length_mm=conventions.MAX_LENGTH_MM))
     return value
 
 
@@ -22,7 +23,7 @@ GREATEST_PART = 0.1
 
 def _scale(value: float) -> float:
     if value < LEAST_SCALE:
-        raise ValueError(f"must be at least {LEAST_SCALE:g}")
+        raise ValueError(message("error.must_be_at_least", least_scale=LEAST_SCALE))
     return value
 
 
@@ -70,18 +71,18 @@ class CableOnDrum(Strict):
     def _tension_is_given(self) -> Self:
         for key in ("cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n_per_m"):
             if getattr(self, key) is not None and self.cable_tension_n is None:
-                raise ValueError(f"{key}: has an effect only with cable_tension_n, which is missing")
+                raise of_key(key, message("error.has_an_effect_only_with"))
         if self.winding_tension_n is not None and self.cable_stiffness_n is None:
-            raise ValueError("winding_tension_n: has an effect only with cable_stiffness_n, which is missing")
+            raise of_key("winding_tension_n", message("error.has_an_effect_only"))
         for key in ("cable_expansion_per_k", "cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n"):
             if getattr(self, f"u_{key}") is not None and getattr(self, key) is None:
-                raise ValueError(f"u_{key}: is the uncertainty of {key}, which is missing")
+                raise of_key(f"u_{key}", message("error.is_the_uncertainty_of", key=key))
         for key in ("cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n"):
             value, u = getattr(self, key), getattr(self, f"u_{key}")
             if u is not None and u > 0.5 * value:
-                raise ValueError(f"u_{key}: {u:g} is more than half of {key}, {value:g}: then its effect is not known at all")
+                raise of_key(f"u_{key}", message("error.is_half_of_its_value", key=key, u=u, value=value))
         if self.u_cable_tension_change_n is not None and self.cable_stiffness_n is None:
-            raise ValueError("u_cable_tension_change_n: has an effect only with cable_stiffness_n, which is missing")
+            raise of_key("u_cable_tension_change_n", message("error.has_an_effect_only"))
         return self
 
 
@@ -145,17 +146,17 @@ class Drum(CableOnDrum):
     def _groove_is_shallow(self) -> Self:
         turn = self.counts_per_revolution * self.count_length_mm
         if abs(self.groove_pitch_mm) >= turn:
-            raise ValueError(f"groove_pitch_mm: must be less than the cable of one turn, {turn:g} mm")
+            raise of_key("groove_pitch_mm", message("error.must_be_less_than", n=turn))
         for key, value in (
             ("run_out_mm", math.hypot(*self.run_out_mm or (0.0, 0.0))),
             ("cable_oversize_mm", self.cable_oversize_mm or 0.0),
         ):
             if abs(value) > GREATEST_PART * turn / math.pi:
-                raise ValueError(f"{key}: {value:g} is more than a tenth of the drum's diameter, {turn / math.pi:.4g} mm: no drum is so")
+                raise of_key(key, message("error.is_more_than_a", value=value, turn=turn / math.pi))
         if self.u_count_length_mm is not None and self.u_count_length_mm > 0.5 * self.count_length_mm:
-            raise ValueError(
-                f"u_count_length_mm: {self.u_count_length_mm:g} is more than half of count_length_mm, {self.count_length_mm:g}: "
-                "then no length is known at all"
+            raise of_key(
+                "u_count_length_mm",
+                message("error.is_more_than_half", u_count_length_mm=self.u_count_length_mm, count_length_mm=self.count_length_mm),
             )
         return self
 
@@ -254,15 +255,21 @@ class ObservationPoint(Strict):
     @model_validator(mode="after")
     def _turns_about_an_axle(self) -> Self:
         if self.u_pulley_eccentricity_mm and self.u_pulley_eccentricity_mm > 0.5 * self.pulley_radius_mm:
-            raise ValueError(
-                f"u_pulley_eccentricity_mm: {self.u_pulley_eccentricity_mm:g} is more than half of pulley_radius_mm, "
-                f"{self.pulley_radius_mm:g}: no pulley turns so"
+            raise of_key(
+                "u_pulley_eccentricity_mm",
+                message(
+                    "error.is_more_than_half_of",
+                    u_pulley_eccentricity_mm=self.u_pulley_eccentricity_mm,
+                    pulley_radius_mm=self.pulley_radius_mm,
+                ),
             )
         given = (("pulley_eccentricity_mm", self.pulley_eccentricity_mm or (0.0,)), ("swivel_offset_mm", (self.swivel_offset_mm or 0.0,)))
         for key, values in given:
             size = math.hypot(*values)
             if size > 0.5 * self.pulley_radius_mm:
-                raise ValueError(f"{key}: {size:g} is more than half of pulley_radius_mm, {self.pulley_radius_mm:g}: no pulley turns so")
+                raise of_key(
+                    key, message("error.is_more_than_half_of", u_pulley_eccentricity_mm=size, pulley_radius_mm=self.pulley_radius_mm)
+                )
         return self
 
 

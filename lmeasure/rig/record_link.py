@@ -8,6 +8,7 @@ from lmeasure.io import inside
 from lmeasure.rig.calibration_record import CalibrationRecord, Dimension, RecordedParameter, read_calibration_record
 from lmeasure.rig.parameters import GUIDE, UNSIGNED, same_direction, value_of
 from lmeasure.rig.rig import Rig, read_rig
+from lmeasure.text import message
 
 ROUNDING = 1e-6
 """Of a value, or of 1 where that is more: what is left when a value is written with few digits."""
@@ -37,19 +38,19 @@ def check_linked(rig: Rig, record: CalibrationRecord, rig_path: Path | str, reco
     over.
     """
     if record.rig != rig.name:
-        raise FileFormatError(f"{record_path}: is the calibration of rig {record.rig!r}; {rig_path} is rig {rig.name!r}")
+        raise FileFormatError(message("error.is_the_calibration_of", where=record_path, rig=record.rig, rig_path=rig_path, name=rig.name))
     values: list[RecordedParameter | Dimension] = [*record.parameters, *record.dimensions]
     for p in values:
         try:
             found = value_of(rig, p.name)
         except RigError as missing:
-            raise FileFormatError(f"{record_path}: parameter {p.name}: {missing} {rig_path}") from None
+            raise FileFormatError(message("error.parameter", where=record_path, name=p.name, missing=missing, rig_path=rig_path)) from None
         if found is None:
             continue
         allowed = max(ROUNDING * max(1.0, abs(found)), BESIDE_U * abs(p.u))
         if not _apart(p.name.rpartition(".")[2], p.value, found) <= allowed:
             raise FileFormatError(
-                f"{record_path}: parameter {p.name} = {p.value:.9g}, but {rig_path} has {found:.9g}: it is not the calibration of this rig"
+                message("error.parameter_but_has_it", where=record_path, name=p.name, value=p.value, rig_path=rig_path, found=found)
             )
 
 

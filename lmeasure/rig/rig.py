@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from lmeasure.core import DataFrame, FloatArray, IntArray, RigError, Shown, conventions, framed, plug_in_names
-from lmeasure.io import Keys, Name, Strict, checked, files, refuse
+from lmeasure.io import Keys, Name, Strict, checked, files, of_key, refuse
 from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, CABLE_COLUMNS, COUNT_LENGTH, RADIUS, TANGENT, TRAVEL, TURN_COUNTS
 from lmeasure.rig.can import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
 from lmeasure.rig.points_and_drums import (
@@ -26,13 +26,14 @@ from lmeasure.rig.points_and_drums import (
 from lmeasure.rig.sensor_table import GROUP, TABLES, SensorChannel, SensorTable, table_of
 from lmeasure.rig.sensors import Distance, Inclination, Swivel, fill_point
 from lmeasure.rig.typical_sizes import TYPICAL_SIZES, Unstated
+from lmeasure.text import message
 
 CABLES_FOR_A_POSE = 6
 
 
 def _one_line(value: str) -> str:
     if not value.isprintable():
-        raise ValueError("must be one line of printable text")
+        raise ValueError(message("error.must_be_one_line"))
     return value
 
 
@@ -123,18 +124,18 @@ class Rig(Shown, Strict):
         cables = [{"name": c.name, "channel": c.channel, "from": c.from_point, "to": c.to_point, "pass": c.passage} for c in self.cable]
         refuse(_references({"observation_point": [{"name": p.name} for p in self.observation_point], "tool": self.tool, "cable": cables}))
         if self.angles not in conventions.CONVENTIONS:
-            raise ValueError(f"angles: {self.angles!r} is not one of {', '.join(conventions.CONVENTIONS)}")
+            raise of_key("angles", message("error.is_not_one_of_2", name=self.angles, templates=", ".join(conventions.CONVENTIONS)))
         passes = {c.passage for c in self.cable}
         if passes != set(range(1, len(passes) + 1)):
-            raise ValueError(f"cable: the passes are {sorted(passes)}; they must be numbered from 1 without a hole")
+            raise of_key("cable", message("error.the_passes_are_they", passes=sorted(passes)))
         self._check_sensors()
         if self.can is not None:
             check_channels(self.can, {*self.channels, *(e.channel for e in self.sensors)})
         known = set(self.parameter_names())
         hints = {name: difflib.get_close_matches(name, known, n=1) for name in self.assumed if name not in known}
         refuse(
-            (("assumed",), f"{name!r} names no value of this rig" + (f"; did you mean {hints[name][0]!r}?" if hints[name] else ""))
-            for name in hints
+            (("assumed",), message("error.names_no_value", name=name, hint=message("complaint.did_you_mean", near=near[0]) if near else ""))
+            for name, near in hints.items()
         )
         return self
 
@@ -145,9 +146,9 @@ class Rig(Shown, Strict):
             for i, e in enumerate(of):
                 at = (kind, i, "channel")
                 if e.channel in conventions.RESERVED_COLUMNS:
-                    found.append((at, f"{e.channel!r} is the name of another column of counts files"))
+                    found.append((at, message("error.is_another_column", channel=e.channel)))
                 if taken[e.channel] > 1:
-                    found.append((at, f"{e.channel!r} is the channel of something else as well"))
+                    found.append((at, message("error.is_another_channel", channel=e.channel)))
                 found += [((kind, i, key) if key else (kind, i), text) for key, text in e.faults(self)]
         refuse(found)
 
@@ -274,9 +275,13 @@ class Rig(Shown, Strict):
         lie on one line."""
         if len(self.cable) < CABLES_FOR_A_POSE or (len(self.cable) > CABLES_FOR_A_POSE and not redundant):
             raise RigError(
-                f"rig {self.name!r}: has {len(self.cable)} cables; a pose is reconstructed from "
-                f"{'at least' if redundant else 'exactly'} {CABLES_FOR_A_POSE}, "
-                "in one pass or in several"
+                message(
+                    "error.rig_has_cables_a",
+                    name=self.name,
+                    n_cable=len(self.cable),
+                    value="at least" if redundant else "exactly",
+                    cables_for_a_pose=CABLES_FOR_A_POSE,
+                )
             )
         self.require_spread()
 
@@ -286,9 +291,7 @@ class Rig(Shown, Strict):
         points = np.array([self.tool[name] for name in used])
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if len(used) < 3 or spread[1] < 1e-6 * max(spread[0], 1e-9) or spread[1] < 1e-3:
-            raise RigError(
-                f"rig {self.name!r}: tool: the attachment points {', '.join(used)} lie on one line; the orientation cannot be measured"
-            )
+            raise RigError(message("error.rig_tool_the_attachment", name=self.name, used=", ".join(used)))
 
     def without_effects(self) -> Self:
         """The rig with cables of fixed length: nothing stated of temperature, tension and weight, drums and pulleys that run true."""
@@ -336,19 +339,22 @@ def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
     for kind, named in tables.items():
         for i, table in enumerate(named):
             if isinstance(name := table.get("name"), str) and name in [t.get("name") for t in named[:i]]:
-                yield (kind, i, "name"), f"the name {name!r} is given {sum(t.get('name') == name for t in named)} times"
+                yield (kind, i, "name"), message("error.the_name_is_given", name=name, times=sum(t.get("name") == name for t in named))
     served: set[tuple[str, int]] = set()
     for i, c in enumerate(tables["cable"]):
         channel, start, end, passage = c.get("channel"), c.get("from"), c.get("to"), c.get("pass", 1)
         if isinstance(channel, str) and channel in conventions.RESERVED_COLUMNS:
-            yield ("cable", i, "channel"), f"{channel!r} is the name of another column of counts files"
+            yield ("cable", i, "channel"), message("error.is_another_column", channel=channel)
         if named_all and isinstance(start, str) and start not in points:
-            yield ("cable", i, "from"), f"{start!r} is no observation_point ({', '.join(map(str, dict.fromkeys(points)))})"
+            yield (
+                ("cable", i, "from"),
+                message("error.is_no_observation_point", name=start, known=", ".join(map(str, dict.fromkeys(points)))),
+            )
         if isinstance(end, str) and isinstance(tool, dict) and end not in tool:
-            yield ("cable", i, "to"), f"{end!r} is no point of [tool] ({', '.join(tool)})"
+            yield ("cable", i, "to"), message("error.is_no_point_of_tool", name=end, known=", ".join(tool))
         if isinstance(channel, str) and isinstance(passage, int) and not isinstance(passage, bool):
             if (channel, passage) in served:
-                yield ("cable", i, "channel"), f"{channel!r} serves another cable too in pass {passage}; one cable per pass"
+                yield ("cable", i, "channel"), message("error.serves_another_cable", channel=channel, passage=passage)
             served.add((channel, passage))
 
 
@@ -389,7 +395,7 @@ def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
     True
     """
     if "schema" not in data:
-        raise RigError(f"{source}: schema: is missing; this program reads 'lmeasure.rig/1'")
+        raise RigError(message("error.schema_is_missing_this", where=source))
     known = {field.alias or name for name, field in Rig.model_fields.items()}
     more = tuple(key for key in data if key not in known and table_of(key) is not None)
     return checked(data, _model(more) if more else Rig, source, RigError, also=_references)

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from lmeasure.core import FloatArray, RigError, plug_in, plug_in_names
-from lmeasure.io import Name, Strict, Whole, whole
+from lmeasure.io import Name, Strict, Whole, of_key, whole
 from lmeasure.kernels import (
     ANGLE_ZERO,
     ATTACHMENT_XYZ,
@@ -33,6 +33,7 @@ from lmeasure.kernels import (
     TURN_COUNTS,
 )
 from lmeasure.rig.points_and_drums import Cable, Length, NotNegative, ObservationPoint, Positive
+from lmeasure.text import message
 
 TABLES: "dict[str, type[SensorTable]]" = {}
 """Models of the tables of this process by their names in rig.toml."""
@@ -203,11 +204,11 @@ class SensorTable(Strict):
         if self.absolute:
             for key in ("counter_bits", "zero_exact"):
                 if getattr(self, key):
-                    raise ValueError(f"{key}: is of incremental sensors; this one is absolute")
+                    raise of_key(key, message("error.is_of_incremental_sensors"))
         elif zero is not None or u_zero is not None:
-            raise ValueError(f"{self.zero}: is of absolute sensors; an incremental one counts from where it was zeroed")
+            raise of_key(self.zero, message("error.is_of_absolute_sensors"))
         if zero is None and u_zero is not None:
-            raise ValueError(f"u_{self.zero}: is the uncertainty of {self.zero}, which is missing")
+            raise of_key(f"u_{self.zero}", message("error.is_the_uncertainty_of", key=self.zero))
         return self
 
     @property
@@ -243,7 +244,7 @@ class SensorTable(Strict):
             axes = "xyz" if size == 3 else "123456789"
             found += [(f"{base}_{axes[i]}{'_' if unit else ''}{unit}", key, i) for i in range(size)] if size else [(key, key, None)]
         if len(found) > len(OWN_PARAMETERS):
-            raise RigError(f"[[{cls.kind}]]: its reading depends on {len(found)} numbers; {len(OWN_PARAMETERS)} are the most")
+            raise RigError(message("error.its_reading_depends_on", kind=cls.kind, n_found=len(found), n_own_parameters=len(OWN_PARAMETERS)))
         return tuple(OwnParameter(k, s, i, p, f"u_{s}") for (k, s, i), p in zip(found, OWN_PARAMETERS, strict=False))
 
     def solvable(self) -> tuple[OwnParameter, ...]:
@@ -401,7 +402,7 @@ def table_of(name: str) -> type[SensorTable] | None:
         kind = plug_in(GROUP, name, TableKind)  # type: ignore[type-abstract]
         assert kind is not None
         if kind.table.kind != name:
-            raise RigError(f"[[{name}]]: the package that adds it calls its table {kind.table.kind!r}: entry point and table need one name")
+            raise RigError(message("error.the_package_that_adds", name=name, kind=kind.table.kind))
         TABLES[name] = kind.table
     return TABLES.get(name)
 
@@ -423,5 +424,5 @@ def external_number(name: str) -> int:
     names = plug_in_names(GROUP)
     every = [*names, *(n for n, table in TABLES.items() if n not in names and table.fill is SensorTable.fill)]
     if every.index(name) >= KINDS:
-        raise RigError(f"[[{name}]]: there are {len(every)} kinds of sensors; {KINDS} are the most")
+        raise RigError(message("error.there_are_kinds_of", name=name, n_every=len(every), kinds=KINDS))
     return every.index(name)

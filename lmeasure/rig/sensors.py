@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure.core import FloatArray
+from lmeasure.io import of_key
 from lmeasure.kernels import (
     ALPHA,
     ANGLE_ZERO,
@@ -28,11 +29,12 @@ from lmeasure.kernels import (
 )
 from lmeasure.rig.points_and_drums import Length, NotNegative
 from lmeasure.rig.sensor_table import AngleSensor, Degrees, Instrument, LengthSensor, SensorChannel, register_table
+from lmeasure.text import message
 
 
 def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]:
     if not 1e-6 < math.hypot(*value) < 1e6:
-        raise ValueError("must have a length")
+        raise ValueError(message("error.must_have_a_length"))
     return value
 
 
@@ -58,7 +60,7 @@ class Swivel(AngleSensor):
     @model_validator(mode="after")
     def _phase_is_of_something(self) -> "Swivel":
         if self.eccentricity_phase_deg is not None and self.eccentricity_deg is None:
-            raise ValueError("eccentricity_phase_deg: is the phase of eccentricity_deg, which is missing")
+            raise of_key("eccentricity_phase_deg", message("error.is_the_phase_of"))
         return self
 
     def ends(self, rig: Instrument) -> list[tuple[int, str, str]]:

@@ -262,7 +262,7 @@ def identified_mm(path: Path) -> dict[str, float]:
             if not row["left"]:
                 out[str(row["name"])] = max(float(row["u_identified_mm"]), out.get(str(row["name"]), 0.0))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FileFormatError(f"{path}: not what `lmeasure correct` writes: {error!r}") from None
+        raise FileFormatError(message("error.not_what_lmeasure_correct", where=path, error=error)) from None
     return out
 
 

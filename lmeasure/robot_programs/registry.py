@@ -11,6 +11,7 @@ from lmeasure.core import RobotError, plug_in, plug_in_names, plug_ins
 from lmeasure.io import Column, files
 from lmeasure.robot_programs import fanuc, krl, rapid, target_tables, ur_script
 from lmeasure.robot_programs.program import Dialect, Source
+from lmeasure.text import message
 
 DIALECTS = (krl.DIALECT, rapid.DIALECT, fanuc.DIALECT, ur_script.DIALECT, target_tables.CSV, target_tables.ROBODK)
 GROUP = "lmeasure.robot_programs"
@@ -21,7 +22,7 @@ def opened(paths: Sequence[Path]) -> tuple[Source, ...]:
     sources = tuple(Source(path.name, files.read_bytes(path).decode("latin-1")) for path in paths)
     for path, source in zip(paths, sources, strict=True):
         if "\0" in source.text[:1000]:
-            raise RobotError(f"{path}: no text of a controller: it has NUL bytes, as UTF-16 has; save it as plain text")
+            raise RobotError(message("error.no_text_of_a", where=path))
     return sources
 
 
@@ -56,14 +57,14 @@ def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "",
     """
     found = _named(name) if name else _by_suffix(paths, sources[0].text, table=bool(columns))
     if columns and found.of_table is None:
-        raise RobotError(f"--columns goes with tables (.csv) and --map; {paths[0]} is read as {found.name}")
+        raise RobotError(message("error.columns_goes_with_tables", paths=paths[0], name=found.name))
     return found if found.of_table is None else found.of_table(sources, columns)
 
 
 def _named(name: str) -> Dialect:
     found = next((one for one in DIALECTS if one.name == name), None) or plug_in(GROUP, name, Dialect)
     if found is None:
-        raise RobotError(f"dialect {name!r} is none of {', '.join(dialect_names())}")
+        raise RobotError(message("error.dialect_is_none_of", name=name, dialect_names=", ".join(dialect_names())))
     return found
 
 
@@ -75,7 +76,7 @@ def _by_suffix(paths: Sequence[Path], text: str, *, table: bool) -> Dialect:
         fitting = _having(added.values(), suffixes)
     if not fitting:
         names = " or ".join(dialect_names())
-        raise RobotError(f"{', '.join(map(str, paths))}: the names do not say one dialect; state --dialect {names}{broken}")
+        raise RobotError(message("error.the_names_do_not", where=", ".join(map(str, paths)), names=names, broken=broken))
     chosen = (one for one in fitting if (table and one.of_table) or one.recognises is None or one.recognises(text))
     return next(chosen, fitting[0])
 

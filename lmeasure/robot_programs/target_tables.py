@@ -92,9 +92,9 @@ def mapping_of(columns: Columns, header: str) -> Renamed:
             own, size = whole, 1.0
         else:
             known = ", ".join(("name", *"xyz", "joint_1", *QUATERNION_COLUMNS, *sorted(turns)))
-            raise RobotError(f"--columns {name}={column.name}[{column.unit}]: a table of targets has {known}, angles with their unit")
+            raise RobotError(message("error.columns_a_table_of", name=name, name2=column.name, unit=column.unit, known=known))
         if column.name.lower() not in there:
-            raise RobotError(f"--columns {name}={column.name}: the table has no such column; it has {', '.join(filter(None, there))}")
+            raise RobotError(message("error.columns_the_table_has", name=name, name2=column.name, there=", ".join(filter(None, there))))
         out[column.name.lower()] = own, size
     return out
 

@@ -9,6 +9,7 @@ from lmeasure.robots.model import RobotModel
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.text import message
 
 COARSE = 10
 """Samples of a motion between those whose poses are found from home; the others are found from these."""
@@ -49,14 +50,13 @@ class Mounted:
                 sample = int(np.argmax(beyond.any(axis=1)))
                 leg = int(np.argmax(beyond[sample]))
                 raise RobotError(
-                    f"sample {sample}: {robot.joint_names[leg]} would be at {joints[sample, leg]:.6g} mm, beyond its limits", sample
+                    message("error.sample_would_be_at", sample=sample, joint_names=robot.joint_names[leg], joints=joints[sample, leg]),
+                    sample,
                 )
             return np.asarray(joints)
         if isinstance(robot, SerialRobot) and robot.arm.is_elbow:
             return replace(robot.arm, tool=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])).follow(flange, start)
-        raise RobotError(
-            f"robot {robot.name!r}: paths are followed by elbow arms with a spherical wrist and by platforms, not by this kind"
-        )
+        raise RobotError(message("error.robot_paths_are_followed", name=robot.name))
 
     def forward(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> FloatArray:
         """(N, 7) tool poses in the cell at the joint values (N, n) of a motion; RobotError names the first sample that has none."""
@@ -83,6 +83,4 @@ class Mounted:
     def _say(self, flange: FloatArray, every: int) -> None:
         lost = np.isnan(flange[:, 0])
         if lost.any():
-            raise RobotError(
-                f"sample {every * int(np.argmax(lost))}: no pose of robot {self.robot.name!r} is reached from home with its joints there"
-            )
+            raise RobotError(message("error.sample_no_pose_of", every=every * int(np.argmax(lost)), name=self.robot.name))

@@ -8,19 +8,20 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure.core import LARGEST_ANGLE, MAX_LENGTH_MM, FloatArray
-from lmeasure.io import Name, Strict
+from lmeasure.io import Name, Strict, of_key
 from lmeasure.recording import UNIT_TOLERANCE
+from lmeasure.text import message
 
 
 def _length(value: float) -> float:
     if not abs(value) <= MAX_LENGTH_MM:
-        raise ValueError(f"must be a length of at most {MAX_LENGTH_MM:.0f} mm")
+        raise ValueError(message("error.must_be_a_length_of", max_length_mm=MAX_LENGTH_MM))
     return value
 
 
 def _angle(value: float) -> float:
     if not abs(value) <= LARGEST_ANGLE:
-        raise ValueError(f"must be an angle of at most {LARGEST_ANGLE:g} degrees")
+        raise ValueError(message("error.must_be_an_angle", largest_angle=LARGEST_ANGLE))
     return value
 
 
@@ -33,7 +34,7 @@ def named_once(kind: str, names: list[str]) -> None:
     """ValueError for a name that several have."""
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice is not None:
-        raise ValueError(f"{kind}: the name {twice!r} is given twice")
+        raise of_key(kind, message("error.the_name_is_given_twice", twice=twice))
 
 
 def legs_with(legs: Sequence[Any], values: dict[str, float]) -> tuple[Any, ...]:
@@ -61,7 +62,7 @@ class Place(Strict):
     def _turns(self) -> Self:
         length = math.hypot(*self.quaternion_xyzw)
         if not abs(length - 1.0) <= UNIT_TOLERANCE:
-            raise ValueError(f"quaternion_xyzw: its length is {length:.9g}, not 1")
+            raise of_key("quaternion_xyzw", message("error.its_length_is_not", length=length))
         return self
 
     @property

@@ -14,6 +14,7 @@ from lmeasure.recording import Poses
 from lmeasure.robots.identification.identify import Identified, Settings, identify
 from lmeasure.robots.identification.measurements import Measurements, measured
 from lmeasure.robots.model import Parameter
+from lmeasure.text import message
 
 ASTRAY = 0.1
 """Of the spread of the places: what poses of both still miss each other by where they are not poses of one robot and one target."""
@@ -79,7 +80,7 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     both = [n for n in instrument.names if n in set(robot.names)]
     if not both:
         firsts = f"the robot's first is {robot.names[0]!r}, the first that was measured {instrument.names[0]!r}"
-        raise RobotError(f"no pose has one name in both tables: {firsts}")
+        raise RobotError(message("error.no_pose_has_one", firsts=firsts))
     of_robot = robot.of(np.array([robot.names.index(n) for n in both], dtype=np.int64))
     seen = instrument.of(np.array([instrument.names.index(n) for n in both], dtype=np.int64))
     rows = measured(
@@ -102,10 +103,7 @@ def _check_one(found: Identified[GivenPoses]) -> None:
     places = found.rows.position[kept]
     off, spread = (float(np.sqrt((part**2).sum() / len(part))) for part in (found.errors_mm()[kept], places - places.mean(axis=0)))
     if off > ASTRAY * spread:
-        raise RobotError(
-            f"robot and instrument still miss each other by {off:.3g} mm of a spread of {spread:.3g} mm: names, the order of quaternions, "
-            "angles, axes or units are others than stated"
-        )
+        raise RobotError(message("error.robot_and_instrument_still", off=off, spread=spread))
 
 
 def _with_robot(rows: Measurements, robot: Poses, found: Identified[GivenPoses]) -> Measurements:

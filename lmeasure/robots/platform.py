@@ -16,10 +16,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, se3
-from lmeasure.io import Name, Strict
+from lmeasure.io import Name, Strict, of_key
 from lmeasure.linkages import pluecker_rows
 from lmeasure.robots.file_fields import Length, Place, legs_with, named_once
 from lmeasure.robots.model import Parameter
+from lmeasure.text import message
 
 LEGS = 6
 WAY, STEPS = 12, 8
@@ -197,14 +198,14 @@ class PlatformFile(Strict):
     def _holds_together(self) -> Self:
         named_once("leg", [leg.name for leg in self.leg])
         if self.kind == "hexapod" and len(self.leg) != LEGS:
-            raise ValueError(f"leg: a hexapod has {LEGS}; kind = 'cables' may have more")
+            raise of_key("leg", message("error.a_hexapod_has_kind", legs=LEGS))
         for leg in self.leg:
             if not leg.min_mm < leg.max_mm:
-                raise ValueError(f"leg {leg.name}: min_mm {leg.min_mm:g} is not below max_mm {leg.max_mm:g}")
+                raise ValueError(message("error.leg_min_mm_is", name=leg.name, min_mm=leg.min_mm, max_mm=leg.max_mm))
         found = self.model
         rows = found.rows(found.home[None])[0]
         if not np.isfinite(rows).all() or np.linalg.svd(rows[0] / [*(found.size_mm,) * 3, 1, 1, 1])[1][-1] <= SINGULAR:
-            raise ValueError("home: is a singular pose of these legs: they do not hold the platform there")
+            raise of_key("home", message("error.is_a_singular_pose"))
         return self
 
     @property

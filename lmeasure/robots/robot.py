@@ -9,12 +9,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from lmeasure.core import FloatArray, RobotError
-from lmeasure.io import Name, Strict, checked, files
+from lmeasure.io import Name, Strict, checked, files, of_key
 from lmeasure.robots.file_fields import Angle, Frame, Length, Place, Small, named_once
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.serial import Coupling, SerialArm
 from lmeasure.robots.serial_robot import GRAVITY_M_S2, SerialRobot
+from lmeasure.text import message
 
 SCHEMA = "lmeasure.robot/1"
 _SHIPPED = resources("lmeasure.robots").joinpath("shipped")
@@ -49,7 +50,7 @@ class _Link(Strict):
     @model_validator(mode="after")
     def _scale_is_not_nothing(self) -> Self:
         if abs(self.scale) < 0.1:
-            raise ValueError(f"scale: {self.scale:g} leaves nothing of the joint's value")
+            raise of_key("scale", message("error.leaves_nothing_of_the", scale=self.scale))
         return self
 
 
@@ -110,7 +111,7 @@ class Prismatic(_Link):
     def _has_limits(self) -> Self:
         missing = next((key for key in ("min_mm", "max_mm") if key not in self.model_fields_set), None)
         if missing is not None and self.follows is None:
-            raise ValueError(f"{missing}: is missing")
+            raise of_key(missing, message("error.is_missing"))
         return self
 
     @property
@@ -159,21 +160,19 @@ class Robot(Strict):
                 self._followed(j)
                 continue
             if j.ratio != 1.0:
-                raise ValueError(f"joint {j.name}: ratio goes with follows")
+                raise ValueError(message("error.joint_ratio_goes_with", name=j.name))
             low, high, unit = (j.min_deg, j.max_deg, "deg") if isinstance(j, Revolute) else (j.min_mm, j.max_mm, "mm")
             if not low < high:
-                raise ValueError(f"joint {j.name}: min_{unit} {low:g} is not below max_{unit} {high:g}")
+                raise ValueError(message("error.joint_min_is_not", name=j.name, unit=unit, low=low, high=high))
         return self
 
     def _followed(self, joint: "Joint") -> None:
         """ValueError unless the joint follows one of the others that has its own value."""
         leader = next((j for j in self.joint if j.name == joint.follows), None)
         if leader is None or leader.follows is not None:
-            raise ValueError(f"joint {joint.name}: follows {joint.follows!r}, which is no joint with a value of its own")
+            raise ValueError(message("error.joint_follows_which_is", name=joint.name, follows=joint.follows))
         if joint.ratio == 0.0 or any(joint.terms):
-            raise ValueError(
-                f"joint {joint.name}: follows {leader.name}: ratio must not be 0, and scale and errors are those of {leader.name}"
-            )
+            raise ValueError(message("error.joint_follows_ratio_must", name=joint.name, name2=leader.name))
 
     @property
     def sliding(self) -> tuple[bool, ...]:
@@ -254,7 +253,7 @@ AnyRobot: TypeAlias = Robot | PlatformFile | ParallelFile
 def robot_from_dict(data: dict[str, Any], source: str = "robot") -> AnyRobot:
     """A checked robot of the kind that is stated; RobotError names the source and the key."""
     if "schema" not in data:
-        raise RobotError(f"{source}: schema: is missing; this program reads {SCHEMA!r}")
+        raise RobotError(message("error.schema_is_missing_this_program", where=source, schema=SCHEMA))
     if data.get("kind") in ("hexapod", "cables"):
         return checked(data, PlatformFile, source, RobotError)
     if data.get("kind") == "parallel":
@@ -280,7 +279,7 @@ def shipped_names() -> tuple[str, ...]:
 def any_shipped(name: str) -> AnyRobot:
     """A robot that comes along, by its name; RobotError names those that there are."""
     if name not in shipped_names():
-        raise RobotError(f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
+        raise RobotError(message("error.is_no_robot_that", name=name, shipped_names=", ".join(shipped_names())))
     return read_robot(Path(str(_SHIPPED.joinpath(f"{name}.toml"))))
 
 
@@ -292,5 +291,5 @@ def shipped(name: str) -> Robot:
 def serial(robot: AnyRobot, source: str) -> Robot:
     """The robot where it is a serial arm; RobotError where it is none."""
     if not isinstance(robot, Robot):
-        raise RobotError(f"{source}: is a robot of kind {robot.kind!r}; a serial arm is needed here")
+        raise RobotError(message("error.is_a_robot_of", where=source, kind=robot.kind))
     return robot

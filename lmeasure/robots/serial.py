@@ -20,6 +20,7 @@ from scipy.stats import qmc
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
 from lmeasure.robots.model import nearest_turns
+from lmeasure.text import message
 
 LINK_COLUMNS = OFFSET, D, A, ALPHA, BETA = range(5)
 """Columns of a link table (n, 5): theta [rad], d [mm], a [mm], alpha [rad], beta [rad]."""
@@ -175,7 +176,7 @@ class SerialArm:
     def _way(self, rows: FloatArray, way: int) -> FloatArray:
         """(n, 6) joint angles of one way to (n, 7) poses."""
         if not self.is_elbow:
-            raise RobotError("the closed inverse is that of an elbow arm with a spherical wrist; these links are none")
+            raise RobotError(message("error.the_closed_inverse_is"))
         end = self.tool if self.seat is None else se3.compose(self.seat, self.tool)
         stand, tool = se3.rotation(self.foot), se3.rotation(end)
         turn = (stand.inv() * se3.rotation(rows) * tool.inv()).as_matrix()
@@ -220,16 +221,16 @@ class SerialArm:
         """
         ways = self.ways(poses[0])
         if np.isnan(ways).all():
-            raise RobotError(f"sample 0: the arm cannot reach {_shown(poses[0])}", 0)
+            raise RobotError(message("error.sample_0_the_arm", shown=_shown(poses[0])), 0)
         joints = self._way(poses, int(np.nanargmin(np.abs(_turns(ways - start)).max(axis=1))))
         lost = np.isnan(joints).any(axis=1)
         if lost.any():
             sample = int(np.argmax(lost))
-            raise RobotError(f"sample {sample}: the arm cannot reach {_shown(poses[sample])} as it stands", sample)
+            raise RobotError(message("error.sample_the_arm_cannot", sample=sample, shown=_shown(poses[sample])), sample)
         steps = _turns(np.diff(joints, axis=0))
         if len(steps) and np.abs(steps).max() > MAX_STEP_RAD:
             sample = int(np.argmax(np.abs(steps).max(axis=1) > MAX_STEP_RAD)) + 1
-            raise RobotError(f"sample {sample}: a joint jumps at {_shown(poses[sample])}; the path passes a singular pose", sample)
+            raise RobotError(message("error.sample_a_joint_jumps", sample=sample, shown=_shown(poses[sample])), sample)
         return np.concatenate([joints[:1], joints[:1] + np.cumsum(steps, axis=0)])
 
     def deflection(self, joints: FloatArray, stiffness: FloatArray, force: FloatArray, points: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from lmeasure.robots.base_mount import Mounted
 from lmeasure.robots.file_fields import Place
 from lmeasure.robots.robot import Payload, Robot, shipped
 from lmeasure.robots.serial import SerialArm
+from lmeasure.text import message
 
 Role = Literal["pose", "settling", "path", "posing", "compliance"]
 
@@ -167,7 +168,11 @@ class SimulatedRobot:
                 raise
             number = int(np.searchsorted([math.ceil(s.begin_s * rate_hz) for s in spans], error.sample, side="right")) - 1
             command = commands[max(number, 0)]
-            raise RobotError(f"command {max(number, 0) + 1} ({command.target or 'on the way'}, cycle {command.cycle}): {error}") from None
+            raise RobotError(
+                message(
+                    "error.command_cycle", value=max(number, 0) + 1, target=command.target or "on the way", cycle=command.cycle, error=error
+                )
+            ) from None
 
     def _servo(self, asked: FloatArray, rate_hz: float) -> FloatArray:
         """(n, 6) joint angles that follow the setpoints, at rest before the first sample; setpoints run straight between samples."""
@@ -240,7 +245,7 @@ def _sampled(knots: Sequence[float], table: FloatArray, ramp_s: tuple[float, flo
     """(n, c) values between rows of the table (k, c) at times knots (k,) [s], averaged over both ramps."""
     n = math.floor(knots[-1] * rate_hz + 1e-9) + 1
     if n > MAX_SAMPLES:
-        raise RobotError(f"the commands take {knots[-1]:.6g} s, {n} samples at {rate_hz:g} Hz; at most {MAX_SAMPLES} are simulated")
+        raise RobotError(message("error.the_commands_take_s", knots=knots[-1], n=n, rate_hz=rate_hz, max_samples=MAX_SAMPLES))
     time_s = np.arange(n) / rate_hz
     return np.column_stack([_averaged(np.interp(time_s, knots, column), ramp_s, rate_hz) for column in table.T])
 

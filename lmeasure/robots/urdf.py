@@ -19,6 +19,7 @@ from lmeasure.io import files, read_regular
 from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Joint, Prismatic, Robot, robot_from_dict, serial
 from lmeasure.robots.serial_robot import NEARLY_PARALLEL
 from lmeasure.robots.urdf_tree import CARRIED, MOVING, Branch, Mimic, Tree
+from lmeasure.text import composed, message
 
 LARGEST = 1 << 24
 MM = 1e3
@@ -74,9 +75,11 @@ def read_urdf(path: Path, tip: str | None = None, base: str | None = None) -> Ro
         else:
             known = ", ".join((*MOVING, "fixed"))
             advice = "; state with --base-link where the arm begins behind it" if branch.kind in CARRIED else ""
-            raise RobotError(f"{path}: joint {branch.name!r}: type {branch.kind!r} is none of {known}{advice}")
+            raise RobotError(
+                message("error.joint_type_is_none", where=path, name=branch.name, kind=branch.kind, known=known, advice=advice)
+            )
     if not 1 <= len(moving) <= MOST_JOINTS:
-        raise RobotError(f"{path}: the chain to {end!r} has {len(moving)} joints that move; 1 to {MOST_JOINTS} can be read")
+        raise RobotError(message("error.the_chain_to_has", where=path, end=end, n_moving=len(moving), most_joints=MOST_JOINTS))
     joints = _coupled(moving, tree, path)
     foot, links, seat = _links(axes, at)
     data: dict[str, object] = {"schema": "lmeasure.robot/1", "name": _name(root.get("name") or "robot")}
@@ -155,17 +158,21 @@ def _parsed(path: Path) -> etree._Element:
     try:
         root = etree.fromstring(raw, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise RobotError(f"{path}: is not URDF: {error}") from None
+        raise RobotError(message("error.is_not_urdf", where=path, value=error)) from None
     # a prefix that nobody declares, as simulators leave behind, is no fault of the chain
     faults = [e for e in parser.error_log if not e.type_name.startswith("NS_")]
     if faults or root is None:
-        raise RobotError(f"{path}: is not URDF: {f'{faults[0].message}, line {faults[0].line}' if faults else 'it has no elements'}")
+        raise RobotError(
+            message(
+                "error.is_not_urdf", where=path, value=f"{faults[0].message}, line {faults[0].line}" if faults else "it has no elements"
+            )
+        )
     if root.getroottree().docinfo.doctype:
-        raise RobotError(f"{path}: states a document type, which no URDF needs and a hostile one abuses; remove the DOCTYPE")
+        raise RobotError(message("error.states_a_document_type", where=path))
     if root.tag != "robot":
-        raise RobotError(f"{path}: is not URDF: its first element is {root.tag!r}, not 'robot'")
+        raise RobotError(message("error.is_not_urdf_its", where=path, tag=root.tag))
     if any("xacro" in str(element.tag) for element in root.iter()):
-        raise RobotError(f"{path}: {XACRO}")
+        raise RobotError(composed("{where}: {error}", where=path, error=XACRO))
     return root
 
 
@@ -199,7 +206,7 @@ def _joint(element: etree._Element, branch: Branch, path: Path) -> _Joint:
     along = _vector(axis.get("xyz"), branch.name, path) if axis is not None else np.array([1.0, 0.0, 0.0])
     length = float(np.linalg.norm(along))
     if not length > 1e-9:
-        raise RobotError(f"{path}: joint {branch.name!r}: its axis has no direction")
+        raise RobotError(message("error.joint_its_axis_has", where=path, name=branch.name))
     size, most = (MM, MAX_LENGTH_MM) if slides else (1.0, ENDLESS_RAD)
     limits = None
     if branch.kind != "continuous" and limit is not None:
@@ -223,7 +230,7 @@ def _coupled(moving: list[_Joint], tree: Tree, path: Path) -> list[_Joint]:
             out.append(j)
             continue
         if ratio == 0.0:
-            raise RobotError(f"{path}: joint {j.name!r}: follows {end!r} by nothing (multiplier 0): make it a fixed joint")
+            raise RobotError(message("error.joint_follows_by_nothing", where=path, name=j.name, end=end))
         size = MM if j.slides else 1.0
         ratio, offset = ratio * size / (MM if tree.by_name[end].kind == "prismatic" else 1.0), offset * size
         if end not in own and end not in leads:
@@ -244,10 +251,10 @@ def _common_limits(joint: _Joint, joints: list[_Joint], path: Path) -> tuple[flo
             bounds.append((first, last))
     low, high = max(b[0] for b in bounds), min(b[1] for b in bounds)
     if math.isinf(high - low):
-        raise RobotError(f"{path}: joint {joint.name!r}: <limit> is missing, which a prismatic joint needs: lower and upper, in metres")
+        raise RobotError(message("error.joint_limit_is_missing", where=path, name=joint.name))
     if not low < high:
         followers = ", ".join(repr(j.name) for j in joints if j.leader == joint.name)
-        raise RobotError(f"{path}: joint {joint.name!r}: its limits and those of {followers}, which follow it, leave it no value")
+        raise RobotError(message("error.joint_its_limits_and", where=path, name=joint.name, followers=followers))
     return low, high
 
 
@@ -274,7 +281,7 @@ def _number(text: str | None, usual: float, joint: str, path: Path) -> float:
         value = math.nan
     if math.isnan(value):
         advice = f"; the file {XACRO}" if "${" in str(text) else ""
-        raise RobotError(f"{path}: joint {joint!r}: {str(text)[:60]!r} is not a number{advice}")
+        raise RobotError(message("error.joint_is_not_a", where=path, joint=joint, text=str(text)[:60], advice=advice))
     return value
 
 
@@ -285,7 +292,7 @@ def _vector(text: str | None, joint: str, path: Path) -> FloatArray:
         values = np.empty(0)
     if len(values) != 3 or not np.isfinite(values).all() or np.abs(values).max() > 1e6:
         advice = f"; the file {XACRO}" if "${" in str(text) else ""
-        raise RobotError(f"{path}: joint {joint!r}: {str(text)[:60]!r} is not three numbers{advice}")
+        raise RobotError(message("error.joint_is_not_three", where=path, joint=joint, text=str(text)[:60], advice=advice))
     return values
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lmeasure.core import RobotError
+from lmeasure.text import message
 
 MOVING = ("revolute", "continuous", "prismatic")
 CARRIED = ("floating", "planar")
@@ -70,14 +71,14 @@ class Tree:
             if asked not in self._above:
                 joint = self.by_name.get(asked)
                 known = f"it is a joint, whose link is {joint.child!r}" if joint else f"links that end a chain: {', '.join(self._leaves())}"
-                raise RobotError(f"{self.path}: no chain of joints leads from a root to {asked!r}; {known}")
+                raise RobotError(message("error.no_chain_of_joints_leads", where=self.path, asked=asked, known=known))
             return asked
         for branch in self.branches:
             for end, link in (("parent", branch.parent), ("child", branch.child)):
                 if not link:
-                    raise RobotError(f"{self.path}: joint {branch.name!r}: <{end} link=...> is missing")
+                    raise RobotError(message("error.joint_link_is_missing", where=self.path, name=branch.name, end=end))
             if branch.kind not in (*MOVING, *CARRIED, "fixed"):
-                raise RobotError(f"{self.path}: joint {branch.name!r}: type {branch.kind!r} is none of URDF's")
+                raise RobotError(message("error.joint_type_is_none_of", where=self.path, name=branch.name, kind=branch.kind))
         named = self._named()
         return named or self._found()
 
@@ -100,7 +101,7 @@ class Tree:
             way = self._fixed_way(links[k], base)
             if way or links[k] == base:
                 return base, way, whole[k:]
-        raise RobotError(f"{self.path}: link {base!r} is not fixed to any link of the chain to {tip!r}: {', '.join(links)}")
+        raise RobotError(message("error.link_is_not_fixed", where=self.path, base=base, tip=tip, links=", ".join(links)))
 
     def fixed_to(self, link: str, name: str) -> Branch | None:
         """Return the fixed joint that holds the link `name` directly at another."""
@@ -114,7 +115,7 @@ class Tree:
             way.append(mimic)
             if mimic.joint not in self.by_name or mimic.joint in seen:
                 why = "follows itself" if mimic.joint in seen else "which is no joint of the file"
-                raise RobotError(f"{self.path}: joint {name!r}: follows {mimic.joint!r} (mimic), {why}")
+                raise RobotError(message("error.joint_follows_mimic", where=self.path, name=name, joint=mimic.joint, why=why))
             name = mimic.joint
             seen.add(name)
         return name, way
@@ -125,9 +126,9 @@ class Tree:
         link = tip
         while self._above.get(link):
             if len(self._above[link]) > 1:
-                raise RobotError(f"{self.path}: link {link!r} is the child of two joints: no chain leads there")
+                raise RobotError(message("error.link_is_the_child", where=self.path, link=link))
             if len(chain) > len(self.branches):
-                raise RobotError(f"{self.path}: no chain of joints leads from a root to {tip!r}: its joints make a ring")
+                raise RobotError(message("error.no_chain_of_joints_leads_from", where=self.path, tip=tip))
             chain.append(self._above[link][0])
             link = chain[-1].parent
         return chain[::-1]
@@ -200,7 +201,7 @@ class Tree:
         roots = [link for link in self._below if not self._above.get(link)]
         tallest = max((heights.get(link, 0) for link in roots), default=0)
         if tallest == 0:
-            raise RobotError(f"{self.path}: no chain of joints leads from a root to a tip")
+            raise RobotError(message("error.no_chain_of_joints", where=self.path))
         begin = [link for link in roots if heights.get(link, 0) == tallest]
         if len(begin) > 1:
             self._ambiguous([self._descended(link, heights, strict=False) for link in begin])
@@ -264,4 +265,4 @@ class Tree:
 
     def _ambiguous(self, ends: Sequence[str]) -> None:
         counted = [f"{end!r} ({sum(b.kind in MOVING for b in self._up(end))} joints)" for end in ends]
-        raise RobotError(f"{self.path}: several chains could be meant: to {', '.join(counted)}; state one with --tip")
+        raise RobotError(message("error.several_chains_could_be", where=self.path, counted=", ".join(counted)))

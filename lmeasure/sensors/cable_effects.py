@@ -25,6 +25,7 @@ from lmeasure.kernels import (
 )
 from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.sensors.imperfect_parts import Parts, parts_of
+from lmeasure.text import message
 
 GRAVITY = 9.80665  # standard gravity [m/s^2]; it differs by 0.3 % between equator and pole
 REFERENCE_C = 20.0  # ISO 1:2022
@@ -93,8 +94,7 @@ class Effects:
         if bad.any():
             i, j = (int(x) for x in np.argwhere(bad)[0])
             raise GeometryError(
-                f"sample {i}: cable {self.cables[j]}: with {self._tension(j, counts[i, j], cable_rows):.3g} N "
-                "it does not carry itself, or it cannot run there"
+                message("error.sample_cable_with_n", i=i, cables=self.cables[j], tension=self._tension(j, counts[i, j], cable_rows))
             )
         return out
 

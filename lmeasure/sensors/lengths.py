@@ -192,7 +192,7 @@ def read_lengths(path: Path) -> Lengths:
     columns = [c for c in table.columns if c.endswith(("_mm", "_rad"))]
     names = tuple(c.rsplit("_", 1)[0] for c in columns)
     if not names:
-        raise FileFormatError(f"{path}: has no column <cable>_mm")
+        raise FileFormatError(message("error.has_no_column_cable", where=path))
     return Lengths(
         table.numbers("time_s"),
         names,
@@ -236,22 +236,22 @@ def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None
     rows = np.ascontiguousarray(rows, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != POSE:
         # a kernel would read on behind the end of a row
-        raise GeometryError(f"poses of shape {rows.shape}: wanted are rows (n, {POSE}) of x, y, z [mm], qx, qy, qz, qw")
+        raise GeometryError(message("error.poses_of_shape_wanted_are", shape=rows.shape, pose=POSE))
     off = np.flatnonzero(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) > NEARLY_UNIT)
     if len(off):
         i = int(off[0])
-        raise GeometryError(f"pose {i + 1}: its quaternion is not of length 1 but {np.linalg.norm(rows[i, 3:]):.4g}")
+        raise GeometryError(message("error.pose_its_quaternion_is", i=i + 1, norm=np.linalg.norm(rows[i, 3:])))
     chosen = rig.cable if cables is None else cables
     out = cable_kernels_span_lengths(rig.cable_rows(chosen), rows)
     bad = np.argwhere(~np.isfinite(out))
     if len(bad):
         i, j = (int(x) for x in bad[0])
         if not chosen[j].is_cable and chosen[j].kind not in ("swivel", "inclination"):
-            raise GeometryError(f"pose {i + 1}: {chosen[j].kind} {chosen[j].name} has no reading there")
+            raise GeometryError(message("error.pose_has_no_reading", i=i + 1, kind=chosen[j].kind, name=chosen[j].name))
         if not chosen[j].from_point:
-            raise GeometryError(f"pose {i + 1}: inclination {chosen[j].name}: its axis is upright: how far it leans has no direction there")
+            raise GeometryError(message("error.pose_inclination_its_axis", i=i + 1, name=chosen[j].name))
         raise GeometryError(
-            f"pose {i + 1}: cable {chosen[j].name}: {chosen[j].to_point} lies on the axis of {chosen[j].from_point} or inside its pulley"
+            message("error.pose_cable_lies_on", i=i + 1, name=chosen[j].name, to_point=chosen[j].to_point, from_point=chosen[j].from_point)
         )
     return np.asarray(out)
 

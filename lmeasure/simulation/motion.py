@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FileFormatError, FloatArray, se3
+from lmeasure.text import message
 
 PEAK = 1.875
 """Largest rate of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its mean rate: at s = 1/2."""
@@ -41,7 +42,7 @@ def smooth_path(start: FloatArray, legs: Sequence[Leg], rate_hz: float) -> tuple
         here = np.asarray(leg.pose, dtype=np.float64)
     n = math.floor(edges[-1] * rate_hz + 1e-9) + 1
     if n > MAX_SAMPLES:
-        raise FileFormatError(f"the motion takes {edges[-1]:.6g} s, {n} samples at {rate_hz:g} Hz; at most {MAX_SAMPLES} are simulated")
+        raise FileFormatError(message("error.the_motion_takes_s", edges=edges[-1], n=n, rate_hz=rate_hz, max_samples=MAX_SAMPLES))
     time_s = np.arange(n) / rate_hz
     rows = np.tile(np.asarray(start, dtype=np.float64), (n, 1))
     of = np.clip(np.searchsorted(edges, time_s, side="right") - 1, 0, len(ways) - 1)

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure.core import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C, DataFrame, FileFormatError, FloatArray, Shown, framed
-from lmeasure.io import Strict, checked, files
+from lmeasure.io import Strict, checked, files, of_key
 from lmeasure.recording import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses, write_run
 from lmeasure.rig import Rig, Unstated, read_linked_rig, rig_from_dict, write_rig
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
@@ -26,7 +26,7 @@ Position = tuple[Coordinate, Coordinate, Coordinate]
 def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     length = math.hypot(*value)
     if abs(length - 1.0) > 1e-6:
-        raise ValueError(f"the quaternion's length is {length:.9g}, not 1")
+        raise ValueError(message("error.the_quaternion_s_length_is", length=length))
     return value[0] / length, value[1] / length, value[2] / length, value[3] / length
 
 
@@ -160,11 +160,11 @@ class Scenario(Strict):
     def _does_something(self) -> Self:
         commanded = self.robot is not None and self.robot.commands is not None
         if not self.waypoint and not commanded and self.reference_poses is None:
-            raise ValueError("nothing to simulate: give [[waypoint]], [robot] with commands, or [reference_poses]")
+            raise ValueError(message("error.nothing_to_simulate_give"))
         if self.robot is not None and bool(self.waypoint) == commanded:
-            raise ValueError("robot: goes through [[waypoint]] or through its commands, one of them")
+            raise of_key("robot", message("error.goes_through_waypoint_or"))
         if self.end_temperature_c is not None and self.temperature_c is None:
-            raise ValueError("end_temperature_c: needs temperature_c, which is missing")
+            raise of_key("end_temperature_c", message("error.needs_temperature_c_which"))
         return self
 
     @property
@@ -247,9 +247,7 @@ def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] |
     rng = np.random.default_rng(scenario.seed)
     run, campaign = None, None
     if scenario.robot is not None and went is None:
-        raise FileFormatError(
-            "scenario: its robot moves in `lmeasure simulate` alone; take [robot] out to go straight through the waypoints"
-        )
+        raise FileFormatError(message("error.scenario_its_robot_moves"))
     if scenario.waypoint or went is not None:
         time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz) if went is None else went
         run = simulate_run(

@@ -16,6 +16,7 @@ from lmeasure.core import FloatArray, StructureError
 from lmeasure.linkages import LINKS, Around, Chain, Incidence, Tetrahedron, adjusted, clear, closed_form, grown, heights, incidence, proved
 from lmeasure.structure.assemblies import apart_mm, lengths_at
 from lmeasure.structure.links import Linkage
+from lmeasure.text import message
 
 DRAWN = 4096  # lengths among which the place is looked for at which tetrahedra stand highest
 BOXES = 2000  # of one proof, so that some sixty of them take seconds
@@ -69,12 +70,14 @@ def designed(linkage: Linkage, pose: FloatArray | None = None) -> Design:
     pose (7,): of the assembly that is meant. StructureError where the links have no limits, none are found, or a pose is needed.
     """
     if linkage.limits is None:
-        raise StructureError("design: the links have no limits_mm")
+        raise StructureError(message("error.design_the_links_have"))
     if len(linkage.base) != LINKS:
-        raise StructureError(f"design: has {len(linkage.base)} links; limits are proved for six")
+        raise StructureError(message("error.design_has_links_limits", n_base=len(linkage.base)))
     found = incidence(linkage.base, linkage.platform)
     if found.structure.degenerate is not None:
-        raise StructureError(f"design: {found.structure.notation} is singular at every pose: {found.structure.degenerate}")
+        raise StructureError(
+            message("error.design_is_singular_at", notation=found.structure.notation, degenerate=found.structure.degenerate)
+        )
     corners, sides = tetrahedra_of(linkage, found)
     given = {name[0]: (float(low), float(high)) for name, (low, high) in zip(linkage.names, linkage.limits, strict=True)}
     texts = tuple(", ".join(vars(t).values()) for t in corners)
@@ -86,9 +89,7 @@ def designed(linkage: Linkage, pose: FloatArray | None = None) -> Design:
     if corners:
         return _of_one_assembly(linkage, found, pose, given, texts)
     if pose is None:
-        raise StructureError(
-            f"design: {found.structure.notation} is not solved by tetrahedra; its limits are proved around a pose: state --position-mm"
-        )
+        raise StructureError(message("error.design_is_not_solved", notation=found.structure.notation))
     lengths = _lengths_within(linkage, pose)
     free_box = _cut(Around(linkage.base, linkage.platform, pose).sound, lengths, linkage.limits)
     return Design(given, _named(given, free_box), (), (), tuple(pose.tolist()))
@@ -105,7 +106,7 @@ def _of_one_assembly(linkage: Linkage, found: Incidence, pose: FloatArray | None
         away = np.where(closes, apart_mm(poses, pose, float(np.ptp(linkage.platform, axis=0).max())), np.inf)
         which = int(np.argmin(away))
         if not away[which] < SAME_MM:
-            raise StructureError("design: the stated pose is at a fold of two assemblies: singular")
+            raise StructureError(message("error.design_the_stated_pose"))
     sides = (1.0 if which % 2 == 0 else -1.0, 1.0 if which // 2 % 2 == 0 else -1.0)
     tetra, near = Chain(found, linkage.base, linkage.platform, sides), Around(linkage.base, linkage.platform, pose)
     free = _cut(lambda box: near.sound(box) or proved(tetra.judge, box, BOXES), centre, linkage.limits)
@@ -124,7 +125,7 @@ def _highest(linkage: Linkage) -> tuple[FloatArray, FloatArray, int]:
     height = np.where(closes, heights(linkage.base, linkage.platform, drawn), -np.inf)
     i, k = np.unravel_index(int(np.argmax(height)), height.shape)
     if not height[i, k] > 0.0:
-        raise StructureError(f"design: none of {DRAWN} lengths within the limits can be assembled")
+        raise StructureError(message("error.design_none_of_lengths", drawn=DRAWN))
     return drawn[i], poses[i, k], int(k)
 
 
@@ -134,14 +135,14 @@ def _lengths_within(linkage: Linkage, pose: FloatArray) -> FloatArray:
     lengths = np.asarray(lengths_at(linkage, pose[None])[0])
     for name, length, (low, high) in zip(linkage.names, lengths, linkage.limits, strict=True):
         if not low <= length <= high:
-            raise StructureError(f"design: {name[0]} is {length:.6g} mm long at the stated pose, which is not within {low:g} to {high:g}")
+            raise StructureError(message("error.design_is_mm_long", name=name[0], length=length, low=low, high=high))
     return lengths
 
 
 def _cut(sound: Callable[[FloatArray], bool], centre: FloatArray, given: FloatArray) -> FloatArray:
     free = given if sound(given) else grown(sound, centre, given)
     if free is None:
-        raise StructureError("design: nothing is proved around the pose even within a thousandth of the limits: it is singular, or nearly")
+        raise StructureError(message("error.design_nothing_is_proved"))
     return free
 
 

@@ -9,10 +9,11 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure.core import FileFormatError, FloatArray
-from lmeasure.io import Strict, checked, files
+from lmeasure.io import Strict, checked, files, of_key
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, RADIUS
 from lmeasure.linkages import LINKS
 from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.text import message
 
 SCHEMA = "lmeasure.structure/1"
 MOST_LINKS = 24
@@ -20,7 +21,7 @@ MOST_LINKS = 24
 
 def _printable(value: str) -> str:
     if not value.isprintable():
-        raise ValueError("must be printable text")
+        raise ValueError(message("error.must_be_printable_text"))
     return value
 
 
@@ -46,7 +47,7 @@ class Link(Strict):
     @model_validator(mode="after")
     def _rising(self) -> "Link":
         if self.limits_mm is not None and not self.limits_mm[0] < self.limits_mm[1]:
-            raise ValueError(f"limits_mm: {self.limits_mm[0]:g} is not below {self.limits_mm[1]:g}")
+            raise of_key("limits_mm", message("error.is_not_below", limits_mm=self.limits_mm[0], limits_mm2=self.limits_mm[1]))
         return self
 
 
@@ -88,10 +89,10 @@ class Linkage:
     def with_lengths(self, lengths: Sequence[float], option: str) -> "Linkage":
         """The links with these lengths [mm]; FileFormatError names the option."""
         if len(lengths) != len(self.base):
-            raise FileFormatError(f"{option}: {len(lengths)} lengths for {len(self.base)} links")
+            raise FileFormatError(message("error.lengths_for_links", where=option, n_lengths=len(lengths), n_base=len(self.base)))
         if not all(0.0 < length <= 1e7 for length in lengths):
             worst = next(i for i, length in enumerate(lengths) if not 0.0 < length <= 1e7)
-            raise FileFormatError(f"{option}: that of {self.names[worst][0]} is {lengths[worst]:g}, which is no length")
+            raise FileFormatError(message("error.that_of_is_which", where=option, names=self.names[worst][0], lengths=lengths[worst]))
         return replace(self, lengths=np.array(lengths, dtype=np.float64))
 
 
@@ -111,7 +112,9 @@ def read_linkage(path: Path) -> Linkage:
         found = _of_file(data, path)
     m = len(found.base)
     if not LINKS <= m <= MOST_LINKS:
-        raise FileFormatError(f"{path}: has {m} {'link' if m == 1 else 'links'}; a pose needs {LINKS}, and at most {MOST_LINKS} are taken")
+        raise FileFormatError(
+            message("error.has_a_pose_needs", where=path, m=m, value="link" if m == 1 else "links", links=LINKS, most_links=MOST_LINKS)
+        )
     return found
 
 
@@ -121,7 +124,7 @@ def _of_file(data: dict[str, Any], path: Path) -> Linkage:
     for i, link in enumerate(table.link, 1):
         for side, name, points in (("base", link.from_point, table.base), ("platform", link.to_point, table.platform)):
             if name not in points:
-                raise FileFormatError(f"{path}: link {i}: the {side} has no point {name!r}; it has {', '.join(points)}")
+                raise FileFormatError(message("error.link_the_has_no", where=path, i=i, side=side, name=name, points=", ".join(points)))
             ends[side].append(points[name])
     return Linkage(
         np.array(ends["base"]),
@@ -136,5 +139,5 @@ def _all_or_none(values: Sequence[Any], key: str, path: Path) -> FloatArray | No
     if all(value is None for value in values):
         return None
     if any(value is None for value in values):
-        raise FileFormatError(f"{path}: link {values.index(None) + 1}: {key} is missing; all links have it or none")
+        raise FileFormatError(message("error.link_is_missing_all", where=path, index=values.index(None) + 1, key=key))
     return np.array(values, dtype=np.float64)

@@ -30,6 +30,7 @@ from lmeasure.linkages import (
 )
 from lmeasure.structure.assemblies import apart_mm, found_of, lengths_at, rows_at
 from lmeasure.structure.links import Linkage
+from lmeasure.text import message
 
 ALONG = 201  # poses of a way
 NEAR_MM = 1.0  # a pose no farther from an assembly is that assembly
@@ -107,7 +108,7 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     """What `lmeasure structure` writes of a pose (7,); links straight from point to point, and beside it the cables as they run."""
     straight = replace(linkage, cables=None)
     if not (link_rows(linkage.base, linkage.platform, pose)[1] > 0.0).all():
-        raise FileFormatError("--position-mm: a link has no length at this pose")
+        raise FileFormatError(message("error.position_mm_a_link"))
     one = held(straight, pose[None])
     record: dict[str, Any] = _figures(one) | {"least_seen_screw": _least_seen(straight, pose)}
     if len(linkage.base) == LINKS:
@@ -121,7 +122,7 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
         lengths = lengths_at(linkage, pose[None])[0]
         if not np.isfinite(lengths).all():
             name = linkage.names[int(np.argmin(np.isfinite(lengths)))][0]
-            raise FileFormatError(f"--position-mm: cable {name} cannot run over its pulley to this pose")
+            raise FileFormatError(message("error.position_mm_cable_cannot", name=name))
         as_they_run = held(linkage, pose[None])
         # a change of length is from a count to that of the zero pose: each off by up to half of one
         counts = held(linkage, pose[None], linkage.wrapped[:, COUNT_LENGTH] / np.sqrt(6.0))
@@ -140,7 +141,7 @@ def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     """
     base, platform = linkage.base, linkage.platform
     if len(base) != LINKS:
-        raise StructureError(f"singular: has {len(base)} links; singular poses are analysed for six")
+        raise StructureError(message("error.singular_has_links_singular", n_base=len(base)))
     at = nearest_singular(base, platform, pose)
     around, signs = neighbourhood(base, platform, at), leading_out(base, platform, at)
     leaves = len(around.twists) < LINKS

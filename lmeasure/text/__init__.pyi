@@ -16,6 +16,7 @@ from .messages import (
     Message as Message,
     composed as composed,
     count_of as count_of,
+    faults as faults,
     from_stated as from_stated,
     joined as joined,
     message as message,

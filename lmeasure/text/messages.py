@@ -4,8 +4,10 @@ Files, `--json` and certificates keep the English text; beside it `stated` and `
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import PurePath
 from typing import Any
 
+from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.text.catalogue import Writer, plain, texts
 
 JOINED = "joined"
@@ -16,7 +18,8 @@ class Message(str):
     """An English text that knows its id (`code`) and values, and so its words in every language.
 
     It is a string, so that files, JSON and scripts have its English text without any conversion. Values are numbers, texts, other messages,
-    or tuples of these. `template` is the English text of messages whose id no catalogue has, such as those of plug-ins.
+    or tuples of these; an error becomes its first message, a path its text. `template` is the English text of messages that no catalogue
+    has, such as those of plug-ins.
     """
 
     code: str
@@ -25,7 +28,7 @@ class Message(str):
 
     def __new__(cls, code: str, values: Mapping[str, Any] | None = None, template: str = "") -> "Message":
         """Return the message of an id and values; KeyError where neither the catalogue nor the template has its text."""
-        known = values or {}
+        known = {key: _kept(value) for key, value in values.items()} if values else {}
         out = super().__new__(cls, plain(_filled("en", code, known, template)))
         out.code, out.values, out.template = code, known, template
         return out
@@ -44,6 +47,19 @@ class Message(str):
 
     def __repr__(self) -> str:
         return f"Message({self.code!r}, {dict(self.values)!r})"
+
+
+def _kept(value: Any) -> Any:
+    if isinstance(value, LMeasureError):
+        return faults(value)[0]
+    return str(value) if isinstance(value, BaseException | PurePath) else value
+
+
+def faults(error: LMeasureError) -> tuple[str, ...]:
+    """Return everything that is wrong, as messages where the catalogue has them; `error.lines` has the English lines."""
+    if isinstance(error, SettingsError) and error.option:
+        return (composed("{option}: {text}", option=error.option, text=error.text),)
+    return error.complaints or tuple(error.args[:1]) or ("",)
 
 
 def _filled(language: str, code: str, values: Mapping[str, Any], template: str) -> str:

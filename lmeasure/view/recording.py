@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lmeasure.core import FileFormatError, FloatArray, IntArray, LMeasureError
 from lmeasure.io import files
+from lmeasure.text import message
 from lmeasure.view.viewer import check_recording
 
 Colour = tuple[int, int, int]
@@ -31,11 +32,11 @@ CABLE_COLOURS: tuple[Colour, ...] = (
 def recording(path: Path, name: str) -> Iterator[rr.RecordingStream]:
     """A stream into a temporary file that becomes `path` once it can be read back."""
     if path.suffix.lower() != ".rrd":
-        raise FileFormatError(f"{path}: the name must end in .rrd")
+        raise FileFormatError(message("error.the_name_must_end_in_rrd", where=path))
     with files.whole(path) as temporary:
         rec = rr.RecordingStream("lmeasure")
         if not rr.is_enabled(rec):
-            raise LMeasureError(f"{path}: the environment variable RERUN switches recordings off")
+            raise LMeasureError(message("error.the_environment_variable_rerun", where=path))
         _room(temporary)  # without any, rerun may wait for ever
         temporary.unlink()
         try:
@@ -45,7 +46,7 @@ def recording(path: Path, name: str) -> Iterator[rr.RecordingStream]:
             rec.flush()
         except RuntimeError as error:
             _room(temporary)  # rerun does not say whether the disk is full
-            raise LMeasureError(f"{path}: cannot be written: {error}") from error
+            raise LMeasureError(message("error.cannot_be_written_2", where=path, error=error)) from error
         finally:
             rec.disconnect()
         check_recording(temporary, path)
@@ -65,7 +66,7 @@ def entity_path(*parts: str) -> str:
 def indexes_at(time_s: FloatArray, samples: IntArray) -> list[rr.TimeColumn]:
     """Indexes of samples: their time to the nearest nanosecond and their number."""
     if np.abs(time_s).max() > LAST_TIME_S:
-        raise LMeasureError(f"time_s = {time_s[np.argmax(np.abs(time_s))]:g}: a recording holds times up to {LAST_TIME_S:g} s")
+        raise LMeasureError(message("error.time_s_a_recording", time_s=time_s[np.argmax(np.abs(time_s))], last_time_s=LAST_TIME_S))
     return [rr.TimeColumn("time", duration=np.rint(time_s * 1e9).astype("timedelta64[ns]")), rr.TimeColumn("sample", sequence=samples)]
 
 

@@ -17,7 +17,7 @@ from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.recording import Counts, Poses, Run, RunHead, read_counts
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import LengthResiduals, Lengths, length_residuals
-from lmeasure.text import signs
+from lmeasure.text import message, signs
 from lmeasure.trajectory import Each, Trajectory, align
 from lmeasure.view.recording import CableSeries, cable_colour, entity_path, indexes_at, recording, send_scalars, time_indexes
 from lmeasure.view.space import (
@@ -270,7 +270,7 @@ def growing_counts(path: Path, channels: tuple[str, ...], passage: int = 1) -> I
         rec.save(path)
         series = CableSeries(rec, ("counts", f"pass{passage}"), channels)
     except RuntimeError as error:
-        raise LMeasureError(f"{path}: cannot be written: {error}") from error
+        raise LMeasureError(message("error.cannot_be_written_2", where=path, error=error)) from error
     given = 0
 
     def append(samples: Samples) -> None:

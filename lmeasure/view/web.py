@@ -22,6 +22,7 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from lmeasure.core import LMeasureError
+from lmeasure.io import os_reason
 from lmeasure.text import message
 from lmeasure.view.viewer import check_recording
 
@@ -80,7 +81,7 @@ def serving(recording: Path, port: int = 0) -> Iterator[ThreadingHTTPServer]:
     try:
         server = ThreadingHTTPServer((LOOPBACK, port), _Handler)
     except OSError as error:
-        raise LMeasureError(f"port {port} of {LOOPBACK} cannot be had: {error.strerror or error}; --port 0 takes a free one") from error
+        raise LMeasureError(message("error.port_of_cannot_be", port=port, loopback=LOOPBACK, error=os_reason(error))) from error
     try:
         with _viewer_files(f"http://{LOOPBACK}:{server.server_port}{RECORDING}") as behind:
             server.RequestHandlerClass = type("Handler", (_Handler,), {"recording": recording, "behind": behind})
@@ -121,7 +122,7 @@ def _viewer_files(recording_url: str) -> Iterator[int]:
                 break
             except OSError as error:
                 if process.poll() is not None or time.monotonic() > given_up:
-                    raise LMeasureError(f"rerun's web viewer did not start (exit {process.poll()})") from error
+                    raise LMeasureError(message("error.rerun_s_web_viewer", poll=process.poll())) from error
                 time.sleep(0.05)
         yield port
     finally:
@@ -133,12 +134,12 @@ def _program() -> str:
     """rerun's program in its wheel: started by itself, as what starts it there would leave it behind."""
     wheel = find_spec("rerun_cli")
     if wheel is None or not wheel.submodule_search_locations:
-        raise LMeasureError("rerun's program is not there; install rerun-sdk again")
+        raise LMeasureError(message("error.rerun_s_program_is"))
     folder = Path(wheel.submodule_search_locations[0])
     places = (folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun", folder / f"rerun{'.exe' if sys.platform == 'win32' else ''}")
     found = next((str(place) for place in places if place.is_file()), None)
     if found is None:
-        raise LMeasureError(f"{folder}: rerun's program is not there; install rerun-sdk again")
+        raise LMeasureError(message("error.rerun_s_program_is_not", where=folder))
     return found
 
 

@@ -17,6 +17,7 @@ from lmeasure.certificate import with_u95
 from lmeasure.core import LMeasureError
 from lmeasure.io import files, read_regular
 from lmeasure.iso9283 import trend_names
+from lmeasure.text import message
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
 from lmeasure.workbench.answers import Bench, Form, bench_of, language_of, page, posted, refused, uploads_of, within
 from lmeasure.workbench.project import LARGEST_JSON, LARGEST_TEXT, OutsideError, Project, inside
@@ -34,7 +35,7 @@ def details(request: Request, form: Form) -> Response:
     file = typed.get("_file") or request.query_params.get("file") or (known[0] if known else "details.toml")
     path = inside(bench.folder, file)
     if path.suffix != ".toml" or (path.exists() and (file not in known or path.stat().st_size > LARGEST_TEXT)):
-        raise OutsideError(f"{file}: is no details file of the project")
+        raise OutsideError(message("error.is_no_details_file", where=file))
     before: Any = files.read_toml(path) if path.is_file() else {}
     content = form_of_details.filled(before, typed) if typed else dict(before)
     wrong = form_of_details.complaints(content, file) if typed else []
@@ -100,7 +101,7 @@ def _kept(bench: Bench, uploads: Uploads) -> str:
 def _certificate_in(folder: Path, name: str) -> Path:
     found = sorted(folder.rglob("certificate.json"), key=lambda path: len(path.parts))
     if not found:
-        raise OutsideError(f"{name[:200]}: holds no certificate.json; drop the whole folder, or its zip")
+        raise OutsideError(message("error.holds_no_certificate_json", where=name[:200]))
     return found[0].parent
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import LARGEST_NAME
+from lmeasure.text import message
 from lmeasure.workbench.project import OutsideError, Project, inside
 from lmeasure.workflows import Option, Writing, as_arguments, command_line, former_options, load, options_of, other_flags, own_bus, said_of
 
@@ -202,19 +203,19 @@ def asked(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
     do not run.
     """
     if command in NOT_HERE:
-        raise LMeasureError(f"{command} is not run from a page")
+        raise LMeasureError(message("error.is_not_run_from", command=command))
     workflow = load(command)
     given = {**given, **ALWAYS.get(command, {})}
     options = {option.name: option for option in options_of(workflow.settings)}
     for name, value in given.items():
         if name not in options or name in HIDDEN:
-            raise SettingsError(name, "is unknown here")
+            raise SettingsError(name, message("error.is_unknown_here"))
         for text in value if isinstance(value, list) else [value]:
             if isinstance(text, str):
                 _confined(options[name], text, folder)
     missing = next((o.name for o in options.values() if o.required and given.get(o.name) in (None, "", [])), None)
     if missing is not None:
-        raise SettingsError(missing, "is missing")
+        raise SettingsError(missing, message("error.is_missing"))
     # as from a command line: texts, of which the model makes numbers and tuples
     workflow.settings.model_validate(dict(given))
     return command_line(command, workflow.settings, given)
@@ -238,7 +239,7 @@ def _confined(option: Option, text: str, folder: Path) -> None:
             return
         for part in filter(None, _SPLIT.split(text)):
             if len(os.fsencode(part)) > LARGEST_NAME:
-                raise OutsideError(f"{part[:60]!r}...: is too long for a number or a name")
+                raise OutsideError(message("error.is_too_long_for", part=part[:60]))
             if "/" in part or "\\" in part or part.startswith((".", "~")) or (folder / part).is_symlink():
                 _own_or_device(part, folder)
     except LMeasureError as error:

@@ -15,6 +15,7 @@ from starlette.routing import Route
 
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import not_written
+from lmeasure.text import message
 from lmeasure.workbench import forms, runs
 from lmeasure.workbench.answers import COOKIE, Form, bench_of, files_of, form_of, job_of, language_of, lost, page, posted
 from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking, primary
@@ -284,7 +285,7 @@ def go(request: Request) -> Response:
     try:
         path = shelf.path(request.path_params["name"])
         if not path.is_dir():
-            raise OutsideError(f"{path.name}: there is no such project")
+            raise OutsideError(message("error.there_is_no_such_project", where=path.name))
         return RedirectResponse(shelf.desk.address(path, shelf), 303)
     except LMeasureError as error:
         return lost(request, str(error))

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from lmeasure.acquisition import log_suffixes
 from lmeasure.core import LMeasureError
 from lmeasure.io import LARGEST_NAME, loads, open_regular, read_regular
+from lmeasure.text import message
 
 OWN = ".workbench"
 DEEP, MANY = 5, 5000
@@ -69,18 +70,18 @@ def inside(folder: Path, text: str) -> Path:
     """The path of a text within the folder; OutsideError for one that leads elsewhere, by dots, links or drives, or to what is hidden: all
     whose name begins with a dot, the workbench's own folder and those of other programs."""
     if "\0" in text or not text.strip() or len(text) > LONGEST:
-        raise OutsideError(f"{text[:200]!r} is no path")
+        raise OutsideError(message("error.is_no_path", text=text[:200]))
     root = folder.resolve()
     try:
         path = (root / text).resolve()
     except (OSError, RuntimeError, ValueError) as error:
-        raise OutsideError(f"{text!r} is no path: {error}") from error
+        raise OutsideError(message("error.is_no_path_2", text=text, error=error)) from error
     if not path.is_relative_to(root):
-        raise OutsideError(f"{text}: lies outside the project {folder}; copy it into the project first")
+        raise OutsideError(message("error.lies_outside_the_project", where=text, folder=folder))
     if any(part.startswith(".") for part in path.relative_to(root).parts):
-        raise OutsideError(f"{text}: is hidden; the workbench neither reads nor writes files and folders whose names begin with a dot")
+        raise OutsideError(message("error.is_hidden_the_workbench", where=text))
     if any(len(os.fsencode(part)) > LARGEST_NAME for part in path.relative_to(root).parts):
-        raise OutsideError(f"{text[:200]!r} is no path: a name in it is longer than {LARGEST_NAME} bytes")
+        raise OutsideError(message("error.is_no_path_a", text=text[:200], largest_name=LARGEST_NAME))
     return path
 
 

@@ -17,6 +17,7 @@ from lmeasure.core import LMeasureError
 from lmeasure.io import open_regular, read_toml, rewrite_toml
 from lmeasure.kernels import compilation
 from lmeasure.recording import read_run_head, start_from_text
+from lmeasure.text import message
 from lmeasure.workbench import guard, rig_form
 from lmeasure.workbench.answers import HERE, Form, as_file, bench_of, file_of, language_of, page, posted, uploads_of, within
 from lmeasure.workbench.cards import card
@@ -148,7 +149,7 @@ def rig(request: Request, form: Form) -> Response:
         path = inside(bench.folder, file)
         kind = rig_form.kind_of(path)
         if not kind:
-            raise OutsideError(f"{file}: is no rig of the project")
+            raise OutsideError(message("error.is_no_rig_of", where=file))
         if request.method == "POST":
             complaints += rig_form.save(path, typed)
             if not complaints:
@@ -213,14 +214,14 @@ def start(request: Request, form: Form) -> Response:
     folder = inside(bench.folder, request.path_params["path"])
     table = folder / "run.toml"
     if not table.is_file():
-        raise OutsideError(f"{request.path_params['path']}: is no run folder of the project")
+        raise OutsideError(message("error.is_no_run_folder", where=request.path_params["path"]))
     head = read_run_head(folder)
     here = folder.relative_to(bench.folder.resolve()).as_posix()
     if request.method == "POST":
         text = form.get("start", [""])[-1]
         try:
             if not re.fullmatch(r"[\s\d.,;eE+\-]+", text):
-                raise OutsideError("wanted: six or seven numbers with commas between them")
+                raise OutsideError(message("error.wanted_six_or_seven"))
             stated = start_from_text(text.replace(";", ","), head.rig)
             document = read_toml(table)
             pose = {"position_mm": stated[:3].tolist(), "quaternion_xyzw": stated[3:].tolist()}

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from lmeasure.io import os_reason
+from lmeasure.text import message
 from lmeasure.workbench.project import OWN, OutsideError
 from lmeasure.workbench.uploads import DEVICES
 
@@ -45,12 +47,10 @@ class Shelf:
     def path(self, name: str) -> Path:
         """The folder of a name; OutsideError for a name that is none, or leads elsewhere."""
         if not _NAME.fullmatch(name) or name != name.strip(" .") or DEVICES.fullmatch(name):
-            raise OutsideError(
-                f"{name!r}: is no name of a project: letters, digits, blanks and . _ + - , at most 60, a letter or digit first"
-            )
+            raise OutsideError(message("error.is_no_name_of", name=name))
         path = self.folder / name
         if path.is_symlink():
-            raise OutsideError(f"{name}: leads elsewhere")
+            raise OutsideError(message("error.leads_elsewhere", where=name))
         return path
 
     def begin(self, name: str) -> Path:
@@ -59,9 +59,9 @@ class Shelf:
         try:
             path.mkdir()
         except FileExistsError:
-            raise OutsideError(f"{name}: is there already; open it") from None
+            raise OutsideError(message("error.is_there_already_open", where=name)) from None
         except OSError as error:
-            raise OutsideError(f"{name}: cannot be made: {error.strerror or error}") from error
+            raise OutsideError(message("error.cannot_be_made", where=name, error=os_reason(error))) from error
         return path
 
 

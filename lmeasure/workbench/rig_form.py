@@ -13,7 +13,7 @@ from lmeasure.accuracy import Limits, Placement, Scan, axis, box_around, map_zon
 from lmeasure.core import LMeasureError
 from lmeasure.io import checked, files
 from lmeasure.rig import DrumsFile, rig_from_dict
-from lmeasure.text import texts
+from lmeasure.text import message, texts
 from lmeasure.workbench.project import LARGEST_TEXT, OutsideError, schema_of
 
 UNITS = {"_mm": "mm", "_deg": "deg", "_mm_s": "mm/s", "_rad": "rad", "_s": "s"}
@@ -76,7 +76,7 @@ class Thing(NamedTuple):
 def read(path: Path) -> tuple[Any, str]:
     """The document and the digest of the file, by which a change by others is seen."""
     if path.stat().st_size > LARGEST_TEXT:
-        raise OutsideError(f"{path.name}: too large for such a file")
+        raise OutsideError(message("error.too_large_for_such", where=path.name))
     document = files.read_toml(path)
     return document, digest(path)
 

@@ -15,7 +15,7 @@ from starlette.routing import Route
 from lmeasure.calibration import Comparison, chance, compare_records, read_earlier
 from lmeasure.core import LMeasureError
 from lmeasure.recording import read_run_head
-from lmeasure.text import Say
+from lmeasure.text import Say, message
 from lmeasure.view import policy as web_policy, viewer_file
 from lmeasure.workbench import trajectories
 from lmeasure.workbench.answers import Bench, bench_of, file_of, language_of, page, within
@@ -142,7 +142,7 @@ def moved(request: Request) -> Response:
 def _compared(bench: Bench, old: str, new: str) -> Comparison:
     paths = [inside(bench.folder, text) for text in (old, new)]
     if any(path.is_file() and path.stat().st_size > LARGEST_JSON for path in paths):
-        raise OutsideError(f"{old} or {new}: is too large for a calibration")
+        raise OutsideError(message("error.or_is_too_large", old=old, new=new))
     first, later = (read_earlier(path) for path in paths)
     return compare_records(replace(first, source=old), replace(later, source=new))
 

@@ -204,7 +204,7 @@ def _listener(port: int) -> socket.socket:
         listener.listen(128)  # who comes before the server is up waits
     except OSError as error:
         listener.close()
-        raise LMeasureError(f"port {port} of {LOOPBACK} cannot be had: {error.strerror or error}; --port 0 takes a free one") from error
+        raise LMeasureError(message("error.port_of_cannot_be", port=port, loopback=LOOPBACK, error=os_reason(error))) from error
     return listener
 
 

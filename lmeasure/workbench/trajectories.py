@@ -11,6 +11,7 @@ from lmeasure.accuracy import AXIS_95, Along, along, kept_rows, merged
 from lmeasure.core import FileFormatError, framed
 from lmeasure.io import decoded_bytes
 from lmeasure.report import about_stretch, trajectory_summary
+from lmeasure.text import message
 from lmeasure.trajectory import read_trajectory
 
 SHOWN = 1500
@@ -30,7 +31,7 @@ def _read(path: Path, changed_ns: int) -> Along:
 def along_of(path: Path) -> Along:
     size = path.stat().st_size
     if max(size, decoded_bytes(path) if path.suffix.lower() == ".parquet" else 0) > LARGEST:
-        raise FileFormatError(f"{path}: holds more than {LARGEST / 2**20:.0f} MB of numbers and texts; a page shows no such file")
+        raise FileFormatError(message("error.holds_more_than_mb", where=path, largest=LARGEST / 2**20))
     return _read(path, path.stat().st_mtime_ns)
 
 

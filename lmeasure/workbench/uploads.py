@@ -12,6 +12,7 @@ from typing import Any
 
 from lmeasure.core import LMeasureError
 from lmeasure.io import LARGEST_NAME, not_written, open_zip, unpack
+from lmeasure.text import message
 from lmeasure.workbench.guard import LARGEST_UPLOAD
 from lmeasure.workbench.project import OutsideError
 
@@ -80,7 +81,7 @@ def _publish(stage: Path, folder: Path) -> None:
         staged = sorted(stage.iterdir())
         for one in staged:
             if (folder / one.name).exists() or (folder / one.name).is_symlink():
-                raise OutsideError(f"{one.name}: is there already, and stays")
+                raise OutsideError(message("error.is_there_already_and_stays", where=one.name))
         done: list[Path] = []
         try:
             for one in staged:
@@ -94,7 +95,7 @@ def _publish(stage: Path, folder: Path) -> None:
 def _plain(name: str) -> str:
     plain = name.replace("\\", "/").rpartition("/")[2]
     if not _is_name(plain):
-        raise OutsideError(f"{plain[:200]!r}: a file of that name is not taken in")
+        raise OutsideError(message("error.a_file_of_that", plain=plain[:200]))
     return plain
 
 
@@ -109,7 +110,7 @@ def _inner(name: str) -> str:
     if any(BY_PRODUCTS.fullmatch(part) for part in parts) and not {"", ".", ".."} & set(parts):
         return ""
     if not all(_is_name(part) for part in parts):
-        raise OutsideError(f"{name[:200]!r}: a file of that name is not taken in")
+        raise OutsideError(message("error.a_file_of_that", plain=name[:200]))
     return name
 
 
@@ -121,7 +122,7 @@ def _unpacked(packed: Path, folder: Path) -> None:
         top = names[0].split("/")[0] + "/" if names else ""
         top = top if all(name.startswith(top) for name in names) else ""
         if folder.exists():
-            raise OutsideError(f"{folder.name}: comes twice")
+            raise OutsideError(message("error.comes_twice", where=folder.name))
         folder.mkdir()
         unpack(archive, folder, lambda name: _inner(name).removeprefix(top))
 
@@ -133,8 +134,8 @@ def _copied(file: Any, target: Path) -> Path:
             while block := file.read(2**20):
                 taken += len(block)
                 if taken > LARGEST_UPLOAD:
-                    raise OutsideError(f"{target.name}: is larger than {LARGEST_UPLOAD / 2**30:g} GiB")
+                    raise OutsideError(message("error.is_larger_than_gib", where=target.name, largest_upload=LARGEST_UPLOAD / 2**30))
                 sink.write(block)
     except FileExistsError:
-        raise OutsideError(f"{target.name}: comes twice") from None
+        raise OutsideError(message("error.comes_twice", where=target.name)) from None
     return target

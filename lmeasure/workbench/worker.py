@@ -18,6 +18,7 @@ from typing import Any
 from starlette.concurrency import run_in_threadpool
 
 from lmeasure.core import FileFormatError, LMeasureError
+from lmeasure.text import message
 
 MEMORY = 2**32
 """Bytes that the process may take beyond what it takes when it begins; no more than half of the machine's."""
@@ -46,7 +47,7 @@ class Worker:
                 self._talk.send((function, path, more))
                 if not self._talk.poll(self.patience_s):
                     self._end()
-                    raise FileFormatError(f"{path}: takes more than {self.patience_s:g} s to be read")
+                    raise FileFormatError(message("error.takes_more_than_s", where=path, patience_s=self.patience_s))
                 good, answer = self._talk.recv()
             except (OSError, EOFError) as error:
                 self._end()
@@ -90,7 +91,12 @@ def _answer(talk: Connection, memory: int) -> None:
             except LMeasureError as error:
                 answer = False, FileFormatError(str(error))
             except Exception as error:  # other libraries have errors of their own for files that are none
-                answer = False, FileFormatError(f"{path}: cannot be read: {type(error).__name__}: {' '.join(str(error).split())[:200]}")
+                answer = (
+                    False,
+                    FileFormatError(
+                        message("error.cannot_be_read_3", where=path, name=type(error).__name__, error=" ".join(str(error).split())[:200])
+                    ),
+                )
             talk.send(answer)
 
 

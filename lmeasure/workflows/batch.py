@@ -98,7 +98,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
     items = read_items(settings.items, subject, settings.folders)
     store = Store(settings.out)
     if store.folder is None and not settings.catalogue:
-        raise SettingsError("catalogue", f"is missing: {settings.out} holds no database; name a file or a database's URL")
+        raise SettingsError("catalogue", message("error.is_missing_holds_no", out=settings.out))
     if store.folder is not None:
         store.folder.mkdir(parents=True, exist_ok=True)
         store.swept()
@@ -119,7 +119,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
                 if isinstance(came, LostError):
                     came = _failed(task, str(came))
                 if isinstance(came, Stop):
-                    raise LMeasureError(f"{came.line}; {n - 1} of {len(tasks)} items are kept: mend it, and run the same command again")
+                    raise LMeasureError(message("error.of_items_are_kept", line=came.line, n=n - 1, n_tasks=len(tasks)))
                 counts["unchanged" if came == task.before else came.state] += 1
                 if came != task.before:
                     waiting.append(came)
@@ -164,7 +164,7 @@ def _options(settings: Settings, model: type[Asked], subject: str) -> dict[str, 
         name, mark, value = text.partition("=")
         name = name.strip().removeprefix("--").replace("-", "_")
         if not mark or name not in known:
-            raise SettingsError("options", f"{text!r} is not NAME=VALUE with an option of {settings.command}: {', '.join(known)}")
+            raise SettingsError("options", message("error.is_not_name_value", text=text, command=settings.command, known=", ".join(known)))
         out[name] = value.strip()
     return out
 
@@ -220,7 +220,7 @@ def _worked(task: Task, store: "Store", scratch: Path) -> "Outcome":
     }
     unknown = sorted(set(task.options) - set(model.model_fields))
     if unknown:
-        raise SettingsError(unknown[0], f"is no option of {task.command}")
+        raise SettingsError(unknown[0], message("error.is_no_option_of", command=task.command))
     output, made = "", scratch / "made"
     if "out" in model.model_fields:
         file = model.OUT_FILE if issubclass(model, Writing) else ""
@@ -288,7 +288,7 @@ def _summary(store: "Store", settings: Settings, found: "Sequence[Outcome]") -> 
     result = result or next((name for one in found for name in one.figures), "")
     if settings.result and found and not any(result in one.figures for one in found):
         known = sorted({name for one in found for name in one.figures})
-        raise SettingsError("result", f"{result!r} is no result of {settings.command}: {', '.join(known)}")
+        raise SettingsError("result", message("error.is_no_result_of", result=result, command=settings.command, known=", ".join(known)))
     with store.scratch() as scratch:
         table, page, folder = scratch / "items.csv", scratch / "summary.html", scratch / "figures"
         header = ["robot", "day", "name", "state", "line", "output", "sha256", "seconds", "version"]

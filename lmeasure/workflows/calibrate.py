@@ -141,7 +141,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     if result.refused is not None:
         # an earlier one would seem to belong to this record
         (out / "rig.toml").unlink(missing_ok=True)
-        raise CalibrationError(f"{settings.folder}: {result.refused}; no rig.toml is written, read {out / 'report.html'}")
+        raise CalibrationError(message("error.no_rig_toml_is", where=settings.folder, refused=result.refused, out=out / "report.html"))
     write_rig(out / "rig.toml", result.rig)
     if result.record.poses:
         write_poses(out / "poses.csv", result.campaign.poses)
@@ -182,7 +182,7 @@ def _campaign(settings: Settings) -> "Campaign":
         read = read_campaign(settings.folder, columns_of(settings.columns))
         return without_slips(read, str(settings.folder / "reference_poses.csv"))
     if not settings.self_calibration:
-        raise CalibrationError(f"{settings.folder}: a run has no reference poses: calibrate by it with --self, or go on with --continue")
+        raise CalibrationError(message("error.a_run_has_no", where=settings.folder))
     start = None if settings.start is None else stated_start(settings.start)
     times = tuple(name for a, b, _, _ in distances(settings.distance) for name in (a, b))
     return read_motion(settings.folder, settings.rig, start, samples=settings.samples, named=times)[0]
@@ -196,15 +196,15 @@ def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
     from lmeasure.rig import write_calibration_record, write_rig
 
     if not is_run(settings.folder):
-        raise CalibrationError(f"{settings.folder}: --continue takes a run folder")
+        raise CalibrationError(message("error.continue_takes_a_run", where=settings.folder))
     start = None if settings.start is None else stated_start(settings.start)
     campaign, run = read_motion(settings.folder, settings.rig, start, samples=settings.samples)
     if run.calibration is None:
-        raise CalibrationError(f"{settings.folder}: its rig links no calibration to go on from; --rig names one that does")
+        raise CalibrationError(message("error.its_rig_links_no", where=settings.folder))
     progress(0.3, "continuing")
     found = continued(campaign, run.calibration)
     if found.moved is not None:
-        raise CalibrationError(f"{settings.folder}: {found.moved}; nothing is written")
+        raise CalibrationError(message("error.nothing_is_written", where=settings.folder, moved=found.moved))
     predicted = predict(campaign, found.rig, found.record, settings.seed)
     record = found.record.model_copy(update={"predicted": predicted_entry(campaign, predicted)})
     result = Calibration(found.rig, record, campaign, predicted)

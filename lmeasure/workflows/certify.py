@@ -97,7 +97,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     except OtherTrajectoryError as error:
         if settings.rig is not None:
             raise
-        raise OtherTrajectoryError(f"{error}; if it was reconstructed with another rig than the run's own, --rig names it") from None
+        raise OtherTrajectoryError(message("error.if_it_was_reconstructed", error=error)) from None
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
     assumed = _assumed(content)
     notes = [*_strange(content), *(line.text(content["language"]) for line in assumed)]

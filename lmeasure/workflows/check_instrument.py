@@ -60,7 +60,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     from lmeasure.workflows.settings import distances
 
     if settings.trend is not None and settings.trend.suffix.lower() != ".csv":
-        raise SettingsError("trend", f"{str(settings.trend)!r} does not end in .csv")
+        raise SettingsError("trend", message("error.does_not_end_in", trend=str(settings.trend)))
     recorded = read_run(settings.run, settings.rig, None if settings.start is None else stated_start(settings.start))
     progress(0.2, "check")
     known = [Distance(*each) for each in distances(settings.distance)]

@@ -64,7 +64,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     if settings.between:
         return _laboratories(settings)
     if stray := next((name for name in ("common_mm", "artefact_mm") if getattr(settings, name)), None):
-        raise SettingsError(stray, "goes with --between")
+        raise SettingsError(stray, message("error.goes_with_between"))
     if any(_is_calibration(path) for path in settings.certificates):
         return _calibrations(settings)
     from lmeasure.certificate import CERTIFICATE, as_dict, canonical, compare_certificates, improvement, lines, read_certificate
@@ -82,7 +82,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
         left = None if settings.corrections is None else identified_mm(settings.corrections)
         better = improvement(first, later, left) if any(pair.shifts for pair in found.pairs) else None
     if settings.corrections is not None and better is None:
-        raise SettingsError("corrections", "tells of two certificates that have poses in common, the earlier one without correction")
+        raise SettingsError("corrections", message("error.tells_of_two_certificates"))
     if settings.corrections is not None and better is not None:
         reported += of_improvement(better)
     # nothing is written before all that is read has been
@@ -106,7 +106,7 @@ def _laboratories(settings: Settings) -> "Result[tuple[Consensus, ...]]":
     from lmeasure.io import files
 
     if stray := next((name for name in ("page", "corrections") if getattr(settings, name) is not None), None):
-        raise SettingsError(stray, "does not go with --between")
+        raise SettingsError(stray, message("error.does_not_go_with"))
     laboratories = [read_laboratory(path) for path in settings.certificates]
     found = compare_laboratories(laboratories, common_mm=settings.common_mm, artefact_mm=settings.artefact_mm)
     if settings.out is not None:
@@ -131,9 +131,9 @@ def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
 
     other = next((path for path in settings.certificates if not _is_calibration(path)), None)
     if other is not None:
-        raise SettingsError("certificates", f"{other}: holds no calibration.json; of calibrations two are compared, the earlier one first")
+        raise SettingsError("certificates", message("error.holds_no_calibration_json", where=other))
     if len(settings.certificates) != 2:
-        raise SettingsError("certificates", "of calibrations two are compared, the earlier one first")
+        raise SettingsError("certificates", message("error.of_calibrations_two_are"))
     refuse(settings, "goes with certificates, and these are calibrations", "page", "corrections")
     found = compare_records(*map(read_earlier, settings.certificates))
     if settings.out is not None:

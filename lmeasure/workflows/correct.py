@@ -85,11 +85,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
 
     names = [path.name for path in settings.programs]
     if len(set(names)) != len(names):
-        raise SettingsError("programs", "two files of one name would be written to one")
+        raise SettingsError("programs", message("error.two_files_of_one"))
     if (settings.identified is None) == (settings.map is None):
-        raise SettingsError("identified", "state a folder of `lmeasure identify`, or --map with measured errors, one of the two")
+        raise SettingsError("identified", message("error.state_a_folder_of"))
     if settings.dialect and not is_dialect(settings.dialect):
-        raise SettingsError("dialect", f"{settings.dialect!r} is none of {', '.join(dialect_names())}")
+        raise SettingsError("dialect", message("error.is_none_of", kind=settings.dialect, kinds=", ".join(dialect_names())))
     listing, dialect = _listing(settings)
     correcting = _by_model(settings) if settings.identified is not None else _by_map(settings)
     progress(0.2, "correcting")
@@ -134,7 +134,9 @@ def _by_model(settings: Settings) -> Correcting:
     assert settings.identified is not None
     robot = read_identified(settings.identified)
     if settings.near and len(settings.near) != len(robot.nominal.joint_names):
-        raise SettingsError("near", f"{len(settings.near)} joint values; the robot has {len(robot.nominal.joint_names)}")
+        raise SettingsError(
+            "near", message("error.joint_values_the_robot", n_near=len(settings.near), n_joint_names=len(robot.nominal.joint_names))
+        )
     base, tool = _frame(settings.base, "base"), _frame(settings.tool, "tool")
     seen = robot if base is None and tool is None else robot.stated(base, tool)
     return lambda listing, dialect: (corrected_program(listing, dialect, seen, limits=_limits(settings), near=settings.near or ()), [])
@@ -153,7 +155,7 @@ def _by_map(settings: Settings) -> Correcting:
     try:
         errors = error_map(given.poses, given.errors_mm, given.turns, turned=given.turned)
     except RobotError as error:
-        raise RobotError(f"{settings.map}: {error}") from None
+        raise RobotError(composed("{where}: {error}", where=settings.map, error=error)) from None
     off = np.linalg.norm(errors.place.left_out, axis=1)
     lines: list[str] = [message("workflows.map_points_left_out", n=len(off), mean=off.mean(), most=off.max(), percent=100 * errors.within)]
     if not given.turned:
@@ -190,7 +192,7 @@ def _listing(settings: Settings) -> "tuple[Listing, Dialect]":
     listing = dialect.read(sources).stated(stated)
     strange = [name for name in settings.skip if name not in {t.name for t in listing.targets}]
     if strange:
-        raise SettingsError("skip", f"the program has no target {strange[0]!r}")
+        raise SettingsError("skip", message("error.the_program_has_no", strange=strange[0]))
     left = tuple(
         Unread(sources[t.source].name, t.line, message("workflows.skipped", name=t.name))
         for t in listing.targets
@@ -199,7 +201,7 @@ def _listing(settings: Settings) -> "tuple[Listing, Dialect]":
     listing = replace(listing, targets=tuple(t for t in listing.targets if t.name not in settings.skip), unread=(*listing.unread, *left))
     if not listing.targets:
         first = f"; the first that was left: {listing.unread[0]}" if listing.unread else ""
-        raise RobotError(f"{', '.join(names)}: no target that can be corrected as {dialect.name}{first}")
+        raise RobotError(message("error.no_target_that_can", where=", ".join(names), name=dialect.name, first=first))
     return listing, dialect
 
 
@@ -218,27 +220,27 @@ def read_frames(path: Path) -> "dict[str, FloatArray]":
             continue
         where = f"{path}: [{name}]"
         if not isinstance(table, dict):
-            raise FileFormatError(f"{where}: must be a table with position_mm and quaternion_xyzw or angles")
+            raise FileFormatError(message("error.must_be_a_table", where=where))
         angles = {f"{c.name.replace('-', '_')}_{'rad' if c.axes == 'rotvec' else 'deg'}": c.name for c in CONVENTIONS.values()}
         known = {"position_mm", "quaternion_xyzw", *angles}
         for key, value in table.items():
             numbers = value if isinstance(value, list) else []
             if key not in known:
-                raise FileFormatError(f"{where}: {key} is not known; known: {', '.join(sorted(known))}")
+                raise FileFormatError(message("error.is_not_known_known", where=where, key=key, known=", ".join(sorted(known))))
             if len(numbers) != (4 if key == "quaternion_xyzw" else 3) or not all(isinstance(v, int | float) for v in numbers):
-                raise FileFormatError(f"{where}: {key} must be {4 if key == 'quaternion_xyzw' else 3} numbers")
+                raise FileFormatError(message("error.must_be_numbers", where=where, key=key, value=4 if key == "quaternion_xyzw" else 3))
         place = np.array(table.get("position_mm", [0.0, 0.0, 0.0]), dtype=np.float64)
         if not (np.abs(place) <= MAX_LENGTH_MM).all():
-            raise FileFormatError(f"{where}: position_mm must be lengths of at most {MAX_LENGTH_MM:.0f} mm")
+            raise FileFormatError(message("error.position_mm_must_be", where=where, max_length_mm=MAX_LENGTH_MM))
         turned = [key for key in table if key != "position_mm"]
         if len(turned) > 1:
-            raise FileFormatError(f"{where}: an orientation is stated twice: {', '.join(turned)}")
+            raise FileFormatError(message("error.an_orientation_is_stated", where=where, turned=", ".join(turned)))
         if not turned:
             turn = Rotation.identity()
         elif turned == ["quaternion_xyzw"]:
             quaternion = np.array(table["quaternion_xyzw"], dtype=np.float64)
             if not abs(np.linalg.norm(quaternion) - 1.0) <= UNIT_TOLERANCE:
-                raise FileFormatError(f"{where}: quaternion_xyzw is of length {np.linalg.norm(quaternion):.6g}, not 1")
+                raise FileFormatError(message("error.quaternion_xyzw_is_of", where=where, norm=np.linalg.norm(quaternion)))
             turn = Rotation.from_quat(quaternion)
         else:
             turn = rotation_from_angles(angles[turned[0]], table[turned[0]])

@@ -51,18 +51,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     given = read_poses(settings.poses, settings.angles, unnamed=True)
     poses = given.rows
     if len(poses) < LEAST:
-        raise FileFormatError(f"{settings.poses}: {len(poses)} poses; a link has {LEAST} parameters, so that {LEAST} are needed")
+        raise FileFormatError(message("error.poses_a_link_has", where=settings.poses, n_poses=len(poses), least=LEAST))
     spread = float(np.linalg.norm(np.ptp(poses[:, :3], axis=0)))
     reach = settings.reach_mm or 3.0 * spread
     if not reach > 0.0:
-        raise FileFormatError(f"{settings.poses}: all poses are at one place; --reach-mm says how far ball joints may lie from it")
+        raise FileFormatError(message("error.all_poses_are_at", where=settings.poses))
     progress(0.0, "least squares")
     every = all_fitted(poses, reach, settings.starts, settings.seed, lambda share: progress(0.7 * share, "least squares"))
     near = [d for d in every if _within(d, poses, reach)]
     if len(near) < settings.links:
         raise FileFormatError(
-            f"{settings.poses}: {len(near)} different links found within {reach:.4g} mm, {settings.links} asked for: "
-            "more --starts or --reach-mm"
+            message("error.different_links_found_within", where=settings.poses, n_near=len(near), reach=reach, links=settings.links)
         )
     best = near[: settings.links]
     anchors, points, lengths = (np.array(part) for part in list(zip(*best, strict=True))[:3])

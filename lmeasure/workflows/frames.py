@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from lmeasure.core import RobotError, SettingsError
-from lmeasure.text import message
+from lmeasure.text import composed, message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, known_convention, option, radians_of
 
@@ -53,13 +53,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     there = {name for path in paths for name in ForeignTable(path, columns, part=True).mapped} if columns else set()
     stray = next((name for name in columns if name not in there), None)
     if stray is not None:
-        raise SettingsError("columns", f"{stray}={columns[stray].name}: neither {paths[0]} nor {paths[1]} has such a column")
+        raise SettingsError(
+            "columns", message("error.neither_nor_has_such", stray=stray, name=columns[stray].name, paths=paths[0], paths2=paths[1])
+        )
     robot = read_poses(settings.robot, settings.angles, columns, part=True)
     seen = read_poses(settings.measured, settings.angles, columns, positions_alone=True, part=True)
     try:
         found = frames(robot, seen.with_uncertainty(settings.u_position_mm, radians_of(settings.u_rotation_deg)), settings.seed)
     except RobotError as error:
-        raise RobotError(f"{settings.robot}, {settings.measured}: {error}") from None
+        raise RobotError(composed("{robot}, {measured}: {error}", robot=settings.robot, measured=settings.measured, error=error)) from None
     alone = tuple(
         message("workflows.pose_stands_alone_left", name=name, path=path)
         for path, own, other in ((settings.robot, robot, seen), (settings.measured, seen, robot))

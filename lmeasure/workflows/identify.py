@@ -90,15 +90,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]
     if unknown:
         known = ", ".join((*FAMILIES, "harmonics"))
-        raise SettingsError("free", f"{unknown[0]!r} is nothing that can be freed; known: {known}")
+        raise SettingsError("free", message("error.is_nothing_that_can_be", unknown=unknown[0], names=known))
     if settings.keep_outliers and settings.weights == "biweight":
-        raise SettingsError(
-            "keep_outliers", "with --weights biweight every row has the weight that the others leave it; state one of the two"
-        )
+        raise SettingsError("keep_outliers", message("error.with_weights_biweight_every"))
     out, columns = settings.out, columns_of(settings.columns)
     robot = nominal(settings.robot, settings.tip, settings.base_link)
     if "stiffness" in settings.free and getattr(robot, "payload", None) is None:
-        raise SettingsError("free", "stiffness needs a load: the robot states no [payload], whose weight would turn its joints")
+        raise SettingsError("free", message("error.stiffness_needs_a_load"))
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     measured = given(settings.measurements, settings.joints, robot.model, Stated(columns, settings.u_position_mm, turn))
     rows = measured.rows
@@ -126,7 +124,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
             found = identify_with_choice(mend.robot.model, mend.rows, chosen)
         check_foreign(found)
     except RobotError as error:
-        raise RobotError(f"{settings.measurements}: robot {robot.name!r}: {error}") from None
+        raise RobotError(message("error.robot", where=settings.measurements, name=robot.name, error=error)) from None
     findings = (*measured.notes, *mend.findings, *found.findings)
     progress(0.5, "holding rows out")
     done = judge(found, [path for path in settings.paths().inputs if path.is_file()], findings, settings.seed)
@@ -155,7 +153,7 @@ def _measured_targets(asked: "Measurements", rows: "Measurements", path: Path | 
     keep = np.array([asked.targets[i] not in strange for i in asked.target_of], dtype=np.bool_)
     measured = ", ".join(rows.targets)
     if not keep.any():
-        raise SettingsError("predict", f"{path}: target {strange[0]!r} was not measured; measured: {measured}")
+        raise SettingsError("predict", message("error.target_was_not_measured", where=path, strange=strange[0], measured=measured))
     counts = {name: int((asked.target_of == asked.targets.index(name)).sum()) for name in strange}
     reported: list[str] = [message("workflows.target_not_measured", name=name, measured=measured, n=n) for name, n in counts.items()]
     return asked.of(np.flatnonzero(keep)), reported
@@ -175,12 +173,10 @@ def nominal(name: str, tip: str | None = None, base_link: str | None = None) -> 
     if path.suffix.lower() == ".urdf":
         return read_urdf(path, tip, base_link)
     if path.suffix.lower() == ".xacro":
-        raise SettingsError(
-            "robot", f"{name!r} is a template of URDF: run `xacro {path.name} -o robot.urdf` (from ROS) and state robot.urdf"
-        )
+        raise SettingsError("robot", message("error.is_a_template_of", name=name, name2=path.name))
     for option_name, link in (("tip", tip), ("base_link", base_link)):
         if link is not None:
-            raise SettingsError(option_name, "goes with a .urdf")
+            raise SettingsError(option_name, message("error.goes_with_a_urdf"))
     if not path.suffix and name not in shipped_names():
-        raise SettingsError("robot", f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
+        raise SettingsError("robot", message("error.is_no_robot_that", name=name, shipped_names=", ".join(shipped_names())))
     return read_robot(path) if path.suffix else any_shipped(name)

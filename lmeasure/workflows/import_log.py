@@ -41,11 +41,11 @@ class Settings(Writing):
     @model_validator(mode="after")
     def _says_whose_counters(self) -> Self:
         if not self.scan and self.rig is None:
-            raise SettingsError("rig", f"is missing; without one `lmeasure import {pasted(self.logs[0])} --scan` lists what the log holds")
+            raise SettingsError("rig", message("error.is_missing_without_one", logs=pasted(self.logs[0])))
         if not self.scan and self.out is None:
-            raise SettingsError("out", "is missing")
+            raise SettingsError("out", message("error.is_missing"))
         if self.report is not None and not self.scan:
-            raise SettingsError("report", "goes with --scan")
+            raise SettingsError("report", message("error.goes_with_scan"))
         return self
 
     def following(self) -> str:
@@ -129,14 +129,14 @@ def _start(settings: Settings) -> "StatedStart | None":
 
     position, turn = settings.position_mm, settings.quaternion_xyzw
     if settings.start is not None and (position is not None or turn is not None):
-        raise SettingsError("start", "is given, and so is --position-mm or --quaternion-xyzw; one of them states the start pose")
+        raise SettingsError("start", message("error.is_given_and_so"))
     if position is not None and turn is None:
         text = (
             "states half of the start pose; how the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"
         )
-        raise SettingsError("position_mm", f"{text} in the rig's own angles")
+        raise SettingsError("position_mm", message("error.in_the_rig_s", text=text))
     if turn is not None and position is None:
-        raise SettingsError("quaternion_xyzw", "states half of the start pose; where the tool was is missing: give --position-mm too")
+        raise SettingsError("quaternion_xyzw", message("error.states_half_of_the"))
     if settings.start is not None:
         return stated_start(settings.start)
     if position is None or turn is None:

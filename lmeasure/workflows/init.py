@@ -60,13 +60,13 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     if settings.list:
         return Result(None, tuple(composed("{name:<14}{text}", name=name, text=template.text) for name, template in TEMPLATES.items()))
     if settings.template is None and ask is None:
-        raise SettingsError("template", f"is missing: {', '.join(TEMPLATES)}")
+        raise SettingsError("template", message("error.is_missing_2", templates=", ".join(TEMPLATES)))
     name = settings.template
     alone = settings.out.suffix == ".toml"
     if name is None and ask is not None:
         name = _choice(ask, message("init.shape"), tuple(TEMPLATES))
     if name not in TEMPLATES:
-        raise SettingsError("template", f"{name!r} is not one of {', '.join(TEMPLATES)}")
+        raise SettingsError("template", message("error.is_not_one_of_2", name=name, templates=", ".join(TEMPLATES)))
     template = TEMPLATES[name]
     answers = Answers() if settings.template is not None or ask is None else _asked(ask, template)
     rig = rig_of(template, answers)

@@ -82,12 +82,12 @@ Reader = Callable[[Path, Progress], Content]
 def _reader(path: Path) -> tuple[Reader, Path]:
     """Return what reads a file or folder, and the path that it reads; FileFormatError for what lmeasure does not know."""
     if not path.exists():
-        raise FileFormatError(f"{path}: is not there")
+        raise FileFormatError(message("error.is_not_there", where=path))
     if path.is_dir():
         for name, reader in FOLDERS.items():
             if (path / name).is_file():
                 return reader, path
-        raise FileFormatError(f"{path}: is no folder of lmeasure: it has none of {', '.join(FOLDERS)}")
+        raise FileFormatError(message("error.is_no_folder_of_lmeasure", where=path, folders=", ".join(FOLDERS)))
     if path.name in FOLDERS:
         return FOLDERS[path.name], path.parent
     suffix = path.suffix.lower()
@@ -258,11 +258,11 @@ def _document(path: Path) -> Any:
     try:
         return json.loads(read_regular(path, 10**8))
     except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: is not JSON: {error}") from None
+        raise FileFormatError(message("error.is_not_json", where=path, error=error)) from None
 
 
 def _unknown(path: Path) -> FileFormatError:
-    return FileFormatError(f"{path}: is no file of lmeasure, and no log, trajectory or table of counts or poses that it reads")
+    return FileFormatError(message("error.is_no_file_of_lmeasure", where=path))
 
 
 FOLDERS: dict[str, Reader] = {

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import FileFormatError, GeometryError, SettingsError
-from lmeasure.text import message, of_terminal, settled
+from lmeasure.text import composed, message, of_terminal, settled
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     LANGUAGE,
@@ -137,15 +137,15 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
 def _check(settings: Settings) -> None:
     axes = (settings.x, settings.y, settings.z)
     if any(a is None for a in axes) and not all(a is None for a in axes):
-        raise SettingsError("x, y, z", "give all three for a workspace, or none")
+        raise SettingsError("x, y, z", message("error.give_all_three_for"))
     if settings.x is None:
         refuse(settings, "goes with --x, --y and --z", "yaw_free", "tilt_rad", "drives")
     if settings.drives is not None:
         refuse(settings, "goes with poses over coordinates, not with --drives", "yaw_free", "tilt_rad", "poses")
     if settings.drives is None and (settings.poses is None) != (settings.joints is None):
-        raise SettingsError("poses", "goes with --joints FILE.csv, which is written")
+        raise SettingsError("poses", message("error.goes_with_joints_file"))
     if settings.complete is not None and settings.poses is None:
-        raise SettingsError("complete", "goes with --poses and --joints")
+        raise SettingsError("complete", message("error.goes_with_poses_and"))
 
 
 def _mechanism(name: str) -> "ParallelFile":
@@ -154,7 +154,7 @@ def _mechanism(name: str) -> "ParallelFile":
 
     found = nominal(name)
     if not isinstance(found, ParallelFile):
-        raise SettingsError("robot", f"{name!r} is of kind {found.kind!r}; a mechanism is of kind 'parallel' (docs/robots.md)")
+        raise SettingsError("robot", message("error.is_of_kind_a", name=name, kind=found.kind))
     return found
 
 
@@ -242,7 +242,7 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
         try:
             columns = at_poses(file, given.rows, _times(poses))
         except GeometryError as error:
-            raise FileFormatError(f"{poses}: {error}") from None
+            raise FileFormatError(composed("{where}: {error}", where=poses, error=error)) from None
         files.write_table(out, {"pose": list(given.names), **columns})
         kept = int(columns["kept"].sum())
         return message(
@@ -255,7 +255,7 @@ def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> 
     try:
         rows, found = completions(file, settings.complete.replace("-", " "), given.rows)
     except GeometryError as error:
-        raise FileFormatError(f"{poses}: {error}") from None
+        raise FileFormatError(composed("{where}: {error}", where=poses, error=error)) from None
     names = [f"{given.names[row]}_{1 + int((rows[:k] == row).sum())}" for k, row in enumerate(rows)]
     files.write_table(out, pose_columns(poses_from_rows(found, names)))
     return message("workflows.poses_completed_completions", count=len(given.rows), done=len(np.unique(rows)), all=len(found), file=out)
@@ -273,5 +273,5 @@ def _times(poses: Path) -> "FloatArray | None":
     time_s = table.numbers("time_s")
     if not (np.diff(time_s) > 0.0).all():
         row = int(np.argmin(np.diff(time_s) > 0.0)) + 2
-        raise FileFormatError(f"{poses}: row {row}: time_s does not rise")
+        raise FileFormatError(message("error.row_time_s_does", where=poses, row=row))
     return time_s

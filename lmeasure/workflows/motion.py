@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import SettingsError, TrajectoryError
-from lmeasure.text import message
+from lmeasure.text import composed, message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
@@ -68,11 +68,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         trajectory = in_program_frame(trajectory, settings.align)
     lasts = float(np.ptp(trajectory.time_s))
     if settings.half_width_s is not None and settings.half_width_s > lasts > 0.0:
-        raise SettingsError("half_width_s", f"{settings.half_width_s:g} s to either side of a trajectory that lasts {lasts:.6g} s")
+        raise SettingsError("half_width_s", message("error.s_to_either_side", half_width_s=settings.half_width_s, lasts=lasts))
     try:
         found = motion_of(trajectory, settings.half_width_s)
     except TrajectoryError as error:
-        raise TrajectoryError(f"{settings.trajectory}: {error}") from None
+        raise TrajectoryError(composed("{where}: {error}", where=settings.trajectory, error=error)) from None
     progress(1.0, "motion")
     write_motion(settings.out, found)
     largest, u95 = found.largest_speed()

@@ -13,6 +13,7 @@ from typing import Any
 from lmeasure.core import CancelledError, LMeasureError, OverwriteError
 from lmeasure.io import abandoned, read_toml
 from lmeasure.recording import recording_at
+from lmeasure.text import message
 
 
 @contextmanager
@@ -39,8 +40,8 @@ def writing(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, force: bool
     read = with_named(inputs) if any(map(os.path.lexists, candidates)) else []
     there = [path for path in candidates if _refused(path, read)]
     if there and not force:
-        others = f" (and {len(there) - 1} more of its files)" if len(there) > 1 else ""
-        raise OverwriteError(f"{there[0]}: exists{others}; --force replaces it, or give another name")
+        others = message("error.and_more_files", count=len(there) - 1) if len(there) > 1 else ""
+        raise OverwriteError(message("error.exists_force_replaces_it", where=there[0], others=others))
     _clear(candidates)
     before = {path: _stamp(path) for path in candidates}
     done: list[Path] = []
@@ -65,12 +66,12 @@ def _refused(path: Path, inputs: Iterable[Path]) -> bool:
         _writable(path)
         return False
     if not stat.S_ISREG(mode):
-        kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
-        raise OverwriteError(f"{path}: is {kind}, where this command writes a file; give another name")
+        kind = message("error.a_folder" if stat.S_ISDIR(mode) else "error.no_regular_file")
+        raise OverwriteError(message("error.is_where_this_command", where=path, kind=kind))
     if any(_is(path, one) for one in inputs):
-        raise OverwriteError(f"{path}: is an input of this command, which is never written over, not even with --force; give another name")
+        raise OverwriteError(message("error.is_an_input_of", where=path))
     if recording_at(path):
-        raise OverwriteError(f"{path}: is part of a recording, which is never written over, not even with --force; give another name")
+        raise OverwriteError(message("error.is_part_of_a", where=path))
     _writable(path)
     return True
 
@@ -107,7 +108,7 @@ def _writable(path: Path) -> None:
     with suppress(OSError, ValueError):
         folder = next(one for one in path.parents if one.exists())
         if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
-            raise LMeasureError(f"{path}: cannot be written: no permission in {folder}; give a folder that you may write to")
+            raise LMeasureError(message("error.cannot_be_written_no", where=path, folder=folder))
 
 
 def _clear(outputs: Iterable[Path]) -> None:

@@ -30,16 +30,16 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
 
     out, extend = settings.out, settings.extend
     if out.suffix.lower() != ".csv":
-        raise SettingsError("out", f"{str(out)!r} does not end in .csv")
+        raise SettingsError("out", message("error.does_not_end_in", trend=str(out)))
     if settings.robot is not None:
         return run_robot(settings, progress)
     stray = next((name for name in OPTIONS if getattr(settings, name)), None)
     if stray is not None:
-        raise SettingsError(stray, "goes with --robot")
+        raise SettingsError(stray, message("error.goes_with_robot"))
     if settings.rig is None:
-        raise SettingsError("rig", "is missing: the rig whose reference poses are planned, or --robot")
+        raise SettingsError("rig", message("error.is_missing_the_rig"))
     if settings.box is None and extend is None:
-        raise SettingsError("box", "say where the robot may go")
+        raise SettingsError("box", message("error.say_where_the_robot"))
     rig = read_rig(settings.rig)
     u = settings.u_position_mm, radians_of(settings.u_rotation_deg)
     recorded = None if extend is None else _recorded(extend, u[0] or 0.0, u[1] or 0.0)
@@ -99,9 +99,7 @@ def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Cam
     campaign = read_campaign(folder)
     old = campaign.poses
     if not old.oriented:
-        raise CalibrationError(
-            f"{folder}: its reference poses have no orientations; planning needs whole poses, as poses.csv of a calibration"
-        )
+        raise CalibrationError(message("error.its_reference_poses_have", where=folder))
     return replace(campaign, poses=old.or_uncertain(u_position_mm, u_rotation_rad))
 
 

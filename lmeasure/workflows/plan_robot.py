@@ -48,7 +48,10 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
         joints, names = given.joints[keep], [given.names[i] for i in keep]
         if len(joints) < settings.poses:
             raise SettingsError(
-                "candidates", f"{settings.candidates}: {len(joints)} rows of {len(given)} are allowed; asked: {settings.poses}"
+                "candidates",
+                message(
+                    "error.rows_of_are_allowed", where=settings.candidates, n_joints=len(joints), n_given=len(given), poses=settings.poses
+                ),
             )
     else:
         joints, names = allowed.candidates(CANDIDATES, settings.seed), []
@@ -95,7 +98,7 @@ def _zone(settings: Settings) -> "xr.Dataset | Rig | None":
     from lmeasure.rig import read_rig
 
     if settings.zone is not None and settings.rig is not None:
-        raise SettingsError("zone", "a zone or a rig, not both")
+        raise SettingsError("zone", message("error.a_zone_or_a"))
     if settings.zone is not None:
         return read_zone(settings.zone)
     return None if settings.rig is None else read_rig(settings.rig)

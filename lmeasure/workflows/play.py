@@ -83,10 +83,12 @@ def run(
     try:
         bus = open_bus()
     except Exception as error:  # each driver has its own way to say that there is no such device
-        raise LMeasureError(f"{name}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
+        raise LMeasureError(
+            message("error.cannot_be_opened", where=name, error=" ".join(str(error).split()) or type(error).__name__)
+        ) from error
     if bus.recv(SILENT_S) is not None:
         bus.shutdown()
-        raise LMeasureError(f"{name}: somebody speaks there already, such as another simulated cell; end it, or choose another bus")
+        raise LMeasureError(message("error.somebody_speaks_there_already", where=name))
     rows, pace = 0, Pace(settings.rate_hz)
     at_once = max(1, round(AT_ONCE_S * settings.rate_hz))
     say(message("workflows.speaks_samples_s", rig=rig.name, bus=name, rate=settings.rate_hz, channels=tuple(f.channel for f in fields)))
@@ -122,7 +124,7 @@ def _cell(settings: Settings, rig: "Rig", progress: Progress) -> "PlayedCell":
     from lmeasure.recording import read_poses, start_from_text
 
     if settings.passage > rig.passes:
-        raise SettingsError("passage", f"{settings.passage}: the rig has {rig.passes}")
+        raise SettingsError("passage", message("error.the_rig_has", where=settings.passage, passes=rig.passes))
     home = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if settings.at is None else start_from_text(settings.at, rig)
     try:
         return PlayedCell(
@@ -137,4 +139,4 @@ def _cell(settings: Settings, rig: "Rig", progress: Progress) -> "PlayedCell":
             progress=lambda done, of: progress(done / of, "let the robot run its test program"),
         )
     except GeometryError as error:
-        raise LMeasureError(f"{settings.rig}: the cell cannot be played: {error}; --at says where the robot is at home") from error
+        raise LMeasureError(message("error.the_cell_cannot_be", where=settings.rig, error=error)) from error

@@ -156,11 +156,11 @@ def _corrected(settings: Settings, commanded: Path) -> "Result[Program]":
     from lmeasure.rig import read_linked_rig
 
     if settings.rig is None:
-        raise SettingsError("correct", "needs --rig, whose limits the paths have to keep")
+        raise SettingsError("correct", message("error.needs_rig_whose_limits"))
     if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
-        raise SettingsError("correct", "corrects a program; it makes no other")
+        raise SettingsError("correct", message("error.corrects_a_program_it"))
     if not 0.0 < settings.limit_deg < 90.0:
-        raise SettingsError("limit_deg", f"{settings.limit_deg:g} does not lie between 0 and 90")
+        raise SettingsError("limit_deg", message("error.does_not_lie_between", limit_deg=settings.limit_deg))
     program = read_program(commanded)
     rig, _ = read_linked_rig(settings.rig)
     turn = Rotation.from_quat(settings.quaternion)
@@ -179,7 +179,7 @@ def _cube(settings: Settings) -> "Cube":
     if settings.zone is not None and not edges:
         return cube_in_zone(settings.zone, settings.plane)
     if settings.zone is not None or len(edges) != 3:
-        raise SettingsError("x, y, z", "give the box by --x, --y and --z, or --zone")
+        raise SettingsError("x, y, z", message("error.give_the_box_by_x"))
     return largest_cube([e[0] for e in edges], [e[1] for e in edges], settings.plane)
 
 
@@ -192,7 +192,7 @@ def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
     from lmeasure.trajectory import Stated, read_trajectory, stamps_of
 
     if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
-        raise SettingsError("ran", "fills in the program that --out holds; it makes no other")
+        raise SettingsError("ran", message("error.fills_in_the_program"))
     written = settings.out / "program.toml"
     reported = settings.out / "commands.csv"
     stated = Stated(columns_of(settings.columns), angles=known_convention(settings.angles))
@@ -218,6 +218,6 @@ def _cycles(text: str | None) -> dict[str, int]:
     for part in text.split(",") if text else []:
         name, _, number = part.partition("=")
         if not number.strip().isdigit():
-            raise SettingsError("cycles", f"{part!r}: must be TEST=N, such as pose=30")
+            raise SettingsError("cycles", message("error.must_be_test_n", part=part))
         out[name.strip()] = int(number)
     return out

@@ -50,13 +50,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, ob
     from lmeasure.register import FILE, Register, due, read_entries, read_limits
 
     if settings.result and not settings.subject:
-        raise SettingsError("result", "goes with --subject")
+        raise SettingsError("result", message("error.goes_with_subject"))
     made = _day(settings.made)
     limits = read_limits(settings.register_dir)
     # nothing is added before all that is to be added has been read
     entries = [entry for path in settings.add for entry in _signed(settings.register_dir, path, read_entries(path, made))]
     if not settings.database and not settings.add and not (settings.register_dir / FILE).is_file():
-        raise CertificationError(f"{settings.register_dir}: holds no register; --add begins one")
+        raise CertificationError(message("error.holds_no_register_add", where=settings.register_dir))
     register = Register(settings.database or settings.register_dir)
     try:
         added = register.add(entries, settings.who or getpass.getuser())
@@ -94,7 +94,7 @@ def _day(text: str) -> datetime.date | None:
     try:
         return datetime.date.fromisoformat(text) if text else None
     except ValueError:
-        raise SettingsError("made", f"{text!r} is no date such as 2026-03-31") from None
+        raise SettingsError("made", message("error.is_no_date_such", text=text)) from None
 
 
 def _signed(folder: Path, path: Path, entries: "tuple[Entry, ...]") -> "tuple[Entry, ...]":
@@ -105,10 +105,10 @@ def _signed(folder: Path, path: Path, entries: "tuple[Entry, ...]") -> "tuple[En
     if keys and any(entry.kind == "certificate" for entry in entries):
         seal = check_seal(path)
         if seal.differences:
-            raise CertificationError(f"{path}: {seal.differences[0]}: a changed certificate is not registered")
+            raise CertificationError(message("error.a_changed_certificate_is", where=path, differences=seal.differences[0]))
         if seal.signer not in {fingerprint(read_public_key(key)) for key in keys}:
             signer = f"key {seal.signer}" if seal.signer else "nobody"
-            raise CertificationError(f"{path}: is signed by {signer}; the register accepts the keys in {folder / 'keys'}")
+            raise CertificationError(message("error.is_signed_by_the", where=path, signer=signer, folder=folder / "keys"))
     return entries
 
 
@@ -118,7 +118,7 @@ def _recalled(register: "Register", path: Path) -> "list[Message]":
     digests = [entry.digest for entry in read_entries(path)] if path.is_dir() else [digest_of(path)]
     found = [entry for digest in digests for entry in register.recall(digest)]
     if not found and not register.knows(digests):
-        raise CertificationError(f"{path}: is not in the register, and no document in it depends on it")
+        raise CertificationError(message("error.is_not_in_the", where=path))
     lines = [message("register.recalled", count=len(found), path=str(path))]
     return lines + [message("register.entry", kind=e.kind, subject=e.subject, made=e.made.isoformat(), path=e.path) for e in found]
 
@@ -129,11 +129,13 @@ def _of_subject(register: "Register", settings: Settings) -> "list[Message]":
 
     names = register.results(settings.subject, settings.kind)
     if not names:
-        raise CertificationError(f"{register.name}: no {settings.kind} of {settings.subject!r} is registered")
+        raise CertificationError(message("error.no_of_is_registered", where=register.name, kind=settings.kind, subject=settings.subject))
     if not settings.result:
         return [message("register.results", subject=settings.subject, names=", ".join(names))]
     if settings.result not in names:
-        raise CertificationError(f"{register.name}: {settings.subject} has no result {settings.result!r}; it has {', '.join(names)}")
+        raise CertificationError(
+            message("error.has_no_result_it", where=register.name, subject=settings.subject, result=settings.result, names=", ".join(names))
+        )
     days, values, u, unit = register.series(settings.subject, settings.result, settings.kind)
     dates = [(datetime.date(1970, 1, 1) + datetime.timedelta(days=int(d))).isoformat() for d in days]
     lines = [message("register.value", made=d, value=float(v), u=float(s), unit=unit) for d, v, s in zip(dates, values, u, strict=True)]

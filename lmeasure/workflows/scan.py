@@ -38,7 +38,7 @@ def run(
 
     if settings.bus is None:
         if settings.bus_option or settings.bit_rate is not None:
-            raise SettingsError("bus", "is missing: which bus is listened to")
+            raise SettingsError("bus", message("error.is_missing_which_bus"))
         progress(0.0, "looking for adapters")
         found, unanswered = adapters()
         notes = tuple(message("workflows.driver_did_not_answer", name=name) for name in unanswered)

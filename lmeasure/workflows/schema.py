@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 from lmeasure.core import SettingsError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -37,7 +38,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[str]:
         listed = tuple(f"{name:<10} {kind.file:<15} {kind.text}" for name, kind in FILE_KINDS.items())
         return Result("", listed)
     if settings.name not in FILE_KINDS:
-        raise SettingsError("name", f"{settings.name!r} is not one of {', '.join(FILE_KINDS)}")
+        raise SettingsError("name", message("error.is_not_one_of_2", name=settings.name, templates=", ".join(FILE_KINDS)))
     text = shipped(settings.name)
     if settings.out is None:
         return Result(text, (text.rstrip("\n"),))

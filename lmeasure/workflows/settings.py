@@ -190,7 +190,9 @@ class Separated:
         if not out or endless or (self.count is not None and len(out) != self.count):
             what = "whole numbers" if self.kind is int else "numbers"
             between = f"{self.mark!r} or a blank" if self.mark == "," else f"{self.mark!r}"
-            raise ValueError(f"{value!r} is not {_COUNTS.get(self.count or 0, 'some')} {what} with {between} between them")
+            raise ValueError(
+                message("error.is_not_with_between", value=value, stated=_COUNTS.get(self.count or 0, "some"), what=what, between=between)
+            )
         return out
 
     def written(self, values: Any) -> str:
@@ -245,7 +247,7 @@ class Spans(Separated):
             return value
         spans = value.split(self.mark)
         if len(spans) != 3:
-            raise ValueError(f"{value!r} is not {BOX}")
+            raise ValueError(message("error.is_not", value=value, box=BOX))
         return tuple(Separated(":", count=2).parsed(span) for span in spans)
 
 
@@ -261,13 +263,13 @@ class Ends(Separated):
 
 def _recording(path: Path) -> Path:
     if path.suffix.lower() != ".rrd":
-        raise ValueError(f"{str(path)!r} does not end in .rrd")
+        raise ValueError(message("error.does_not_end_in_rrd", path=str(path)))
     return path
 
 
 def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     if not abs(sum(v * v for v in value) - 1.0) < 1e-3:
-        raise ValueError(f"{','.join(f'{v:g}' for v in value)!r} is not a unit quaternion x,y,z,w")
+        raise ValueError(message("error.is_not_a_unit", names=",".join(f"{v:g}" for v in value)))
     return value
 
 
@@ -277,7 +279,7 @@ def _six_or_seven(value: str) -> str:
     with suppress(ValueError):
         numbers = len([float(part) for part in parts_of(value)])
     if numbers not in (0, 6, 7):
-        raise ValueError(f"{value!r} is {numbers} numbers; wanted are {START}")
+        raise ValueError(message("error.is_numbers_wanted_are", value=value, numbers=numbers, start=START))
     return value
 
 
@@ -293,7 +295,7 @@ def _are_distances(values: tuple[str, ...]) -> tuple[str, ...]:
         except ValueError:
             numbers = []
         if len(parts) != 4 or len(numbers) != 2 or not (0.0 < numbers[0] < 1e5 and 0.0 <= numbers[1] < 1e3):
-            raise ValueError(f"{value!r} is not NAME1,NAME2,mm,u: two places, their distance and its standard uncertainty")
+            raise ValueError(message("error.is_not_name1_name2", value=value))
     return values
 
 
@@ -356,7 +358,7 @@ def known_convention(name: str | None) -> str | None:
     from lmeasure.core import CONVENTIONS
 
     if name is not None and name not in CONVENTIONS:
-        raise SettingsError("angles", f"{name!r} is not one of {', '.join(CONVENTIONS)}")
+        raise SettingsError("angles", message("error.is_not_one_of_2", name=name, templates=", ".join(CONVENTIONS)))
     return name
 
 
@@ -375,7 +377,7 @@ def places_of(span: tuple[float, float, float], name: str, least: int, most: int
     start, stop, step = span
     count = math.floor((stop - start) / step + 1e-9) + 1 if step > 0.0 and stop >= start else 0
     if not least <= count <= most:
-        raise SettingsError(name, f"must be {least} to {most} places, rising")
+        raise SettingsError(name, message("error.must_be_to_places", least=least, most=most))
     return np.asarray(start + step * np.arange(count), dtype=np.float64)
 
 
@@ -387,7 +389,7 @@ def pose_with(position_mm: "Sequence[float] | FloatArray", quaternion: Sequence[
 
     length = math.hypot(*quaternion)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
-        raise SettingsError("quaternion", f"its length is {length:.9g}, not 1")
+        raise SettingsError("quaternion", message("error.its_length_is_not", length=length))
     return np.asarray(poses_from_rows(np.array([[*position_mm, *quaternion]])).rows[0])
 
 
@@ -402,6 +404,6 @@ def pose_of(values: tuple[float, ...], name: str) -> "FloatArray":
 
     length = float(np.linalg.norm(values[3:])) if len(values) == 7 else 0.0
     if len(values) not in (3, 7) or not np.isfinite(values).all() or (len(values) == 7 and abs(length - 1.0) > 1e-3):
-        raise SettingsError(name, "is X,Y,Z in mm, or X,Y,Z,QX,QY,QZ,QW with a quaternion of length 1")
+        raise SettingsError(name, message("error.is_x_y_z"))
     turn = np.array(values[3:]) / length if len(values) == 7 else np.array([0.0, 0.0, 0.0, 1.0])
     return np.concatenate([values[:3], turn])

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import FileFormatError, SettingsError, StructureError
-from lmeasure.text import message, of_terminal
+from lmeasure.text import composed, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     LANGUAGE,
@@ -133,7 +133,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
                 within_mm=settings.within_mm,
             )  # fmt: skip
         except StructureError as error:
-            raise FileFormatError(f"{settings.file}: {error}") from None
+            raise FileFormatError(composed("{where}: {error}", where=settings.file, error=error)) from None
         lines = described_lines(made)
         if settings.trajectory is not None and settings.parts is not None:
             lines.append(_split(linkage, settings.trajectory, settings.parts))
@@ -194,7 +194,7 @@ def _of_robot(path: Path) -> "Linkage | None":
         if held is not None:
             names = [(leg.name, f"base of {leg.name}", f"platform of {leg.name}") for leg in robot.leg]
             return Linkage(held.ends, np.array([leg.platform_mm for leg in robot.leg]), names, held.lengths, held.limits)
-    raise FileFormatError(f"{path}: robot {robot.name!r} is not held by six lengths")
+    raise FileFormatError(message("error.robot_is_not_held", where=path, name=robot.name))
 
 
 COUNTED = ("freedoms", "links", "complex_assemblies", "rank", "determinant", "worst_pressure_angle_deg")
@@ -210,7 +210,7 @@ def _figures(made: "dict[str, Any] | list[dict[str, Any]]") -> dict[str, float]:
 def _check(settings: Settings) -> None:
     """SettingsError for what does not go together."""
     if settings.listed == (settings.file is not None):
-        raise SettingsError("file", "give a file, or --list")
+        raise SettingsError("file", message("error.give_a_file_or"))
     if settings.position_mm is None:
         refuse(settings, "states an orientation without --position-mm", "quaternion")
         refuse(settings, "needs --position-mm, from where it begins", "to_mm", "boundary", "singular")
@@ -221,13 +221,13 @@ def _check(settings: Settings) -> None:
     if settings.file is None:
         refuse(settings, "is of a file's links, not of --list", "position_mm", "lengths_mm", "rerun", "design", "trajectory")
     if settings.reach_mm is not None and not 0.0 < settings.reach_mm < math.inf:
-        raise SettingsError("reach_mm", f"{settings.reach_mm:g} is no distance")
+        raise SettingsError("reach_mm", message("error.is_no_distance", reach_mm=settings.reach_mm))
     if settings.limit_deg is not None and not 0.0 < settings.limit_deg <= 90.0:
-        raise SettingsError("limit_deg", f"{settings.limit_deg:g} does not lie in (0, 90]")
+        raise SettingsError("limit_deg", message("error.does_not_lie_in", limit_deg=settings.limit_deg))
     if settings.length_mm is not None and not 0.0 <= settings.length_mm[0] < settings.length_mm[1]:
-        raise SettingsError("length_mm", "the limits must rise from 0 or more")
+        raise SettingsError("length_mm", message("error.the_limits_must_rise"))
     if not 0.0 < settings.within_mm < math.inf:
-        raise SettingsError("within_mm", f"{settings.within_mm:g} is no distance")
+        raise SettingsError("within_mm", message("error.is_no_distance", reach_mm=settings.within_mm))
 
 
 def _workspace(settings: Settings) -> "Workspace | None":

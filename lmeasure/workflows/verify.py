@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import CertificationError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
 from lmeasure.workflows.settings import Asked, option
 
@@ -52,5 +53,5 @@ def _authorised(path: Path | None) -> dict[str, str]:
         return {}
     keys = {fingerprint(read_public_key(key)): key.name.split(".")[0] for key in sorted(path.glob("*.pub"))}
     if not keys:
-        raise CertificationError(f"{path}: holds no public key (*.pub)")
+        raise CertificationError(message("error.holds_no_public_key", where=path))
     return keys

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Protocol
 
 from lmeasure.core import SettingsError
+from lmeasure.io import os_reason
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import BROWSER, Asked, option
 
@@ -40,13 +42,13 @@ class Settings(Asked):
 def run(settings: Settings, progress: Progress = silent, *, serve: Serve) -> Result[None]:
     """Serve the pages until Ctrl-C; progress gets where."""
     if settings.within is not None and settings.folder.resolve().parent != settings.within.resolve():
-        raise SettingsError("folder", f"{settings.folder}: is no folder of {settings.within}, within which projects are")
+        raise SettingsError("folder", message("error.is_no_folder_of_within", where=settings.folder, within=settings.within))
     if settings.folder.exists() and not settings.folder.is_dir():
-        raise SettingsError("folder", f"{settings.folder}: is a file, no folder")
+        raise SettingsError("folder", message("error.is_a_file_no", where=settings.folder))
     try:
         settings.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SettingsError("folder", f"{settings.folder}: cannot be made: {error.strerror or error}") from error
+        raise SettingsError("folder", message("error.cannot_be_made", where=settings.folder, error=os_reason(error))) from error
 
     show = None
     if settings.browser:

@@ -183,15 +183,15 @@ def _rotations(settings: Settings) -> "Rotation":
     if settings.o is None and settings.a is None and settings.t is None:
         middle = None if settings.quaternion is None else Rotation.from_quat(settings.quaternion)
         if settings.tilt_deg and settings.tilt_rad:
-            raise SettingsError("tilt_rad", "is given, and so is --tilt-deg; one of them states the tilt")
+            raise SettingsError("tilt_rad", message("error.is_given_and_so_is"))
         return tilts(settings.tilt_rad or math.radians(settings.tilt_deg), settings.tilt_steps, middle)
     if missing is not None:
-        raise SettingsError(missing, "give --o, --a and --t together")
+        raise SettingsError(missing, message("error.give_o_a_and"))
     if settings.tilt_deg or settings.tilt_rad or settings.quaternion:
-        raise SettingsError("tilt_deg", "give either --o, --a and --t or --tilt-deg and --quaternion")
+        raise SettingsError("tilt_deg", message("error.give_either_o_a"))
     values = [_axis(name, span) for name, span in angles.items() if span is not None]
     if math.prod(map(len, values)) > MAX_ORIENTATIONS:
-        raise SettingsError("o", f"more than {MAX_ORIENTATIONS} orientations")
+        raise SettingsError("o", message("error.more_than_orientations", max_orientations=MAX_ORIENTATIONS))
     return rotation_from_angles("puma-oat", np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3))
 
 

@@ -205,8 +205,7 @@ def test_help_and_errors_in_russian() -> None:
     wrong = run("calibrat")
     assert wrong.returncode == 2
     assert "Ошибка: Нет команды «calibrat»" in wrong.stderr
-    # what is wrong with data stays English
-    assert "nowhere: is not a run folder" in run("reconstruct", "nowhere", "--out", "t.csv").stderr
+    assert run("reconstruct", "nowhere", "--out", "t.csv").stderr == "lmeasure: nowhere: не папка прогона: такой нет\n"
 
 
 def test_what_structure_identify_and_frames_say_is_russian_throughout(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

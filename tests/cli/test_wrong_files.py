@@ -2,6 +2,7 @@
 of the file, that names the file; nothing is written, no exception comes through."""
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
+from lmeasure.text import Message, faults
 from lmeasure.workflows import COMMANDS
 
 HERE = Path(__file__).parents[1]
@@ -46,6 +48,11 @@ P[1]{
 };
 /END
 """
+NAMES = re.compile(r"`[^`]*`|'[^']*'|--[\w-]+|\[\[?[^\]]*\]\]?|\S*[/_=\\]\S*|\w*(?:\.\w+)+|\b\w+:|\S*\d\S*|netCDF|lmeasure \w+|schema")
+"""Commands, files, options, tables and keys: they are the same in every language."""
+QUOTED = ("broken", "columns", "error", "has", "known", "listed", "reason", "where2")
+"""Values that are names, or the words of another library."""
+ENGLISH = re.compile(r"(?<![A-Za-zа-я])(?!rerun|nan\b)[a-z]{3,}")
 COMMAND_LINES = (
     "simulate {} --out new", "place {} --task placement.toml --out new", "place rig.toml --task {} --out new",
     "drum {} --rig rig.toml --out new.toml", "drum drums.toml --rig {} --out new.toml", "scan --bus replay:{}",
@@ -102,6 +109,12 @@ def test_every_command_that_reads_is_here() -> None:
     assert set(COMMANDS) - {line.split()[0] for line in COMMAND_LINES} == {"workbench", "demo", "init", "inspect", "schema", "key", "batch"}
 
 
+def own_words(one: Message) -> str:
+    """Return a message in Russian without what it quotes."""
+    values = {key: own_words(v) if isinstance(v, Message) else "" if key in QUOTED else v for key, v in one.values.items()}
+    return Message(one.code, values, one.template).text("ru")
+
+
 @pytest.mark.parametrize("line", COMMAND_LINES)
 def test_a_wrong_file_is_named_in_a_line(line: str, desk: Path) -> None:
     there = {p.relative_to(desk) for p in desk.rglob("*")}
@@ -116,3 +129,7 @@ def test_a_wrong_file_is_named_in_a_line(line: str, desk: Path) -> None:
         assert any(name in text for text in reported), (words, reported)
         assert not any("Traceback" in text or "Error(" in text or "\n" in text for text in reported), (words, reported)
         assert {p.relative_to(desk) for p in desk.rglob("*")} == there, words
+        for fault in faults(error) if isinstance(error, LMeasureError) else ():
+            assert isinstance(fault, Message), (words, fault)
+            russian = own_words(fault)
+            assert not ENGLISH.search(NAMES.sub("", russian)), (words, russian)

@@ -14,6 +14,7 @@ from lmeasure.acquisition.counters.decoders import ALL_BITS, CounterField, Place
 from lmeasure.core import AcquisitionError, FileFormatError
 from lmeasure.io import read_regular
 from lmeasure.rig import CanOpenCan, Drum, NodeChannel, Rig, SensorTable
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import can
@@ -44,7 +45,7 @@ class Objects(ABC):
         """A value that must be there."""
         value = self.read(index, subindex)
         if value is None:
-            raise AcquisitionError(f"{self.name}: has no object {index:04X}h:{subindex}")
+            raise AcquisitionError(message("error.has_no_object_h", where=self.name, index=index, subindex=subindex))
         return value
 
 
@@ -62,10 +63,10 @@ class DataSheet(Objects):
             lines = read_regular(path, LARGEST_SHEET).decode("utf-8-sig", "replace").splitlines()
             parser.read_string("\n".join(line.strip() for line in lines))  # an indented line would continue the one before
         except ParserError as error:
-            raise FileFormatError(f"{path}: is no EDS file: {' '.join(str(error).split())[:200]}") from error
+            raise FileFormatError(message("error.is_no_eds_file_2", where=path, error=" ".join(str(error).split())[:200])) from error
         self._sections: dict[str, dict[str, str | None]] = {name.lower(): dict(parser[name]) for name in parser.sections()}
         if not any(OBJECT.fullmatch(name) for name in self._sections):
-            raise FileFormatError(f"{path}: is no EDS file: it has no section that is named by an object, such as [1000]")
+            raise FileFormatError(message("error.is_no_eds_file", where=path))
 
     def read(self, index: int, subindex: int = 0) -> int | None:
         """Return the object's value; None when the file has none."""
@@ -104,7 +105,7 @@ class DataSheet(Objects):
             elif DECIMAL.fullmatch(part):
                 digits = part.lstrip("0") or "0"
                 if len(digits) < len(part) and len(digits) > 1 and not set(digits) & {"8", "9"}:
-                    raise FileFormatError(f"{self._path}: {what} = {text}: may be octal or decimal; write it as 0x...")
+                    raise FileFormatError(message("error.may_be_octal_or", where=self._path, what=what, text=text))
                 total += int(digits)
             else:
                 return None
@@ -128,7 +129,7 @@ def position_place(node: Objects, timing: str, cyclic_ms: int | None) -> Place:
                 if (1 <= kind <= LAST_SYNC_TYPE) == (timing == "sync"):
                     timer = node.read(0x1800 + number, 5)
                     if timing == "free" and not timer and not cyclic_ms:
-                        raise AcquisitionError(f"{node.name}: its timer is off (6200h and 1800h:5): it would send only changes")
+                        raise AcquisitionError(message("error.its_timer_is_off", where=node.name))
                     return cob & ALL_BITS, ALL_BITS, bool(cob & EXTENDED_COB), first_bit, bits, "little", False
             first_bit += bits
     wish = "after each SYNC" if timing == "sync" else "by its own timer"
@@ -144,7 +145,9 @@ def check_identity(sheet: Path, name: str, node: int, *, vendor: int | None, pro
     for subindex, what, value in ((1, "vendor", vendor), (2, "product", product)):
         want = described.read(0x1018, subindex)
         if want and value is not None and value != want:
-            raise AcquisitionError(f"{name}: its {what} is {value:#x} (1018h:{subindex}), {sheet} describes {want:#x}")
+            raise AcquisitionError(
+                message("error.its_is_1018h_describes", where=name, what=what, value=value, subindex=subindex, sheet=sheet, want=want)
+            )
 
 
 def fields_in_log(rig: Rig, passage: int, folder: Path, seen: Collection[int]) -> tuple[CounterField, ...]:
@@ -155,7 +158,7 @@ def fields_in_log(rig: Rig, passage: int, folder: Path, seen: Collection[int]) -
     """
     table = rig.can_table
     if not isinstance(table, CanOpenCan):
-        raise AcquisitionError(f"rig {rig.name!r}: its decoder is {table.decoder!r}, not 'cia406'")
+        raise AcquisitionError(message("error.rig_its_decoder_is", name=rig.name, decoder=table.decoder))
     channels = {c.channel: c for c in table.channel}
     drums = rig.counters_of(passage)
     return tuple(field_at(channels[n], _place_in_log(channels[n], table, folder, seen), drum) for n, drum in drums.items())
@@ -238,7 +241,7 @@ class _Node(Objects):
         except SdoAbortedError:
             return None
         except SdoCommunicationError as error:
-            raise AcquisitionError(f"{self.name}: no answer to {index:04X}h:{subindex}: {error}") from error
+            raise AcquisitionError(message("error.no_answer_to_h", where=self.name, index=index, subindex=subindex, error=error)) from error
 
 
 def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[Device, ...]:
@@ -251,7 +254,7 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Pa
 
     table = rig.can_table
     if not isinstance(table, CanOpenCan):
-        raise AcquisitionError(f"rig {rig.name!r}: its decoder is {table.decoder!r}, not 'cia406'")
+        raise AcquisitionError(message("error.rig_its_decoder_is", name=rig.name, decoder=table.decoder))
     channels = {c.channel: c for c in table.channel}
     drums = rig.counters_of(passage)
     network = canopen.Network(bus)
@@ -261,7 +264,7 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Pa
         missing = [channels[name] for name in drums if channels[name].node not in present]
         if missing:
             found = f"on the bus: {', '.join(map(str, present))}" if present else "no node answers at all"
-            raise AcquisitionError(f"node {missing[0].node} (channel {missing[0].channel}) does not answer; {found}")
+            raise AcquisitionError(message("error.node_channel_does_not", node=missing[0].node, channel=missing[0].channel, found=found))
         devices = tuple(_device(network, channels[name], drum, table) for name, drum in drums.items())
         _check_serials(devices, channels)
         if table.eds is not None:
@@ -287,20 +290,24 @@ def _device(network: Any, wanted: NodeChannel, drum: Drum | SensorTable, table: 
     node = _Node(network, wanted.node, wanted.channel)
     device_type = node.need(0x1000)
     if device_type & 0xFFFF != ENCODER_PROFILE:
-        raise AcquisitionError(f"{node.name}: its device profile is {device_type & 0xFFFF}, not that of encoders, {ENCODER_PROFILE}")
+        raise AcquisitionError(
+            message("error.its_device_profile_is", where=node.name, device_type=device_type & 65535, encoder_profile=ENCODER_PROFILE)
+        )
     units, total = node.read(0x6001), node.read(0x6002)
     want = drum.scale * drum.counts_per_revolution
     if units is not None and wanted.scale * units != want:
-        raise AcquisitionError(f"{node.name}: counts {wanted.scale * units:g} per revolution (6001h), the rig says {want:g}")
+        raise AcquisitionError(message("error.counts_per_revolution_6001h", where=node.name, scale=wanted.scale * units, want=want))
     if total and wanted.range and total != wanted.range:
-        raise AcquisitionError(f"{node.name}: its range is {total} units (6002h), the rig says range = {wanted.range}")
+        raise AcquisitionError(message("error.its_range_is_units", where=node.name, total=total, range=wanted.range))
     sync_id = node.read(0x1005)
     if table.timing == "sync" and sync_id is not None and sync_id & ALL_BITS != table.sync_id:
-        raise AcquisitionError(f"{node.name}: listens to SYNC {sync_id & ALL_BITS:#x} (1005h), the rig says sync_id = {table.sync_id:#x}")
+        raise AcquisitionError(message("error.listens_to_sync_1005h", where=node.name, sync_id=sync_id & ALL_BITS, sync_id2=table.sync_id))
     place = position_place(node, table.timing, node.read(0x6200))
     if wanted.cob_id is not None and (wanted.cob_id, 8 * wanted.byte_offset, wanted.bits) != (place[0], *place[3:5]):
         stated = f"cob_id = {wanted.cob_id:#x}, byte {wanted.byte_offset}, {wanted.bits} bits"
-        raise AcquisitionError(f"{node.name}: sends its position in {place[0]:#x}, bit {place[3]}, {place[4]} bits, the rig says {stated}")
+        raise AcquisitionError(
+            message("error.sends_its_position_in", where=node.name, place=place[0], place2=place[3], place3=place[4], stated=stated)
+        )
     known = {"range": total} if total else {}
     ranged = wanted.model_copy(update=known | ({"absolute": True} if device_type >> 16 in ABSOLUTE_TYPES else {}))
     return Device(
@@ -330,7 +337,9 @@ def _check_serials(devices: tuple[Device, ...], channels: dict[str, NodeChannel]
         other = next((d for d in devices if d.serial == want), None)
         swapped = f"; that one is node {other.node} (channel {other.channel}): they have changed places" if other else ""
         raise AcquisitionError(
-            f"node {device.node} (channel {device.channel}): its serial number is {device.serial}, the rig says {want}{swapped}"
+            message(
+                "error.node_channel_its_serial", node=device.node, channel=device.channel, serial=device.serial, want=want, swapped=swapped
+            )
         )
 
 
@@ -341,13 +350,11 @@ def produce_sync(bus: "can.BusABC", sync_id: int, period_s: float) -> Any:
     """
     import can
 
-    message = can.Message(arbitration_id=sync_id, is_extended_id=sync_id > 0x7FF)
-    bus.send(message)
+    sync = can.Message(arbitration_id=sync_id, is_extended_id=sync_id > 0x7FF)
+    bus.send(sync)
     end = time.monotonic() + 1.0
     while (left := end - time.monotonic()) > 0:
         got = bus.recv(left)
         if got is not None and got.arbitration_id == sync_id:
-            return bus.send_periodic(message, period_s)
-    raise AcquisitionError(
-        "the interface does not give back the SYNC that it sends; let a device produce it, and leave sync_period_ms out of the rig"
-    )
+            return bus.send_periodic(sync, period_s)
+    raise AcquisitionError(message("error.the_interface_does_not"))

@@ -14,6 +14,7 @@ from lmeasure.acquisition.counters.decoders import CounterField, counter_fields,
 from lmeasure.core import AcquisitionError, FloatArray
 from lmeasure.recording import Counts
 from lmeasure.rig import Rig
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import can
@@ -37,10 +38,10 @@ def frames_from_counts(time_s: FloatArray, recorded: FloatArray, fields: tuple[C
     or a field is no plain integer.
     """
     if not np.isfinite(recorded).all():
-        raise AcquisitionError(f"sample {int(np.argmax(~np.isfinite(recorded).all(axis=1)))}: has no count to send")
+        raise AcquisitionError(message("error.sample_has_no_count", row=int(np.argmax(~np.isfinite(recorded).all(axis=1)))))
     for f in fields:
         if f.reader is not None:
-            raise AcquisitionError(f"channel {f.channel}: multiplexed and floating-point signals can be read, not sent")
+            raise AcquisitionError(message("error.channel_multiplexed_and_floating", channel=f.channel))
     n = len(time_s)
     frames: dict[tuple[int, bool], list[int]] = {}
     for i, f in enumerate(fields):
@@ -74,15 +75,15 @@ def send(frames: Frames, bus: "can.BusABC", *, paced: bool, stop: threading.Even
     begin = time.perf_counter()
     last = first = float(frames.time_s[0]) if len(frames) else 0.0
     sent = 0
-    for message in messages_from_frames(frames):
+    for one in messages_from_frames(frames):
         if stop is not None and stop.is_set():
             break
         if paced:
-            wait = max(message.timestamp - first - (time.perf_counter() - begin), CLOSEST * (message.timestamp - last))
+            wait = max(one.timestamp - first - (time.perf_counter() - begin), CLOSEST * (one.timestamp - last))
             if wait > 0:
                 time.sleep(wait)
-            last = message.timestamp
-        bus.send(message)
+            last = one.timestamp
+        bus.send(one)
         sent += 1
     return sent
 
@@ -108,8 +109,8 @@ def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: 
     per = len(messages) // len(rows)
     for k in range(len(rows)):
         pace.wait()
-        for message in messages[k * per : (k + 1) * per]:
-            bus.send(message)
+        for one in messages[k * per : (k + 1) * per]:
+            bus.send(one)
 
 
 def virtual_place() -> str:
@@ -147,10 +148,10 @@ def _received(bus: "can.BusABC", expected: int, progress: Callable[[int, int], N
     while got < expected:
         batch: list[can.Message] = []
         while len(batch) < min(8192, expected - got):
-            message = bus.recv(10.0)
-            if message is None:
-                raise AcquisitionError(f"simulated feed: nothing came for 10 s after frame {got + len(batch)} of {expected}")
-            batch.append(message)
+            received = bus.recv(10.0)
+            if received is None:
+                raise AcquisitionError(message("error.simulated_feed_nothing_came", got=got + len(batch), expected=expected))
+            batch.append(received)
         got += len(batch)
         if progress is not None:
             progress(got, expected)

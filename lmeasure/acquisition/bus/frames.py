@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.core import AcquisitionError, BoolArray, FloatArray
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import can
@@ -67,9 +68,11 @@ class Frames:
         n = len(self.time_s)
         for name in ("identifier", "flags", "length", "channel"):
             if getattr(self, name).shape != (n,):
-                raise AcquisitionError(f"{self.source}: {name} has shape {getattr(self, name).shape} for {n} frames")
+                raise AcquisitionError(
+                    message("error.has_shape_for_frames", where=self.source, name=name, shape=getattr(self, name).shape, n=n)
+                )
         if self.data.shape not in {(n, CLASSIC_BYTES), (n, FD_BYTES)}:
-            raise AcquisitionError(f"{self.source}: data has shape {self.data.shape} for {n} frames")
+            raise AcquisitionError(message("error.data_has_shape_for", where=self.source, shape=self.data.shape, n=n))
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -157,9 +157,7 @@ class BusSource:
             reported = (
                 "its driver is not installed" if isinstance(error, NameError) else " ".join(str(error).split()) or type(error).__name__
             )
-            raise AcquisitionError(
-                f"{self.name}: cannot be opened: {reported}; `lmeasure scan` lists the adapters of this machine"
-            ) from error
+            raise AcquisitionError(message("error.cannot_be_opened_lmeasure", where=self.name, reported=reported)) from error
         _enlarge_buffer(bus)
         return bus
 
@@ -223,7 +221,9 @@ class BusSource:
                 self.bus = self._opened()
             except AcquisitionError as again:
                 if time.monotonic() - lost > self._patience_s:
-                    raise AcquisitionError(f"{self.name}: lost ({why}), and not back after {self._patience_s:g} s: {again}") from again
+                    raise AcquisitionError(
+                        message("error.lost_and_not_back", where=self.name, why=why, patience_s=self._patience_s, again=again)
+                    ) from again
                 self._done.wait(REOPEN_EVERY_S)
             else:
                 text = message("acquisition.open_again", bus=self.name, why=why, seconds=time.monotonic() - lost)
@@ -377,7 +377,7 @@ class SimulatedSource(BusSource):
         asked, rig = read_scenario(scenario)
         run = simulate(asked, rig).run
         if run is None:
-            raise AcquisitionError(f"{scenario}: has no [[waypoint]] to move along")
+            raise AcquisitionError(message("error.has_no_waypoint_to", where=scenario))
         counts = run.run.passes[0]
         fields = counter_fields(rig)
         recorded = np.column_stack([counts.of(f.channel) for f in fields])
@@ -412,7 +412,9 @@ def bus_opener(bus: str, bit_rate: int | None = None, options: Mapping[str, str 
     # what is wrong comes as an exception and is said in one line; a driver's chatter is not for the terminal
     logging.getLogger("can").setLevel(logging.ERROR)
     if interface not in can.interfaces.BACKENDS:
-        raise AcquisitionError(f"--bus {bus!r}: {interface!r} is no interface; known: {', '.join(sorted(can.interfaces.BACKENDS))}")
+        raise AcquisitionError(
+            message("error.bus_is_no_interface", bus=bus, interface=interface, backends=", ".join(sorted(can.interfaces.BACKENDS)))
+        )
     given: dict[str, Any] = {k: int(v) if isinstance(v, str) and v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}
     if bit_rate is not None:
         given["bitrate"] = bit_rate
@@ -442,7 +444,7 @@ def open_source(
     """
     interface, _, channel = bus.partition(":")
     if not interface or not channel:
-        raise AcquisitionError(f"--bus {bus!r}: give INTERFACE:CHANNEL, such as socketcan:can0, slcan:/dev/ttyACM0 or replay:drive.blf")
+        raise AcquisitionError(message("error.bus_give_interface_channel", bus=bus))
     if interface == "replay":
         return ReplaySource(Path(channel), paced=paced)
     if interface == "simulated":

@@ -225,8 +225,14 @@ def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool =
         reported = ", ".join(f"{n} {kind}" for kind, n in sorted(watch.faults().items()))
         why = f"; faults: {reported}" if reported else ""
         raise AcquisitionError(
-            f"{link.source.name}: no counts of {', '.join(silent or channels)} within {REST_S:g} s: "
-            f"{watch.bus.silence(link.source.bit_rate or rig.can_table.bit_rate)}{why}"
+            message(
+                "error.no_counts_of_within",
+                where=link.source.name,
+                silent=", ".join(silent or channels),
+                rest_s=REST_S,
+                silence=watch.bus.silence(link.source.bit_rate or rig.can_table.bit_rate),
+                why=why,
+            )
         )
     rate = (len(time_s) - 1) / (time_s[-1] - time_s[0])
     spread = {c: float(np.nanmax(column) - np.nanmin(column)) for c, column in zip(channels, rest.T, strict=True)}

@@ -150,7 +150,7 @@ class Watch:
             raise Again
         _, rows = self.look(self._settle_s)
         if self.last is None or not np.isfinite(rows).any(axis=0).all():
-            raise AcquisitionError(f"no counts any more at: {text}")
+            raise AcquisitionError(message("error.no_counts_any_more", text=text))
         return self.last, (self._least, self._most)
 
     def until_right(self, once: Callable[[], Found], reported: Callable[[Found], tuple[str, tuple[str, ...]]]) -> Found:

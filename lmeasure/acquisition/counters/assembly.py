@@ -16,6 +16,7 @@ from lmeasure.core import AcquisitionError
 from lmeasure.kernels import rests
 from lmeasure.recording import Counts
 from lmeasure.rig import Drum, Rig, SensorTable
+from lmeasure.text import message
 
 STICK_MM, STICK_DEG = 0.2, 0.02
 """By how much a count may be off its line by itself: a cable that sticks and slips, play."""
@@ -81,7 +82,7 @@ def counts_from_frames(
     if len(samples.time_s) == 0:
         table = rig.can_table
         wanted = f"SYNC {table.sync_id:#x}" if table.timing == "sync" else f"frame of channel {fields[0].channel}"
-        raise AcquisitionError(f"{source}: {frames} frames, but no {wanted} among them; see the rig's [can] table")
+        raise AcquisitionError(message("error.frames_but_no_among", where=source, frames=frames, wanted=wanted))
     channels = tuple(f.channel for f in fields)
     counts = Counts(samples.time_s, channels, samples.recorded, samples.start_input, source, samples.u_time_s)
     marked = mark_stalls(rig, counts, assembler.events, passage)

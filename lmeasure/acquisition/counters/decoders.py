@@ -20,6 +20,7 @@ from lmeasure.core import AcquisitionError, BoolArray, FileFormatError, IntArray
 from lmeasure.io import read_regular
 from lmeasure.kernels import FIELD_COLUMNS, extract
 from lmeasure.rig import CounterChannel, DbcCan, DbcChannel, Drum, J1939Can, J1939Channel, RawCan, Rig, SensorTable
+from lmeasure.text import composed, message
 
 ALL_BITS = 0x1FFFFFFF
 STANDARD_IDENTIFIERS = 0x800
@@ -149,7 +150,7 @@ def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[C
     elif isinstance(table, DbcCan):
         return _dbc_fields(table, folder, drums)
     else:
-        raise AcquisitionError("can: decoder 'cia406' asks the encoders where they put their counts")
+        raise AcquisitionError(message("error.can_decoder_cia406_asks"))
     return tuple(field_at(known[channel], places[channel], drum) for channel, drum in drums.items())
 
 
@@ -166,10 +167,12 @@ def field_at(channel: CounterChannel, place: Place, counter: Drum | SensorTable)
     if counter.codes is not None and channel.range is None:
         modulus = round(counter.codes / channel.scale)
     if modulus > 2**bits:
-        raise AcquisitionError(f"can: channel {channel.channel}: its device counts {modulus} units, more than {bits} bits can carry")
+        raise AcquisitionError(message("error.can_channel_its_device", channel=channel.channel, modulus=modulus, bits=bits))
     if values is not None and channel.scale * modulus != values:
         said = f"its drum says counter_bits = {counter.counter_bits}" if counter.codes is None else f"its encoder has {values} codes"
-        raise AcquisitionError(f"can: channel {channel.channel}: its device counts {channel.scale * modulus:g} counts, but {said}")
+        raise AcquisitionError(
+            message("error.can_channel_its_device_counts", channel=channel.channel, scale=channel.scale * modulus, said=said)
+        )
     j1939 = isinstance(channel, J1939Channel) and not channel.whole_range
     return CounterField(
         channel.channel,
@@ -228,7 +231,7 @@ def dbc_file(path: Path) -> Any:
     try:
         return cantools.database.load_string(text.decode("cp1252", "replace").replace("\r\n", "\n"), database_format="dbc", strict=False)
     except Exception as error:  # its parser raises whatever a broken file leads it into
-        raise FileFormatError(f"{path}: cannot be read as DBC: {' '.join(str(error).split())[:200]}") from error
+        raise FileFormatError(message("error.cannot_be_read_as", where=path, error=" ".join(str(error).split())[:200])) from error
 
 
 def _of_signals(message: Any, wanted: list[str]) -> Any:
@@ -254,31 +257,29 @@ def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Pat
     where = f"{path}: channel {c.channel}: message {c.message!r}"
     whole = next((m for m in database.messages if m.name == c.message), None)
     if whole is None:
-        raise FileFormatError(f"{where} is not in it")
+        raise FileFormatError(message("error.is_not_in_it", where=where))
     try:
-        message = _of_signals(whole, list(dict.fromkeys([c.signal, *(other.signal for other in chosen if other.message == c.message)])))
+        own = _of_signals(whole, list(dict.fromkeys([c.signal, *(other.signal for other in chosen if other.message == c.message)])))
     except Error as error:
-        raise FileFormatError(f"{where}: {' '.join(str(error).split())[:200]}") from error
-    signal = next((s for s in message.signals if s.name == c.signal), None)
+        raise FileFormatError(composed("{where}: {error}", where=where, error=" ".join(str(error).split())[:200])) from error
+    signal = next((s for s in own.signals if s.name == c.signal), None)
     if signal is None:
         names = ", ".join(s.name for s in whole.signals[:SHOWN_NAMES]) + ", ..." * (len(whole.signals) > SHOWN_NAMES)
-        raise FileFormatError(f"{where} has no signal {c.signal!r}; it has {names}")
+        raise FileFormatError(message("error.has_no_signal_it", where=where, signal=c.signal, names=names))
     if not 8 <= signal.length <= 64:
-        raise FileFormatError(f"{where}: signal {c.signal!r} has {signal.length} bits, a counter has 8 to 64")
+        raise FileFormatError(message("error.signal_has_bits_a", where=where, signal=c.signal, length=signal.length))
     first = signal.start if signal.byte_order == "little_endian" else 8 * (signal.start // 8) + 7 - signal.start % 8
     order: Literal["little", "big"] = "little" if signal.byte_order == "little_endian" else "big"
-    place: Place = (message.frame_id, ALL_BITS, message.is_extended_frame, first, signal.length, order, signal.is_signed)
+    place: Place = (own.frame_id, ALL_BITS, own.is_extended_frame, first, signal.length, order, signal.is_signed)
     if not signal.conversion.is_float:
         one = replace(field_at(c, place, drum), **_stated_values(c, signal, 1.0))
-        return replace(one, reader=_reader(message, signal.name, 1.0)) if signal.multiplexer_ids else one
+        return replace(one, reader=_reader(own, signal.name, 1.0)) if signal.multiplexer_ids else one
     if drum.counter_bits is not None:
-        raise AcquisitionError(
-            f"{where}: signal {c.signal!r} is a floating-point number, which never wraps: its drum needs no counter_bits"
-        )
+        raise AcquisitionError(message("error.signal_is_a_floating", where=where, signal=c.signal))
     # as whole counts, so that everything behind the decoder is as for any counter
     start = round(c.scale * c.start)
-    one = CounterField(c.channel, *place, c.range or NO_RANGE, start, 1.0, _reader(message, signal.name, c.scale), absolute=c.absolute)
-    return replace(one, node=_node(c, message.frame_id, message.is_extended_frame), **_stated_values(c, signal, c.scale))
+    one = CounterField(c.channel, *place, c.range or NO_RANGE, start, 1.0, _reader(own, signal.name, c.scale), absolute=c.absolute)
+    return replace(one, node=_node(c, own.frame_id, own.is_extended_frame), **_stated_values(c, signal, c.scale))
 
 
 def _stated_values(c: DbcChannel, signal: Any, scale: float) -> dict[str, Any]:

@@ -140,13 +140,13 @@ def _header(path: Path, file: BinaryIO, report: LogReport) -> tuple[float, int]:
 
     raw = read_some(file, FILE_HEADER_STRUCT.size, report)
     if raw[:4] != b"LOGG":
-        raise FileFormatError(f"{path}: is no BLF file: it does not begin with LOGG")
+        raise FileFormatError(message("error.is_no_blf_file", where=path))
     if len(raw) < FILE_HEADER_STRUCT.size:
-        raise FileFormatError(f"{path}: breaks off inside the file header")
+        raise FileFormatError(message("error.breaks_off_inside_the", where=path))
     header = FILE_HEADER_STRUCT.unpack(raw)
     size, stated = header[1], header[10]
     if not FILE_HEADER_STRUCT.size <= size <= LARGEST_HEADER:
-        raise FileFormatError(f"{path}: the file header says it is {size} bytes long")
+        raise FileFormatError(message("error.the_file_header_says", where=path, size=size))
     read_some(file, size - FILE_HEADER_STRUCT.size, report)
     actual = path.stat().st_size
     if path.suffix.lower() != ".gz" and actual < stated:

@@ -46,7 +46,7 @@ class _Csv:
             missing = [name for name in self.needed if name not in names]
             if missing:
                 raise FileFormatError(
-                    f"{self.path}: column {missing[0]!r} is missing in the first line; needed are {', '.join(self.needed)}"
+                    message("error.column_is_missing_in", where=self.path, missing=missing[0], needed=", ".join(self.needed))
                 )
             self.columns = names
             return HEADER

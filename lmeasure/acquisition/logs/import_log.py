@@ -143,9 +143,7 @@ def import_logs(
     """
     logs = tuple(logs)
     if len(logs) != rig.passes:
-        raise AcquisitionError(
-            f"rig {rig.name!r}: its cables need {rig.passes} pass{'es' * (rig.passes > 1)}, one log each; {len(logs)} given"
-        )
+        raise AcquisitionError(message("error.rig_its_cables_need", name=rig.name, passes=rig.passes, n_logs=len(logs)))
     found = tuple(_import_log(log, rig, passage, folder, bus, progress) for passage, log in enumerate(logs, 1))
     for log in found:
         rig = as_mapped(rig, log.fields)
@@ -173,7 +171,7 @@ def _import_log(
             wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
             reported = f"not one count in frames {wanted}; identifiers in the log: {there}"
             reported += f"; `lmeasure import {pasted(log)} --scan` lists what they carry"
-            raise AcquisitionError(f"{log}: channel {one.channel}: {reported}")
+            raise AcquisitionError(message("error.channel", where=log, channel=one.channel, reported=reported))
     start_s = float(assembled.counts.time_s[0])
     counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
     digest = files.sha256(log)
@@ -206,10 +204,10 @@ def _of_one_bus(
             where.setdefault("SYNC", set()).update(batch.buses[c] for c in channels)
             for name, buses in where.items():
                 if len(buses) > 1:
-                    raise AcquisitionError(f"{log}: {name} stands on buses {', '.join(sorted(buses))}; name one with --bus")
+                    raise AcquisitionError(message("error.stands_on_buses_name", where=log, name=name, buses=", ".join(sorted(buses))))
         yield batch
     if bus is not None and bus not in survey.buses:
-        raise AcquisitionError(f"{log}: has no bus {bus!r}; it has {', '.join(survey.buses) or 'no frames'}")
+        raise AcquisitionError(message("error.has_no_bus_it", where=log, bus=bus, buses=", ".join(survey.buses) or "no frames"))
 
 
 def with_files_beside(rig: Rig, folder: Path) -> tuple[Rig, dict[str, bytes]]:
@@ -230,14 +228,14 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
     if isinstance(rig.can, DbcCan):
         return rig.model_copy(update={"can": rig.can.model_copy(update={"dbc": path})})
     if rig.can is not None:
-        raise AcquisitionError(f"rig {rig.name!r}: its [can] table has decoder {rig.can.decoder!r}, which needs no DBC file")
+        raise AcquisitionError(message("error.rig_its_can_table", name=rig.name, decoder=rig.can.decoder))
     database = dbc_file(dbc)
     channels = []
     for name in rig.all_channels:
         carriers = [m.name for m in database.messages if any(s.name == name for s in m.signals)]
         if len(carriers) != 1:
             what = "no signal of that name is" if not carriers else f"messages {', '.join(carriers)} have a signal of that name"
-            raise AcquisitionError(f"{dbc}: channel {name}: {what} in it; say which in the rig's [can] table")
+            raise AcquisitionError(message("error.channel_in_it_say", where=dbc, name=name, what=what))
         channels.append(DbcChannel(channel=name, message=carriers[0], signal=name))
     return rig.model_copy(update={"can": DbcCan(decoder="dbc", dbc=path, channel=tuple(channels))})
 
@@ -249,7 +247,7 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv", *, force: 
     """
     for name, content in imported.beside.items():
         if not force and (out / name).exists() and files.read_bytes(out / name) != content:
-            raise OverwriteError(f"{out / name}: exists, and is not the file that the rig names; --force replaces it, or give another name")
+            raise OverwriteError(message("error.exists_and_is_not", where=out / name))
     recording = []
     for passage, log in enumerate(imported.logs, 1):
         events = out / f"pass{passage}.events.csv"

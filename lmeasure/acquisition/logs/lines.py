@@ -32,6 +32,7 @@ from lmeasure.acquisition.logs.report import (
 )
 from lmeasure.core import FileFormatError, IntArray
 from lmeasure.kernels import LATEST_S, ODD, WIDE, Bytes, Columns, line_ends, line_stop
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import can
@@ -93,7 +94,7 @@ def blocks_of_lines(path: Path, file: BinaryIO, report: LogReport) -> Iterator[B
         cut = max(feed, held.rfind(b"\r", feed + 1, end - 1)) + 1
         kept = end - cut
         if kept > LONGEST_LINE:
-            raise FileFormatError(f"{path}: is no text log: a line is longer than {LONGEST_LINE} bytes")
+            raise FileFormatError(message("error.is_no_text_log", where=path, longest_line=LONGEST_LINE))
         if cut:
             report.total += line_ends(text[:cut])
             yield text[:cut]

@@ -38,9 +38,9 @@ def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
         report.total += len(batch)
         yield frames_from_messages(batch, "log", str(path), classes=False)
     if broken and importlib.util.find_spec("asammdf") is None:
-        raise FileFormatError(f"{path}: MF4 needs the package asammdf: {how_to_install('mf4')}")
+        raise FileFormatError(message("error.mf4_needs_the_package", where=path, install=how_to_install("mf4")))
     if broken and report.frames == 0:
-        raise FileFormatError(f"{path}: cannot be read: {broken}")
+        raise FileFormatError(message("error.cannot_be_read", where=path, broken=broken))
     if broken:
         report.ended_early = f"after frame {report.frames}: {broken}"
 

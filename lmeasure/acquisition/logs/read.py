@@ -21,46 +21,42 @@ from lmeasure.acquisition.logs.candump_screen import COLOUR
 from lmeasure.acquisition.logs.report import LogFormat, LogReport, read_some
 from lmeasure.core import FileFormatError, plug_ins
 from lmeasure.io import open_regular
-
-SAVVYCAN = "open it in SavvyCAN and save it as GVRET log (.csv)"
-ROS = "where it has CAN frames, play it into ros2_socketcan or socketcan_bridge on vcan0 and record there by candump -L vcan0"
+from lmeasure.text import joined, message
 
 
 class Other(NamedTuple):
-    """A format of other programs: what to do with it, its suffixes, and a pattern of lines that are typical of it."""
+    """A format of other programs: its name in the ids of texts, its suffixes, and a pattern of lines that are typical of it."""
 
-    advice: str
+    name: str
     suffixes: tuple[str, ...] = ()
     typical_line: str = ""
 
 
 OTHERS = (
-    Other(f"a trace of IXXAT's canAnalyser or MiniMon: export it there as .asc, or {SAVVYCAN}", typical_line=r".*\bixxat\b.*"),
-    Other(f"a trace of CANopen Magic: {SAVVYCAN}", typical_line=r".*canopen magic.*"),
-    Other(
-        "a table of Kvaser's: its converter (kmeconvert, or Save as in CanKing) writes .asc or .blf of the same recording",
-        typical_line=r".*kvaser.*|.*\bchn\b.*\bflg\b.*|.*\btime.*\bch\w*\W.*\bflags?\b.*\bdlc\b.*",
-    ),
-    Other(f"a BUSMASTER log: {SAVVYCAN}", typical_line=r"\*\*\*BUSMASTER.*"),
-    Other(f"a CRTD log: {SAVVYCAN}", (".crtd",), r"\d+\.\d+ (?-i:CXX|\d?[RT](11|29)) .*"),
-    Other(f"a Microchip log: {SAVVYCAN}", (".can",)),
-    Other(f"a capture of Wireshark: {SAVVYCAN}", (".pcap", ".pcapng")),
-    Other("a python-can database: can_logconvert FILE.db FILE.blf", (".db",)),
-    Other("a python-can database: can_logconvert FILE FILE.blf, renamed to .db", (".sqlite",)),
-    Other("an MDF 3 measurement: asammdf saves it as .mf4, or exports .asc", (".mdf",)),
-    Other("an MDF 3 measurement, or somebody's own format: asammdf saves MDF 3 as .mf4, or exports .asc", (".dat",)),
-    Other("a Vehicle Spy buffer: export it from Vehicle Spy as .asc", (".vsb",)),
-    Other("a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it", (".kme50", ".kme40", ".kmf")),
-    Other(f"a ROS 2 bag, which holds messages of ROS and no CAN log: {ROS}", (".db3",)),
-    Other(f"a ROS bag, which holds messages of ROS and no CAN log: {ROS}", (".bag", ".mcap")),
-    Other("a table: save the log itself from the program that recorded it", (".xlsx",)),
+    Other("canalyser", typical_line=r".*\bixxat\b.*"),
+    Other("canopen_magic", typical_line=r".*canopen magic.*"),
+    Other("kvaser", typical_line=r".*kvaser.*|.*\bchn\b.*\bflg\b.*|.*\btime.*\bch\w*\W.*\bflags?\b.*\bdlc\b.*"),
+    Other("busmaster", typical_line=r"\*\*\*BUSMASTER.*"),
+    Other("crtd", (".crtd",), r"\d+\.\d+ (?-i:CXX|\d?[RT](11|29)) .*"),
+    Other("microchip", (".can",)),
+    Other("wireshark", (".pcap", ".pcapng")),
+    Other("python_can_db", (".db",)),
+    Other("python_can_sqlite", (".sqlite",)),
+    Other("mdf3", (".mdf",)),
+    Other("dat", (".dat",)),
+    Other("vehicle_spy", (".vsb",)),
+    Other("memorator", (".kme50", ".kme40", ".kmf")),
+    Other("ros2", (".db3",)),
+    Other("ros1", (".bag", ".mcap")),
+    Other("table", (".xlsx",)),
 )
 
 
 def advice_for(suffix: str = "", line: str = "") -> str:
     """Return what to do with a log of that suffix, or with such a line; empty where it is not known."""
     by_line = (one for one in OTHERS if one.typical_line and re.fullmatch(one.typical_line, line, re.IGNORECASE))
-    return next((one.advice for one in OTHERS if suffix in one.suffixes), "") or next((one.advice for one in by_line), "")
+    found = next((one.name for one in OTHERS if suffix in one.suffixes), "") or next((one.name for one in by_line), "")
+    return message(f"log.other.{found}", savvycan=message("log.savvycan"), ros=message("log.ros")) if found else ""
 
 
 FORMATS: tuple[LogFormat, ...] = (
@@ -110,15 +106,14 @@ def format_of(path: Path, suffix: str, head: bytes) -> LogFormat:
     if found is not None:
         return found
     if advice:
-        raise FileFormatError(f"{path}: is no log this program reads: {advice}{broken}")
+        raise FileFormatError(message("error.is_no_log_this", where=path, advised=advice, broken=broken))
     if ours:
         begin = head.decode("utf-8-sig", "replace").strip()[:SHOWN].partition(NEW_LINE)[0]
         known = ", ".join(one.label for one in (*FORMATS, *added.values()) if one.typical_line is not None)
         raise FileFormatError(
-            f"{path}: is no log this program knows: its first lines are of none of {known}; it begins with {begin!r}; for others, "
-            f"{SAVVYCAN}{broken}"
+            message("error.is_no_log_this_program", where=path, known=known, begin=begin, savvycan=message("log.savvycan"), broken=broken)
         )
-    raise FileFormatError(f"{path}: is no log this program reads: {_advised(suffix, (*FORMATS, *added.values()))}{broken}")
+    raise FileFormatError(message("error.is_no_log_this", where=path, advised=_advised(suffix, (*FORMATS, *added.values())), broken=broken))
 
 
 def _first_typical(formats: Iterable[LogFormat], lines: Iterable[str]) -> tuple[LogFormat | None, str]:
@@ -134,9 +129,9 @@ def _advised(suffix: str, formats: Iterable[LogFormat]) -> str:
     """Say what may be done with a file of an unknown suffix."""
     every = tuple(formats)
     advice = advice_for(suffix)
-    what, other = (f"{advice}; ", "") if advice else ("", f"; for others, {SAVVYCAN}")
-    bare = ", ".join(_suffixes(one for one in every if not one.packed))
-    return f"{what}{', '.join(_suffixes(every, possible=True))} are read, all but {bare} also as .gz{other}"
+    known, bare = (", ".join(found) for found in (_suffixes(every, possible=True), _suffixes(one for one in every if not one.packed)))
+    read = message("log.read", known=known, bare=bare)
+    return joined([advice, read]) if advice else message("log.read_or", read=read, savvycan=message("log.savvycan"))
 
 
 __all__ = ["LogReport", "identifiers_in", "log_batches", "read_frames"]
@@ -156,11 +151,11 @@ def log_batches(path: Path, report: LogReport, progress: Progress | None = None)
     with open_regular(path) as raw:
         size = os.fstat(raw.fileno()).st_size
         if size == 0:
-            raise FileFormatError(f"{path}: is empty")
+            raise FileFormatError(message("error.is_empty", where=path))
         file = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw
         log_format = format_of(path, suffix, read_some(file, HEAD_BYTES, LogReport()))
         if packed and not log_format.packed:
-            raise FileFormatError(f"{path}: is no log this program reads: {suffix} only unpacked")
+            raise FileFormatError(message("error.is_no_log_this_program_reads", where=path, suffix=suffix))
         report.dialect = f"{log_format.label}{', packed' if packed else ''}"
         file.seek(0)
         for batch in log_format.read(path, file, report):

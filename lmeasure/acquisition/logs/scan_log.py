@@ -399,6 +399,6 @@ def listen(
     if not heard.found:
         why = f"{errors} error frames and none that can be read: another bit rate, or a line without its terminating resistors"
         silent = "no frame at all: nothing is connected or switched on, nobody sends the SYNC, or another bit rate is set"
-        raise AcquisitionError(f"{source.name}: {why if errors else silent}")
+        raise AcquisitionError(composed("{where}: {error}", where=source.name, error=why if errors else silent))
     notes = (message("acquisition.error_frames", count=errors),) if errors else ()
     return heard.scan(Path(source.name), message("acquisition.bus"), notes)

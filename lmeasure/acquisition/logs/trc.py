@@ -80,7 +80,7 @@ class _Trc:
         if key == "FILEVERSION":
             version = value.replace(",", ".")
             if version not in PLACES and version not in ("2.0", "2.1"):
-                raise FileFormatError(f"{self.path}: is TRC of version {value[:20]!r}; 1.0 to 1.3, 2.0 and 2.1 are read")
+                raise FileFormatError(message("error.is_trc_of_version", where=self.path, value=value[:20]))
             self.version, self.columns = version, PLACES.get(version, {})
         elif key == "STARTTIME":
             self.start_s = (DAY_ZERO + timedelta(days=decimal_number(value))).timestamp()
@@ -88,7 +88,7 @@ class _Trc:
             self.columns = {name.strip(): place for place, name in enumerate(value.split(","))}
             missing = [name for name in NEEDED if name not in self.columns] + ["L"] * (not {"l", "L"} & self.columns.keys())
             if missing:
-                raise FileFormatError(f"{self.path}: its columns are {value[:60]}; column {missing[0]} is missing")
+                raise FileFormatError(message("error.its_columns_are_column", where=self.path, value=value[:60], missing=missing[0]))
 
     def _frame_1(self, line: str) -> Line | str:
         cells, at = line.split(), self.columns
@@ -111,7 +111,7 @@ class _Trc:
     def _frame_2(self, line: str) -> Line | str:
         at = self.columns
         if not at:
-            raise FileFormatError(f"{self.path}: has no line ;$COLUMNS= before its frames")
+            raise FileFormatError(message("error.has_no_line_columns", where=self.path))
         cells = line.split(maxsplit=len(at) - 1)
         bus = cells[at["B"]] if "B" in at else "1"
         if cells[at["T"]] in OF_ADAPTER:  # cells that they have not are blank or '-'

@@ -11,6 +11,7 @@ from lmeasure.core import BoolArray, CalibrationError, DataFrame, FloatArray, In
 from lmeasure.recording import Poses, joined
 from lmeasure.rig import Cable, Input, Observed, Rig, cables_among
 from lmeasure.sensors import Channels, zeroed_exactly
+from lmeasure.text import message
 
 Source = Literal["tracker", "robot", "unknown"]
 """What may have measured reference poses."""
@@ -153,7 +154,7 @@ def all_visits(campaign: Campaign, names: tuple[str, ...]) -> tuple[str, ...]:
     """The named poses with all visits of their reference poses, in the campaign's order; CalibrationError for one that it has not."""
     for name in names:
         if name not in campaign.poses.names:
-            raise CalibrationError(f"pose {name!r} to hold out: the campaign has no such pose")
+            raise CalibrationError(message("error.pose_to_hold_out", name=name))
     asked = np.array([name in names for name in campaign.poses.names])
     asked = np.isin(campaign.reference_of, campaign.reference_of[asked])
     return tuple(name for name, each in zip(campaign.poses.names, asked, strict=True) if each)
@@ -165,7 +166,7 @@ def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
     for name in names:
         pose = campaign.poses.names.index(name)
         if (campaign.zero == pose).any():
-            raise CalibrationError(f"pose {name!r} to hold out: the counters were zeroed there")
+            raise CalibrationError(message("error.pose_to_hold_out_the", name=name))
         counts[pose] = np.nan
     return replace(campaign, counts=counts)
 

@@ -49,7 +49,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise FileFormatError(f"{folder}: is not a calibration folder{no_folder(folder, 'reference_poses.csv')}")
+        raise FileFormatError(message("error.is_not_a_calibration", where=folder, hint=no_folder(folder, "reference_poses.csv")))
     rig = read_rig(folder / "rig.toml")
     poses = read_poses(folder / "reference_poses.csv", rig.angles, columns, positions_alone=True)
     named = ["rig.toml", "reference_poses.csv", "counts.csv", *(p.name for p in folder.glob("reference.xml"))]
@@ -58,7 +58,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
     table = files.read_table(path)
     names = table.text("pose")
     if not names:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     index = {name: i for i, name in enumerate(poses.names)}
     lost = [(row + 2, name) for row, name in enumerate(names) if name not in index]
     if lost:
@@ -66,7 +66,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
     passage = table.numbers("pass") if "pass" in table.columns else np.ones(len(names))
     measured = tuple(c for c in rig.observed if c.passage in set(passage.tolist()))
     if not any(c.is_cable for c in measured):
-        raise FileFormatError(f"{path}: no cable of the rig belongs to pass {passage[0]:g}")
+        raise FileFormatError(message("error.no_cable_of_the", where=path, passage=passage[0]))
     # a drum without a column is an error; what an encoder shows is more than what was always needed
     cables = tuple(c for c in measured if c.is_cable or c.channel in table.columns)
     unread = dict.fromkeys(c.channel for c in measured if c not in cables)
@@ -92,7 +92,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
             if own:
                 what = f"{path}:{own[0] + 2}: channel {c.channel}"
                 if drum.codes is not None and not ((recorded[own] >= 0) & (recorded[own] < drum.codes)).all():
-                    raise FileFormatError(f"{what}: {recorded[own[0]]:g} is no code of an absolute encoder of 0 .. {drum.codes - 1}")
+                    raise FileFormatError(message("error.is_no_code_of", where=what, recorded=recorded[own[0]], codes=drum.codes - 1))
                 readings[i] = _dwell(recorded[own], drum, what)
                 counted[i, j] = own[0]
                 if warm is not None:
@@ -111,7 +111,9 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
         if not (drum.zero_exact and not read.any()) or (scatter > 0.0 and len(read) > 1):
             at_zero[j] = variance[zero[j], j]
         if not np.isfinite(counts[zero[j], j]):
-            raise FileFormatError(f"{path}:{rows[0] + 2}: channel {c.channel} has no count at its zero pose {names[rows[0]]!r}")
+            raise FileFormatError(
+                message("error.channel_has_no_count", where=path, rows=rows[0] + 2, channel=c.channel, names=names[rows[0]])
+            )
     campaign = Campaign(
         rig,
         poses,
@@ -152,7 +154,7 @@ def _temperatures(stated: files.Table, counts: files.Table, pose_of: IntArray) -
     if name not in counts.columns:
         return None if of_poses is None else of_poses[pose_of]
     if of_poses is not None:
-        raise FileFormatError(f"{counts.path}: has {name!r}, and so has {stated.path.name}; one of them says how warm it was")
+        raise FileFormatError(message("error.has_and_so_has", where=counts.path, name=name, name2=stated.path.name))
     values = counts.numbers(name)
     conventions.check_temperature(values, f"{counts.path}: column {name!r}")
     return values
@@ -167,9 +169,7 @@ def _dwell(recorded: FloatArray, drum: Drum | SensorTable, what: str) -> FloatAr
     at_mm = 1.0 if drum.is_length else ARM_MM
     moved = float(change.max() - change.min()) * drum.per_count / drum.scale * at_mm
     if moved > STILL_MM:
-        raise FileFormatError(
-            f"{what}: moves {moved:.3g} mm between readings of one dwell; a robot that stands still moves less than {STILL_MM:g}"
-        )
+        raise FileFormatError(message("error.moves_mm_between_readings", where=what, moved=moved, still_mm=STILL_MM))
     return np.asarray(recorded[0] + change)
 
 
@@ -205,7 +205,9 @@ def _source(table: files.Table) -> Source:
     given = dict.fromkeys(table.text("reference")) if "reference" in table.columns else {"unknown": None}
     if len(given) != 1 or not set(given) <= set(get_args(Source)):
         raise FileFormatError(
-            f"{table.path}: column 'reference': has {', '.join(map(repr, given))}; write one of {', '.join(get_args(Source))} in every row"
+            message(
+                "error.column_reference_has_write", where=table.path, given=", ".join(map(repr, given)), options=", ".join(get_args(Source))
+            )
         )
     return cast(Source, next(iter(given)))
 
@@ -218,7 +220,7 @@ def _column(table: files.Table, name: str) -> FloatArray | None:
     if name == "temperature_c":
         conventions.check_temperature(values, f"{table.path}: column {name!r}")
     elif (values < 0).any():
-        raise FileFormatError(f"{table.path}: column {name!r}: a standard uncertainty is negative")
+        raise FileFormatError(message("error.column_a_standard_uncertainty", where=table.path, name=name))
     return values
 
 
@@ -252,7 +254,9 @@ def _checked(campaign: Campaign, path: Path) -> Campaign:
     for j, c in enumerate(campaign.cables):
         counted = int(np.isfinite(campaign.counts[:, j]).sum())
         if counted < MIN_POSES:
-            raise CalibrationError(f"{path}: channel {c.channel} is counted at {counted} pose(s); {MIN_POSES} are the least")
+            raise CalibrationError(
+                message("error.channel_is_counted_at", where=path, channel=c.channel, counted=counted, min_poses=MIN_POSES)
+            )
         if not c.is_cable:
             _check_turning(campaign, j, f"{path}: channel {c.channel}")
             continue
@@ -265,10 +269,7 @@ def _checked(campaign: Campaign, path: Path) -> Campaign:
             change = np.inf
         way = float(np.linalg.norm(campaign.poses.rows[:, :3] - campaign.poses.rows[campaign.zero[j], :3], axis=1).max())
         if not drum.braked and change > STILL_PART * way:
-            raise CalibrationError(
-                f"{path}: channel {c.channel} does not move: all its counts are zero, where the nominal rig has its cable change by "
-                f"{change:.3g} mm; if its winch stood still, say braked = true in its drum"
-            )
+            raise CalibrationError(message("error.channel_does_not_move", where=path, channel=c.channel, change=change))
         notes.append(message("calibration.channel_all_counts_zero", channel=c.channel))
     return replace(campaign, notes=(*campaign.notes, *notes)) if notes else campaign
 
@@ -288,8 +289,7 @@ def _check_turning(campaign: Campaign, j: int, what: str) -> None:
         return
     if turn > LEAST_TURN:
         raise CalibrationError(
-            f"{what} does not move: all its counts are {np.nanmax(campaign.counts[:, j]):g}, where the nominal rig has its angle change by "
-            f"{math.degrees(turn):.3g} deg; leave its column out if the encoder is dead"
+            message("error.does_not_move_all", what=what, nanmax=np.nanmax(campaign.counts[:, j]), turn=math.degrees(turn))
         )
 
 

@@ -15,6 +15,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.estimation import Fit
 from lmeasure.rig import Finding
+from lmeasure.text import message
 
 STEPS = 4
 SHIFTS = (3, 4, 5)
@@ -46,17 +47,17 @@ def with_distances(model: Model, found: Fit, distances: Sequence[Distance]) -> t
 def distance_of(model: Model, theta: FloatArray, asked: Distance) -> tuple[float, FloatArray]:
     """The distance [mm] when the unknowns are theta (P,), and its derivatives by them (P,)."""
     if not set(SHIFTS) <= set(model.free.tolist()):
-        raise CalibrationError("--distance: goes with --self: poses that are known tell their distances by themselves")
+        raise CalibrationError(message("error.distance_goes_with_self"))
     names, at = model.campaign.poses.names, []
     for name in (asked.a, asked.b):
         if name not in names or names.index(name) not in model.at:
-            raise CalibrationError(f"--distance: {name!r} is none of the counted poses ({', '.join(names[:6])}, ...)")
+            raise CalibrationError(message("error.distance_is_none_of", name=name, names=", ".join(names[:6])))
         at.append(names.index(name))
     rows = model.poses(theta)
     way = rows[at[1], :3] - rows[at[0], :3]
     length = float(np.linalg.norm(way))
     if not length > 0.0:
-        raise CalibrationError(f"--distance: {asked.a} and {asked.b} are one pose")
+        raise CalibrationError(message("error.distance_and_are_one", a=asked.a, b=asked.b))
     g, free = np.zeros(len(theta)), model.free.tolist()
     for i, sign in zip(at, (-1.0, 1.0), strict=True):
         begin = model.own + len(free) * int(np.flatnonzero(model.at == i)[0])

@@ -21,6 +21,7 @@ from lmeasure.kernels import counts_from_changes, length_gradients, span_lengths
 from lmeasure.recording import poses_from_rows
 from lmeasure.rig import Observed, Rig
 from lmeasure.sensors import Channels, counts_from_poses, phase_columns
+from lmeasure.text import message
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Instrument:
         self._own = own = self._channels(cables).of
         read = {name for names in own.parameters for name in names}
         if lost := sorted({name.rpartition(".")[2] for name in self.unknowns.names if name not in read}):
-            raise CalibrationError(f"--solve: {', '.join(lost)}: calibrate finds it, plans do not reckon with it")
+            raise CalibrationError(message("error.solve_calibrate_finds_it", lost=", ".join(lost)))
         self._passage = own.passage
         self._variance, self._phases = own.variance * own.per_unit**2, phase_columns(self.rig, cables)
 

@@ -113,9 +113,9 @@ def plan_poses(rig: Rig, settings: PlanSettings, recorded: Campaign | None = Non
     """
     least = 1 if recorded else 2
     if not least <= settings.poses <= MAX_POSES:
-        raise CalibrationError(f"a plan of {settings.poses} poses: it must have {least} to {MAX_POSES}")
+        raise CalibrationError(message("error.a_plan_of_poses", poses=settings.poses, least=least, max_poses=MAX_POSES))
     if settings.criterion not in CRITERIA:
-        raise CalibrationError(f"the criterion {settings.criterion!r} is not one of {', '.join(CRITERIA)}")
+        raise CalibrationError(message("error.the_criterion_is_not", criterion=settings.criterion, criteria=", ".join(CRITERIA)))
     channels = _channels(rig, settings, recorded)
     cables = cables_among(channels)
     sigma = np.repeat([settings.u_rotation_rad, settings.u_position_mm], 3)
@@ -133,7 +133,7 @@ def plan_poses(rig: Rig, settings: PlanSettings, recorded: Campaign | None = Non
     parts = tuple((reason, float(part)) for reason, part in zip(Usable.REASONS, broken.mean(axis=0), strict=True))
     if not good.any():
         why = ", ".join(f"{reason} at {part:.0%}" for reason, part in parts if part)
-        raise CalibrationError(f"rig {rig.name!r}: no pose of the box can be used: {why} of the poses tried")
+        raise CalibrationError(message("error.rig_no_pose_of", name=rig.name, why=why))
     p = len(instrument.unknowns.names)
     if recorded is None:
         shared = p + instrument.zero(settings.region.centre).root.shape[1]
@@ -145,7 +145,7 @@ def plan_poses(rig: Rig, settings: PlanSettings, recorded: Campaign | None = Non
     design = _search(empty(space, before + np.eye(len(before))), settings, targets, rng, progress)
     chosen = settings.poses - (recorded is None)
     if len(design.points) < chosen:
-        raise CalibrationError(f"the box has room for {len(design.points) + (recorded is None)} different poses only, not {settings.poses}")
+        raise CalibrationError(message("error.the_box_has_room", n_points=len(design.points) + (recorded is None), poses=settings.poses))
     criterion = targets.criterion(settings.criterion)
     # a free zero pose comes first, whatever it brings
     design = ordered(design, criterion)
@@ -163,12 +163,12 @@ def _channels(rig: Rig, settings: PlanSettings, recorded: Campaign | None) -> tu
     if recorded is None:
         cables = tuple(c for c in rig.observed if c.passage in settings.passes)
         if not any(c.is_cable for c in cables):
-            raise CalibrationError(f"rig {rig.name!r}: no cable belongs to pass {', '.join(str(n) for n in settings.passes)}")
+            raise CalibrationError(message("error.rig_no_cable_belongs", name=rig.name, passes=", ".join(str(n) for n in settings.passes)))
         return cables
     own = {(c.name, c.channel, c.from_point, c.to_point, c.passage) for c in rig.observed}
     for c in recorded.cables:
         if (c.name, c.channel, c.from_point, c.to_point, c.passage) not in own:
-            raise CalibrationError(f"rig {rig.name!r}: cable {c.name} of the recorded campaign is not one of its cables")
+            raise CalibrationError(message("error.rig_cable_of_the", name=rig.name, name2=c.name))
     return recorded.cables
 
 
@@ -199,7 +199,7 @@ def lengths_over(instrument: Instrument, zone: Region, log2: int, seed: int) -> 
     for rows in (zone.rows(np.where(zone.active, unit, 0.5)), zone.rows(zone.corners())):
         rows = rows[np.isfinite(span_lengths(kernel_rows, rows)).all(axis=1)]
         if not len(rows) or not np.isfinite(span_lengths(kernel_rows, start)).all():
-            raise CalibrationError(f"rig {instrument.rig.name!r}: its cables cannot run to the middle and the corners of the zone")
+            raise CalibrationError(message("error.rig_its_cables_cannot", name=instrument.rig.name))
         out.append(instrument.gradients(rows, start, np.zeros(len(cables), np.int64), cables))
     return PredictedLengths(out[0], out[1], tuple(c.name for c in cables))
 

@@ -39,9 +39,9 @@ class Region:
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and (self.low <= self.high).all()):
-            raise CalibrationError(f"the box from {self.low.tolist()} to {self.high.tolist()} mm is empty")
+            raise CalibrationError(message("error.the_box_from_to", low=self.low.tolist(), high=self.high.tolist()))
         if not 0.0 <= self.tilt_rad <= math.pi / 2:
-            raise CalibrationError(f"a tilt of {math.degrees(self.tilt_rad):g} degrees: it must lie in [0, 90]")
+            raise CalibrationError(message("error.a_tilt_of_degrees", tilt_rad=math.degrees(self.tilt_rad)))
 
     @property
     def active(self) -> BoolArray:
@@ -108,15 +108,15 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_wrap_deg <= 360.0:
-            raise CalibrationError(f"a wrap limit of {self.max_wrap_deg:g} degrees: it must lie in (0, 360]")
+            raise CalibrationError(message("error.a_wrap_limit_of", max_wrap_deg=self.max_wrap_deg))
         if not 0.0 <= self.min_span_mm < self.max_length_mm:
-            raise CalibrationError(f"cables of {self.min_span_mm:g} to {self.max_length_mm:g} mm: the limits must rise from 0 or more")
+            raise CalibrationError(message("error.cables_of_to_mm", min_span_mm=self.min_span_mm, max_length_mm=self.max_length_mm))
         if not self.clearance_mm >= 0.0:
-            raise CalibrationError(f"a clearance of {self.clearance_mm:g} mm: it must not be negative")
+            raise CalibrationError(message("error.a_clearance_of_mm", clearance_mm=self.clearance_mm))
         if not self.min_tension_n >= 0.0:
-            raise CalibrationError(f"a least tension of {self.min_tension_n:g} N: it must not be negative")
+            raise CalibrationError(message("error.a_least_tension_of", min_tension_n=self.min_tension_n))
         if not 0.0 <= self.singular_deg < 90.0:
-            raise CalibrationError(f"{self.singular_deg:g} degrees from singular angles: it must lie in [0, 90)")
+            raise CalibrationError(message("error.degrees_from_singular_angles", singular_deg=self.singular_deg))
 
 
 class Usable:

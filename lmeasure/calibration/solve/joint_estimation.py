@@ -19,6 +19,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.estimation import Fit, Parameters, fit
 from lmeasure.kernels import span_lengths
+from lmeasure.text import message
 
 MISFIT = 1e-3  # probability under which other starts are tried
 RESTARTS = 2
@@ -33,13 +34,10 @@ def solve_jointly(
     """
     rig, trusted = unknowns_of(campaign, solve), free == ROTATIONS
     if not trusted and not {"position", "guide"} <= set(solve):
-        raise CalibrationError("--self: needs position and guide in --solve, or what is taken as exact would hold the frame")
+        raise CalibrationError(message("error.self_needs_position_and"))
     fixed = [c for c in campaign.cables if campaign.rig.counter(c).own]
     if not trusted and fixed:
-        raise CalibrationError(
-            f"--self: channel {fixed[0].channel} is a [[{fixed[0].kind}]], which is stated in the base frame, and --self moves that: "
-            "calibrate with reference poses, or leave the column out of counts.csv"
-        )
+        raise CalibrationError(message("error.self_channel_is_a", channel=fixed[0].channel, kind=fixed[0].kind))
     check_equations(campaign, rig, free)
     model, begun = begun_jointly(campaign, rig, free, frame, seed=seed)
     return model, _restarted(model, begun if prior else fit(model, begun.theta, near=True), prior, seed)

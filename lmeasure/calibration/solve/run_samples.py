@@ -11,6 +11,7 @@ from lmeasure.kernels import follow_least_squares, span_lengths
 from lmeasure.recording import Poses, Run, StatedStart, read_run
 from lmeasure.rig import CABLES_FOR_A_POSE, Input, Rig
 from lmeasure.sensors import Lengths, count_variance, lengths_from_counts
+from lmeasure.text import message
 
 SAMPLES = 40
 FOLLOWED = 4000
@@ -43,13 +44,13 @@ def campaign_of(run: Run, samples: int = SAMPLES, inputs: tuple[Input, ...] = ()
     """
     rig = run.rig
     if run.start is None:
-        raise CalibrationError(f"{run.passes[0].source}: its start is unknown: state about where it began (--start)")
+        raise CalibrationError(message("error.its_start_is_unknown", where=run.passes[0].source))
     if rig.passes > 1:
-        raise CalibrationError(f"{run.passes[0].source}: has {rig.passes} passes; a motion that calibrates has all channels in one")
+        raise CalibrationError(message("error.has_passes_a_motion", where=run.passes[0].source, passes=rig.passes))
     lengths = lengths_from_counts(run)
     whole = np.flatnonzero(np.isfinite(lengths.change_mm).all(axis=1))
     if len(whole) < 2:
-        raise CalibrationError(f"{run.passes[0].source}: has no samples at which all channels can be read")
+        raise CalibrationError(message("error.has_no_samples_at", where=run.passes[0].source))
     poses, rows = _followed(rig, lengths, whole, run.start)
     own = {name: _at(name, lengths.time_s[rows], run.passes[0].source) for name in named if name != "start"}
     chosen = np.unique(np.r_[spread(poses, samples), list(own.values())].astype(np.intp))
@@ -67,9 +68,9 @@ def _at(name: str, time_s: FloatArray, source: str) -> int:
     try:
         asked = float(name)
     except ValueError:
-        raise CalibrationError(f"--distance: {name!r} is neither start nor a time in s of {source}") from None
+        raise CalibrationError(message("error.distance_is_neither_start", name=name, source=source)) from None
     if not time_s[0] <= asked <= time_s[-1]:
-        raise CalibrationError(f"--distance: {name} s lies outside of {source}, {time_s[0]:g} to {time_s[-1]:g} s")
+        raise CalibrationError(message("error.distance_s_lies_outside", name=name, source=source, time_s=time_s[0], time_s2=time_s[-1]))
     return int(np.argmin(np.abs(time_s - asked)))
 
 
@@ -86,7 +87,7 @@ def _followed(rig: Rig, lengths: Lengths, whole: IntArray, start: FloatArray) ->
     poses = follow_least_squares(of, start, begun, state, changes, flags, u, np.arange(6))[0]
     ok = np.isfinite(poses[:, 0])
     if ok.sum() < 2:
-        raise CalibrationError("the rig makes no poses of the run's counts: it, or the start, is too far from the truth")
+        raise CalibrationError(message("error.the_rig_makes_no"))
     return poses[ok], rows[ok]
 
 

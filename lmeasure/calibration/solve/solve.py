@@ -436,8 +436,7 @@ def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...],
         determined = int(whole.used[pose].sum())
         if determined <= model.pose_unknowns:
             raise CalibrationError(
-                f"--hold-out: pose {name}: {determined} counted cables and {model.pose_unknowns} unknowns of its own leave "
-                f"nothing to judge by"
+                message("error.hold_out_pose_counted", name=name, determined=determined, pose_unknowns=model.pose_unknowns)
             )
         theta = fitted_pose(every, theta, pose, seed)
     return held_out(every, theta, found, poses)

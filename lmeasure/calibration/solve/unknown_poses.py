@@ -14,6 +14,7 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import CalibrationError, FloatArray, IntArray, se3
 from lmeasure.estimation import Parameters
 from lmeasure.kernels import CABLE, KIND, span_lengths, span_rows
+from lmeasure.text import message
 
 TURNS = 512  # orientations of a single pose that are looked at
 FOLLOWED = 4  # and of these, followed up
@@ -29,10 +30,7 @@ def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
     if len(used) == 1:
         name = used[0]
         if not campaign.poses.oriented and any(campaign.rig.tool[name]):
-            raise CalibrationError(
-                f"reference_poses.csv: has no orientations, and all cables lead to {name}: give the positions of {name} itself and "
-                f"{name} = [0.0, 0.0, 0.0] in [tool]"
-            )
+            raise CalibrationError(message("error.reference_poses_csv_has", name=name))
         free: tuple[int, ...] = () if trusted else (3, 4, 5)
     elif trusted:
         free = () if campaign.poses.oriented else ROTATIONS
@@ -43,16 +41,12 @@ def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
         body, least = ("one point", 4) if len(free) == 3 else ("a body", 7)
         kind = "cables" if len(campaign.drums) == len(campaign.cables) else "channels"
         raise CalibrationError(
-            f"--self: {len(campaign.cables)} {kind} bring {len(campaign.cables)} equations at a pose of {len(free)} unknowns, and nothing "
-            f"is left over for the rig; {body} calibrates itself with {least} {kind} or more"
+            message("error.self_bring_equations_at", n_cables=len(campaign.cables), kind=kind, n=len(free), body=body, least=least)
         )
     if 0 in free:
         points = np.array([campaign.rig.tool[name] for name in used])
         if np.linalg.matrix_rank(points - points[0], tol=1e-6 * max(1.0, float(np.ptp(points)))) < 2:
-            raise CalibrationError(
-                f"{what}: the attachment points {', '.join(used)} lie on one line, and no length tells the rotation about it; the cables "
-                "of a body must lead to three points that do not"
-            )
+            raise CalibrationError(message("error.the_attachment_points_lie", where=what, used=", ".join(used)))
     return free
 
 
@@ -109,9 +103,7 @@ def check_equations(campaign: Campaign, rig: Parameters, free: tuple[int, ...]) 
     few = (channels > 0) & (channels < d)
     if few.any():
         pose = int(np.argmax(few))
-        raise CalibrationError(
-            f"counts.csv: pose {campaign.poses.names[pose]}: {channels[pose]} counted cables cannot tell its {d} unknowns; leave it out"
-        )
+        raise CalibrationError(message("error.counts_csv_pose_counted", names=campaign.poses.names[pose], channels=channels[pose], d=d))
 
 
 def oriented(campaign: Campaign, seed: int) -> list[Campaign]:

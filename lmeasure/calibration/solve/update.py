@@ -56,7 +56,7 @@ def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     known = {given.sha256 for given in record.inputs}
     again = [given.file for given in campaign.inputs if given.sha256 in known and given.file != "run.toml"]
     if again:
-        raise CalibrationError(f"{again[0]}: its counts are in the record already, and would count twice: go on with another run")
+        raise CalibrationError(message("error.its_counts_are_in", where=again[0]))
     names, nominal, per = _solved(campaign.rig, record)
     C0 = record.joint_matrix() * np.outer(per, per)
     width = np.sqrt(np.maximum(np.diag(C0), 0.0))
@@ -74,7 +74,7 @@ def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
         if np.abs(step).max(initial=0.0) < SETTLED and np.abs(dp).max(initial=0.0) < 1e-6:
             break
     else:
-        raise CalibrationError("the run and the record do not settle together: the rig is not what the record says, or the run is short")
+        raise CalibrationError(message("error.the_run_and_the"))
     part, y, A = _seen(model, theta, F)
     determined = np.linalg.inv(np.eye(len(z)) + A.T @ A)
     C = F @ determined @ F.T

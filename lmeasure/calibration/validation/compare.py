@@ -122,7 +122,7 @@ def compare_records(old: Earlier, new: Earlier) -> Comparison:
     names = list(dict.fromkeys(p.name for record in (old.record, new.record) for p in record.parameters))
     common = [n for n in names if _known(old.rig, n) and _known(new.rig, n)]
     if not common:
-        raise CalibrationError(f"{old.source}: its points and those of rig {new.rig.name!r} have no name in common")
+        raise CalibrationError(message("error.its_points_and_those", where=old.source, name=new.rig.name))
     notes = _notes(old, new, names, common)
     width = np.array([_width(old.record, new.record, n) for n in common])
     covariances = _covariance(old.record, common), _covariance(new.record, common)
@@ -249,10 +249,7 @@ def _check_frames(old: Earlier, new: CalibrationRecord) -> None:
     nominal = [{i.sha256 for i in r.inputs if i.file == "rig.toml"} for r in (old.record, new)]
     same = len(own) == 2 and all(r.settings.get("frame") == "rig" for r in own) and nominal[0] == nominal[1] != set()
     if own and not same:
-        raise CalibrationError(
-            f"{old.source}: a self-calibration has a frame of its own, and places in two frames cannot be compared; calibrate both by "
-            "reference poses, or both with --self --frame rig from the same rig.toml"
-        )
+        raise CalibrationError(message("error.a_self_calibration_has", where=old.source))
 
 
 def _notes(old: Earlier, new: Earlier, names: list[str], common: list[str]) -> list[str]:

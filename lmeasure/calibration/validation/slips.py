@@ -8,6 +8,7 @@ from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import CalibrationError, FloatArray, GeometryError
 from lmeasure.rig import unlikely_size
 from lmeasure.sensors import counts_from_poses
+from lmeasure.text import message
 
 UNITS = {"metres": 1e3, "inches": 25.4, "centimetres": 10.0, "micrometres": 1e-3}
 """What positions may be that are said to be millimetres: how many of these are in one."""
@@ -29,14 +30,11 @@ def without_slips(campaign: Campaign, name: str) -> Campaign:
     fits = {unit: _misfit(campaign, factor) for unit, factor in rigs.items()}
     if rigs and min(fits.values()) < as_said / CURES:
         unit = min(fits, key=lambda unit: fits[unit])
-        raise CalibrationError(f"{name}: its positions fit the counts where the nominal rig's dimensions are {unit}, and not millimetres")
+        raise CalibrationError(message("error.its_positions_fit_the", where=name, unit=unit))
     other = {unit: _misfit(campaign, factor) for unit, factor in UNITS.items()}
     best = min(other, key=lambda unit: other[unit])
     if campaign.poses.oriented and other[best] < as_said / CURES:
-        raise CalibrationError(
-            f"{name}: its positions are {best} where they are said to be millimetres: the nominal rig's cables then fit the counts to "
-            f"{other[best]:.3g} mm, and else to {as_said:.3g} mm; --columns x=COLUMN[UNIT] states the unit"
-        )
+        raise CalibrationError(message("error.its_positions_are_where", where=name, best=best, other=other[best], as_said=as_said))
     return _counted_once(campaign)
 
 

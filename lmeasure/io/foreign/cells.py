@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import FileFormatError, FloatArray
+from lmeasure.text import message
 
 _BLANKS = re.compile(r"(?<=\d)[ \u00a0\u202f'’](?=\d{3}(?!\d))")
 """Between groups of three digits."""
@@ -66,7 +67,7 @@ def plain(cells: Sequence[str], of_file: set[str], what: str) -> list[str]:
         return list(cells)
     own = decimal_marks(cells)
     if len(own) > 1:
-        raise FileFormatError(f"{what}: has both decimal points and decimal commas")
+        raise FileFormatError(message("error.has_both_decimal_points", where=what))
     either = [cell for cell in cells if _EITHER.fullmatch(cell)]
     if own:
         mark = own.pop()
@@ -81,8 +82,13 @@ def plain(cells: Sequence[str], of_file: set[str], what: str) -> list[str]:
         elif (dots and "," in of_file) or (not dots and not every):
             shown = either[0]
             raise FileFormatError(
-                f"{what}: {shown!r} may be {shown.replace(',', '').replace('.', '')} or {shown.replace(',', '.')}: "
-                "write it without separators of thousands"
+                message(
+                    "error.may_be_or_write",
+                    where=what,
+                    shown=shown,
+                    replace=shown.replace(",", "").replace(".", ""),
+                    replace2=shown.replace(",", "."),
+                )
             )
     thousands = _GROUPED[_OTHER[mark]]
     out = []
@@ -118,7 +124,7 @@ def clock_times(cells: Sequence[str], row: Callable[[int], str]) -> Times:
     monthly = [m for m in found if m is not None and m.groupdict().get("a")]
     month_first = any(int(m["b"]) > 12 for m in monthly)
     if monthly and not month_first and not any(int(m["a"]) > 12 for m in monthly) and len({(m["a"], m["b"]) for m in monthly}) > 1:
-        raise FileFormatError(f"{row(0)}: {cells[0]!r}: days and months cannot be distinguished; write dates as 2026-11-27")
+        raise FileFormatError(message("error.days_and_months_cannot", where=row(0), cells=cells[0]))
     values, first_day, kinds = np.empty(len(cells)), 0, set[tuple[bool, bool]]()
     first_zone = 0.0
     for i, match in enumerate(found):
@@ -128,10 +134,10 @@ def clock_times(cells: Sequence[str], row: Callable[[int], str]) -> Times:
         hour, minute, second = int(part["h"]), int(part["min"]), int(part["s"])
         if "half" in part:
             if not 1 <= hour <= 12:
-                raise FileFormatError(f"{row(i)}: {cells[i]!r} is no time of a clock")
+                raise FileFormatError(message("error.is_no_time_of", where=row(i), cells=cells[i]))
             hour = hour % 12 + (12 if part["half"][0] in "pP" else 0)
         if hour > 23 or minute > 59 or second > 60:
-            raise FileFormatError(f"{row(i)}: {cells[i]!r} is no time of a clock")
+            raise FileFormatError(message("error.is_no_time_of", where=row(i), cells=cells[i]))
         day = _day(part, month_first, f"{row(i)}: {cells[i]!r}")
         zone = _zone(part.get("zone"))
         kinds.add((day is not None, zone is not None))
@@ -141,7 +147,7 @@ def clock_times(cells: Sequence[str], row: Callable[[int], str]) -> Times:
         seconds = 3600 * hour + 60 * minute + second + DAY_S * ((day or 0) - first_day) - ((zone or 0.0) - first_zone)
         values[i] = seconds + fraction
         if len(kinds) > 1:
-            raise FileFormatError(f"{row(i)}: {cells[i]!r} is written otherwise than the times before it (date or zone)")
+            raise FileFormatError(message("error.is_written_otherwise_than", where=row(i), cells=cells[i]))
     if not next(iter(kinds))[0]:
         values += DAY_S * np.concatenate([[0.0], np.cumsum(np.diff(values) < -0.5 * DAY_S)])
     return Times(values, datetime.date.fromordinal(first_day).isoformat() if first_day else "")
@@ -160,7 +166,7 @@ def _day(part: dict[str, str], month_first: bool, what: str) -> int | None:
     try:
         return datetime.date(*map(int, date)).toordinal()
     except ValueError:
-        raise FileFormatError(f"{what} is no date") from None
+        raise FileFormatError(message("error.is_no_date", what=what)) from None
 
 
 def _zone(text: str | None) -> float | None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from lmeasure.core import CONVENTIONS, FileFormatError, SettingsError
 from lmeasure.io.safe_open import read_regular
+from lmeasure.text import message
 
 COLUMN_KINDS = {
     "mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "in": 25.4},
@@ -68,9 +69,9 @@ def columns_of(text: str) -> dict[str, Column]:
         match = _MAPPED.fullmatch(part)
         if match is None or (match[3] and not unit_named(match[3])):
             known = ", ".join(UNITS)
-            raise SettingsError("columns", f"{part.strip()!r} is not name=column[unit]; units: {known}")
+            raise SettingsError("columns", message("error.is_not_name_column", strip=part.strip(), known=known))
         if match[1] in out:
-            raise SettingsError("columns", f"{match[1]!r} is given twice")
+            raise SettingsError("columns", message("error.is_given_twice_2", match=match[1]))
         written = part.split("=", 1)[1].strip()
         out[match[1]] = Column(match[2], unit_named(match[3] or ""), written if match[3] else "")
     return out
@@ -121,14 +122,14 @@ def decoded(raw: bytes, path: Path) -> str:
             continue
         if "\0" not in text:
             return text
-    raise FileFormatError(f"{path}: is no text file")
+    raise FileFormatError(message("error.is_no_text_file", where=path))
 
 
 def layout_of(path: Path) -> Layout:
     """Return the layout of a text table; FileFormatError where none is found, or a row has too few cells."""
     lines = text_of(path).splitlines()
     if not any(line.strip() for line in lines):
-        raise FileFormatError(f"{path}: is empty")
+        raise FileFormatError(message("error.is_empty", where=path))
     first = _first_cell(next(line for line in lines if line.strip()))
     if first == "Format Version":
         return _of_motive(path, lines)
@@ -172,7 +173,7 @@ def _of_table(path: Path, lines: list[str]) -> Layout:
             break
     for line, row in numbered:
         if len(row) < len(header) or any(row[len(header) :]):
-            raise FileFormatError(f"{path}:{line}: has {len(row)} cells, the first line {len(header)}")
+            raise FileFormatError(message("error.has_cells_the_first", where=path, line=line, n_row=len(row), n_header=len(header)))
     return Layout(header, numbered, units, head)
 
 
@@ -180,7 +181,7 @@ def _cells(path: Path, lines: list[str], separator: str) -> list[list[str]]:
     try:
         return [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)]
     except csv.Error as error:
-        raise FileFormatError(f"{path}: cannot be read as a table: {error}") from None
+        raise FileFormatError(message("error.cannot_be_read_as_a_table", where=path, error=error)) from None
 
 
 def _separator(line: str) -> str:
@@ -203,7 +204,7 @@ def _header(path: Path, lines: list[str]) -> int:
     begin at once, the comment above them. FileFormatError where a row of numbers stands there."""
     there = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
     if not there:
-        raise FileFormatError(f"{path}: has no rows, only comments")
+        raise FileFormatError(message("error.has_no_rows_only", where=path))
     for i, following in pairwise(there):
         separator = _separator(lines[i])
         cells = lines[i].split(separator)
@@ -218,9 +219,7 @@ def _header(path: Path, lines: list[str]) -> int:
             return i
     if sum(map(_is_number, row)) * 2 < len(row) and len(there) > 1:
         return there[0]
-    raise FileFormatError(
-        f"{path}: line {there[0] + 1} holds numbers, and no line above it names its {len(row)} columns: write a line of names on top"
-    )
+    raise FileFormatError(message("error.line_holds_numbers_and", where=path, there=there[0] + 1, n_row=len(row)))
 
 
 def _commented_units(lines: list[str], head: int, separator: str) -> list[str]:
@@ -236,10 +235,10 @@ def _of_motive(path: Path, lines: list[str]) -> Layout:
     at = next((i for i, row in enumerate(rows) if row and row[0] == "Frame"), None)
     named = {row[1]: row for row in rows[1 : at or 0] if len(row) > 2 and row[0] == "" and row[1] in ("Type", "Name", "ID", "Parent")}
     if at is None or at < 2 or not {"Type", "Name"} <= set(named):
-        raise FileFormatError(f"{path}: a Motive export has rows Type and Name, and one that begins with Frame")
+        raise FileFormatError(message("error.a_motive_export_has", where=path))
     unit = unit_named(settings.get("Length Units", ""))
     if not unit:
-        raise FileFormatError(f"{path}: line 1: Length Units {settings.get('Length Units', '')!r} is no unit of length")
+        raise FileFormatError(message("error.line_1_length_units", where=path, stated=settings.get("Length Units", "")))
     axes, wide = rows[at], len(rows[at])
     kinds, bodies, groups = (row + [""] * (wide - len(row)) for row in (named["Type"], named["Name"], rows[at - 1]))
     names = axes[:2] + [".".join(p for p in (bodies[i], groups[i], axes[i]) if p) for i in range(2, wide)]
@@ -265,11 +264,11 @@ def _of_nexus(path: Path, lines: list[str]) -> Layout:
     starts = {row[0]: i for i, row in enumerate(rows) if row and row[0] in SECTIONS and not any(row[1:])}
     kind = next((name for name in SECTIONS[:2] if name in starts), None)
     if kind is None:
-        raise FileFormatError(f"{path}: a Nexus export without Segments and Trajectories: export one of them")
+        raise FileFormatError(message("error.a_nexus_export_without", where=path))
     at = starts[kind]
     head = rows[at + 1 : at + 5]
     if len(head) < 4 or not head[0] or not _is_number(head[0][0]) or float(head[0][0]) <= 0.0 or head[2][:2] != ["Frame", "Sub Frame"]:
-        raise FileFormatError(f"{path}: line {at + 2}: section {kind} of a Nexus export has a rate, names, axes and units")
+        raise FileFormatError(message("error.line_section_of_a", where=path, at=at + 2, kind=kind))
     rate, axes = float(head[0][0]), head[2]
     wide, whose, names = len(axes), "", ["Frame", "Sub Frame"]
     units = head[3] + [""] * (wide - len(head[3]))
@@ -287,7 +286,7 @@ def _of_nexus(path: Path, lines: list[str]) -> Layout:
             break
         cells = row + [""] * (wide - len(row))
         if not cells[0].isdigit():
-            raise FileFormatError(f"{path}: line {i + 1}: {cells[0]!r} is no number of a frame")
+            raise FileFormatError(message("error.line_is_no_number", where=path, i=i + 1, cells=cells[0]))
         numbered.append((i + 1, [*cells[:wide], repr((int(cells[0]) - 1) / rate)]))
     segments = kind == "Segments"
     return Layout(

@@ -20,6 +20,7 @@ from lmeasure.core import (
 from lmeasure.io import files
 from lmeasure.io.foreign.cells import are_clock_times, clock_times, decimal_marks, plain, scaled, without_blanks
 from lmeasure.io.foreign.layout import ANGLES, BODY, COLUMN_KINDS, UNITS, Column, Layout, headed, layout_of
+from lmeasure.text import message
 
 UNIT_TOLERANCE = 1e-3
 """Of a quaternion's length: other programs write four digits."""
@@ -78,7 +79,9 @@ class ForeignTable:
         there = {**self.layout.bodies, **self.layout.markers}
         if chosen is not None and there:
             if chosen.name not in there:
-                raise FileFormatError(f"{self.path}: {chosen.name!r}, which --columns calls {BODY}, is none of {', '.join(there)}")
+                raise FileFormatError(
+                    message("error.which_columns_calls_is", where=self.path, name=chosen.name, body=BODY, there=", ".join(there))
+                )
             return there[chosen.name]
         one = self.layout.bodies or self.layout.markers
         return next(iter(one.values())) if len(one) == 1 else {}
@@ -102,12 +105,14 @@ class ForeignTable:
             ends = [n for n in own if n.rpartition(".")[2] == column.name]
             found = [n for n in ends if n.split(".")[-2] in _GROUPS.get(name, ("Rotation",))] or ends
         if not found:
-            raise FileFormatError(f"{self.path}: column {column.name!r}, which --columns says is {name}, is missing; it has {self.has}")
+            raise FileFormatError(message("error.column_which_columns_says", where=self.path, name=column.name, name2=name, has=self.has))
         if len(found) > 1:
-            raise FileFormatError(f"{self.path}: column {column.name!r}, which --columns says is {name}, is one of {', '.join(found)}")
+            raise FileFormatError(
+                message("error.column_which_columns_says_is", where=self.path, name=column.name, name2=name, found=", ".join(found))
+            )
         stated = self._units.get(found[0]) or headed(found[0])[1]
         if unit and stated and unit != stated and any(unit in kind and stated in kind for kind in COLUMN_KINDS.values()):
-            raise FileFormatError(f"{self.path}: column {found[0]!r} is in {stated} by its header, --columns says {unit}")
+            raise FileFormatError(message("error.column_is_in_by", where=self.path, found=found[0], stated=stated, unit=unit))
         return Column(found[0], unit or stated)
 
     def holds(self, name: str, column: Column) -> bool:
@@ -183,7 +188,7 @@ class ForeignTable:
             bad = np.abs(length - 1.0) > UNIT_TOLERANCE
             if bad.any():
                 i = int(np.argmax(bad))
-                raise FileFormatError(f"{self.row(i)}: the quaternion's length is {length[i]:.9g}, not 1")
+                raise FileFormatError(message("error.the_quaternion_s_length", where=self.row(i), length=length[i]))
             names = [column.name for name in QUATERNION_COLUMNS if (column := self.find(name))]
             self.read_as = f"{', '.join(names)}: quaternion x, y, z, w"
             return np.asarray(out / length[:, None])
@@ -193,7 +198,7 @@ class ForeignTable:
         some = [name for name in QUATERNION_COLUMNS if self.find(name)]
         if some and not self._part:
             missing = ", ".join(name for name in QUATERNION_COLUMNS if name not in some)
-            raise FileFormatError(f"{self.path}: has {', '.join(some)}, but no {missing}: a quaternion is all four")
+            raise FileFormatError(message("error.has_but_no_a", where=self.path, some=", ".join(some), missing=missing))
         return None
 
     def _angles(self, convention: AngleConvention) -> tuple[Column, ...]:
@@ -235,7 +240,12 @@ class ForeignTable:
         if explicit:
             columns = ", ".join(dict.fromkeys(at.name for name in explicit for at in there[name]))
             raise FileFormatError(
-                f"{self.path}: {columns} may be angles of {', '.join(n for n in CONVENTIONS if n in explicit)}: --angles says which"
+                message(
+                    "error.may_be_angles_of",
+                    where=self.path,
+                    columns=columns,
+                    conventions=", ".join(n for n in CONVENTIONS if n in explicit),
+                )
             )
         self.unread = tuple(dict.fromkeys(at.name for found in there.values() for at in found))
         return None
@@ -271,18 +281,20 @@ class ForeignTable:
         column = self.find(name, unit)
         if column is None:
             shown, said = (f"{name}_{unit}", f"{name}=COLUMN[{unit}]") if unit else (name, f"{name}=COLUMN")
-            hint = f"; --columns {said} says which it is" if self._mapped else ""
+            hint = message("error.columns_choose", option=said) if self._mapped else ""
             several = self.layout.bodies or self.layout.markers
             if len(several) > 1:
-                raise FileFormatError(f"{self.path}: {self.layout.said} of {', '.join(several)}: --columns {BODY}=NAME chooses one")
-            raise FileFormatError(f"{self.path}: column {shown!r} is missing; it has {self.has}{hint}")
+                raise FileFormatError(
+                    message("error.of_columns_name_chooses", where=self.path, said=self.layout.said, several=", ".join(several), body=BODY)
+                )
+            raise FileFormatError(message("error.column_is_missing_it", where=self.path, shown=shown, has=self.has, hint=hint))
         return self._of(column, unit, name, gaps=gaps)
 
     def _of(self, column: Column, unit: str, name: str, *, gaps: bool) -> FloatArray:
         if unit and column.unit not in COLUMN_KINDS[unit]:
-            raise FileFormatError(f"{self.path}: column {column.name!r}: {column.unit!r} is no unit of {name}")
+            raise FileFormatError(message("error.column_is_no_unit", where=self.path, name=column.name, unit=column.unit, name2=name))
         if column.name in self._twice:
-            raise FileFormatError(f"{self.path}: column {column.name!r} stands twice")
+            raise FileFormatError(message("error.column_stands_twice", where=self.path, name=column.name))
         size = UNITS[column.unit] if unit else 1.0
         kind = self._table.kind(column.name)
         if pa.types.is_timestamp(kind) and unit == "s":
@@ -320,7 +332,7 @@ class ForeignTable:
 
         stamps = pd.DatetimeIndex(self._table.cells(name))
         if stamps.hasnans:
-            raise FileFormatError(f"{self.row(int(np.argmax(stamps.isna())))}: has no time")
+            raise FileFormatError(message("error.has_no_time", where=self.row(int(np.argmax(stamps.isna())))))
         self.day = stamps[0].date().isoformat()
         return np.asarray((stamps - stamps[0].normalize()) / pd.Timedelta(seconds=1), dtype=np.float64)
 
@@ -328,7 +340,7 @@ class ForeignTable:
         """Return (n,) cells of a quantity as text."""
         column = self.find(name)
         if column is None:
-            raise FileFormatError(f"{self.path}: column {name!r} is missing; it has {self.has}")
+            raise FileFormatError(message("error.column_is_missing_it_has", where=self.path, name=name, has=self.has))
         return self._table.text(column.name)
 
 

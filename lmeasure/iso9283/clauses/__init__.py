@@ -10,6 +10,7 @@ from lmeasure.core import CertificationError, plug_in, plug_in_names, plug_ins
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.clauses import compliance, corners, cycle_groups, distance, path, pose, settling, stabilisation, velocity, weaving
+from lmeasure.text import message
 
 CLAUSES: tuple[Clause, ...] = (
     pose.CLAUSE,
@@ -42,7 +43,7 @@ def clauses_of(names: Iterable[str]) -> tuple[Clause, ...]:
         found = plug_in(GROUP, name, Clause)
         if found is None:
             known = ", ".join(plug_in_names(GROUP)) or "none"
-            raise CertificationError(f"characteristics: no installed package adds {name!r}; added are: {known}")
+            raise CertificationError(message("error.characteristics_no_installed_package", name=name, known=known))
         added.append(found)
     return (*CLAUSES, *added)
 

@@ -23,6 +23,7 @@ from lmeasure.iso9283.path_spectrum import reduced as less
 from lmeasure.iso9283.paths import FINER, Crossings, Cycle, finer, share
 from lmeasure.iso9283.sample_gaps import EDGE, Between, Chords, at_corner as read_at_corner, between, of_samples, with_hidden
 from lmeasure.iso9283.uncertainty import Part
+from lmeasure.text import message
 from lmeasure.trajectory import PoseErrors, kept_over
 
 ABOUT = 7  # samples on either side of the farthest, between which it is looked for
@@ -125,7 +126,7 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     """How a cycle passes a corner; what: the cycle, for CertificationError when it does not."""
     near = np.flatnonzero((cycle.way_mm > corner.way_mm - 0.5 * corner.before_mm) & (cycle.way_mm < corner.way_mm + 0.5 * corner.after_mm))
     if len(near) < 2:
-        raise CertificationError(f"{what}: has {len(near)} samples within half a side of corner {corner.number}; at least 2")
+        raise CertificationError(message("error.has_samples_within_half", where=what, n_near=len(near), number=corner.number))
     positions = cycle.poses[near[0] : near[-1] + 1, :3] - corner.place
     closest = int(np.argmin((positions**2).sum(axis=1)))
     first = max(closest - NEAR, 0)

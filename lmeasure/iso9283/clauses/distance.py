@@ -11,6 +11,7 @@ from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.figure import Figure, Maker, States, Subject
 from lmeasure.iso9283.formulas import pose as iso
 from lmeasure.recording import Distance
+from lmeasure.text import message
 
 USUAL = ["P2", "P4"]
 """Between them the standard has it, where the program asks for no distance."""
@@ -52,10 +53,19 @@ def tests(attained: Attainment) -> Iterator[DistanceTest]:
         names = d.from_pose, d.to_pose
         for name in names:
             if name not in poses:
-                raise CertificationError(f"distance {d.name}: pose {name} has no windows")
+                raise CertificationError(message("error.distance_pose_has_no", name=d.name, name2=name))
         one, other = (poses[name] for name in names)
         if len(one.poses) != len(other.poses):
-            raise CertificationError(f"distance {d.name}: {names[0]} has {len(one.poses)} cycles and {names[1]} {len(other.poses)}")
+            raise CertificationError(
+                message(
+                    "error.distance_has_cycles_and",
+                    name=d.name,
+                    names=names[0],
+                    n_poses=len(one.poses),
+                    names2=names[1],
+                    n_poses2=len(other.poses),
+                )
+            )
         yield DistanceTest(
             subject=Subject("distance", d.name),
             ends=(Subject("pose", names[0]), Subject("pose", names[1])),

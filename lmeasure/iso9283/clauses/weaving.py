@@ -14,6 +14,7 @@ from lmeasure.iso9283.motion_readings import WITHOUT_HALF
 from lmeasure.iso9283.paths import FINER, Crossings, Cycle, finer
 from lmeasure.iso9283.uncertainty import Part
 from lmeasure.recording import CommandedPath
+from lmeasure.text import message
 from lmeasure.trajectory import PoseErrors, Stamps, of_neighbours
 
 FAR = 0.1
@@ -64,7 +65,7 @@ def weaves(crossed: Crossings, stroke_mm: float) -> list[Weave]:
         before = _before_crossings(middle, FAR * max(float(y.max() - y.min()), stroke_mm))
         if len(before) < 3:
             what = f"path {crossed.line.path.name}, cycle {number}"
-            raise CertificationError(f"{what}: has {max(len(before) - 1, 0)} strokes across the path; at least 2")
+            raise CertificationError(message("error.has_strokes_across_the", where=what, value=max(len(before) - 1, 0)))
         begin, end = before[:-1] + 1, before[1:] + 1
         top = np.array([a + int(np.argmax(np.abs(middle[a:b]))) for a, b in zip(begin, end, strict=True)])
         width = int(np.clip(np.min(end - begin) // PART, 1, ABOUT))

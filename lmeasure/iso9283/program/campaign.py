@@ -13,6 +13,7 @@ from lmeasure.accuracy import extent, read_zone
 from lmeasure.core import CONVENTIONS, MAX_LENGTH_MM, CertificationError, FloatArray
 from lmeasure.recording import CommandedPath, CommandedPose, Compliance, Distance, Drift, Posing, Program
 from lmeasure.robots import GRAVITY_M_S2, Command, Performance
+from lmeasure.text import message
 
 PLANES = ("C1-C2-C7-C8", "C2-C3-C8-C5", "C3-C4-C5-C6", "C4-C1-C6-C7")
 POSES = ("P1", "P2", "P3", "P4", "P5")
@@ -31,12 +32,10 @@ class Cube:
 
     def __post_init__(self) -> None:
         if self.plane not in PLANES:
-            raise CertificationError(f"plane {self.plane!r}: the standard's planes are {', '.join(PLANES)}")
+            raise CertificationError(message("error.plane_the_standard_s", plane=self.plane, planes=", ".join(PLANES)))
         # written so that NaN is refused
         if not (self.edge_mm > 0.0 and float(np.abs(self.centre).max()) + self.edge_mm <= MAX_LENGTH_MM):
-            raise CertificationError(
-                f"a cube of {self.edge_mm:g} mm: its edge must be more than 0 and it must lie within {MAX_LENGTH_MM:g} mm"
-            )
+            raise CertificationError(message("error.a_cube_of_mm", edge_mm=self.edge_mm, max_length_mm=MAX_LENGTH_MM))
 
     def corner(self, number: int) -> FloatArray:
         """Corner C1 to C8 (3,) [mm]."""
@@ -63,9 +62,9 @@ def largest_cube(low: Sequence[float], high: Sequence[float], plane: str = PLANE
     """The largest cube in the middle of a box, from its low and high corner (3,) [mm]."""
     first, last = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     if first.shape != (3,) or last.shape != (3,):
-        raise CertificationError("a box needs three numbers, along x, y and z, for its low corner and its high one")
+        raise CertificationError(message("error.a_box_needs_three"))
     if not (last - first > 0.0).all():
-        raise CertificationError("the box has no volume: each axis must go from a smaller to a larger value")
+        raise CertificationError(message("error.the_box_has_no"))
     return Cube(0.5 * (first + last), float((last - first).min()), plane)
 
 
@@ -73,7 +72,7 @@ def cube_in_zone(path: Path, plane: str = PLANES[0]) -> Cube:
     """The largest cube of nodes in the accuracy zone of a file; CertificationError when none fits."""
     found = extent(read_zone(path)).cube
     if found is None:
-        raise CertificationError(f"{path}: no cube fits into the zone")
+        raise CertificationError(message("error.no_cube_fits_into", where=path))
     return Cube(found[0], found[1], plane)
 
 
@@ -115,16 +114,16 @@ class Tests:
     def __post_init__(self) -> None:
         for name in (*self.tests, *self.cycles):
             if name not in TESTS:
-                raise CertificationError(f"there is no test {name!r}; known: {', '.join(TESTS)}")
+                raise CertificationError(message("error.there_is_no_test", name=name, tests=", ".join(TESTS)))
         for what, given in (("test", self.tests), ("speed", self.speeds_percent), ("load", self.loads_kg)):
             if not given:
-                raise CertificationError("there must be a test, a speed and a load at least")
+                raise CertificationError(message("error.there_must_be_a"))
             if len(set(given)) < len(given):
-                raise CertificationError(f"a {what} is given twice: {', '.join(map(str, given))}")
+                raise CertificationError(message("error.a_is_given_twice", what=what, given=", ".join(map(str, given))))
         if not abs(math.hypot(*self.quaternion) - 1.0) <= 1e-6:
-            raise CertificationError(f"quaternion {', '.join(f'{q:g}' for q in self.quaternion)}: is not of length 1")
+            raise CertificationError(message("error.quaternion_is_not_of", quaternion=", ".join(f"{q:g}" for q in self.quaternion)))
         if self.angles is not None and self.angles not in CONVENTIONS:
-            raise CertificationError(f"angles: {self.angles!r} is not one of {', '.join(CONVENTIONS)}")
+            raise CertificationError(message("error.angles_is_not_one", angles=self.angles, conventions=", ".join(CONVENTIONS)))
         positive = (
             self.speed_mm_s,
             self.path_speed_mm_s,
@@ -135,16 +134,18 @@ class Tests:
             self.limit_band_mm,
         )
         if not all(0.0 < v < math.inf for v in positive) or not all(0.0 <= v < math.inf for v in self.loads_kg):
-            raise CertificationError("speeds, times and lengths must be finite and more than 0, loads 0 or more")
+            raise CertificationError(message("error.speeds_times_and_lengths"))
         if not 0.0 <= self.settle_s < self.dwell_s < math.inf:
             rest = f"a rest of {self.dwell_s:g} s at each pose (--dwell)"
-            raise CertificationError(f"{rest} leaves nothing to measure: the first {self.settle_s:g} s are left out")
+            raise CertificationError(message("error.leaves_nothing_to_measure", rest=rest, settle_s=self.settle_s))
         if any(not 2 <= n <= MOST_CYCLES for n in self.cycles.values()):
-            raise CertificationError(f"each test needs two cycles at least and has {MOST_CYCLES} at most")
+            raise CertificationError(message("error.each_test_needs_two", most_cycles=MOST_CYCLES))
         if self.drift_s > LONGEST_DRIFT_S:
-            raise CertificationError(f"a drift test of {self.drift_s / 3600.0:g} h is too long: {LONGEST_DRIFT_S / 3600.0:g} h at most")
+            raise CertificationError(
+                message("error.a_drift_test_of", drift_s=self.drift_s / 3600.0, longest_drift_s=LONGEST_DRIFT_S / 3600.0)
+            )
         if max(self.speeds_percent) > 100.0:
-            raise CertificationError(f"a speed of {max(self.speeds_percent):g} % is more than the rated one")
+            raise CertificationError(message("error.a_speed_of_is", speeds_percent=max(self.speeds_percent)))
 
     @property
     def first(self) -> dict[str, float]:
@@ -323,7 +324,7 @@ def _weaving(cube: Cube, tests: Tests, points: _Points) -> _Part:
     length = float(np.linalg.norm(end - start))
     whole = math.floor(length / way)
     if whole < 1:
-        raise CertificationError(f"a weave of {way:g} mm is longer than the line, {length:.4g} mm")
+        raise CertificationError(message("error.a_weave_of_mm", way=way, length=length))
     shape = {"kind": "linear", "start_mm": start, "end_mm": start + (end - start) * (whole * way / length)}
     row = _path(
         "weave", shape, cycles=n, speed_mm_s=0.1 * tests.path_speed_mm_s, load_kg=tests.loads_kg[0], quaternion=tests.quaternion,
@@ -357,7 +358,7 @@ def _compliance(cube: Cube, tests: Tests, points: _Points) -> _Part:
     """10: at P1, forces along the axes in both directions, in tenths of the weight of the largest load."""
     title, full = "P1 loaded", GRAVITY_M_S2 * max(tests.loads_kg)
     if full == 0.0:
-        raise CertificationError("the compliance test needs a load (--loads, loads_kg): its forces are tenths of the largest load's weight")
+        raise CertificationError(message("error.the_compliance_test_needs"))
     directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1.0, -1.0)]
     once = [full * i / LOAD_STEPS * d for d in directions for i in range(LOAD_STEPS + 1)]
     forces = [f for _ in range(tests.count("compliance")) for f in once]

@@ -15,6 +15,7 @@ from lmeasure.io import files
 from lmeasure.iso9283.program.campaign import CIRCLE_STEPS, Campaign
 from lmeasure.recording import POSITION_COLUMNS, write_program
 from lmeasure.robots import Command, Role
+from lmeasure.text import message
 
 ROBODK_CIRCLE_POINTS = 36
 
@@ -69,7 +70,7 @@ def read_commands(path: Path) -> tuple[Command, ...]:
     """
     table = files.read_table(path)
     if len(table) == 0:
-        raise FileFormatError(f"{path}: holds no command")
+        raise FileFormatError(message("error.holds_no_command", where=path))
     rows = table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS))
     number, move = table.numbers("command"), table.text("move")
     target, role = table.text("target"), table.text("role")
@@ -81,7 +82,9 @@ def read_commands(path: Path) -> tuple[Command, ...]:
         poses = _with_arcs(path, here, rows[first:end], move[first:end])
         role_of = role[first] or "pose"
         if role_of not in get_args(Role):
-            raise FileFormatError(f"{path}: line {first + 2}: role {role_of!r} is none of {', '.join(get_args(Role))}")
+            raise FileFormatError(
+                message("error.line_role_is_none", where=path, first=first + 2, role_of=role_of, options=", ".join(get_args(Role)))
+            )
         named = Command(poses, float(speed[first]), float(dwell[end - 1]), target[first], cast(Role, role_of), int(cycle[first]))
         out.append(replace(named, load_kg=float(load[first]), force_n=force[first]))
         here = rows[end - 1]
@@ -97,7 +100,7 @@ def _with_arcs(path: Path, here: FloatArray, rows: FloatArray, move: Sequence[st
         elif kind == "arc" and i > 0 and move[i - 1] == "via":
             out.append(_arc(path, here if i == 1 else rows[i - 2], rows[i - 1], rows[i]))
         elif kind != "via":
-            raise FileFormatError(f"{path}: move {kind!r} is none of linear, via with arc")
+            raise FileFormatError(message("error.move_is_none_of", where=path, kind=kind))
     return np.concatenate(out)
 
 
@@ -106,7 +109,7 @@ def _arc(path: Path, first: FloatArray, via: FloatArray, last: FloatArray) -> Fl
     a, b = via[:3] - first[:3], last[:3] - first[:3]
     normal = np.cross(a, b)
     if normal @ normal < 1e-12 * (a @ a) * (b @ b):
-        raise FileFormatError(f"{path}: three points of an arc lie on a line")
+        raise FileFormatError(message("error.three_points_of_an", where=path))
     # from the first point to the centre of the circle through three points
     centre = first[:3] + np.cross((a @ a) * b - (b @ b) * a, normal) / (2.0 * (normal @ normal))
     out = first[:3] - centre

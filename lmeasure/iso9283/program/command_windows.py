@@ -86,7 +86,7 @@ def windows_from_rests(
     times cannot be.
     """
     if len(trajectory.time_s) == 0:
-        raise CertificationError(f"{commands}: the trajectory has no sample to look for")
+        raise CertificationError(message("error.the_trajectory_has_no_sample", where=commands))
     every = read_commands(commands)
     dwell = np.array([c.dwell_s for c in every])
     loads = [i for i, c in enumerate(every) if c.role == "compliance" and c.dwell_s > 0]
@@ -106,8 +106,7 @@ def windows_from_rests(
             window = forces.pop(i)
             if window[0] < before:
                 raise CertificationError(
-                    f"{loaded or commands}: a force of {target} acts from {window[0]:.6g} s, before what comes before it has ended at "
-                    f"{before:.6g} s"
+                    message("error.a_force_of_acts", where=loaded or commands, target=target, window=window[0], before=before)
                 )
             windows.setdefault(("compliance", target), []).append(window)
             before = window[1]
@@ -212,7 +211,7 @@ def _in_frame(found: _Rests, expected: _Expected, commands: Path, every: Sequenc
     there = found.places[pairs]
     flat = np.linalg.svd(expected.places - expected.places.mean(axis=0), compute_uv=False)
     if len(pairs) < 3 or flat[1] < 1.0:
-        raise CertificationError(f"{commands}: rests on one line fix no frame: at least three commanded places apart are needed")
+        raise CertificationError(message("error.rests_on_one_line", where=commands))
     middle, place = expected.places.mean(axis=0), there.mean(axis=0)
     turn, _ = Rotation.align_vectors(expected.places - middle, there - place)
     return _Rests(found.samples, middle + turn.apply(found.places - place), found.begin_s, found.end_s, found.way_mm)
@@ -291,15 +290,23 @@ def _not_found(
     later = np.flatnonzero(near[i] & (found.begin_s >= since))
     if not len(later):
         hint = "" if i else "; is the trajectory in another frame (--align), or in other units?"
-        raise CertificationError(f"{head}: no rest near ({where}) mm after {since:.6g} s{hint}")
+        raise CertificationError(message("error.no_rest_near_mm", where=head, where2=where, since=since, hint=hint))
     before = candidates[-1] if i else later[:1]
     off = np.where(later[:, None] > before, np.abs(found.way_mm[later][:, None] - found.way_mm[before] - expected.way_mm[i]), np.inf)
     row, column = np.unravel_index(int(np.argmin(off)), off.shape)
     j, b = int(later[row]), int(before[column])
     way, took = found.way_mm[j] - found.way_mm[b], found.begin_s[j] - found.end_s[b]
     raise CertificationError(
-        f"{head}: the rest near ({where}) mm at {found.begin_s[j]:.6g} s is not its own: {way:.4g} mm of way and {took:.4g} s lie before "
-        f"it, commanded are {expected.way_mm[i]:.4g} mm and {expected.lasts_s[i]:.4g} s: samples are missing, or another program ran"
+        message(
+            "error.the_rest_near_mm",
+            where=head,
+            where2=where,
+            begin_s=found.begin_s[j],
+            way=way,
+            took=took,
+            way_mm=expected.way_mm[i],
+            lasts_s=expected.lasts_s[i],
+        )
     )
 
 
@@ -315,17 +322,17 @@ def _under_load(program: Program, targets: NDArray[np.str_], trajectory: Traject
     if loaded is None:
         stated = {c.pose: list(c.windows_s) for c in program.compliance}
         if any(len(stated.get(name, [])) != (targets == name).sum() for name in targets):
-            raise CertificationError("rests under load at one place cannot be distinguished: say when each force acted, by --loaded")
+            raise CertificationError(message("error.rests_under_load_at"))
         return [stated[name].pop(0) for name in targets]
     table = files.read_table(loaded)
     windows = list(zip(table.numbers("start_s").tolist(), table.numbers("end_s").tolist(), strict=True))
     if len(windows) != len(targets):
-        raise CertificationError(f"{loaded}: has {len(windows)} rows for {len(targets)} forces of the commands; one for each")
+        raise CertificationError(message("error.has_rows_for_forces", where=loaded, n_windows=len(windows), n_targets=len(targets)))
     before, last = float(trajectory.time_s[0]), float(trajectory.time_s[-1])
     for row, (start, end) in enumerate(windows):
         if not before <= start < end <= last:
             raise CertificationError(
-                f"{loaded}: row {row}: [{start:.6g}, {end:.6g}] s: must begin after {before:.6g} s and end later, by {last:.6g} s at most"
+                message("error.row_s_must_begin", where=loaded, row=row, start=start, end=end, before=before, last=last)
             )
         before = end
     return windows

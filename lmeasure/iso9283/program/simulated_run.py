@@ -56,7 +56,7 @@ def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "sc
     """
     asked = scenario.robot
     if asked is None:
-        raise FileFormatError(f"{source}: robot: is missing")
+        raise FileFormatError(message("error.robot_is_missing", where=source))
     drawn = _drawn(asked.model, folder, source)
     built = _built(asked, drawn, np.random.default_rng([scenario.seed, 1]), source)
     home = _home(drawn)
@@ -105,7 +105,7 @@ def write_robot_run(folder: Path, run: RobotRun) -> None:
 def _drawn(name: str, folder: Path, source: str) -> AnyRobot:
     if not Path(name).suffix:
         if name not in shipped_names():
-            raise FileFormatError(f"{source}: robot.model: {name!r} is no robot that comes along; known: {', '.join(shipped_names())}")
+            raise FileFormatError(message("error.robot_model_is_no", where=source, name=name, shipped_names=", ".join(shipped_names())))
         return any_shipped(name)
     return read_robot(folder / name)
 
@@ -120,7 +120,7 @@ def _built(asked: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source
     known = {p.name: p.value for p in parameters}
     strange = next((name for name in asked.errors if name not in known), None)
     if strange is not None:
-        raise FileFormatError(f"{source}: robot.errors: {strange!r} is no parameter of {drawn.name!r}, such as {parameters[0].name!r}")
+        raise FileFormatError(message("error.robot_errors_is_no", where=source, strange=strange, name=drawn.name, name2=parameters[0].name))
     errors |= asked.errors
     return drawn.with_values({name: known[name] + error for name, error in errors.items() if error != 0.0})
 

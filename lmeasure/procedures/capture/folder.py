@@ -21,6 +21,7 @@ from lmeasure.core import AcquisitionError, FileFormatError, FloatArray, LMeasur
 from lmeasure.io import files
 from lmeasure.recording import AXIS_COLUMNS, Poses, read_poses
 from lmeasure.rig import Rig, read_rig, write_rig
+from lmeasure.text import message
 
 SCHEMA = "lmeasure.capture/1"
 UNCERTAINTIES = ("u_position_mm", "u_rotation_deg", "u_repeatability_mm")
@@ -122,7 +123,7 @@ class CaptureFolder:
         columns = _columns(path)
         by_axis = next((c for c in columns if c in AXIS_COLUMNS), None)
         if by_axis is not None and set(stated) & set(UNCERTAINTIES[:2]):
-            raise AcquisitionError(f"{path}: states by axes how well the poses are known ({by_axis}); it is not stated otherwise")
+            raise AcquisitionError(message("error.states_by_axes_how", where=path, by_axis=by_axis))
         count = len(columns["pose"])
         files.write_table(path, columns | {name: np.full(count, value) for name, value in stated.items()})
 
@@ -158,7 +159,7 @@ def open_folder(
     begun = not (path / "capture.toml").exists()
     there = next((one for one in own if begun and one.exists()), None)
     if there is not None:
-        raise OverwriteError(f"{there}: is there already, and {path} is no folder of a capture; nothing is written over it")
+        raise OverwriteError(message("error.is_there_already_and", where=there, path=path))
     try:
         if begun:
             files.write_toml(path / "capture.toml", {"schema": SCHEMA, "note": []})
@@ -175,11 +176,13 @@ def open_folder(
         raise
     table = files.read_toml(path / "capture.toml")
     if table.get("schema") != SCHEMA:
-        raise FileFormatError(f"{path / 'capture.toml'}: schema = {table.get('schema')!r}; this program reads {SCHEMA!r}")
+        raise FileFormatError(
+            message("error.schema_this_program_reads", where=path / "capture.toml", stated=table.get("schema"), schema=SCHEMA)
+        )
     folder.notes = [str(text) for text in table.get("note", [])]
     links = {"can": None, "calibration": None}
     if read_rig(path / "rig.toml").model_copy(update=links) != rig.model_copy(update=links):
-        raise AcquisitionError(f"{path / 'rig.toml'}: is another rig than the one given; counts of both make no calibration")
+        raise AcquisitionError(message("error.is_another_rig_than_the", where=path / "rig.toml"))
     _join_poses(folder, planned)
     _read_readings(folder)
     return folder
@@ -191,14 +194,14 @@ def _join_poses(folder: CaptureFolder, planned: Path) -> None:
     own, more = folder.poses, read_poses(planned, folder.rig.angles, positions_alone=True)
     for i, name in enumerate(more.names):
         if name in own.names and not np.allclose(more.rows[i], own.rows[own.names.index(name)], atol=1e-6):
-            raise FileFormatError(f"{planned}: pose {name!r} is another than in {path}, which has been captured")
+            raise FileFormatError(message("error.pose_is_another_than", where=planned, name=name, path=path))
     new = np.array([name not in own.names for name in more.names])
     if not new.any():
         return
     there, planned_columns = _columns(path), _columns(planned)
     missing = next((c for c in planned_columns if c not in there), None)
     if missing is not None:
-        raise FileFormatError(f"{planned}: has the column {missing!r}, which {path} has not")
+        raise FileFormatError(message("error.has_the_column_which", where=planned, missing=missing, path=path))
     columns: dict[str, Any] = {"pose": [*own.names, *(n for n, fresh in zip(more.names, new, strict=True) if fresh)]}
     for name, values in there.items():
         if name != "pose":
@@ -220,7 +223,7 @@ def _read_readings(folder: CaptureFolder) -> None:
     edges = [i for i in range(len(key)) if i == 0 or key[i] != key[i - 1]]
     for first, end in zip(edges, [*edges[1:], len(key)], strict=True):
         if names[first] not in poses:
-            raise FileFormatError(f"{path}: line {first + 2}: pose {names[first]!r} is not in reference_poses.csv")
+            raise FileFormatError(message("error.line_pose_is_not", where=path, first=first + 2, names=names[first]))
         rows = slice(first, end)
         dwell = counts[first] + folded(counts[rows] - counts[first], folder.modulus)
         folder.readings.append(Reading(names[first], int(passage[first]), int(recording[first]), time_s[rows], dwell))

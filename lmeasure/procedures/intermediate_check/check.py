@@ -236,11 +236,11 @@ def appended(path: Path, found: Checked, when: str, *, into: Path | None = None)
     if Path(path).exists():
         table = files.read_table(path)
         if tuple(table.columns) != COLUMNS:
-            raise FileFormatError(f"{path}: is no file of checks: its columns are not {', '.join(COLUMNS)}")
+            raise FileFormatError(message("error.is_no_file_of", where=path, columns=", ".join(COLUMNS)))
         own = {name: list(table.text(name)) for name in COLUMNS}
         other = next((rig for rig in own["rig"] if rig != found.rig), None)
         if other is not None:
-            raise FileFormatError(f"{path}: has checks of rig {other!r}; this is {found.rig!r}: a trend is of one rig")
+            raise FileFormatError(message("error.has_checks_of_rig", where=path, other=other, rig=found.rig))
     verdict = "passed" if found.passed else "calibrate again"
     new = [(c.kind, c.name, c.value_mm, c.u95_mm, c.probability) for c in found.closures]
     if found.agreement is not None:

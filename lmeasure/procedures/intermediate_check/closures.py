@@ -16,6 +16,7 @@ from lmeasure.calibration import Distance
 from lmeasure.core import FloatArray, TrajectoryError, se3
 from lmeasure.kernels import span_rows
 from lmeasure.procedures.intermediate_check.stops import SIZE_MM, Stops
+from lmeasure.text import message
 from lmeasure.trajectory import Budget, PoseCovariances
 
 GAUSS_95 = 1.959963984540054
@@ -117,13 +118,13 @@ def _distance(stops: Stops, known: PoseCovariances, asked: Distance, repeatabili
     at = []
     for name in (asked.a, asked.b):
         if name not in stops.names:
-            raise TrajectoryError(f"--distance: {name!r} is none of the places of the run ({', '.join(dict.fromkeys(stops.names))})")
+            raise TrajectoryError(message("error.distance_is_none_of_the", name=name, fromkeys=", ".join(dict.fromkeys(stops.names))))
         at.append(stops.names.index(name))
     i, j = at
     way = stops.poses[i, :3] - stops.poses[j, :3]
     length = float(np.linalg.norm(way))
     if not length > 0.0:
-        raise TrajectoryError(f"--distance: {asked.a} and {asked.b} are one place")
+        raise TrajectoryError(message("error.distance_and_are_one_place", a=asked.a, b=asked.b))
     e = way / length
     own = np.concatenate([e @ known.own[i, 3:], e @ known.own[j, 3:], e @ (known.factors[i, 3:] - known.factors[j, 3:])])
     u = float(np.sqrt(own @ own + asked.u_mm**2 + 2.0 * repeatability_mm**2))

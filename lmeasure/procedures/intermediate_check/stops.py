@@ -7,6 +7,7 @@ import numpy as np
 from lmeasure.core import FloatArray, IntArray, TrajectoryError, se3
 from lmeasure.kernels import CABLE, KIND, span_lengths, span_rows
 from lmeasure.sensors import Lengths, last_travel
+from lmeasure.text import message
 from lmeasure.trajectory import SETTLED, VISIT_LAG_S, Budget, RestFinder
 
 BETWEEN = 60
@@ -57,7 +58,7 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *,
     finder.add(lengths.time_s, of_cables.change_mm)
     rests = finder.rests()
     if len(rests) < 2:
-        raise TrajectoryError(f"{source}: stands still {len(rests)} time(s); a check needs stops at which it does, 0.2 s or longer")
+        raise TrajectoryError(message("error.stands_still_time_s", where=source, n_rests=len(rests)))
     path = Path(budget, zero)
     n, m = len(rests), lengths.change_mm.shape[1]
     readings, counts, poses = np.full((n, m), np.nan), np.full((n, m), np.nan), np.empty((n, 7))
@@ -74,7 +75,7 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *,
             pose = path.pose(lengths.change_mm[row], pose)
         pose = path.pose(readings[i], pose)
         if not np.isfinite(path.residual(readings[i], pose)[seen]).all():
-            raise TrajectoryError(f"{source}: no pose has the readings of the stop at {begin:.1f} s")
+            raise TrajectoryError(message("error.no_pose_has_the", where=source, begin=begin))
         poses[i], at = pose, int(rows[-1])
     return Stops(rests.begin_s, rests.end_s, _places(poses, near_mm), readings, counts, poses, ways)
 

@@ -135,11 +135,11 @@ def error_map(poses: FloatArray, errors_mm: FloatArray, turns: FloatArray | None
     """
     n = len(poses)
     if not LEAST <= n <= MOST:
-        raise RobotError(f"a map of errors needs {LEAST} to {MOST} points, not {n}")
+        raise RobotError(message("error.a_map_of_errors", least=LEAST, most=MOST, n=n))
     if not turned:
         poses = np.concatenate([poses[:, :3], np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))], axis=1)
     if np.linalg.matrix_rank(_affine(poses, poses)) == 1:
-        raise RobotError("all points of the map are at one place")
+        raise RobotError(message("error.all_points_of_the"))
     largest = float(np.quantile(np.linalg.norm(errors_mm, axis=1), 0.95))
     apart = _angles(poses, poses) + np.diag(np.full(n, np.inf))
     most = max(TURN_RAD, float(apart.min(axis=0).max()))
@@ -281,7 +281,7 @@ def read_map(path: Path, columns: Mapping[str, Column] | None = None) -> Measure
     """
     table = ForeignTable(path, columns)
     if len(table) == 0:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     place = np.column_stack([table.numbers(axis, "mm") for axis in "xyz"])
     if table.find("dx", "mm") is None and table.find("attained_x", "mm") is not None:
         errors = np.column_stack([table.numbers(f"attained_{axis}", "mm") for axis in "xyz"]) - place
@@ -294,7 +294,7 @@ def read_map(path: Path, columns: Mapping[str, Column] | None = None) -> Measure
     _limited(table, np.linalg.norm(errors, axis=1), LARGEST_MM, "mm")
     far = (np.abs(place) > MAX_LENGTH_MM).any(axis=1)
     if far.any():
-        raise FileFormatError(f"{table.row(int(np.argmax(far)))}: lies more than {MAX_LENGTH_MM:.0f} mm from the origin")
+        raise FileFormatError(message("error.lies_more_than_mm", where=table.row(int(np.argmax(far))), max_length_mm=MAX_LENGTH_MM))
     quaternion = table.orientation()
     table.nothing_else()
     here = np.tile([0.0, 0.0, 0.0, 1.0], (len(table), 1))
@@ -305,6 +305,4 @@ def read_map(path: Path, columns: Mapping[str, Column] | None = None) -> Measure
 def _limited(table: ForeignTable, size: FloatArray, most: float, unit: str) -> None:
     if (size > most).any():
         row = int(np.argmax(size > most))
-        raise FileFormatError(
-            f"{table.row(row)}: an error of {size[row]:.4g} {unit}, more than {most:g}: frames or units are others than stated"
-        )
+        raise FileFormatError(message("error.an_error_of_more", where=table.row(row), size=size[row], unit=unit, most=most))

@@ -175,7 +175,7 @@ def freed(robot: R, families: Sequence[str]) -> IntArray:
     """Indices of the robot's parameters in the families; RobotError names an unknown one, and those known."""
     unknown = [f for f in families if f not in (*FAMILIES, "harmonics")]
     if unknown:
-        raise RobotError(f"{unknown[0]!r} is nothing that can be freed; known: {', '.join((*FAMILIES, 'harmonics'))}")
+        raise RobotError(message("error.is_nothing_that_can_be", unknown=unknown[0], names=", ".join((*FAMILIES, "harmonics"))))
     wanted = set(families) | ({"once", "twice"} if "harmonics" in families else set())
     return np.array([i for i, p in enumerate(robot.parameters) if family(p.name) in wanted], dtype=np.int64)
 
@@ -300,10 +300,7 @@ def check_foreign(found: Identified[R]) -> None:
         spread = rows.length_mm[kept] - rows.length_mm[kept].mean()
     off, size = (float(np.sqrt((part**2).sum() / max(len(part), 1))) for part in (errors, spread))
     if off > FOREIGN * size:
-        raise RobotError(
-            f"the identified robot still misses the measurements by {off:.3g} mm of a spread of {size:.3g} mm: they are not of this "
-            "robot, or joints, axes or units are others than stated"
-        )
+        raise RobotError(message("error.the_identified_robot_still", off=off, size=size))
 
 
 def predict(
@@ -352,9 +349,9 @@ def _reached(robot: R, rows: Measurements) -> tuple[Measurements, list[Noted]]:
     lost = np.isnan(robot.forward(rows.joints, rows.side)).any(axis=1)
     found = [noted("row-out-of-reach", "no_pose", rows.names[i], row=rows.subject(i)) for i in np.flatnonzero(lost).tolist()]
     if lost.all():
-        raise RobotError(f"{rows.subject(0)}, and all others: no pose of robot {robot.name!r} has these joint values")
+        raise RobotError(message("error.and_all_others_no", subject=rows.subject(0), name=robot.name))
     if len(rows) > 1 and not np.ptp(rows.joints, axis=0).any():
-        raise RobotError(f"all {len(rows)} rows have the same joint values: they tell nothing of the robot")
+        raise RobotError(message("error.all_rows_have_the", n_rows=len(rows)))
     return (rows.of(np.flatnonzero(~lost)) if lost.any() else rows), found
 
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, RobotError, se3
 from lmeasure.robots.identification.measurements import Measurements
+from lmeasure.text import message
 
 STARTS = 96
 STEPS = 40
@@ -43,7 +44,7 @@ def find_frames(flange: FloatArray, rows: Measurements, seed: int = 0) -> Frames
         return _from_lengths(flange, rows)
     used = rows.placed.copy()
     if used.sum() < LEAST_ROWS:
-        raise RobotError(f"{used.sum()} rows have a position; at least {LEAST_ROWS} are needed to find where the robot stands")
+        raise RobotError(message("error.rows_have_a_position", used=used.sum(), least_rows=LEAST_ROWS))
     for _ in range(ROUNDS):
         base, targets = _fitted(flange[used], rows.of(np.flatnonzero(used)), seed)
         off = np.linalg.norm(_places(flange, rows, base, targets) - rows.position, axis=1)
@@ -147,9 +148,7 @@ def _from_lengths(flange: FloatArray, rows: Measurements) -> Frames:
         own = rows.ranged & (rows.station_of == s)
         of = own & (rows.target_of == np.bincount(rows.target_of[own]).argmax())
         if of.sum() < 8:
-            raise RobotError(
-                f"station {rows.stations[s]!r}: {of.sum()} lengths of one target; at least 8 are needed to find where it stands"
-            )
+            raise RobotError(message("error.station_lengths_of_one", stations=rows.stations[s], of=of.sum()))
         p, r = at[of], turn[of]
         straight = [2.0 * np.einsum("ni,nij->nj", p, r), -2.0 * p, np.ones((len(p), 1))]
         crossed = [-2.0 * r.reshape(-1, 9)] if len(p) >= 20 else []
@@ -175,7 +174,7 @@ def _stations(places: FloatArray, rows: Measurements) -> FloatArray:
     for s in range(len(out)):
         of = rows.ranged & (rows.station_of == s)
         if of.sum() < 4:
-            raise RobotError(f"station {rows.stations[s]!r}: {of.sum()} lengths; at least 4 are needed to find where it stands")
+            raise RobotError(message("error.station_lengths_at_least", stations=rows.stations[s], of=of.sum()))
         p, d = places[of], rows.length_mm[of]
         middle = p.mean(axis=0)
         a = np.column_stack([-2.0 * (p - middle), np.ones(len(p))])

@@ -14,6 +14,7 @@ from lmeasure.robots.identification.measurements import Measurements, Noted, not
 from lmeasure.robots.identification.read_measurements import read_commanded, read_measurements, with_joints
 from lmeasure.robots.identification.trajectory_rests import matched, rests_of
 from lmeasure.robots.model import RobotModel
+from lmeasure.text import message
 from lmeasure.trajectory import ErrorModel, ErrorsOfRun, Stated, Trajectory, align, kind_of, read_trajectory, reconstruct
 
 
@@ -35,10 +36,10 @@ def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) ->
     tabular = not path.is_dir() and kind_of(path) in ("table", "parquet")
     if joints is None:
         if path.is_dir() and not (path / "run.toml").is_file():
-            raise RobotError(f"{path}: is a folder, and neither a table nor a run folder, which holds run.toml")
+            raise RobotError(message("error.is_a_folder_and", where=path))
         if not tabular:
             kind = "run folder" if path.is_dir() else "trajectory"
-            raise RobotError(f"{path}: is a {kind}: --joints FILE says the joint values at its rests")
+            raise RobotError(message("error.is_a_joints_file", where=path, kind=kind))
         return Given(_with(read_measurements(path, robot, columns), stated))
     commanded = read_commanded(joints, robot, columns)
     if tabular and ForeignTable(path, columns, part=True).find("time", "s") is None:

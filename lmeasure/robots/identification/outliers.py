@@ -9,6 +9,7 @@ from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
 from lmeasure.robots.identification.measurements import Measurements, Noted, noted
 from lmeasure.robots.identification.problem import Fit, Linear, Problem, distances, solved, weighted, with_noise
 from lmeasure.robots.identification.unknowns import R
+from lmeasure.text import message
 
 OUTLYING = 1e-6
 """Probability, over all rows, with which a row of Gaussian errors would be taken for an outlier."""
@@ -95,18 +96,12 @@ def weighed(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[Fit[R], B
     """The fit with all rows weighed, begun with those used, and which keep a weight. RobotError where there is not enough to weigh, or the
     weights leave too little."""
     if fit.spare < LEAST_SPARE:
-        raise RobotError(
-            f"{fit.equations} measured values are used up by what they determine: nothing tells how much each row is to count; measure "
-            "more poses, or let all count alike"
-        )
+        raise RobotError(message("error.measured_values_are_used", equations=fit.equations))
     fit = weighted(solved(replace(fit.problem, rows=rows, weight=used.astype(np.float64)), fit.theta))
     weight = fit.problem.weight
     assert weight is not None
     if fit.spare < LEAST_SPARE or weight.sum() < HALF * len(rows):
-        raise RobotError(
-            f"weights leave {weight.sum():.1f} of {len(rows)} rows, too few: they contradict each other, and which of them are right "
-            "cannot be determined"
-        )
+        raise RobotError(message("error.weights_leave_of_rows", weight=weight.sum(), n_rows=len(rows)))
     used = weight > 0.0
     return solved(replace(fit.problem, rows=rows.of(np.flatnonzero(used)), weight=weight[used]), fit.theta), used
 

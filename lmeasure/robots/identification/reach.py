@@ -19,6 +19,7 @@ from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.serial import reach_mm
 from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.text import message
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -137,10 +138,7 @@ class Allowed:
             if len(found) >= count:
                 return found[:count]
         if len(found) < max(count // 10, 10):
-            raise RobotError(
-                f"of {FACTOR * block} joint values tried only {len(found)} keep to the limits, the boxes and the instrument's zone; "
-                "state where the robot stands in the instrument's frame (--base), or allow more"
-            )
+            raise RobotError(message("error.of_joint_values_tried", factor=FACTOR * block, n_found=len(found)))
         return found
 
     def spread(self, unit: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from lmeasure.core import FileFormatError, FloatArray, conventions
 from lmeasure.io import Column, ForeignTable
 from lmeasure.robots.identification.measurements import Measurements, Noted, measured, noted, sides
 from lmeasure.robots.model import RobotModel
-from lmeasure.text import Message
+from lmeasure.text import Message, message
 
 OF_THE_PLACE = ("x", "y", "z", "length")
 """What columns of the measured place are called, and joints are not determined by."""
@@ -28,7 +28,7 @@ def read_measurements(
     table = ForeignTable(path, columns, part=points_alone)
     n = len(table)
     if n == 0:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     joints = np.full((n, len(robot.joint_names)), np.nan) if points_alone else joints_of(table, robot)
     names = names_of(table)
     target = table.text("target") if table.find("target") else None
@@ -44,7 +44,7 @@ def read_measurements(
     neither = np.isnan(position[:, 0]) == np.isnan(length)
     if neither.any():
         what = "has neither x, y, z nor length" if np.isnan(length[np.argmax(neither)]) else "has both x, y, z and length"
-        raise FileFormatError(f"{path}: row {names[int(np.argmax(neither))]} {what}")
+        raise FileFormatError(message("error.row", where=path, names=names[int(np.argmax(neither))], what=what))
     quaternion = table.orientation(gaps=True)
     if quaternion is not None:
         _whole(path, quaternion, names, "qx, qy, qz, qw")
@@ -53,16 +53,14 @@ def read_measurements(
         station = table.text("station")
         lost = [name for name, s, value in zip(names, station, length, strict=True) if not s and not np.isnan(value)]
         if lost:
-            raise FileFormatError(f"{path}: row {lost[0]}: a length without its station")
+            raise FileFormatError(message("error.row_a_length_without", where=path, lost=lost[0]))
         station = [s if not np.isnan(value) else "" for s, value in zip(station, length, strict=True)]
     u = {key: table.numbers(key, unit) if table.find(key, unit) else None for key, unit in (("u_position", "mm"), ("u_rotation", "deg"))}
     for key, values in u.items():
         if values is not None and (values < 0).any():
             column = table.find(key, "mm" if key == "u_position" else "deg")
             row = int(np.argmax(values < 0))
-            raise FileFormatError(
-                f"{path}: row {names[row]}, column {column.name if column else key!r}: a standard uncertainty is negative"
-            )
+            raise FileFormatError(message("error.row_column_a_standard", where=path, names=names[row], name=column.name if column else key))
     if not points_alone:
         table.nothing_else()
     turn = u["u_rotation"]
@@ -105,14 +103,14 @@ def _joint(table: ForeignTable, i: int, name: str, slides: bool) -> FloatArray:
 def _whole(path: Path, values: FloatArray, names: list[str], what: str) -> None:
     part = np.isnan(values).any(axis=1) & ~np.isnan(values).all(axis=1)
     if part.any():
-        raise FileFormatError(f"{path}: row {names[int(np.argmax(part))]}: one of {what} is empty and another is not")
+        raise FileFormatError(message("error.row_one_of_is", where=path, names=names[int(np.argmax(part))], what=what))
 
 
 def _in_range(path: Path, position: FloatArray, names: list[str]) -> None:
     far = (np.abs(position) > conventions.MAX_LENGTH_MM).any(axis=1)
     if far.any():
         raise FileFormatError(
-            f"{path}: row {names[int(np.argmax(far))]}: lies more than {conventions.MAX_LENGTH_MM:.0f} mm from the origin"
+            message("error.row_lies_more_than", where=path, names=names[int(np.argmax(far))], max_length_mm=conventions.MAX_LENGTH_MM)
         )
 
 
@@ -140,10 +138,10 @@ def read_commanded(path: Path, robot: RobotModel, columns: Mapping[str, Column] 
     """Read `name, joint_1_deg, ...`, optional time_s, which must not go back. FileFormatError names file, line and column."""
     table = ForeignTable(path, columns, part=True)
     if len(table) == 0:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     time_s = table.numbers("time", "s") if table.find("time", "s") else None
     if time_s is not None and (np.diff(time_s) < 0.0).any():
-        raise FileFormatError(f"{table.row(1 + int(np.argmax(np.diff(time_s) < 0.0)))}: its time is before that of the row before")
+        raise FileFormatError(message("error.its_time_is_before", where=table.row(1 + int(np.argmax(np.diff(time_s) < 0.0)))))
     return Commanded(path, tuple(names_of(table)), joints_of(table, robot), time_s, tuple(table.lines), table.row_names("name") is not None)
 
 
@@ -154,13 +152,11 @@ def with_joints(points: Measurements, commanded: Commanded) -> tuple[Measurement
     """
     name, times = Counter(commanded.names).most_common(1)[0]
     if times > 1:
-        raise FileFormatError(
-            f"{commanded.path}: name {name!r} is given {times} times: which a measured point belongs to is not determined"
-        )
+        raise FileFormatError(message("error.name_is_given_times", where=commanded.path, name=name, times=times))
     row_of = {name: i for i, name in enumerate(commanded.names)}
     both = sorted((row_of[name], i) for i, name in enumerate(points.names) if name in row_of)
     if not both:
-        raise FileFormatError(f"{commanded.path}: none of its names is one of the measured points, such as {points.names[0]!r}")
+        raise FileFormatError(message("error.none_of_its_names", where=commanded.path, names=points.names[0]))
     notes = [noted("unmatched", "point_without_joints", n, row=points.subject(i)) for i, n in enumerate(points.names) if n not in row_of]
     measured_names = set(points.names)
     lost = [i for i, name in enumerate(commanded.names) if name not in measured_names]

@@ -17,6 +17,7 @@ from lmeasure.io import files
 from lmeasure.robots.identification.extrapolation import NOWHERE, Beyond
 from lmeasure.robots.model import Parameter, RobotModel
 from lmeasure.robots.robot import AnyRobot, read_robot
+from lmeasure.text import message
 
 
 @dataclass(frozen=True)
@@ -182,9 +183,9 @@ def read_identified(folder: Path) -> IdentifiedRobot:
         beyond = Beyond(float(data["beyond"]["factor"]), float(data["beyond"]["from_mm2"]), width)
         turned = any(bool(t["oriented"]) for t in list(data.get("targets", {}).values())[:1])
     except (KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: not what `lmeasure identify` writes: {error!r}") from None
+        raise FileFormatError(message("error.not_what_lmeasure_identify", where=path, error=error)) from None
     if covariance.shape != (len(names), len(names)) or not np.isfinite(covariance).all():
-        raise FileFormatError(f"{path}: the covariance is not of its {len(names)} parameters")
+        raise FileFormatError(message("error.the_covariance_is_not", where=path, n_names=len(names)))
     found = robot.model
     known = names, covariance, scale, max(freedom, 1.0), misfit
     return IdentifiedRobot(_nominal(robot, nominal, path), found, base, tool, *known, turned, found, beyond)
@@ -194,5 +195,5 @@ def _nominal(robot: AnyRobot, values: dict[str, float], path: Path) -> RobotMode
     known = {p.name for p in robot.model.parameters}
     strange = sorted(set(values) - known)
     if strange:
-        raise FileFormatError(f"{path}: {strange[0]} is no parameter of the robot.toml beside it")
+        raise FileFormatError(message("error.is_no_parameter_of", where=path, strange=strange[0]))
     return robot.with_values(values).model

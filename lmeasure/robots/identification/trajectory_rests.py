@@ -13,6 +13,7 @@ from lmeasure.core import FloatArray, IntArray, RobotError, symmetric_root
 from lmeasure.robots.identification.measurements import POSITION, Measurements, Noted, measured, noted
 from lmeasure.robots.identification.read_measurements import Commanded
 from lmeasure.robots.model import RobotModel, joint_value
+from lmeasure.text import message
 from lmeasure.trajectory import LAG_S, ErrorModel, PoseErrors, Trajectory, mean_pose, rests, settled
 
 STILL_MM = 0.2
@@ -62,8 +63,7 @@ def rests_of(trajectory: Trajectory, model: ErrorModel | None = None) -> Rests:
     found = rests(trajectory, positions, STILL_MM)
     if len(found) < LEAST_RESTS:
         raise RobotError(
-            f"the trajectory has {len(found)} rests ({STILL_MM:g} mm in {LAG_S:g} s at most); at least {LEAST_RESTS} are needed to find "
-            "where the robot stands"
+            message("error.the_trajectory_has_rests", n_found=len(found), still_mm=STILL_MM, lag_s=LAG_S, least_rests=LEAST_RESTS)
         )
     windows = np.array([settled(trajectory.time_s, positions, rest) for rest in found])
     parts = [slice(*np.searchsorted(trajectory.time_s, (start - 1e-9, end + 1e-9))) for start, end in windows]
@@ -89,8 +89,14 @@ def matched(found: Rests, commanded: Commanded, robot: RobotModel) -> tuple[Meas
     if len(pairs) < max(LEAST_RESTS, LIKELY * min(len(found), len(commanded))) and len(pairs) < len(found):
         hint = "its times are not of the instrument's clock" if commanded.time_s is not None else "a column time_s says which is which"
         raise RobotError(
-            f"{commanded.path}: only {len(pairs)} of {len(found)} rests of the trajectory belong to one of its {len(commanded)} rows: "
-            f"these are of another motion, or other joints or units than their columns say, or {hint}"
+            message(
+                "error.only_of_rests_of",
+                where=commanded.path,
+                n_pairs=len(pairs),
+                n_found=len(found),
+                n_commanded=len(commanded),
+                hint=hint,
+            )
         )
     notes += [
         noted("unmatched", "rest_without_joints", f"{a:.6g} s", begin_s=float(a), end_s=float(b))
@@ -135,10 +141,7 @@ def _in_order(found: Rests, commanded: Commanded, robot: RobotModel) -> IntArray
     same = np.column_stack([np.arange(len(found))] * 2) if len(found) == len(commanded) else None
     if np.isnan(found.poses[:, 3:]).any():
         if same is None:
-            raise RobotError(
-                f"{commanded.path}: has {len(commanded)} rows, the trajectory {len(found)} rests without orientations: which belong "
-                "together is not determined; a column time_s says it"
-            )
+            raise RobotError(message("error.has_rows_the_trajectory", where=commanded.path, n_commanded=len(commanded), n_found=len(found)))
         return same
     pairs = aligned(found.poses, robot.forward(commanded.joints))
     # of a robot that is not what it is taken for no angle fits; its slips are looked for with rests and rows one by one

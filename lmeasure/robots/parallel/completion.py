@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, GeometryError, se3
 from lmeasure.linkages import assemblies
 from lmeasure.robots.parallel.dyads import misses
+from lmeasure.text import message
 
 _SAMPLES = 16
 """Of trigonometric polynomials of degree four, which nine would determine."""
@@ -33,9 +34,9 @@ def completed(kind: str, given: FloatArray, anchors: FloatArray, points: FloatAr
     """(k, 7) all poses of a kind of `KINDS` through given (7,) that the links allow; k may be 0. GeometryError for another number of links,
     or where they leave a continuum of poses."""
     if kind not in KINDS:
-        raise GeometryError(f"{kind!r} is none of {', '.join(KINDS)}")
+        raise GeometryError(message("error.is_none_of", kind=kind, kinds=", ".join(KINDS)))
     if len(anchors) != KINDS[kind]:
-        raise GeometryError(f"a {kind} is completed by {KINDS[kind]} links, not by {len(anchors)}")
+        raise GeometryError(message("error.a_is_completed_by", kind=kind, kinds=KINDS[kind], n_anchors=len(anchors)))
     links = se3.apply(se3.inverse(given), anchors), points, lengths
     found = {"point on a line": _turned, "line in a plane": _slid, "line": _turned_and_slid, "point": _about, "plane": _over}[kind](*links)
     return se3.compose(given, found)
@@ -48,7 +49,7 @@ def _turned(anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> Flo
     m = 0.5 * (a @ a + b @ b - lengths[0] ** 2) - a[2] * b[2]
     far = np.hypot(c, s)
     if far <= 1e-12 * lengths[0] ** 2:
-        raise GeometryError("the link's point or anchor lies on the line: it does not tell the turn")
+        raise GeometryError(message("error.the_link_s_point"))
     if abs(m) > far:
         return np.empty((0, 7))
     half = np.arctan2(np.sqrt(far**2 - m**2), m)
@@ -88,7 +89,7 @@ def _turned_and_slid(anchors: FloatArray, points: FloatArray, lengths: FloatArra
     wave = np.fft.fft(lacks(t)) / _SAMPLES
     polynomial = np.concatenate([wave[2::-1], wave[:-3:-1]])
     if np.abs(polynomial).max() <= 1e-13 * size ** (2 if same else 4):
-        raise GeometryError("the links leave the body a continuum of poses")
+        raise GeometryError(message("error.the_links_leave_the"))
     zeros = np.roots(np.trim_zeros(np.where(np.abs(polynomial) > 1e-14 * np.abs(polynomial).max(), polynomial, 0.0)))
     angles = np.angle(zeros[np.abs(np.abs(zeros) - 1.0) < 1e-4])
     out: list[tuple[float, float]] = []
@@ -167,7 +168,7 @@ class PlanarPlatform:
         polynomial = np.concatenate([wave[4::-1], wave[:-5:-1]])
         small = 1e-11 * float(scale.max())
         if np.abs(polynomial).max() <= small:
-            raise GeometryError("the rods leave the platform a continuum of poses: it turns freely")
+            raise GeometryError(message("error.the_rods_leave_the"))
         # the ends vanish but for rounding: the elimination has degree three
         keep = np.flatnonzero(np.abs(polynomial) > small)
         zeros = np.roots(polynomial[keep[0] : keep[-1] + 1])
@@ -176,7 +177,7 @@ class PlanarPlatform:
             for centre in self._centres(phi):
                 pose = self._closed(np.array([*(self.anchors[0] + centre - _turned_in_plane(phi, self.hinges[:1])[0]), phi]), size)
                 if np.abs(self._linear(pose[2:])[0]).max() < 1e-9 * size:
-                    raise GeometryError("the rods leave the platform a continuum of poses: they are equal and parallel")
+                    raise GeometryError(message("error.the_rods_leave_the_platform"))
                 apart = [np.abs(pose[:2] - p[:2]).max() + size * abs(np.exp(1j * pose[2]) - np.exp(1j * p[2])) for p in found]
                 if min(apart, default=np.inf) > 1e-7 * size and np.abs(self.residuals(pose)).max() < 1e-11 * size**2:
                     found.append(pose)

@@ -7,13 +7,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from lmeasure.core import FloatArray, GeometryError, se3
-from lmeasure.io import Name, Strict
+from lmeasure.io import Name, Strict, of_key
 from lmeasure.robots.file_fields import Angle, Length, Limits, Place, legs_with, named_once
 from lmeasure.robots.model import nearest_turns
 from lmeasure.robots.parallel.guide import Driver, way_of
 from lmeasure.robots.parallel.jacobians import nearness
 from lmeasure.robots.parallel.legs import KINDS, Leg
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Parallel
+from lmeasure.text import message
 
 NEAR_HOME = 0.2
 """Of the platform's size: how far the pose may lie from the stated home in which the legs meet."""
@@ -108,10 +109,10 @@ class Strut(_Sliding):
     @model_validator(mode="after")
     def _axes_are_two(self) -> Self:
         if (self.base_axis is None) != (self.platform_axis is None):
-            raise ValueError("base_axis and platform_axis: state both or none")
+            raise ValueError(message("error.base_axis_and_platform"))
         for name, axis in (("base_axis", self.base_axis), ("platform_axis", self.platform_axis)):
             if axis is not None and not any(axis):
-                raise ValueError(f"{name}: is no direction")
+                raise of_key(name, message("error.is_no_direction"))
         return self
 
 
@@ -279,20 +280,20 @@ class ParallelFile(Strict):
         named_once("leg", [leg.name for leg in self.leg])
         equations = sum(2 if leg.type.startswith("radial") else 1 for leg in self.leg)
         if equations != EQUATIONS:
-            raise ValueError(f"leg: {equations} equations hold the platform (two for each radial leg, one for any other); {EQUATIONS} do")
+            raise of_key("leg", message("error.equations_hold_the_platform", equations=equations, equations2=EQUATIONS))
         for leg in self.leg:
             if not (leg.limits("min") < leg.limits("max")).all():
-                raise ValueError(f"leg {leg.name}: its least joint value is not below its largest")
+                raise ValueError(message("error.leg_its_least_joint", name=leg.name))
         found = self.model
         count = len(found.joint_names)
         if count == 0:
-            raise ValueError("leg: none has a drive")
+            raise of_key("leg", message("error.none_has_a_drive"))
         if count < EQUATIONS and len(set(self.commanded)) != count:
-            raise ValueError(f"commanded: must name {count} of {', '.join(COMPONENTS)}, as many as it has joints")
+            raise of_key("commanded", message("error.must_name_of_as", count=count, components=", ".join(COMPONENTS)))
         low, high = found.limits
         beyond = (found.home_joints < low) | (found.home_joints > high)
         if beyond.any():
-            raise ValueError(f"home: {found.joint_names[int(np.argmax(beyond))]} is beyond its limits there")
+            raise of_key("home", message("error.is_beyond_its_limits", joint_names=found.joint_names[int(np.argmax(beyond))]))
         return self
 
     @property
@@ -310,24 +311,24 @@ class ParallelFile(Strict):
                 try:
                     home, carried = way_of(rods, tuple(home.tolist()), driver)
                 except GeometryError as error:
-                    raise ValueError(f"leg {leg.name}: {error}") from None
+                    raise ValueError(message("error.leg", name=leg.name, error=error)) from None
             legs.append(Leg(leg.name, leg.type, np.array(leg.platform_mm), leg.values, leg.limits("min"), leg.limits("max"), carried))
         robot = Parallel(self.name, tuple(legs), home, np.zeros(0), self.commanded or COMPONENTS, self.limits)
         joints = []
         for leg, every in zip(self.leg, robot.roots(home[None]), strict=True):
             own = every[0, min(getattr(leg, "elbow", 1), every.shape[1]) - 1]
             if not np.isfinite(own).all():
-                raise ValueError(f"home: {leg.name} does not reach there")
+                raise of_key("home", message("error.does_not_reach_there", name=leg.name))
             slides = np.array([slide for _, slide in KINDS[leg.type].drives], dtype=np.bool_)
             joints.append(nearest_turns(own, 0.5 * (leg.limits("min") + leg.limits("max")), slides))
         robot = replace(robot, home_joints=np.concatenate(joints))
         closed, met = robot.near(robot.home_joints[None], home[None])
         away = np.abs(se3.displacement(closed, home[None]) / robot.units).max()
         if not met[0] or away > NEAR_HOME * robot.size_mm:
-            raise ValueError("home: the legs do not meet near it, or it is a singular pose")
+            raise of_key("home", message("error.the_legs_do_not"))
         robot = replace(robot, home=closed[0])
         if nearness(robot.jacobians(closed, robot.home_joints[None]).output, robot.units)[0] <= SINGULAR:
-            raise ValueError("home: is a singular pose of these legs: they do not hold the platform there")
+            raise of_key("home", message("error.is_a_singular_pose"))
         return robot
 
     def drives(self, key: str, per: str = "") -> FloatArray:

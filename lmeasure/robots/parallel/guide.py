@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
 
 from lmeasure.core import FloatArray, GeometryError, se3
+from lmeasure.text import message
 
 RODS = 5
 MOST_STEPS = 2000
@@ -61,7 +62,7 @@ class SevenLink:
             if np.abs(step / scale).max() < CLOSES * self.lengths.max():
                 break
         if np.abs(self.residuals(pose)).max() > 1e3 * CLOSES * self.lengths.max():
-            raise GeometryError(f"the links do not meet near this pose: {np.abs(self.residuals(pose)).max():.3g} off")
+            raise GeometryError(message("error.the_links_do_not", abs=np.abs(self.residuals(pose)).max()))
         return pose
 
     def tangent(self, pose: FloatArray) -> FloatArray:
@@ -69,7 +70,7 @@ class SevenLink:
         scale = np.array([1.0 / self.size] * 3 + [1.0] * 3)
         free = null_space(self.rows(pose) * scale, rcond=1e-9)
         if free.shape[1] != 1:
-            raise GeometryError(f"a singular pose: {free.shape[1]} freedoms instead of one")
+            raise GeometryError(message("error.a_singular_pose_freedoms", shape=free.shape[1]))
         return np.asarray(scale * free[:, 0])
 
     def walk(self, first: FloatArray, way: FloatArray, step: float) -> Iterator[FloatArray]:
@@ -110,7 +111,7 @@ def way_of(rods: Rods, home: tuple[float, ...], driver: Driver) -> tuple[FloatAr
     """The pose (7,) nearest to home (7,) that five rods allow, and the way of the point from there, by its length in chords [mm], a little
     farther than the driver's limits each way. GeometryError where they allow none, do not leave one freedom, or go less far."""
     if len(rods) != RODS:
-        raise GeometryError(f"a way is that of a body on {RODS} rods; there are {len(rods)}")
+        raise GeometryError(message("error.a_way_is_that", rods=RODS, n_rods=len(rods)))
     link = SevenLink(*(np.array(part) for part in zip(*rods, strict=True)))
     closed = link.closed(np.array(home))
     moved = link.tangent(closed)
@@ -123,7 +124,7 @@ def way_of(rods: Rods, home: tuple[float, ...], driver: Driver) -> tuple[FloatAr
     places = se3.apply(poses, driver.point)
     chords = np.linalg.norm(np.diff(places, axis=0), axis=1)
     if not (chords > LEAST_PART * driver.step_mm).all():
-        raise GeometryError("its point hardly moves somewhere on the way: drive another one, or not so far")
+        raise GeometryError(message("error.its_point_hardly_moves"))
     along = np.concatenate([[0.0], np.cumsum(chords)])
     return closed, CubicSpline(along - along[len(back)], places)
 
@@ -138,7 +139,5 @@ def _walked(link: SevenLink, closed: FloatArray, way: FloatArray, driver: Driver
         if gone > max(far, 0.0) + 2.0 * driver.step_mm:
             return out
         if len(out) >= MOST_STEPS:
-            raise GeometryError(
-                f"its point goes {gone:.4g} mm in {MOST_STEPS} steps of {driver.step_mm:g} mm, less than its limits of {far:g}"
-            )
-    raise GeometryError(f"the way comes back to its beginning after {gone:.4g} mm, within its limits of {far:g}")
+            raise GeometryError(message("error.its_point_goes_mm", gone=gone, most_steps=MOST_STEPS, step_mm=driver.step_mm, far=far))
+    raise GeometryError(message("error.the_way_comes_back", gone=gone, far=far))

@@ -29,7 +29,7 @@ from lmeasure.robots.file_fields import Limits
 from lmeasure.robots.model import Parameter, joint_value, nearest_turns
 from lmeasure.robots.parallel.jacobians import Jacobians
 from lmeasure.robots.parallel.legs import Leg
-from lmeasure.text import numbers
+from lmeasure.text import message, numbers
 
 EQUATIONS = 6
 STRIDE_RAD, STRIDE = 0.2, 0.1
@@ -329,7 +329,9 @@ class Parallel:
             sample = int(np.argmax(beyond.any(axis=1)))
             j = int(np.argmax(beyond[sample]))
             value, unit = joint_value(self, j, joints[sample, j])
-            raise RobotError(f"sample {sample}: {self.joint_names[j]} would be at {value:.6g} {unit}, beyond its limits", sample)
+            raise RobotError(
+                message("error.sample_would_be_at_beyond", sample=sample, joint_names=self.joint_names[j], value=value, unit=unit), sample
+            )
         jumps = np.abs(np.diff(joints, axis=0)) > np.where(self.sliding, self.size_mm, MOST_RAD)
         self._say(np.concatenate([[False], jumps.any(axis=1)]), "a joint jumps at", poses)
         return joints
@@ -338,7 +340,7 @@ class Parallel:
         if bad.any():
             sample = int(np.argmax(bad))
             where = numbers("en", poses[sample], ".6g")
-            raise RobotError(f"sample {sample}: {what} ({where})", sample)
+            raise RobotError(message("error.sample", sample=sample, what=what, where=where), sample)
 
     @cached_property
     def _cuts(self) -> IntArray:

@@ -17,6 +17,7 @@ from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.parallel.jacobians import Jacobians, Singular, nearness, singular, velocities
 from lmeasure.robots.parallel.limits import Checks, checked, hooke_turns, own_roots, ranges
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS
+from lmeasure.text import message
 
 BLOCK = 20000
 """Poses that are looked at together."""
@@ -97,7 +98,7 @@ def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, A
     joints = own_roots(robot, at[None])
     kept = checked(robot, file.limits, at[None])
     if np.isnan(at).any() or not kept.reached[0]:
-        raise GeometryError(f"{file.name}: its legs do not reach this pose")
+        raise GeometryError(message("error.its_legs_do_not", where=file.name))
     jacobians = robot.jacobians(at[None], joints)
     kind = Singular(int(singular(jacobians, robot.units)[0])) if len(joints[0]) == EQUATIONS else Singular.NO
     out: dict[str, Any] = {
@@ -270,7 +271,7 @@ def over_drives(
     low, high = robot.limits
     total = count ** len(low)
     if total > PLACES:
-        raise GeometryError(f"{total} combinations of drives: at most {PLACES} are taken")
+        raise GeometryError(message("error.combinations_of_drives_at", total=total, places=PLACES))
     values = np.linspace(low, high, count)
     met = np.zeros(int(np.prod([len(a) for a in axes])), dtype=np.bool_)
     joints, poses = [np.empty((0, len(low)))], [np.empty((0, 7))]
@@ -291,7 +292,7 @@ def over_drives(
 def _countable(axes: tuple[FloatArray, ...]) -> None:
     count = int(np.prod([len(a) for a in axes]))
     if count > PLACES:
-        raise GeometryError(f"{count} places: at most {PLACES} are looked at")
+        raise GeometryError(message("error.places_at_most_are", count=count, places=PLACES))
 
 
 def _ended_by(file: ParallelFile, found: Workspace, orientation: FloatArray) -> dict[str, int]:
@@ -338,7 +339,7 @@ def at_poses(file: ParallelFile, poses: FloatArray, time_s: FloatArray | None = 
     columns = joint_columns(robot, joints)
     if time_s is not None:
         if len(poses) < FEWEST or not kept.reached.all():
-            raise GeometryError(f"{file.name}: speeds need {FEWEST} poses or more, all of them within reach")
+            raise GeometryError(message("error.speeds_need_poses_or", where=file.name, fewest=FEWEST))
         whole = np.where(robot.sliding, joints, np.unwrap(joints, axis=0))
         spline = CubicSpline(time_s, whole)
         for order, (key, end) in enumerate((("max_speed", "_s"), ("max_acceleration", "_s2")), 1):
@@ -353,9 +354,9 @@ def completions(file: ParallelFile, kind: str, given: FloatArray) -> tuple[IntAr
     rods = [(leg.base_mm, leg.platform_mm, leg.rod_mm) for leg in file.leg if leg.type == "rod"]
     need = COMPLETED.get(kind)
     if need is None:
-        raise GeometryError(f"{kind!r} is none of {', '.join(COMPLETED)}")
+        raise GeometryError(message("error.is_none_of", kind=kind, kinds=", ".join(COMPLETED)))
     if len(rods) < need:
-        raise GeometryError(f"{file.name}: a {kind} is completed by {need} rods; it has {len(rods)}")
+        raise GeometryError(message("error.a_is_completed_by_rods", where=file.name, kind=kind, need=need, n_rods=len(rods)))
     anchors, points, lengths = (np.array(part) for part in zip(*rods[:need], strict=True))
     found = [completed(kind, pose, anchors, points, lengths=lengths) for pose in given]
     rows = np.repeat(np.arange(len(given)), [len(poses) for poses in found])

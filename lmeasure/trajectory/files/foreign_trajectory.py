@@ -26,7 +26,7 @@ from lmeasure.core import (
     se3,
 )
 from lmeasure.io import TIMES, UNIT_TOLERANCE, Column, ForeignTable, columns_of, decoded, files, headed, open_regular, text_of
-from lmeasure.text import Message, common, message
+from lmeasure.text import Message, common, composed, message
 from lmeasure.trajectory.files.markers import LEAST, Marked, body_of, is_of_markers, read_markers
 from lmeasure.trajectory.files.ros import read_messages
 from lmeasure.trajectory.files.trajectory import COLUMNS_OF_OURS, SYSTEMATIC_COLUMNS, UNCERTAINTY_COLUMNS, Trajectory, diagonal, read_own
@@ -127,7 +127,7 @@ def read_trajectory(
     if kind in ("table", "parquet") or (stated.columns and _is_named(path, kind, stated.columns)):
         return _of_table(path, stated)
     if stated.columns and not stated.of_others and set(stated.columns) != {"body"}:
-        raise SettingsError("columns", f"{path} {_FIXED[kind]}, which says itself what stands where: a table has columns to name")
+        raise SettingsError("columns", message("error.which_says_itself_what", path=path, fixed=_FIXED[kind]))
     return _READERS[kind](path, stated)
 
 
@@ -143,7 +143,7 @@ def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None =
     """A table; default: which column is which where --columns does not say it."""
     given = ForeignTable(path, {**(default or {}), **(stated.columns or {})}, part=stated.of_others)
     if len(given) == 0:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     markers = given.layout.markers
     if not given.layout.bodies and len(markers) >= LEAST and not stated.columns:
         return _of_marked(path, _marked(given), stated)
@@ -156,7 +156,9 @@ def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None =
         words = given.text("status")
         strange = next((i for i, word in enumerate(words) if word not in WORDS), None)
         if strange is not None:
-            raise FileFormatError(f"{given.row(strange)}: status {words[strange]!r} is not one of {', '.join(WORDS)}")
+            raise FileFormatError(
+                message("error.status_is_not_one", where=given.row(strange), words=words[strange], words2=", ".join(WORDS))
+            )
         status = np.array([WORDS.index(word) for word in words], dtype=np.int64)
     if not stated.of_others:
         given.nothing_else()
@@ -174,7 +176,7 @@ def kind_of(path: Path) -> str:
     """What `read_trajectory` takes a file for: mcap, tum, parquet, markers, euroc, or table."""
     suffix = path.suffix.lower()
     if suffix in BAGS:
-        raise FileFormatError(f"{path}: {BAGS[suffix].format(name=path.name, stem=path.stem)}")
+        raise FileFormatError(composed("{where}: {error}", where=path, error=BAGS[suffix].format(name=path.name, stem=path.stem)))
     if suffix in (".mcap", ".tum", ".parquet"):
         return suffix[1:]
     text = _beginning(path)
@@ -271,7 +273,7 @@ def _uncertainties(table: ForeignTable, stated: Stated, oriented: bool) -> tuple
             common[:, own] = np.column_stack([table.numbers(c, gaps=True) for c in SYSTEMATIC_COLUMNS[own]])
         bad = (u[:, own] < 0.0).any(axis=1) | (common[:, own] < 0.0).any(axis=1)
         if bad.any():
-            raise FileFormatError(f"{table.row(int(np.argmax(bad)))}: a standard uncertainty of the {what} is negative")
+            raise FileFormatError(message("error.a_standard_uncertainty_of", where=table.row(int(np.argmax(bad))), what=what))
     return diagonal(np.maximum(u**2 - common**2, 0.0)), diagonal(common**2), tuple(absent)
 
 
@@ -295,11 +297,11 @@ def _of_lines(path: Path, stated: Stated) -> Trajectory:
         except ValueError:
             values = []
         if len(values) != 8 or not np.isfinite(values).all():
-            raise FileFormatError(f"{path}: line {number}: is not time x y z qx qy qz qw, eight numbers")
+            raise FileFormatError(message("error.line_is_not_time", where=path, number=number))
         rows.append(values)
         lines.append(number)
     if not rows:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     table = np.array(rows)
     found = _trajectory(table[:, 0], 1e3 * table[:, 1:4], table[:, 4:], *_same(len(table), stated, oriented=True))
     return _checked(path, found, lines, [message("orientation.read", how="TUM (s, m): quaternion x, y, z, w")])
@@ -349,7 +351,7 @@ def _marked(given: ForeignTable) -> Marked:
 def _of_messages(path: Path, stated: Stated) -> Trajectory:
     others = [name for name in stated.columns or () if name != "topic"]
     if others and not stated.of_others:
-        raise SettingsError("columns", f"{path} holds messages: topic=/NAME may be said of it, not {', '.join(others)}")
+        raise SettingsError("columns", message("error.holds_messages_topic_name", path=path, others=", ".join(others)))
     topic = None if stated.columns is None else stated.columns.get("topic")
     read = read_messages(path, None if topic is None else topic.name)
     random, systematic, absent = _same(len(read.time_s), stated, oriented=True)
@@ -376,7 +378,7 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Messag
 
     def refuse(bad: BoolArray, why: str) -> None:
         if bad.any():
-            raise FileFormatError(f"{path}: {at(int(np.argmax(bad)))}: {why}")
+            raise FileFormatError(composed("{where}: {at}: {why}", where=path, at=at(int(np.argmax(bad))), why=why))
 
     notes = list(notes or [])
     steps = np.diff(found.time_s, prepend=-np.inf)
@@ -400,7 +402,7 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Messag
         length = np.linalg.norm(found.poses[:, 3:], axis=1)
         refuse(np.asarray(np.abs(length - 1.0) > UNIT_TOLERANCE), "its quaternion is not of length 1")
     if (found.status != Status.OK).all():
-        raise TrajectoryError(f"{path}: no row has a whole pose")
+        raise TrajectoryError(message("error.no_row_has_a", where=path))
     poses = found.poses.copy()
     poses[:, 3:] /= length[:, None]
     known = ~np.isnan(poses[:, 3])

@@ -69,7 +69,7 @@ def body_of(marked: Marked, path: Path) -> Body:
     seen = _seen(places)
     enough = seen.sum(axis=1) >= LEAST
     if not enough.any():
-        raise FileFormatError(f"{path}: no frame shows {LEAST} of its markers ({', '.join(names)}): they give no pose")
+        raise FileFormatError(message("error.no_frame_shows_of", where=path, least=LEAST, names=", ".join(names)))
     whole = np.flatnonzero(seen.sum(axis=1) == seen.sum(axis=1).max())
     shape = _first_shape(path, places[whole[0]] if len(whole) == 1 else places[_usual(places, whole)])
     notes: list[Message] = []
@@ -103,7 +103,7 @@ def body_of(marked: Marked, path: Path) -> Body:
     poses = np.full((len(places), 7), np.nan)
     poses[fits] = se3.pose(middles[fits], Rotation.from_matrix(turns[fits]))
     if np.isnan(u):
-        raise FileFormatError(f"{path}: {int(fits.sum())} frames of {len(names)} markers are too few to tell how exact the markers are")
+        raise FileFormatError(message("error.frames_of_markers_are", where=path, fits=int(fits.sum()), n_names=len(names)))
     notes.append(message("markers.body", markers=len(names), u_mm=u, frames=int(fits.sum()), of=len(places)))
     return Body(poses, _covariances(shape, turns, seen, fits) * u**2, u, tuple(notes))
 
@@ -148,7 +148,7 @@ def _first_shape(path: Path, places: FloatArray) -> FloatArray:
     shape = places - np.nanmean(places, axis=0)
     size = np.linalg.svd(shape[~np.isnan(shape).any(axis=1)], compute_uv=False)
     if size[1] < FLAT * size[0]:
-        raise FileFormatError(f"{path}: its markers stand in a line: how the body is turned about it they do not tell")
+        raise FileFormatError(message("error.its_markers_stand_in", where=path))
     return shape
 
 
@@ -217,23 +217,23 @@ def _of_keys(path: Path, lines: list[str]) -> Marked:
         keys[cells[0]] = [cell for cell in cells[1:] if cell]
     names = tuple(keys.get("MARKER_NAMES", ()))
     if not names:
-        raise FileFormatError(f"{path}: has no MARKER_NAMES: only labelled markers say which is which")
+        raise FileFormatError(message("error.has_no_marker_names", where=path))
     if "3D" not in keys.get("DATA_INCLUDED", ["3D"]):
-        raise FileFormatError(f"{path}: DATA_INCLUDED is {' '.join(keys['DATA_INCLUDED'])!r}; export the markers' places (3D)")
+        raise FileFormatError(message("error.data_included_is_export", where=path, keys=" ".join(keys["DATA_INCLUDED"])))
     timed = lines[number - 1].split("\t")[0].strip().lower() == "frame" if number <= len(lines) else False
     rate = _number(path, keys.get("FREQUENCY", ["0"])[0], "FREQUENCY")
     if not timed and rate <= 0.0:
-        raise FileFormatError(f"{path}: has neither columns Frame and Time nor a FREQUENCY: when its frames were taken is not determined")
+        raise FileFormatError(message("error.has_neither_columns_frame", where=path))
     return _rows(path, lines, number + timed, names, 2 if timed else 0, rate, 1.0)
 
 
 def _of_trc(path: Path, lines: list[str]) -> Marked:
     if len(lines) < 6:
-        raise FileFormatError(f"{path}: is cut off within its header")
+        raise FileFormatError(message("error.is_cut_off_within", where=path))
     head = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     unit = head.get("Units", "").strip()
     if unit not in _SIZES:
-        raise FileFormatError(f"{path}: line 3: Units {unit!r} is none of {', '.join(_SIZES)}")
+        raise FileFormatError(message("error.line_3_units_is", where=path, unit=unit, sizes=", ".join(_SIZES)))
     names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
     return _rows(path, lines, 6, names, 2, 0.0, _SIZES[unit])
 
@@ -242,7 +242,7 @@ def _rows(path: Path, lines: list[str], first: int, names: tuple[str, ...], befo
     """Rows from line `first` on, `before` columns of frame and time before those of the markers."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise FileFormatError(f"{path}: marker {twice[0]!r} stands twice")
+        raise FileFormatError(message("error.marker_stands_twice", where=path, twice=twice[0]))
     wide, time_s, places, numbers = before + 3 * len(names), [], [], []
     for number, line in enumerate(lines[first - 1 :], first):
         if not line.strip():
@@ -250,13 +250,15 @@ def _rows(path: Path, lines: list[str], first: int, names: tuple[str, ...], befo
         cells = [cell.strip() for cell in line.rstrip("\r\n").split("\t")]
         cells += [""] * (wide - len(cells))
         if any(cells[wide:]):
-            raise FileFormatError(f"{path}: line {number}: has {len(cells)} cells, {len(names)} markers ask for {wide}")
+            raise FileFormatError(
+                message("error.line_has_cells_markers", where=path, number=number, n_cells=len(cells), n_names=len(names), wide=wide)
+            )
         values = [_number(path, cell, f"line {number}") for cell in cells[:wide]]
         time_s.append(values[1] if before else (number - first) / rate)
         places.append(values[before:])
         numbers.append(number)
     if not places:
-        raise FileFormatError(f"{path}: has no rows")
+        raise FileFormatError(message("error.has_no_rows", where=path))
     there = np.array(places).reshape(len(places), len(names), 3)
     there[(there == 0.0).all(axis=2)] = np.nan
     there[np.isnan(there).any(axis=2)] = np.nan
@@ -271,5 +273,5 @@ def _number(path: Path, cell: str, where: str) -> float:
     except ValueError:
         value = float("inf")
     if not np.isfinite(value):
-        raise FileFormatError(f"{path}: {where}: {cell!r} is no number")
+        raise FileFormatError(message("error.is_no_number_3", where=path, where2=where, cell=cell))
     return value

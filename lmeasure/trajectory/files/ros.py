@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lmeasure.core import FileFormatError, FloatArray, IntArray, TrajectoryError, how_to_install
 from lmeasure.io import files, open_regular
+from lmeasure.text import message
 from lmeasure.trajectory.files.trajectory import Trajectory
 
 TOPIC = "/lmeasure/pose"
@@ -72,7 +73,7 @@ def mcap_writer(path: Path, covers: str) -> Iterator[Callable[[Trajectory], None
     try:
         from mcap.writer import Writer
     except ImportError as error:
-        raise TrajectoryError(f"{path}: MCAP needs the package mcap: {how_to_install('ros')}") from error
+        raise TrajectoryError(message("error.mcap_needs_the_package", where=path, install=how_to_install("ros"))) from error
     with files.whole(path) as temporary, temporary.open("wb") as out:
         writer = Writer(out)
         writer.start(profile="ros2", library="lmeasure")
@@ -83,9 +84,9 @@ def mcap_writer(path: Path, covers: str) -> Iterator[Callable[[Trajectory], None
         def write(piece: Trajectory) -> None:
             times, packed = messages(piece)
             if len(times) and times[0] < 0:
-                raise TrajectoryError(f"{path}: time_s = {float(piece.time_s[0])!r} lies before 0, which no time stamp of ROS can tell")
-            for time, message in zip(times.tolist(), packed, strict=True):
-                writer.add_message(channel_id=channel, log_time=time, publish_time=time, data=message.tobytes())
+                raise TrajectoryError(message("error.time_s_lies_before", where=path, time_s=float(piece.time_s[0])))
+            for time, one in zip(times.tolist(), packed, strict=True):
+                writer.add_message(channel_id=channel, log_time=time, publish_time=time, data=one.tobytes())
 
         yield write
         writer.finish()  # type: ignore[no-untyped-call]
@@ -109,22 +110,22 @@ def read_messages(path: Path, topic: str | None = None) -> Messages:
         from mcap.exceptions import McapError
         from mcap.reader import make_reader
     except ImportError as error:
-        raise TrajectoryError(f"{path}: MCAP needs the package mcap: {how_to_install('ros')}") from error
+        raise TrajectoryError(message("error.mcap_needs_the_package", where=path, install=how_to_install("ros"))) from error
     found: dict[str, list[tuple[float, FloatArray]]] = {}
     try:
         with open_regular(path) as file:
-            for schema, channel, message in make_reader(file).iter_messages():
+            for schema, channel, one in make_reader(file).iter_messages():
                 kind = "" if schema is None else schema.name.rsplit("/", 1)[-1]
                 if kind in POSES and channel.message_encoding in ("cdr", "ros1"):
-                    found.setdefault(channel.topic, []).append(_pose_in(message.data, channel.message_encoding == "cdr", POSES[kind]))
+                    found.setdefault(channel.topic, []).append(_pose_in(one.data, channel.message_encoding == "cdr", POSES[kind]))
     except (McapError, struct.error, ValueError, EOFError) as error:
-        raise FileFormatError(f"{path}: cannot be read as MCAP with poses: {' '.join(str(error).split())[:200]}") from None
+        raise FileFormatError(message("error.cannot_be_read_as_mcap", where=path, error=" ".join(str(error).split())[:200])) from None
     if topic is None and len(found) == 1:
         topic = next(iter(found))
     if topic not in found:
         have = ", ".join(sorted(found)) or "none"
         asked = "--columns topic=/NAME says which" if topic is None else f"{topic} is none of them"
-        raise FileFormatError(f"{path}: topics with PoseStamped or PoseWithCovarianceStamped: {have}; {asked}")
+        raise FileFormatError(message("error.topics_with_posestamped_or", where=path, have=have, asked=asked))
     rows = sorted(found[topic], key=lambda each: each[0])
     values = np.array([row for _, row in rows])
     time_s, poses = np.array([t for t, _ in rows]), values[:, :7] * np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0, 1.0])

@@ -265,7 +265,7 @@ def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: BoolArr
     """FileFormatError names the first value that is bad."""
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
-        raise FileFormatError(f"{path}: row {row}: {columns[column]} = {values[row, column]:g} {why}")
+        raise FileFormatError(message("error.row_2", where=path, row=row, columns=columns[column], values=values[row, column], why=why))
 
 
 def _variances(covariance: FloatArray) -> FloatArray:

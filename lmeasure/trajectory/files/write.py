@@ -9,7 +9,7 @@ import numpy as np
 
 from lmeasure.core import FileFormatError
 from lmeasure.io import files
-from lmeasure.text import stated_causes, table
+from lmeasure.text import message, stated_causes, table
 from lmeasure.trajectory.files.ros import mcap_writer
 from lmeasure.trajectory.files.trajectory import Trajectory
 
@@ -35,7 +35,7 @@ def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Ite
             yield write_lines
         return
     if Path(path).suffix.lower() not in {".csv", ".parquet"}:
-        raise FileFormatError(f"{path}: the name must end in .parquet, .csv, .tum or .mcap")
+        raise FileFormatError(message("error.the_name_must_end_in", where=path))
     causes: set[str] = set()
     in_text = Path(path).suffix.lower() == ".csv"  # which keeps nothing beside its columns
     with files.table_writer(path, lambda: {"uncertainty_covers": covers, "messages": json.dumps(table([covers, *causes]))}) as write:

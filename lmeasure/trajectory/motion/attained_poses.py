@@ -9,6 +9,7 @@ import numpy as np
 
 from lmeasure.core import WORDS, CertificationError, FloatArray, IntArray, Status, conventions, se3
 from lmeasure.recording import Windows
+from lmeasure.text import message
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.motion.vibration import Vibration, vibration
 from lmeasure.trajectory.uncertainty.pose_errors import PoseErrors, at_tool_point
@@ -141,26 +142,24 @@ def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> s
     first = int(np.searchsorted(trajectory.time_s, start_s - TIME_TOLERANCE_S, side="left"))
     last = int(np.searchsorted(trajectory.time_s, end_s + TIME_TOLERANCE_S, side="right"))
     if last <= first:
-        raise CertificationError(f"{what}: the trajectory has no sample within [{start_s:g}, {end_s:g}] s")
+        raise CertificationError(message("error.the_trajectory_has_no_sample_within", where=what, start_s=start_s, end_s=end_s))
     bad = np.flatnonzero((trajectory.status[first:last] != Status.OK) | np.isnan(trajectory.poses[first:last, 0]))
     if len(bad):
         i = first + int(bad[0])
         if trajectory.status[i] == Status.OK:
-            raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s has no position, though its status is ok")
+            raise CertificationError(message("error.sample_at_s_has", where=what, i=i, time_s=trajectory.time_s[i]))
         why = trajectory.cause[i] or WORDS[trajectory.status[i]]
-        raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s is not ok: {why}")
+        raise CertificationError(message("error.sample_at_s_is", where=what, i=i, time_s=trajectory.time_s[i], why=why))
     far = np.abs(trajectory.poses[first:last]) > np.repeat([conventions.MAX_LENGTH_MM, 2.0], [3, 4])
     bad = np.flatnonzero(far.any(axis=1))
     if len(bad):
         i = first + int(bad[0])
-        raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s holds a number that is no position or quaternion")
+        raise CertificationError(message("error.sample_at_s_holds", where=what, i=i, time_s=trajectory.time_s[i]))
     length = np.linalg.norm(trajectory.poses[first:last, 3:], axis=1)
     bad = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)  # never of what is not measured
     if len(bad):
         i = first + int(bad[0])
-        raise CertificationError(
-            f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s: the quaternion's length is {length[bad[0]]:.9g}, not 1"
-        )
+        raise CertificationError(message("error.sample_at_s_the", where=what, i=i, time_s=trajectory.time_s[i], length=length[bad[0]]))
     return slice(first, last)
 
 
@@ -196,8 +195,16 @@ def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, *,
     if away.max() > still_mm:
         i = part.start + int(np.argmax(away))
         raise CertificationError(
-            f"{what}: the robot moves in the window [{start_s:g}, {end_s:g}] s: sample {i} at {trajectory.time_s[i]:.6g} s is "
-            f"{away.max():.4g} mm from the middle of the others; at most {still_mm:g} mm"
+            message(
+                "error.the_robot_moves_in",
+                where=what,
+                start_s=start_s,
+                end_s=end_s,
+                i=i,
+                time_s=trajectory.time_s[i],
+                away=away.max(),
+                still_mm=still_mm,
+            )
         )
     return part, poses
 

@@ -13,6 +13,7 @@ from lmeasure.core import QUATERNION_COLUMNS, FloatArray, IntArray, TrajectoryEr
 from lmeasure.io import files
 from lmeasure.kernels import LEAST, TERMS, local_cubics
 from lmeasure.recording import POSITION_COLUMNS
+from lmeasure.text import message
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.motion.spectrum import HIGHEST, Vibration, smoothing_bias, vibrations
 from lmeasure.trajectory.time.stamps import Stamps, stamps_of
@@ -108,7 +109,7 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
     asked = half_width_s is not None
     half_width_s = HALF_WIDTH_S if half_width_s is None else half_width_s
     if not half_width_s > 0:
-        raise TrajectoryError(f"half width of the window: {half_width_s:g} s is not positive")
+        raise TrajectoryError(message("error.half_width_of_the", half_width_s=half_width_s))
     placed = np.asarray(~np.isnan(trajectory.poses[:, :3]).any(axis=1))
     turned = not (np.isnan(trajectory.poses[:, 3:]).all() and placed.any())
     given = np.ascontiguousarray(trajectory.poses) if turned else np.where(placed[:, None], trajectory.poses, np.nan)
@@ -121,9 +122,7 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
         needed = FULL * float(np.median(np.diff(time_s[placed])))
         half_width_s = max(half_width_s, needed) if asked or needed <= WIDEST_S else half_width_s
     if half_width_s > (lasts := float(time_s[-1] - time_s[0])) > 0.0:
-        raise TrajectoryError(
-            f"motion: a window of +-{half_width_s:g} s reaches farther to either side than the trajectory lasts, {lasts:.6g} s"
-        )
+        raise TrajectoryError(message("error.motion_a_window_of", half_width_s=half_width_s, lasts=lasts))
     u = np.sqrt(np.einsum("nii->ni", trajectory.random))
     u[:, :3] += np.nan if not turned or "rotation" in trajectory.absent else 0.0
     u[:, 3:] += np.nan if "position" in trajectory.absent else 0.0
@@ -134,7 +133,7 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
     if np.isnan(poses[:, 0]).all():
         apart = float(np.median(np.diff(time_s[placed]))) if placed.sum() > 1 else np.nan
         determined = "" if np.isnan(apart) else f", which are {apart:.3g} s apart: a wider window, or times in another unit"
-        raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {LEAST} poses{determined}")
+        raise TrajectoryError(message("error.motion_no_window_of", half_width_s=half_width_s, least=LEAST, determined=determined))
     if not turned:
         poses[:, 3:] = derivatives[:, :, :3] = np.nan
     steps = np.diff(poses[~np.isnan(poses[:, 0]), :3], axis=0)

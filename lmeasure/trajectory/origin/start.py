@@ -38,6 +38,7 @@ from lmeasure.kernels import (
 from lmeasure.recording import known
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths
+from lmeasure.text import message
 from lmeasure.trajectory.faults.redundancy import Epochs
 from lmeasure.trajectory.origin.origins import estimate_origins
 from lmeasure.trajectory.reconstruction.run_model import FREEDOMS
@@ -284,8 +285,15 @@ def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
     most, of_all = int(seen.max(initial=0)), int(every[seen > 0].max(initial=0))
     if not most or of_all <= len(FREEDOMS):
         raise TrajectoryError(
-            f"{source}: the start pose of this run is not known, and of its absolute channels {most} can be read at once, with {of_all} "
-            f"channels in all: {len(FREEDOMS)} absolute ones are needed, or one and {len(FREEDOMS) + 1} in all over a motion; {STATE}"
+            message(
+                "error.the_start_pose_of_this",
+                where=source,
+                most=most,
+                of_all=of_all,
+                n_freedoms=len(FREEDOMS),
+                n_freedoms2=len(FREEDOMS) + 1,
+                state=STATE,
+            )
         )
     return int(np.flatnonzero((seen > 0) & (every == of_all))[0])
 
@@ -354,7 +362,7 @@ def find_start(rig: Rig, lengths: Lengths, source: str, begin: Begin) -> Reconst
         zeros = [z for pose, z in zip(poses, zeros, strict=True) if (pose == kept).all(axis=1).any()]
         poses = kept
     if not len(poses):
-        raise TrajectoryError(f"{source}: no pose was found at which the absolute channels read what they do at {lengths.time_s[i]:.6g} s")
+        raise TrajectoryError(message("error.no_pose_was_found", where=source, time_s=lengths.time_s[i]))
     begun = np.where(np.isfinite(lengths.change_mm[i]), lengths.change_mm[i], 0.0)
     beginnings: list[tuple[Reconstruction, Epochs | None]] = []
     failed: Exception | None = None
@@ -383,10 +391,7 @@ def find_start(rig: Rig, lengths: Lengths, source: str, begin: Begin) -> Reconst
     left = _likely(candidates)
     if len(left) > 1:
         listed = "; ".join(_text(r.model.zero_pose) for r in left[:LISTED])
-        raise TrajectoryError(
-            f"{source}: the start pose of this run is not known, and its readings fit {len(left)} assemblies and do not tell them apart: "
-            f"{listed}; state [start] in run.toml, or side in the rig file"
-        )
+        raise TrajectoryError(message("error.the_start_pose_of_this_run", where=source, n_left=len(left), listed=listed))
     return left[0]
 
 
@@ -456,8 +461,14 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
         determined += ": move the tool farther, or turn it"
     if determined:
         raise TrajectoryError(
-            f"{source}: the start pose of this run is not known, and its motion from {time_s:.6g} s on, with "
-            f"{int(usable.sum())} of its channels absolute, {determined}; {STATE}"
+            message(
+                "error.the_start_pose_of_this_run_is",
+                where=source,
+                time_s=time_s,
+                usable=int(usable.sum()),
+                determined=determined,
+                state=STATE,
+            )
         )
     limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
     return [begun for begun in every if begun.chi_squared <= limit]

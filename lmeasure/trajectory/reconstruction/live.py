@@ -33,6 +33,7 @@ from lmeasure.kernels import (
 from lmeasure.recording import Counts, Run, StartErrors, known
 from lmeasure.rig import CalibrationRecord, Rig, Unstated
 from lmeasure.sensors import Lengths, counts_from_poses, recorded_from_counts, span_rows
+from lmeasure.text import message
 from lmeasure.trajectory.faults.consistency import SIGNIFICANCE
 from lmeasure.trajectory.faults.doubts import EVERY, Doubts, shifted
 from lmeasure.trajectory.faults.redundancy import Epochs
@@ -221,9 +222,9 @@ class LivePose:
         unstated: Unstated = "typical",
     ) -> None:
         if rig.passes > 1:
-            raise TrajectoryError(f"rig {rig.name!r}: a live pose needs channels counted in one pass")
+            raise TrajectoryError(message("error.rig_a_live_pose", name=rig.name))
         if any(getattr(e, "backlash_deg", None) for e in rig.sensors):
-            raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out the play of swivels, which this rig states")
+            raise TrajectoryError(message("error.rig_a_live_pose_leaves", name=rig.name))
         if start is None and not enough_absolute(rig):
             known(None, f"rig {rig.name!r}", rig)
         self.channels, self.angles = tuple(o.channel for o in rig.observed), rig.angles
@@ -266,9 +267,9 @@ class LivePose:
         reconstruction = reconstruction_of(model)
         if reconstruction.model.correction is not None or any(p.drum.backlash_counts for p in self._rig.observation_point):
             what = "temperature, stretch, sag and parts that are not as drawn"
-            raise TrajectoryError(f"rig {self._rig.name!r}: a live pose leaves out {what}, which this rig states")
+            raise TrajectoryError(message("error.rig_a_live_pose_leaves_out", name=self._rig.name, what=what))
         if reconstruction.model.scheme.point is not None:
-            raise TrajectoryError(f"rig {self._rig.name!r}: a live pose needs channels that tell how the tool is turned")
+            raise TrajectoryError(message("error.rig_a_live_pose_needs", name=self._rig.name))
         self.learns = reconstruction.redundancy is not None
         return SixCables(reconstruction) if reconstruction.model.scheme.six else AnyChannels(reconstruction)
 

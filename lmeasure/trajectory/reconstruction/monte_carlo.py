@@ -40,7 +40,7 @@ def by_monte_carlo(
     TrajectoryError for fewer than 2 trials.
     """
     if trials < 2:
-        raise TrajectoryError(f"Monte Carlo: {trials} trials tell no scatter; at least 2")
+        raise TrajectoryError(message("error.monte_carlo_trials_tell", trials=trials))
     generator = np.random.default_rng(seed)
     budget, model = reconstruction.budget, reconstruction.model
     start = model.zero_pose

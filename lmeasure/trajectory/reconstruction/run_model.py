@@ -73,20 +73,33 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
     channels = "cables" if m == len(rig.cable) else "channels"
     if held is not None:
         if held not in CONSTRAINTS:
-            raise RigError(f"constraint = {held!r} is not one of {', '.join(CONSTRAINTS)}")
+            raise RigError(message("error.constraint_is_not_one", held=held, constraints=", ".join(CONSTRAINTS)))
         free = CONSTRAINTS[held]
         if m < len(free):
-            raise RigError(f"rig {rig.name!r}: has {m} {channels}; constraint = {held!r} leaves {len(free)} freedoms, {', '.join(free)}")
+            raise RigError(
+                message(
+                    "error.rig_has_constraint_leaves", name=rig.name, m=m, channels=channels, held=held, n=len(free), free=", ".join(free)
+                )
+            )
         return Scheme(rows, free, held=", ".join(f for f in FREEDOMS if f not in free), constraint=held)
     if len(used) == 1 and not rig.measures_turns:
         if m < CABLES_FOR_A_POINT:
-            raise RigError(f"rig {rig.name!r}: has {m} {channels} to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")
+            raise RigError(
+                message("error.rig_has_to_its", name=rig.name, m=m, channels=channels, used=used[0], cables_for_a_point=CABLES_FOR_A_POINT)
+            )
         rows[:, ATTACHMENT_XYZ] = 0.0
         return Scheme(rows, FREEDOMS[3:], point=used[0], place=rig.tool[used[0]])
     if m < len(FREEDOMS):
         raise RigError(
-            f"rig {rig.name!r}: has {m} {channels} and leaves {len(FREEDOMS) - m} of six freedoms unmeasured, at the start "
-            f"{_unmeasured(rows, start)}; hold them by constraint = {' or '.join(repr(c) for c in CONSTRAINTS)}, or add cables or a pass"
+            message(
+                "error.rig_has_and_leaves",
+                name=rig.name,
+                m=m,
+                channels=channels,
+                n_freedoms=len(FREEDOMS) - m,
+                unmeasured=_unmeasured(rows, start),
+                constraints=" or ".join(repr(c) for c in CONSTRAINTS),
+            )
         )
     if not rig.measures_turns:
         rig.require_spread()

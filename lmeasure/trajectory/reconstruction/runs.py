@@ -404,8 +404,12 @@ def covariances(
     run, lengths = aligned.run, aligned.lengths
     if len(aligned.stamp_s) != len(trajectory.time_s) or not np.allclose(aligned.stamp_s, trajectory.time_s, rtol=0.0, atol=1e-9):
         raise TrajectoryError(
-            f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
-            "it is not of this run"
+            message(
+                "error.has_samples_the_trajectory",
+                where=run.passes[0].source,
+                n_time_s=len(lengths.time_s),
+                n_time_s2=len(trajectory.time_s),
+            )
         )
     reconstruction = prepare(aligned, constraint, repeatability_mm)
     # as they were used: some counts are not, and those of restored channels are

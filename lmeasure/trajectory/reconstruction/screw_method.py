@@ -379,12 +379,12 @@ def reconstruction_of(model: RunModel) -> Reconstruction:
     on = np.abs(se3.apply(start, drawn[:, ATTACHMENT_XYZ]) - drawn[:, BASE_XYZ]).max(axis=1) == 0.0
     if on.any():
         lost = rig.cable[int(np.argmax(on))]
-        raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
+        raise GeometryError(message("error.start_cable_lies_on", name=lost.name, to_point=lost.to_point, from_point=lost.from_point))
     if not np.isfinite(span_rows(rows, start[None])[0]).all():
         try:
             span_lengths(rig, start[None, :], rig.observed)
         except GeometryError as error:
-            raise GeometryError(f"start {error}") from None
+            raise GeometryError(message("error.start_2", error=error)) from None
     budget, state = Budget(model), new_run_state(model)
     _ = model.loose_zeros
     fresh = Reconstruction(model, budget, state, compiled=False)
@@ -393,7 +393,7 @@ def reconstruction_of(model: RunModel) -> Reconstruction:
     )
     if status[0] != Status.OK:
         split = split_at(scheme.rows, zero_pose, scheme.free_index, np.sqrt(budget.length_variance))
-        raise TrajectoryError(f"start: {_CAUSES[Status(status[0])]}; not determined: {split.lost.said}")
+        raise TrajectoryError(message("error.start_not_determined", causes=_CAUSES[Status(status[0])], said=split.lost.said))
     notes: list[Message] = []
     if scheme.point:
         notes.append(message("scheme.point", point=scheme.point))
@@ -425,10 +425,7 @@ def _check_side(budget: Budget, angle: float) -> None:
     probes = np.stack([start, *(se3.displaced(start, way * split.twist) for way in (reach, -reach))])
     sides = np.sign(np.linalg.det(span_rows(scheme.rows, probes)[1]))
     if not (sides == sides[0]).all():
-        raise TrajectoryError(
-            f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(angle):.1f} deg at the "
-            f"stated one; badly seen: {split.lost.said}): in which of two assemblies the run is cannot be determined"
-        )
+        raise TrajectoryError(message("error.start_within_its_uncertainty", angle=np.degrees(angle), said=split.lost.said))
 
 
 def new_run_state(model: RunModel) -> FloatArray:

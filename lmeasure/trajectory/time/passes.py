@@ -91,12 +91,12 @@ def align(run: Run | Alignment) -> Alignment:
         edges = first.rising(), later.rising()
         if len(edges[0]) != len(edges[1]):
             raise TrajectoryError(
-                f"{later.source}: pass {number} has {len(edges[1])} rising sync edges, pass 1 has {len(edges[0])}: not the same motion"
+                message("error.pass_has_rising_sync", where=later.source, number=number, n_edges=len(edges[1]), n_edges2=len(edges[0]))
             )
         u_stamp = float(np.hypot(both[0].u_time_s, both[1].u_time_s))
         shift, rate, u = _clock(edges[0], edges[1], _period(first), _period(later), u_stamp)
         if not abs(rate - 1.0) <= CLOCKS:
-            raise TrajectoryError(f"{later.source}: pass {number}: its clock runs {rate:.6f} times pass 1's: not the same motion")
+            raise TrajectoryError(message("error.pass_its_clock_runs", where=later.source, number=number, rate=rate))
         if len(edges[0]) == 0:
             notes.append(message("passes.no_sync", number=number))
         elif shift or rate != 1.0:
@@ -188,12 +188,10 @@ def _same_motion(first: Counts, later: Counts, number: int) -> None:
         lag = spans[1][i] - spans[0][i]
         if abs(lag) > LAG_S:
             side = "after" if lag > 0 else "before"
-            raise TrajectoryError(f"{later.source}: pass {number} {what} to move {abs(lag):.3f} s {side} pass 1: not the same motion")
+            raise TrajectoryError(message("error.pass_to_move_s", where=later.source, number=number, what=what, lag=abs(lag), side=side))
     (own, k), (other, later_k) = speeds
     on_first = np.interp(first.time_s[:-k], later.time_s[:-later_k], other)
     if all(s.std() > VARYING * s.mean() for s in (own, on_first)):
         alike = float(np.corrcoef(own, on_first)[0, 1])
         if alike < ALIKE:
-            raise TrajectoryError(
-                f"{later.source}: pass {number}: its profile of speed is not that of pass 1 (correlation {alike:.2f}): not the same motion"
-            )
+            raise TrajectoryError(message("error.pass_its_profile_of", where=later.source, number=number, alike=alike))

@@ -182,9 +182,7 @@ def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArr
     loose = np.flatnonzero(zeros_of(rig, record) > LOOSE_RAD)
     if len(loose) and len(rig.observed) - len(loose) < free:
         determined = ", ".join(rig.observed[j].channel for j in loose)
-        raise TrajectoryError(
-            f"the zero of {determined} is not known, and the other channels do not tell the pose without it: state zero_deg"
-        )
+        raise TrajectoryError(message("error.the_zero_of_is", determined=determined))
     return loose
 
 
