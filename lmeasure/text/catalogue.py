@@ -123,7 +123,7 @@ class Writer(string.Formatter):
             return (texts(self.language)["number.between"] if _are_numbers(value) else ", ").join(several)
         if value is None:
             return "–"
-        if hasattr(value, "text"):
+        if callable(getattr(value, "text", None)):
             return format(str(value.text(self.language)), format_spec)
         if format_spec[-1:] in "s<>^" or format_spec.lstrip("<>^").isdigit():
             return format(str(value), format_spec)

@@ -105,7 +105,7 @@ def _signed(folder: Path, path: Path, entries: "tuple[Entry, ...]") -> "tuple[En
     if keys and any(entry.kind == "certificate" for entry in entries):
         seal = check_seal(path)
         if seal.differences:
-            raise CertificationError(message("error.a_changed_certificate_is", where=path, differences=seal.differences[0]))
+            raise CertificationError(message("error.a_changed_certificate_is", where=path, differences=seal.differences[0].line()))
         if seal.signer not in {fingerprint(read_public_key(key)) for key in keys}:
             signer = f"key {seal.signer}" if seal.signer else "nobody"
             raise CertificationError(message("error.is_signed_by_the", where=path, signer=signer, folder=folder / "keys"))

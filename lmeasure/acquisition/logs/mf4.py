@@ -12,6 +12,7 @@ from typing import Any, BinaryIO, cast
 from lmeasure.acquisition.bus.frames import Frames, frames_from_messages
 from lmeasure.acquisition.logs.report import LogFormat, LogReport, checked
 from lmeasure.core import FileFormatError, how_to_install
+from lmeasure.text import message
 
 MESSAGES_AT_ONCE = 20_000
 
@@ -29,8 +30,8 @@ def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
             # this reader, and asammdf beneath it, raise whatever their code runs into on a broken file
             if not report.frames:
                 messages = iter(MF4Reader(cast(Any, file)))
-            for message in itertools.islice(messages, MESSAGES_AT_ONCE):
-                batch.append(checked(message))
+            for one in itertools.islice(messages, MESSAGES_AT_ONCE):
+                batch.append(checked(one))
         except Exception as error:
             broken = _why(error)
         if not batch:
