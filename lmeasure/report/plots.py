@@ -35,7 +35,7 @@ from lmeasure.robots import Identified
 from lmeasure.sensors import Lengths
 from lmeasure.simulation import Simulated
 from lmeasure.structure import Boundary, Described
-from lmeasure.text import Say
+from lmeasure.text import Say, message
 from lmeasure.trajectory import Trajectory
 
 JSON = "application/vnd.plotly.v1+json"

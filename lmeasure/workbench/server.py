@@ -25,9 +25,9 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from lmeasure.core import LMeasureError
-from lmeasure.io import not_written
+from lmeasure.io import not_written, os_reason
 from lmeasure.report import BASE_STYLE, kept
-from lmeasure.text import decimal, number, typed
+from lmeasure.text import decimal, message, number, typed
 from lmeasure.workbench import api, certificates, pages, project_files, register, runs
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused, unread
 from lmeasure.workbench.guard import HERE as LOOPBACK, Door, Guard, secured

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import OtherTrajectoryError
-from lmeasure.text import Message, Say, from_stated, of_terminal
+from lmeasure.text import Message, Say, from_stated, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import (
     COLUMNS,

@@ -215,7 +215,7 @@ def _check(settings: Settings) -> None:
         refuse(settings, "states an orientation without --position-mm", "quaternion")
         refuse(settings, "needs --position-mm, from where it begins", "to_mm", "boundary", "singular")
     if (settings.trajectory is None) != (settings.parts is None):
-        raise SettingsError("trajectory", "goes with --parts FILE.csv, which is written")
+        raise SettingsError("trajectory", message("error.goes_with_parts_file"))
     if settings.boundary is None:
         refuse(settings, "goes with --boundary", "levels", "reach_mm", "limit_deg", "length_mm")
     if settings.file is None:
