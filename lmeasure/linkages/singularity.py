@@ -86,10 +86,12 @@ def gradients(base: FloatArray, body: FloatArray, poses: FloatArray) -> FloatArr
     C, e = cofactors(M), M[..., :3]
     w = C[..., :3] + np.cross(C[..., 3:], base)
     g = (w - (w * e).sum(axis=-1, keepdims=True) * e) / lengths[..., None]
-    halves = np.stack([np.cross(points, g), g], axis=-2)
-    K, size = halves.sum(axis=-3), np.abs(halves).max(axis=(-3, -1))[..., None]
+    K = np.concatenate([np.cross(points, g).sum(axis=-2), g.sum(axis=-2)], axis=-1)
     # what rounding leaves of a sum that vanishes is nothing
-    return np.asarray(np.where(np.abs(K) < ROUNDING * size, 0.0, K).reshape(*K.shape[:-2], 6))
+    size = np.abs(g).max(axis=(-2, -1))
+    far = np.abs(points).max(axis=(-2, -1))
+    least = ROUNDING * np.stack([size * far] * 3 + [size] * 3, axis=-1)
+    return np.where(np.abs(K) < least, 0.0, K)
 
 
 def moved(poses: FloatArray, twists: FloatArray) -> FloatArray:
