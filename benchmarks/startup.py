@@ -1,102 +1,102 @@
-"""How long a user waits: for the help, and for the demo's computation on the first and on the second run.
+"""How long a user waits: for the help, and for a first result on a machine where nothing is compiled, and later.
 
     python benchmarks/startup.py [--write]
 
-The help is the median of several processes, beside a Python that does nothing. The demo runs twice in processes of their own with a kernel
-cache that is empty at first: the difference is what compiling takes; the compilers' own event tells how many functions were compiled.
---write keeps the table in results/startup.md.
+Each command runs in processes of its own, first with an empty cache of kernels, then again after the process in the background has compiled
+what it used. Processor seconds count the command with all its threads and children that it waited for; the process in the background is
+measured apart. --write keeps the table in results/startup.md.
 """
 
 import os
 import platform
-import statistics
-import subprocess
+import re
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from study import options, show
 
-REPEATS = 7
-DEMO = """
-import sys, time
-from pathlib import Path
-begin = time.perf_counter()
-from numba.core import event
-compiled = event.RecordingListener()
-event.register("numba:compile", compiled)
-from lmeasure.demo import demo
-def now():
-    return time.perf_counter(), time.process_time()
+LONGEST_S = 600.0
+"""For which the process in the background is waited for."""
+COMPILED = re.compile(r"compiled now: (.*)")
 
 
-at = {"load the libraries": (begin, 0.0), "load pages and pictures": now()}
-demo(Path(sys.argv[1]), lambda stage, done, of: at.setdefault(stage, now()))
-edges = [*at.values(), now()]
-for stage, first, last in zip(at, edges, edges[1:]):
-    print(f"{stage}\\t{last[0] - first[0]}\\t{last[1] - first[1]}")
-print(f"compile events\\t{sum(e.is_start for _, e in compiled.buffer)}\\t0")
-"""
+def timed(command: list[str], environment: Mapping[str, str], output: Path) -> tuple[float, float]:
+    """Return wall and processor seconds of a process; what it prints goes to a file."""
+    begin = time.perf_counter()
+    to_file = [(os.POSIX_SPAWN_OPEN, n, str(output), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600) for n in (1, 2)]
+    child = os.posix_spawn(command[0], command, environment, file_actions=to_file)
+    _, status, usage = os.wait4(child, 0)
+    if status:
+        sys.exit(f"{' '.join(command)}: {output.read_text()}")
+    return time.perf_counter() - begin, usage.ru_utime + usage.ru_stime
 
 
-def seconds(command: list[str]) -> float:
-    """Median wall time of a process [s]."""
-    times = []
-    for _ in range(REPEATS):
-        begin = time.perf_counter()
-        subprocess.run(command, check=True, capture_output=True)
-        times.append(time.perf_counter() - begin)
-    return statistics.median(times)
+def wait_for_background(cache: Path) -> None:
+    """Wait until no process compiles in the cache any longer."""
+    import fcntl
+
+    until = time.monotonic() + LONGEST_S
+    time.sleep(3.0)
+    while (lock := cache / "beside.lock").exists() and time.monotonic() < until:
+        with lock.open("wb") as turn:
+            try:
+                fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                time.sleep(1.0)
+            else:
+                return
 
 
-def demo(folder: Path, cache: Path) -> dict[str, tuple[float, float]]:
-    """Wall and processor seconds of each stage, and how many functions were compiled."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    done = subprocess.run([sys.executable, "-c", DEMO, str(folder)], check=True, capture_output=True, text=True, env=environment)
-    rows = (line.split("\t") for line in done.stdout.splitlines())
-    return {name: (float(wall), float(cpu)) for name, wall, cpu in rows}
-
-
-def processor_seconds(command: list[str]) -> float:
-    """Processor time of a process [s]."""
-    code = "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True, capture_output=True); "
-    code += "u = resource.getrusage(resource.RUSAGE_CHILDREN); print(u.ru_utime + u.ru_stime)"
-    done = subprocess.run([sys.executable, "-c", code, *command], check=True, capture_output=True, text=True)
-    return float(done.stdout)
+def compiled(output: Path) -> int:
+    """Return how many kernels the command compiled itself, by its own word."""
+    found = COMPILED.search(output.read_text())
+    return 0 if found is None else len([name for name in found[1].split(",") if name.strip()])
 
 
 def main() -> None:
     """Measure, print, and keep when asked."""
     asked = options(__doc__).parse_args()
-    command = [sys.executable, "-m", "lmeasure", "--help"]
-    empty = [sys.executable, "-c", "pass"]
-    bare, helped = seconds(empty), seconds(command)
-    bare_cpu, helped_cpu = processor_seconds(empty), processor_seconds(command)
+    lmeasure = [sys.executable, "-m", "lmeasure"]
     with tempfile.TemporaryDirectory() as scratch:
-        runs = [demo(Path(scratch) / "demo", Path(scratch) / "cache") for _ in range(2)]
-    compiled = [run.pop("compile events")[0] for run in runs]
-    first, second = runs
-    total = [[sum(stage[i] for stage in run.values()) for i in (0, 1)] for run in runs]
-    machine = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+        folder, out = Path(scratch), Path(scratch) / "output"
+        jobs = {
+            "demo": ["demo", "--no-browser", "--out", f"{folder}/demo"],
+            "reconstruct, 15,053 samples": ["reconstruct", f"{folder}/demo/run", "--out", f"{folder}/t.parquet"],
+            "zone, 185,193 poses": [
+                "zone", f"{folder}/demo/run/rig.toml", *(f"--{axis}=-900:900:100" for axis in "xyz"), "--tilt-rad", "0.3",
+                "--tilt-steps", "3", "--out", f"{folder}/zone.nc",
+            ],
+            "calibrate, 20 poses": ["calibrate", f"{folder}/demo/campaign", "--out", f"{folder}/calibration"],
+        }  # fmt: skip
+        rows = []
+        for name, command in (("python -c pass", [sys.executable, "-c", "pass"]), ("lmeasure --help", [*lmeasure, "--help"])):
+            wall, used = min(timed(command, os.environ, out) for _ in range(5))
+            rows.append(f"| `{name}` | | | {wall:.2f} | {used:.2f} |")
+        for number, (name, arguments) in enumerate(jobs.items()):
+            cache = folder / f"cache-{number}"
+            environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+            command = [*lmeasure, *arguments, "-f", "-v"]
+            first = timed(command, environment, out)
+            kernels = compiled(out)
+            wait_for_background(cache)
+            later = min((timed(command, environment, out) for _ in range(2)), key=lambda each: each[1])
+            rows.append(f"| {name} | {first[1]:.2f} | {kernels} | {later[0]:.2f} | {later[1]:.2f} |")
     load = "" if not hasattr(os, "getloadavg") else f", load average {os.getloadavg()[0]:.1f}"
     lines = [
         "# Start-up",
         "",
-        f"`python benchmarks/startup.py --write` on {machine}{load}.",
+        f"`python benchmarks/startup.py --write` on {platform.machine()}, {os.cpu_count()} cores, "
+        f"Python {platform.python_version()}{load}.",
         "",
-        "Processor seconds count all threads and do not depend on what else runs on the machine.",
+        "Processor seconds count all threads. The first run begins with nothing compiled; the last column is the better of two later",
+        "runs.",
         "",
-        "| help | seconds | ratio | processor seconds |",
-        "|---|---:|---:|---:|",
-        f"| `python -c pass` | {bare:.3f} | 1 | {bare_cpu:.3f} |",
-        f"| `lmeasure --help` | {helped:.3f} | {helped / bare:.1f} | {helped_cpu:.3f} |",
-        "",
-        "| demo, each in a process of its own | first run [s] | processor | second run [s] | processor |",
+        "| command | first, processor [s] | kernels it compiled | later, wall [s] | later, processor [s] |",
         "|---|---:|---:|---:|---:|",
-        *(f"| {name} | {first[name][0]:.2f} | {first[name][1]:.2f} | {second[name][0]:.2f} | {second[name][1]:.2f} |" for name in first),
-        f"| all | {total[0][0]:.2f} | {total[0][1]:.2f} | {total[1][0]:.2f} | {total[1][1]:.2f} |",
-        f"| functions compiled | {compiled[0]:.0f} | | {compiled[1]:.0f} | |",
+        *rows,
         "",
     ]
     show(asked, "\n".join(lines), "startup")

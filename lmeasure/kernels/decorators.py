@@ -28,8 +28,10 @@ from lmeasure.kernels.kept_folder import VARIABLE, own_folder
 _FAST = {"contract", "arcp"}
 UNCOMPILED_S = 0.4
 """Processor time: as long a strict kernel may work uncompiled in a process that has no compiled code of it: less than compiling takes."""
-LOADING_S = 0.06
-"""The same where its compiled code is kept and numba is not loaded yet, which takes ten times as long."""
+NUMBA_S = 0.8
+"""As much longer where numba is not loaded yet, and as long where compiled code is kept: loading numba takes about as much."""
+
+
 symbols: dict[str, int] = {}
 """Addresses that compiled code knows by name."""
 
@@ -95,8 +97,7 @@ class StrictKernel(Kernel):
 
     What it calls is compiled apart for it, since a small function keeps the licence of `inline` wherever it is used. A call is computed
     uncompiled (`kernels.uncompiled`) as long as that is sooner than to compile: each kernel has UNCOMPILED_S a process and types of
-    arguments, or LOADING_S where compiled code is kept, until numba is loaded. A call that takes longer is broken off and done again,
-    compiled.
+    arguments, and NUMBA_S until numba is loaded. A call that takes longer is broken off and done again, compiled.
     """
 
     fast, strict = False, True
@@ -122,7 +123,7 @@ class StrictKernel(Kernel):
         if self._left.get(kinds, math.nan) != 0.0:
             if kinds not in self._left:
                 guessed = "numba" not in sys.modules and self._keeps_some()
-                self._left[kinds] = LOADING_S if guessed else self._allowed(arguments)
+                self._left[kinds] = NUMBA_S if guessed else self._allowed(arguments)
                 if guessed:
                     self._guessed.add(kinds)
             result = self._uncompiled(kinds, arguments)
@@ -152,7 +153,7 @@ class StrictKernel(Kernel):
     def _allowed(self, arguments: tuple[Any, ...]) -> float:
         """Processor time for calls with arguments of these types: none where their compiled code is kept."""
         if not self._keeps_some():
-            return self._uncompiled_s
+            return self._uncompiled_s + (NUMBA_S if "numba" not in sys.modules else 0.0)
         from numba import typeof
 
         signature, kept = tuple(map(typeof, arguments)), self.dispatcher._cache
