@@ -5,7 +5,7 @@
 The simulator below shares no code with lmeasure. A world breaks one assumption of the solver. Each rig is calibrated by 20 reference poses,
 and then measures a motion whose start, the calibration's zero pose, is stated to be exact. Both state 20 deg C. "stated": rig.toml
 and reference_poses.csv state the typical size of every effect that the world has, and 0 of the others; "unstated": they state nothing. A
-world that is broken beyond its sizes states the typical ones.
+world that is broken beyond its sizes states the typical ones. "exact": the plain fit, with stated references and nothing else uncertain.
 
 inside: share of measured positions in the 95 % region; u: stated standard uncertainty of a coordinate [mm]; refused: exit with a message.
 """
@@ -30,7 +30,7 @@ SIZES = {
     "u_swivel_offset_mm": 0.05, "u_attachment_mm": 0.3, "u_backlash_counts": 1.0, "u_friction_counts": 4.0,
 }  # fmt: skip
 """Typical sizes, by the keys of rig.toml."""
-MODES = ("stated", "unstated")
+MODES = ("stated", "unstated", "exact")
 
 
 @dataclass(frozen=True)

@@ -73,10 +73,12 @@ def sizes(
 ) -> Sizes:
     """Return the sizes of groups of errors, parts (e, e) of the covariance of residuals r (e,) at their typical sizes, beside V (e, e).
 
-    J (e, p): derivatives by what is free; sweeps: number of draws, 0 for the mode alone; begun: sizes that are near the mode.
+    J (e, p): derivatives by what is free; sweeps: number of draws, 0 for the mode alone; begun: sizes near the mode.
     """
     loss = _Restricted(r, J, V, parts)
-    x = _mode(loss, np.zeros(len(parts)) if begun is None else np.log(begun.size))
+    x = np.zeros(len(parts)) if begun is None else np.log(begun.size)
+    if begun is None or not sweeps:
+        x = _mode(loss, x)
     if not sweeps:
         return Sizes(np.exp(x), np.exp(x)[None])
     # a step crosses the range in which the density is of the order of its mode's

@@ -19,7 +19,9 @@ from lmeasure.rig import TYPICAL_SIZES, Rig
 from lmeasure.sensors import BACKLASH, Variable
 
 ROUNDS = 4
-SWEEPS = 48
+SWEEPS = 40
+NEAR = 3.0
+"""Standard uncertainties by which a fit may move and its laws be the same."""
 PLAY = "play"
 
 
@@ -61,7 +63,7 @@ def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | Non
     moved = math.inf
     # the first rounds need the mode alone; errors far from the typical ones move the fit, and with it their laws
     for sweeps in (*(0,) * ROUNDS, SWEEPS):
-        if not sweeps and moved < 1.0:
+        if not sweeps and moved < NEAR:
             continue
         V, parts = _components(model, found)
         drawn = sizes(found.residuals, found.determined, V, list(parts.values()), begun=begun, sweeps=sweeps, seed=seed)
