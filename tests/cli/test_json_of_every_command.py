@@ -55,6 +55,7 @@ SLOW = (
     "check --rig run/rig.toml --bus replay:drive.log",
     "play run/rig.toml --bus udp_multicast:239.74.211.9",
     "reconstruct run --out t.parquet --rerun t.rrd",
+    "batch reconstruct run --out fleet",
     "motion t.parquet --out m.csv",
     "report t.parquet --out page",
     "calibrate poses --out calibrated",
@@ -77,10 +78,10 @@ SERVING = {"view", "workbench"}
 UNIT = re.compile(r"_(mm3?|m3|mm_s|deg|rad|s|counts)$")
 COUNTED = [
     "adapters", "added", "apart", "assumed", "cables", "capable", "certificates", "characteristics", "checks", "compared",
-    "complex_assemblies", "corrected", "counters", "counter_like", "determinant", "differences", "directions_determined", "entries",
-    "equations", "failed", "faults", "figures", "frames", "frames_lost", "freedoms", "identifiers", "known", "laboratories", "left_out",
+    "complex_assemblies", "corrected", "counters", "counter_like", "determinant", "differences", "directions_determined", "done", "entries",
+    "equations", "failed", "faults", "figures", "frames", "frames_lost", "freedoms", "identifiers", "items", "known", "laboratories", "left_out",
     "lines", "links", "minutes", "nodes", "nodes_in_zone", "not_compared", "overdue", "passes", "poses", "rank", "readings", "recorded",
-    "reference_poses", "results", "rigs_tried", "samples", "unknowns", "unread", "with_a_pose",
+    "reference_poses", "results", "rigs_tried", "samples", "unchanged", "unknowns", "unread", "with_a_pose",
 ]  # fmt: skip
 RATIOS = ["largest_e_n", "largest_relative_difference", "nearness", "positions_inside_95", "rotations_inside_95", "usable_part"]
 
