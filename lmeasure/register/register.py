@@ -9,6 +9,7 @@ PostgreSQL, so that several machines may share a register.
 
 import datetime
 import hashlib
+import itertools
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
@@ -27,6 +28,8 @@ except ModuleNotFoundError as error:
     raise LMeasureError(message("error.a_register_needs_sqlalchemy", install=how_to_install("database"))) from error
 
 FILE = "register.sqlite"
+AT_ONCE = 500
+"""Documents that are written together."""
 VERSION = 1
 ORIGIN = "0" * 64
 """The hash before the first row."""
@@ -127,19 +130,27 @@ class Register:
                 connection.exec_driver_sql("LOCK TABLE entry IN EXCLUSIVE MODE")
             last = connection.execute(sa.select(_entry.c.number, _entry.c.hash).order_by(_entry.c.number.desc()).limit(1)).first()
             number, before = (0, ORIGIN) if last is None else (last.number, last.hash)
-            for entry in entries:
-                if connection.execute(sa.select(_entry.c.number).where(_entry.c.digest == entry.digest)).first() is not None:
-                    continue
-                number, before = number + 1, _chained(before, entry, moment, who)
-                row = {"number": number, "kind": entry.kind, "digest": entry.digest, "path": entry.path, "subject": entry.subject}
-                row |= {"made": entry.made.isoformat(), "settings": dict(entry.settings), "added": moment, "who": who, "hash": before}
-                connection.execute(_entry.insert().values(**row))
-                results = [{"entry": number, "name": n, "value": r.value, "u": r.u, "unit": r.unit} for n, r in entry.results.items()]
-                if results:
-                    connection.execute(_result.insert(), results)
-                if entry.uses:
-                    connection.execute(_use.insert(), [{"entry": number, "digest": d} for d in dict.fromkeys(entry.uses)])
-                added.append(entry)
+            left, known = iter(entries), set[str]()
+            while part := tuple(itertools.islice(left, AT_ONCE)):
+                there = sa.select(_entry.c.digest).where(_entry.c.digest.in_([entry.digest for entry in part]))
+                known |= set(connection.execute(there).scalars())
+                rows: dict[Any, list[dict[str, Any]]] = {_entry: [], _result: [], _use: []}
+                for entry in part:
+                    if entry.digest in known:
+                        continue
+                    known.add(entry.digest)
+                    number, before = number + 1, _chained(before, entry, moment, who)
+                    row = {"number": number, "kind": entry.kind, "digest": entry.digest, "path": entry.path, "subject": entry.subject}
+                    row |= {"made": entry.made.isoformat(), "settings": dict(entry.settings), "added": moment, "who": who, "hash": before}
+                    rows[_entry].append(row)
+                    rows[_result] += [
+                        {"entry": number, "name": n, "value": r.value, "u": r.u, "unit": r.unit} for n, r in entry.results.items()
+                    ]
+                    rows[_use] += [{"entry": number, "digest": d} for d in dict.fromkeys(entry.uses)]
+                    added.append(entry)
+                for table, new in rows.items():
+                    if new:
+                        connection.execute(table.insert(), new)
         return tuple(added)
 
     def subjects(self) -> tuple[Subject, ...]:
