@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from lmeasure.core import FloatArray
+from lmeasure.core import FloatArray, IntArray
 from lmeasure.iso9283.characteristic import Contribution
 from lmeasure.iso9283.figure import Function, Subject
 from lmeasure.trajectory import ErrorSource, PoseErrors
@@ -228,39 +228,54 @@ def _blocks(parts: Mapping[Subject, Part], rng: np.random.Generator, *, joint: b
     uniform, counted = (np.pad(np.array(of, dtype=np.bool_), (0, columns - len(of))) for of in (widest.uniform, widest.counted))
     kinds = [_Kind(s, _law(u), c) for s, u, c in zip(widest.named()[2], uniform.tolist(), counted.tolist(), strict=True)]
     yield _Block({k: np.pad(e, ((0, columns - len(e)), (0, 0), (0, 0))) for k, e in shared.items()}, kinds)
+    points = max(sum(len(p.errors) for p in parts.values()), 1)
+    at_once = int(np.clip(POINTS_AT_ONCE // points, 1, LINEAR_TRIALS))
     for which, random in ((0, True), (1, False)):
-        single = {k: _own_directions(p.errors, which, rng, drawn=joint) for k, p in parts.items()}
-        named = {k: (parts[k].errors.named()[which], _law(parts[k].errors.rounded)) for k in parts}
-
-        def kind(k: Subject, draws: bool, random: bool = random, named: Any = named) -> _Kind:
-            source, law = named[k]
-            return _Kind(source._replace(degrees_of_freedom=float(LINEAR_TRIALS)) if draws else source, law, random)
-
         if joint:
-            yield _Block({k: e for k, (e, _) in single.items()}, [kind(next(iter(parts)), True)] * LINEAR_TRIALS)
+            source, law = _named(next(iter(parts.values())).errors, which, drawn=True)
+            for first in range(0, LINEAR_TRIALS, at_once):
+                number = min(at_once, LINEAR_TRIALS - first)
+                errors = {k: _drawn_directions(p.errors, which, rng, number) for k, p in parts.items()}
+                yield _Block(errors, [_Kind(source, law, random)] * number)
             continue
-        for k, (e, draws) in single.items():
+        for k, part in parts.items():
+            columns, place = _own(part.errors, which)
+            drawn = (int(place.max(initial=-1)) + 1) * columns.shape[2] > LINEAR_TRIALS
+            e = _drawn_directions(part.errors, which, rng, LINEAR_TRIALS) if drawn else _single_directions(columns, place)
             if len(e):
-                yield _Block({k: e}, [kind(k, draws)] * len(e), k)
+                source, law = _named(part.errors, which, drawn=drawn)
+                yield _Block({k: e}, [_Kind(source, law, random)] * len(e), k)
 
 
 def _law(uniform: bool) -> Literal["normal", "rectangular"]:
     return "rectangular" if uniform else "normal"
 
 
-def _own_directions(e: PoseErrors, which: int, rng: np.random.Generator, *, drawn: bool) -> tuple[FloatArray, bool]:
-    """Return errors (T, n, 6) by the variables of `own` or `local` (which 0 or 1), one at a time, or draws whose squares add up alike; and
-    whether they are draws."""
-    columns, place = (e.own, np.arange(len(e))) if which == 0 else (e.local, e.place)
+def _named(e: PoseErrors, which: int, *, drawn: bool) -> tuple[ErrorSource, Literal["normal", "rectangular"]]:
+    own, local, _ = e.named()
+    source = local if which else own
+    return (source._replace(degrees_of_freedom=float(LINEAR_TRIALS)) if drawn else source), _law(e.rounded)
+
+
+def _own(e: PoseErrors, which: int) -> tuple[FloatArray, IntArray]:
+    """Return the columns (n, 6, q) and places (n,) of `own` or `local`, which 0 or 1."""
+    return (e.own, np.arange(len(e))) if which == 0 else (e.local, e.place)
+
+
+def _single_directions(columns: FloatArray, place: IntArray) -> FloatArray:
+    """Return errors (T, n, 6) by the variables of columns (n, 6, q), each drawn once for a place (n,), one at a time."""
     n, _, q = columns.shape
-    places = int(place.max()) + 1 if n else 0
-    if drawn or places * q > LINEAR_TRIALS:
-        z = e.drawn(rng, (LINEAR_TRIALS, places, q)) / np.sqrt(LINEAR_TRIALS)
-        return np.einsum("nij,tnj->tni", columns, z[:, place], optimize=True), True
-    every = np.zeros((places, q, n, 6))
-    every[place, :, np.arange(n)] = np.swapaxes(columns, 1, 2)
-    out = every.reshape(places * q, n, 6)
-    return out[(np.abs(out) > NO_ERROR).any(axis=(1, 2))], False
+    out = np.zeros((int(place.max(initial=-1)) + 1, q, n, 6))
+    out[place, :, np.arange(n)] = np.swapaxes(columns, 1, 2)
+    every: FloatArray = out.reshape(-1, n, 6)
+    return every[(np.abs(every) > NO_ERROR).any(axis=(1, 2))]
+
+
+def _drawn_directions(e: PoseErrors, which: int, rng: np.random.Generator, number: int) -> FloatArray:
+    """Return errors (number, n, 6) of which LINEAR_TRIALS have squares that add up as those by single variables."""
+    columns, place = _own(e, which)
+    z = e.drawn(rng, (number, int(place.max(initial=-1)) + 1, columns.shape[2])) / np.sqrt(LINEAR_TRIALS)
+    return np.asarray(np.einsum("nij,tnj->tni", columns, z[:, place], optimize=True))
 
 
 def _row(kind: _Kind, derivatives: list[float]) -> Contribution:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.optimize
-import scipy.stats
+from scipy.special import ndtr
 
 from lmeasure.core import CertificationError, FloatArray
 from lmeasure.text import message
@@ -41,8 +41,7 @@ class Forecast:
     def probability_within(self, time: float, lower: float, upper: float) -> float:
         """Return the probability that the value is within limits at a time."""
         mean, sigma = self.at(time)
-        norm = scipy.stats.norm
-        return float(self.weights @ (norm.cdf((upper - mean) / sigma) - norm.cdf((lower - mean) / sigma)))
+        return float(self.weights @ (ndtr((upper - mean) / sigma) - ndtr((lower - mean) / sigma)))
 
     def interval(self, time: float, probability: float = PROBABILITY) -> tuple[float, float]:
         """Return the interval that holds the value at a time with a probability, its tails alike."""
@@ -50,7 +49,7 @@ class Forecast:
         low, high = float((mean - 12.0 * sigma).min()), float((mean + 12.0 * sigma).max())
 
         def quantile(q: float) -> float:
-            return float(scipy.optimize.brentq(lambda x: self.weights @ scipy.stats.norm.cdf((x - mean) / sigma) - q, low, high))
+            return float(scipy.optimize.brentq(lambda x: self.weights @ ndtr((x - mean) / sigma) - q, low, high))
 
         tail = 0.5 * (1.0 - probability)
         return quantile(tail), quantile(1.0 - tail)
@@ -101,6 +100,7 @@ def forecast(times: FloatArray, values: FloatArray, u: FloatArray) -> Forecast:
         return float(log), line, C, W
 
     fits = [fitted(q) for q in walks]
+    weighed = [(A.T @ W, W @ (x - A @ line)) for _, line, _, W in fits]
     logs = np.array([f[0] for f in fits])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
@@ -108,11 +108,11 @@ def forecast(times: FloatArray, values: FloatArray, u: FloatArray) -> Forecast:
     def at(time: float) -> tuple[FloatArray, FloatArray]:
         later = time - begin
         means, sigmas = np.empty(len(walks)), np.empty(len(walks))
-        for i, (q, (_, line, C, W)) in enumerate(zip(walks, fits, strict=True)):
+        for i, (q, (_, line, C, W), (AW, left)) in enumerate(zip(walks, fits, weighed, strict=True)):
             c = q * np.minimum(s, later)
             row = np.array([1.0, later])
-            rest = row - A.T @ W @ c
-            means[i] = row @ line + c @ W @ (x - A @ line)
+            rest = row - AW @ c
+            means[i] = row @ line + c @ left
             sigmas[i] = np.sqrt(max(q * later - c @ W @ c + rest @ C @ rest, 0.0))
         return means, np.maximum(sigmas, 1e-12 * (1.0 + np.abs(means)))
 

@@ -29,7 +29,7 @@ except ModuleNotFoundError as error:
 
 FILE = "register.sqlite"
 AT_ONCE = 500
-"""Documents that are written together."""
+"""Documents that are read or written together."""
 VERSION = 1
 ORIGIN = "0" * 64
 """The hash before the first row."""
@@ -246,11 +246,10 @@ class Register:
         numbers = [row.number for row in rows]
         results: dict[int, dict[str, Result]] = {}
         uses: dict[int, list[str]] = {}
-        for part in (numbers[i : i + 10_000] for i in range(0, len(numbers), 10_000)):
-            span = (min(part), max(part))
-            for r in connection.execute(sa.select(_result).where(_result.c.entry.between(*span))):
+        for part in (numbers[i : i + AT_ONCE] for i in range(0, len(numbers), AT_ONCE)):
+            for r in connection.execute(sa.select(_result).where(_result.c.entry.in_(part))):
                 results.setdefault(r.entry, {})[r.name] = Result(r.value, r.u, r.unit)
-            for r in connection.execute(sa.select(_use).where(_use.c.entry.between(*span))):
+            for r in connection.execute(sa.select(_use).where(_use.c.entry.in_(part))):
                 uses.setdefault(r.entry, []).append(r.digest)
         for row in rows:
             made, used = datetime.date.fromisoformat(row.made), tuple(uses.get(row.number, ()))
