@@ -168,7 +168,7 @@ def test_buses(tmp_path: Path) -> None:
         m.channel = 1
     both = sorted(log + twin, key=lambda m: m.timestamp)
     path = write(tmp_path / "both.blf", both)
-    with pytest.raises(AcquisitionError, match=r"both\.blf: (channel ch1|SYNC) stands on buses 0, 1; name one with --bus"):
+    with pytest.raises(AcquisitionError, match=r"both\.blf: (channel ch1|SYNC) is on buses 0, 1; name one with --bus"):
         import_logs([path], six_cables(), START_POSE)
     for bus, alone in (("0", log), ("1", twin)):
         found = import_logs([path], six_cables(), START_POSE, bus=bus).run.passes[0].recorded

@@ -220,7 +220,7 @@ def test_what_nothing_can_judge_is_refused() -> None:
     with pytest.raises(CalibrationError, match=r"counts.csv: pose 5: 5 counted cables cannot tell its 6 unknowns; leave it out"):
         calibrate(replace(campaign, counts=few), SELF)
     rig = campaign.rig.model_copy(update={"tool": campaign.rig.tool | {"P3": campaign.rig.tool["P2"]}})
-    with pytest.raises(CalibrationError, match="--self: the attachment points P1, P2, P3 lie on one line, and no length tells"):
+    with pytest.raises(CalibrationError, match="--self: the attachment points P1, P2, P3 lie on one line, and no length shows"):
         calibrate(replace(campaign, rig=rig), SELF)
 
 

@@ -114,11 +114,11 @@ def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, opt
 @pytest.mark.parametrize(
     ("tolerances", "reported"),
     [
-        ('[[tolerance]]\ncharacteristic = "AP_q"\nupper = 1.0\n', "tolerance of AP_q: no characteristic is held against it"),
+        ('[[tolerance]]\ncharacteristic = "AP_q"\nupper = 1.0\n', "tolerance of AP_q: no characteristic is compared with it"),
         ('[[tolerance]]\ncharacteristic = "AP_p"\npath = "line"\nupper = 1.0\n', "tolerance of AP_p at line: no characteristic"),
         (
             '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 1.0\n[[tolerance]]\ncharacteristic = "AP_p"\npose = "P2"\nupper = 2.0\n',
-            "tolerance of AP_p at P2: no characteristic is held against it: none has that name there, or a tolerance before it takes all",
+            "tolerance of AP_p at P2: no characteristic is compared with it: none has that name there, or a tolerance before it takes all",
         ),
     ],
 )

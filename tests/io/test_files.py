@@ -85,8 +85,8 @@ def test_a_cell_that_is_no_number_is_named(tmp_path: Path, rows: bytes, line: st
 TABLES = [
     (b"", "is empty"),
     (b"\n\n \n", "is empty"),
-    (b"time_s,ch1,ch1\n0,1,2\n", "column 'ch1' stands twice"),
-    (b"time_s,ch1, ch1\n0,1,2\n", "column 'ch1' stands twice"),
+    (b"time_s,ch1,ch1\n0,1,2\n", "column 'ch1' occurs twice"),
+    (b"time_s,ch1, ch1\n0,1,2\n", "column 'ch1' occurs twice"),
     (b"time_s,,ch1\n0,1,2\n", "column number 2 has no name"),
     (HEAD + b"0,1\n", ":2: has 2 cells, the first line 3"),
     (HEAD + b"0,1,2,3\n", ":2: has 4 cells, the first line 3"),

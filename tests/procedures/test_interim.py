@@ -156,7 +156,7 @@ def test_what_is_no_check_is_refused() -> None:
     with pytest.raises(TrajectoryError, match="P9' is none of the places"):
         check_instrument(run, (Distance("P1", "P9", 1.0, 0.1),), LIMITS)
     short = replace(run, passes=tuple(replace(p, time_s=p.time_s[:20], recorded=p.recorded[:20]) for p in run.passes))
-    with pytest.raises(TrajectoryError, match=r"stands still \d time"):
+    with pytest.raises(TrajectoryError, match=r"is at rest \d time"):
         check_instrument(short, (), LIMITS)
 
 

@@ -58,7 +58,7 @@ FILES = [
     ("time_s,ch1\n0,1\n1,12abc\n", ":3: ch1: must be a number, is '12abc'"),
     ("time_s,ch1,sync\n0,1,0\n1,1,2\n", "sample 1: sync = 2; it must be 0 or 1"),
     ("time_s,ch1,sync\n0,1,0\n1,1,\n", ":3: sync: is empty"),
-    ("time_s,ch1,ch1\n0,1,2\n", "column 'ch1' stands twice"),
+    ("time_s,ch1,ch1\n0,1,2\n", "column 'ch1' occurs twice"),
 ]
 
 

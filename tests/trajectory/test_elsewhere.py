@@ -177,7 +177,7 @@ def test_what_cannot_be_read_is_named(name: str, text: str, determined: str, tmp
             "speed=x_mm: .*a.csv is asked for .* time, .* x, y, z, and controllers' angles, not for speed",
         ),
         ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n", "roll=x_mm", "not for roll"),
-        ("a.tum", "0 1 2 3 0 0 0 1\n", "x=X", "a.tum is a TUM file, which says itself what stands where"),
+        ("a.tum", "0 1 2 3 0 0 0 1\n", "x=X", "a.tum is a TUM file, which states itself what its columns are"),
         ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3,4\n", "x=X", "is an EuRoC file"),
     ],
 )

@@ -110,7 +110,7 @@ LAYOUTS = {
     "numbers alone": Layout(text("0.0,400.0,-1100.0,300.0", T, *P.T), columns="time=0.0[s],x=400.0,y=-1100.0,z=300.0", refused="line 1 holds numbers, and no line above it names"),
     "titles before the header": Layout(text("Project: A\nStation,1\n\ntime_s,x_mm,y_mm,z_mm", T, *P.T), turned=False),
     "an index without a name, columns twice": Layout(text(",time_s,x_mm,y_mm,z_mm,note,note", T, T, *P.T, T, T), turned=False),
-    "x twice": Layout(text("time_s,x_mm,x_mm,y_mm,z_mm", T, X, X, Y, Z), refused="column 'x_mm' stands twice"),
+    "x twice": Layout(text("time_s,x_mm,x_mm,y_mm,z_mm", T, X, X, Y, Z), refused="column 'x_mm' occurs twice"),
     "TUM in a text file": Layout(text("# timestamp tx ty tz qx qy qz qw", T, *(P.T / 1e3), *Q.T, mark=" "), name="t.txt"),
     "TUM without a header": Layout("\n".join(rows(T, *(P.T / 1e3), *Q.T, mark=" ")) + "\n", name="t.txt"),
     "EuRoC in microseconds": Layout(text("#timestamp [us],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []", 1e6 * T, *(P.T / 1e3), Q[:, 3], *Q.T[:3])),
