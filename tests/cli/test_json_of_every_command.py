@@ -79,7 +79,8 @@ UNIT = re.compile(r"_(mm3?|m3|mm_s|deg|rad|s|counts)$")
 COUNTED = [
     "adapters", "added", "apart", "assumed", "cables", "capable", "certificates", "characteristics", "checks", "compared",
     "complex_assemblies", "corrected", "counters", "counter_like", "determinant", "differences", "directions_determined", "done", "entries",
-    "equations", "failed", "faults", "figures", "frames", "frames_lost", "freedoms", "identifiers", "items", "known", "laboratories", "left_out",
+    "equations", "failed", "faults", "figures", "frames", "frames_lost", "freedoms", "identifiers", "items", "known", "laboratories",
+    "left_out",
     "lines", "links", "minutes", "nodes", "nodes_in_zone", "not_compared", "overdue", "passes", "poses", "rank", "readings", "recorded",
     "reference_poses", "results", "rigs_tried", "samples", "unchanged", "unknowns", "unread", "with_a_pose",
 ]  # fmt: skip
