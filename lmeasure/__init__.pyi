@@ -13,6 +13,7 @@ from .api import (
     plot as plot,
     read_log as read_log,
     reconstruct as reconstruct,
+    reconstruct_curve as reconstruct_curve,
     simulate as simulate,
     verify as verify,
     zone as zone,
@@ -63,9 +64,12 @@ from .sensors import (
 )
 from .structure import Described as Described
 from .trajectory import (
+    Curve as Curve,
+    Instants as Instants,
     PoseCovariances as PoseCovariances,
     Trajectory as Trajectory,
     covariances as covariances,
     read_trajectory as read_trajectory,
+    write_curve as write_curve,
     write_trajectory as write_trajectory,
 )

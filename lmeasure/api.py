@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lmeasure.simulation import Scenario, Simulated, SimulatedCampaign, SimulatedRun
     from lmeasure.structure import Described, Linkage, Workspace
     from lmeasure.text import Message
-    from lmeasure.trajectory import Alignment, ErrorModel, Reconstruction, Trajectory
+    from lmeasure.trajectory import Alignment, Curve, ErrorModel, Reconstruction, Trajectory
 
 File = Path | str
 Steps = Callable[[int, int], None]
@@ -156,6 +156,47 @@ def reconstruct(
     return trajectory_reconstruct(
         _run(run, rig), constraint, repeatability_mm, trials, seed=seed, progress=progress, covariances=covariances, judge=explained
     )
+
+
+def reconstruct_curve(
+    run: "Run | Alignment | SimulatedRun | Simulated | File",
+    constraint: str | None = None,
+    *,
+    spacing_s: float | None = None,
+    rig: "Rig | Calibration | File | None" = None,
+) -> "tuple[Trajectory, Curve]":
+    """Compute the tool's trajectory in continuous time: poses, velocities and accelerations at any time, with covariances.
+
+    Parameters
+    ----------
+    run
+        Run folder, run read by `read_run` or `read_log`, or the result of `simulate`; of one pass.
+    constraint
+        "planar" or "vertical-axis": motion that the mechanism allows. It replaces the rig's own constraint.
+    spacing_s
+        Interval of the curve's knots [s]; None: chosen from the readings.
+    rig
+        Rig, with its calibration, that replaces the run's own.
+
+    Returns
+    -------
+    tuple[Trajectory, Curve]
+        Trajectory at the samples, with short gaps bridged, and the curve.
+
+    Raises
+    ------
+    LMeasureError
+        If the counts cannot determine the poses or a curve. The message names sample, cable and limit.
+
+    Examples
+    --------
+    >>> trajectory, curve = lm.reconstruct_curve(simulated, rig=calibration)
+    >>> trajectory.poses.shape, curve.at(0.1).rates.shape
+    ((58, 7), (1, 4, 6))
+    """
+    from lmeasure.trajectory import reconstruct_curve as trajectory_reconstruct_curve
+
+    return trajectory_reconstruct_curve(_run(run, rig), constraint, spacing_s=spacing_s, judge=explained)
 
 
 def explained(reconstruction: "Reconstruction") -> "tuple[Message, ...]":

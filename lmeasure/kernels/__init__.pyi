@@ -130,6 +130,12 @@ from .screw import (
     solve_poses as solve_poses,
 )
 from .search import best_of as best_of, descend as descend
+from .spline import (
+    band_inverse as band_inverse,
+    spline_covariances as spline_covariances,
+    spline_equations as spline_equations,
+    spline_poses as spline_poses,
+)
 from .travel import last_travel as last_travel
 from .uncompiled import tile as tile, used as used, wanted as wanted
 from .zone import (

@@ -1,6 +1,6 @@
 """Recorded counts of one pass, and what a finite counter hides: wraps, jumps, gaps."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ from lmeasure.kernels import BELIEVED_AT, FOLLOWED, FOREIGN, PAUSE, STATE, UNSUR
 from lmeasure.text import message
 
 INFERRED_BITS = (16, 24, 32)
+STAMPS = "_time_s"
+"""Behind the name of a channel: the column of its own times."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -42,6 +44,8 @@ class Counts(Shown):
     """(n,) temperature of cables, drums and frame [°C]; None: not recorded."""
     first: int = 0
     """Number of the first sample in the file, for messages."""
+    stamp_s: FloatArray | None = None
+    """(n, m) times of each channel's own frames [s], increasing; None: the sample's time."""
 
     def about(self) -> dict[str, str]:
         """Samples and channels."""
@@ -71,6 +75,16 @@ class Counts(Shown):
                     time_s2=float(self.time_s[i]),
                 )
             )
+        if self.stamp_s is not None:
+            if self.stamp_s.shape != self.recorded.shape:
+                shapes = {"shape": str(self.stamp_s.shape), "counts": str(self.recorded.shape)}
+                raise FileFormatError(message("counts.stamps_shape", where=self.source, **shapes))
+            behind = np.argwhere(~(np.diff(self.stamp_s, axis=0) > 0))
+            if len(behind):
+                i, j = (int(k) for k in behind[0])
+                times = {"time_s": float(self.stamp_s[i + 1, j]), "before_s": float(self.stamp_s[i, j])}
+                column, row = self.channels[j] + STAMPS, self.first + i + 1
+                raise FileFormatError(message("counts.stamps_order", where=self.source, sample=row, column=column, **times))
 
     def of(self, channel: str) -> FloatArray:
         """(n,) recorded counts of one channel; FileFormatError names the channels there are."""
@@ -97,6 +111,8 @@ class Counts(Shown):
             out["u_time_s"] = self.u_time_s
         if self.temperature_c is not None:
             out["temperature_c"] = self.temperature_c
+        if self.stamp_s is not None:
+            out |= {channel + STAMPS: self.stamp_s[:, i] for i, channel in enumerate(self.channels)}
         return out
 
 
@@ -106,7 +122,8 @@ def read_counts(path: Path, *, torn: bool = False) -> Counts:
     Parameters
     ----------
     path
-        .csv or .parquet with time_s, one column per channel, optional sync, u_time_s, temperature_c.
+        .csv or .parquet with time_s, one column per channel, optional sync, u_time_s, temperature_c. Where channels were not read together,
+        columns CHANNEL_time_s have the times of their own frames.
     torn
         True accepts a file whose last row is incomplete, as after a power failure.
 
@@ -143,14 +160,22 @@ def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | Non
 
 
 def _counts(table: files.Table) -> Counts:
-    channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS)
+    channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS and not _is_stamp(c, table.columns))
     if not channels:
         raise FileFormatError(message("error.has_no_count_column", where=table.path, columns=", ".join(table.columns)))
-    with table.every_fault(("time_s", "sync", "u_time_s", "temperature_c"), gaps=channels):
-        return _taken(table, channels)
+    stamps = tuple(c + STAMPS for c in channels if c + STAMPS in table.columns)
+    if stamps and len(stamps) < len(channels):
+        lacks = next(c + STAMPS for c in channels if c + STAMPS not in stamps)
+        raise FileFormatError(message("counts.stamps_missing", where=table.path, column=lacks))
+    with table.every_fault(("time_s", "sync", "u_time_s", "temperature_c", *stamps), gaps=channels):
+        return _taken(table, channels, stamps)
 
 
-def _taken(table: files.Table, channels: tuple[str, ...]) -> Counts:
+def _is_stamp(column: str, columns: Collection[str]) -> bool:
+    return column.endswith(STAMPS) and column.removesuffix(STAMPS) in columns
+
+
+def _taken(table: files.Table, channels: tuple[str, ...], stamps: tuple[str, ...]) -> Counts:
     path, sync = table.path, None
     if "sync" in table.columns:
         sync = table.numbers("sync")
@@ -167,7 +192,8 @@ def _taken(table: files.Table, channels: tuple[str, ...]) -> Counts:
     warm = table.numbers("temperature_c") if "temperature_c" in table.columns else None
     if warm is not None:
         conventions.check_temperature(warm, f"{path}: column 'temperature_c'")
-    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew, warm, table.first)
+    own = table.matrix(stamps) if stamps else None
+    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew, warm, table.first, own)
 
 
 def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None = None) -> None:

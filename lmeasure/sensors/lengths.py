@@ -84,6 +84,8 @@ class Lengths(Shown):
     """(n, m) estimated errors of lengths interpolated linearly between samples of a later pass [mm]; None: not interpolated."""
     angles: tuple[bool, ...] = ()
     """(m,) whether a channel reads an angle; empty: all that are no cables do."""
+    frames: tuple[FloatArray, FloatArray] | None = None
+    """(n, m) times [s] of channels that have their own, and by how much their counts exceed `counts`, which are at `time_s`."""
 
     def about(self) -> dict[str, str]:
         """Samples, cables, how far they were drawn."""
@@ -117,6 +119,7 @@ class Lengths(Shown):
             temperature_c=some(self.temperature_c),
             gone_on=some(self.gone_on),
             missed_mm=some(self.missed_mm),
+            frames=None if self.frames is None else (self.frames[0][:, : self.lengths], self.frames[1][:, : self.lengths]),
             reasons=self.reasons[: self.lengths],
             encoders=0,
             angles=self.angles[: self.lengths],
@@ -390,7 +393,8 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     notes: list[Message] = []
     believed: dict[str, dict[str, tuple[Drum | SensorTable, float]]] = {p.source: {} for p in run.passes}
     missed_mm = np.zeros((n, m))
-    others: dict[int, OtherTimes | None] = {}
+    others: dict[tuple[int, int], OtherTimes | None] = {}
+    frames = np.full((n, m), np.nan), np.full((n, m), np.nan)
     skewed = any(p.u_time_s is not None for p in run.passes)
     u_time = np.zeros((n, m)) if skewed else None
     warm = np.empty((n, m)) if any(p.temperature_c is not None for p in run.passes) else None
@@ -398,16 +402,12 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         counts = run.passes[c.passage - 1]
         drum = run.rig.counter(c)
         state = None if counters is None else counters[j]
+        column = counts.channels.index(c.channel) if c.channel in counts.channels else 0
+        at_s = counts.time_s if counts.stamp_s is None else np.ascontiguousarray(counts.stamp_s[:, column])
         # an absolute sensor without codes does not wrap
         fresh = np.zeros(STATE) if state is None and drum.absolute and drum.codes is None else state
         counter = unwrap(
-            counts.of(c.channel),
-            counts.time_s,
-            max_rate=drum.rate,
-            bits=drum.counter_bits,
-            stated=drum.rate_stated,
-            state=fresh,
-            codes=drum.codes,
+            counts.of(c.channel), at_s, max_rate=drum.rate, bits=drum.counter_bits, stated=drum.rate_stated, state=fresh, codes=drum.codes
         )
         if counter.inferred_bits is not None:
             notes.append(message("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
@@ -416,14 +416,18 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         values = counter.counts * drum.count_sign / drum.scale
         way = None if state is None else state[None, STATE:]
         values += -_play(drum, values, way) if isinstance(drum, SensorTable) else _lag(drum, values, way)
-        why = reasons_of(counter, c.channel, drum, counts.time_s)
-        if c.passage > 1:
-            if c.passage not in others:
-                others[c.passage] = other_times(counts.time_s, time_s)
-            times = others[c.passage]
+        why = reasons_of(counter, c.channel, drum, at_s)
+        if c.passage > 1 or at_s is not counts.time_s:
+            key = c.passage, -1 if at_s is counts.time_s else column
+            if key not in others:
+                others[key] = other_times(at_s, time_s)
+            times = others[key]
+            own = values
             if times is not None:
                 values, missed, why = on_time_base(c.passage, times, values, why, drum=drum)
                 missed_mm[:, j] = missed * drum.per_count
+            if c.passage == 1:
+                frames[0][:, j], frames[1][:, j] = at_s, own - values
         gone_on[:, j] = values
         reasons.append(why)
         if u_time is not None and counts.u_time_s is not None:
@@ -435,6 +439,8 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     none, encoders = np.full(n, "", dtype=np.object_), m - len(run.rig.cable)
     whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on, encoders=encoders)
     whole = replace(whole, angles=tuple(not c.is_length for c in observed))
+    if run.passes[0].stamp_s is not None:
+        whole = replace(whole, frames=frames)
     return with_reasons(run.rig, replace(whole, missed_mm=missed_mm if missed_mm.any() else None), tuple(reasons))
 
 

@@ -1,3 +1,5 @@
+from .curve.curve import Curve as Curve, Instants as Instants, write_curve as write_curve
+from .curve.fit import reconstruct_curve as reconstruct_curve
 from .faults.consistency import collect_epochs as collect_epochs
 from .faults.detectable_sizes import proposed_returns as proposed_returns
 from .faults.doubts import shifted as shifted

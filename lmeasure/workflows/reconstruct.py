@@ -4,11 +4,13 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
+from lmeasure.core import SettingsError
+from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
 from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.recording import RunHead
+    from lmeasure.recording import Run, RunHead
     from lmeasure.trajectory import Each, Summary, Trajectory
 
 
@@ -28,13 +30,21 @@ class Settings(Writing):
     ] = "linear"
     trials: Annotated[int, option("Number of trials of monte-carlo.", ge=2)] = 400
     seed: Annotated[int, option("Seed of monte-carlo.")] = 0
+    continuous: Annotated[
+        bool, option("Fit a curve in continuous time to all readings, each at its own time, and write its control poses beside OUT.")
+    ] = False
     angles: Annotated[bool, option("Add the angles of the rig's convention.")] = False
     rerun: Annotated[Recording | None, RERUN] = None
+
+    @property
+    def curve(self) -> Path:
+        """Return the file of the curve's control poses."""
+        return self.out.with_suffix(".curve" + (self.out.suffix if self.out.suffix in {".csv", ".parquet"} else ".parquet"))
 
     def paths(self) -> Paths:
         """A trajectory from a run folder."""
         return Paths(
-            (self.out, *present(self.rerun)),
+            (self.out, *((self.curve,) if self.continuous else ()), *present(self.rerun)),
             (*in_run_folder(self.run), *present(self.rig, None if self.start is None else Path(self.start))),
         )
 
@@ -44,19 +54,25 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
     from lmeasure.api import explained
     from lmeasure.recording import read_run, read_run_head, stated_start
-    from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory
+    from lmeasure.trajectory import can_stream, reconstruct, reconstruct_curve, reconstruct_stream, write_curve
 
     stated = None if settings.start is None else stated_start(settings.start)
     head = read_run_head(settings.run, settings.rig, stated)
     named = head.rig.angles if settings.angles else None
     linear = settings.uncertainty == "linear"
+    if settings.continuous and not (linear and settings.repeatability_mm == 0.0):
+        raise SettingsError("continuous", message("curve.linear"))
     progress(0.0, "reconstruct")
-    if can_stream(head) and linear:
+    if can_stream(head) and linear and not settings.continuous:
         with _each_piece(settings.rerun, head) as each:
             reported = steps(progress, "reconstruct")
             summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=reported, each=each, judge=explained)
         return Result(summary, tuple(summary.text().splitlines()), summary.figures())
     recorded = read_run(settings.run, settings.rig, stated)
+    if settings.continuous:
+        trajectory, curve = reconstruct_curve(recorded, settings.constraint, judge=explained)
+        write_curve(settings.curve, curve)
+        return _written(settings, recorded, trajectory, progress)
     trajectory = reconstruct(
         recorded,
         settings.constraint,
@@ -66,8 +82,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
         progress=None if linear else steps(progress, "monte-carlo"),
         judge=explained,
     )
+    return _written(settings, recorded, trajectory, progress)
+
+
+def _written(settings: Settings, recorded: "Run", trajectory: "Trajectory", progress: Progress) -> "Result[Trajectory | Summary]":
+    """Write a trajectory that is whole in memory, and the recording that is asked for."""
+    from lmeasure.trajectory import write_trajectory
+
     progress(1.0, "reconstruct")
-    write_trajectory(settings.out, trajectory, named)
+    write_trajectory(settings.out, trajectory, recorded.rig.angles if settings.angles else None)
     if settings.rerun is not None:
         from lmeasure.view import write_recording
 

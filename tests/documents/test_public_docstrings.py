@@ -15,7 +15,7 @@ import lmeasure as lm
 
 FUNCTIONS = [name for name in lm.__all__ if inspect.isfunction(getattr(lm, name))]
 CLASSES = [name for name in lm.__all__ if inspect.isclass(getattr(lm, name))]
-FIRST = ["simulate", "calibrate", "reconstruct", "zone", "evaluate"]
+FIRST = ["simulate", "calibrate", "reconstruct", "reconstruct_curve", "zone", "evaluate"]
 """Their examples make the objects that the others use."""
 VERBS = re.compile(r"(Analyse|Calibrate|Check|Choose|Compute|Convert|Draw|Find|Make|Map|Read|Return|Simulate|Write)\b")
 

@@ -67,9 +67,9 @@ class LengthSource(Protocol):
         """Return its lengths, without the counts that are in these doubts."""
 
 
-def prepare(source: LengthSource, constraint: str | None = None, repeatability_mm: float = 0.0) -> Reconstruction:
+def prepare(source: LengthSource, constraint: str | None = None, repeatability_mm: float = 0.0, *, compares: bool = True) -> Reconstruction:
     """Return the reconstruction of a run, ready for its trajectory: with its start, its origins as its redundancy determines them, and the
-    counts that are in doubt.
+    counts that are in doubt. compares: whether the channels are compared with each other, sample by sample.
 
     Raises what `reconstruction_of` and `find_start` raise.
     """
@@ -113,7 +113,7 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
 
     first = None if run.start is not None else next(iter(source.pieces(doubts)))
     reconstruction = begin(run.known_start) if first is None else find_start(rig, first, source.name, candidate)
-    if reconstruction.redundancy is None:
+    if reconstruction.redundancy is None or not compares:
         return reconstruction
     samples = RunSamples() if reconstruction.samples is None else None
     found = consistent(reconstruction, source.pieces(doubts), doubts, samples)

@@ -1,0 +1,142 @@
+"""Study: trajectories in continuous time of a simulated robot, against the truth: poses, velocities, accelerations, clocks.
+
+    python benchmarks/curve.py [--motions 25] [--cases six-free ...] [--keep curve.jsonl] [--write]
+
+A robot moves for 4 s, by moves of limited jerk with rests between (1 m/s, 10 m/s^2) or by sums of sines, half and half. Counts are whole.
+The simulator (tests/helpers/moving_robot.py) shares no formula with the solver. Of each motion: errors at 20 random instants against their
+standard uncertainties, by the curve, by the poses sample by sample, and by SciPy's smoothing splines on these poses.
+"""
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_smoothing_spline
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+
+from moving_robot import TRUTH, FreeRunning, Instrument, Moves, Waves, errors
+from study import Study, table
+from zeroed import zeroed_exactly
+
+from lmeasure.core import LMeasureError
+from lmeasure.recording import Counts, read_run
+from lmeasure.trajectory import reconstruct, reconstruct_curve
+
+FloatArray = NDArray[np.float64]
+LASTS_S, INSTANTS, EDGE_S = 4.0, 20, 0.1
+WIDE = 1.959963984540054
+CASES: dict[str, tuple[str, float, str]] = {
+    "six-sync-1000-Hz": ("cell-run", 1000.0, "latched"),
+    "six-sync-100-Hz": ("cell-run", 100.0, "latched"),
+    "six-free-true-times": ("cell-run", 100.0, "true"),
+    "six-free": ("cell-run", 100.0, "off"),
+    "eight-free": ("eight-run", 100.0, "off"),
+    "six-and-six-swivels-free": ("swivel-run", 100.0, "off"),
+}
+LATE_S, SLOW = 5e-3, 50e-6
+QUANTITIES = ("pose", "velocity", "acceleration")
+
+
+def draw(seed: int, case: str) -> dict[str, Any]:
+    """One motion and its curve."""
+    name, rate_hz, timing = CASES[case]
+    rng, instrument = np.random.default_rng([seed, list(CASES).index(case)]), Instrument(name)
+    m = len(instrument.channels)
+    motion = Waves(rng, LASTS_S) if seed % 2 else Moves(rng, LASTS_S)
+    frames = FreeRunning(rng, m, LASTS_S, rate_hz, *((LATE_S, SLOW) if timing == "off" else (0.0, 0.0)))
+    latched = timing == "latched"
+    true_s = np.tile(frames.time_s[:, None], (1, m)) if latched else frames.true_s
+    phases = rng.uniform(-0.5, 0.5, m) if timing == "off" else 0.0
+    recorded = instrument.recorded(motion, true_s, phases)
+    run = read_run(TRUTH / name)
+    run = replace(run, rig=run.rig.model_copy(update={"unstated": "exact"}), unstated="exact", start=np.array([0.0] * 6 + [1.0]))
+    u = np.full(len(recorded), LATE_S / np.sqrt(3.0)) if timing == "off" else None
+    counts = Counts(frames.time_s, instrument.channels, recorded, u_time_s=u, stamp_s=None if latched else frames.stamp_s)
+    run = replace(run if timing == "off" else zeroed_exactly(run), passes=(counts,))
+    record: dict[str, Any] = {"seed": seed, "case": case, "moves": not seed % 2}
+    began = time.process_time()
+    try:
+        curve = reconstruct_curve(run)[1]
+    except LMeasureError as refused:
+        return record | {"refused": str(refused)}
+    record["seconds"] = time.process_time() - began
+    at = np.sort(rng.uniform(EDGE_S, LASTS_S - EDGE_S, INSTANTS))
+    true_at = frames.common(at) if timing == "off" else at
+    there = curve.at(at, rates=2)
+    for d, (quantity, error) in enumerate(zip(QUANTITIES, errors(motion, true_at, there), strict=False)):
+        record[quantity] = float((np.abs(error) < WIDE * there.u[:, d]).mean())
+        record[f"{quantity} rms"] = float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean()))
+    if timing == "off":
+        late = frames.late_s - frames.late_s.mean()
+        record |= {"clocks": float(np.abs(curve.clocks_s - late).max()), "u clocks": float(curve.u_clocks_s.max())}
+    samples = reconstruct(run)
+    known = np.isfinite(samples.poses[:, 0])
+    if known.sum() < len(known) / 2:
+        return record  # where clocks are off, the channels contradict each other at every sample
+    truth = motion.at(frames.common(frames.time_s[known]) if timing == "off" else frames.time_s[known])[0]
+    record["samples rms"] = float(np.sqrt(((samples.poses[known, :3] - truth) ** 2).sum(axis=1).mean()))
+    began = time.process_time()
+    smooth = [make_smoothing_spline(frames.time_s[known], samples.poses[known, c]) for c in range(3)]
+    record["scipy seconds"] = time.process_time() - began
+    place, _, velocity, acceleration = motion.at(true_at)
+    for d, (quantity, true) in enumerate(zip(QUANTITIES, (place, velocity[:, 3:], acceleration[:, 3:]), strict=True)):
+        found = np.stack([one.derivative(d)(at) if d else one(at) for one in smooth], axis=1)
+        record[f"scipy {quantity}"] = float(np.sqrt(((found - true) ** 2).sum(axis=1).mean()))
+    return record
+
+
+def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
+    """The results."""
+    covered, sizes, good = [], [], True
+    for case in CASES:
+        own = [r for r in records if r["case"] == case]
+        sound = [r for r in own if "refused" not in r]
+        if not sound:
+            continue
+
+        def rms(key: str, of: list[dict[str, Any]] = sound) -> float:
+            return float(np.sqrt(np.mean([r[key] ** 2 for r in of if key in r] or [np.nan])))
+
+        shares = [float(np.mean([r[q] for r in sound])) for q in QUANTITIES]
+        clocks = f"{1e6 * rms('clocks'):.0f} (u {1e6 * rms('u clocks'):.0f})" if "clocks" in sound[0] else ""
+        covered.append([case, len(sound), len(own) - len(sound), *(f"{100.0 * s:.1f} %" for s in shares), clocks])
+        sizes.append(
+            [case, 1e3 * rms("pose rms"), 1e3 * rms("samples rms"), 1e3 * rms("scipy pose"), rms("velocity rms"), rms("scipy velocity")]
+            + [rms("acceleration rms"), rms("scipy acceleration")]
+        )
+        sizes[-1] = [sizes[-1][0], *(f"{value:.3g}" for value in sizes[-1][1:])]
+        good &= len(sound) == len(own) and min(shares) > 0.93
+    head = ["channels", "curve [um]", "samples [um]", "SciPy [um]", "curve [mm/s]", "SciPy [mm/s]", "curve [mm/s2]", "SciPy [mm/s2]"]
+    lines = [
+        "# Trajectories in continuous time",
+        "",
+        "Written by `python benchmarks/curve.py --write`. A simulated robot moves for 4 s at up to 1 m/s and 10 m/s². Half of the motions",
+        "are moves of limited jerk with rests between, half are sums of sines. Counts are 0.012 mm, and swivels have 17 bits. Free",
+        "channels send at 100 Hz by their own timers. Their clocks are off by up to 5 ms and 50 ppm, except with true times.",
+        "",
+        "## Coverage",
+        "",
+        f"Share of errors within the 95 % interval, at {INSTANTS} random instants of each motion.",
+        "",
+        table(["channels", "motions", "refused", *QUANTITIES, "largest error of a clock, rms [us]"], covered),
+        "",
+        "## Errors",
+        "",
+        'Root mean square of the position and its rates. "Samples" are the poses of `reconstruct` without `--continuous`, "SciPy" are',
+        "`make_smoothing_spline` on these poses.",
+        "",
+        table(head, sizes),
+    ]
+    text = "\n".join(lines)
+    return text, good
+
+
+STUDY = Study("curve", draw, page, runs="motions", count=25, factors={"cases": tuple(CASES)}, key="{cases} {seed}")
+
+if __name__ == "__main__":
+    sys.exit(STUDY.command(__doc__))

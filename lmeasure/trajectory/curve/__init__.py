@@ -1,0 +1,1 @@
+"""The trajectory as a curve in continuous time."""

@@ -1,0 +1,459 @@
+"""A run as a curve: least squares of all readings, each at its own time, with a smoothness and a knot spacing that the readings choose.
+
+Model
+-----
+A reading is the channel's law at the pose of its instant, plus L z of variables z that the run shares (`Budget.every`: start, zeros,
+sub-count offsets, calibration, drums; each of unit variance), plus its own rounding and noise. Clocks of channels that were not latched
+together are such variables too: an offset and a rate each, about the mean of all channels, since a common offset is a convention.
+
+The fourth differences of the control poses are normal about 0, of variance v(i) at knot i and by component: white snap, the prior of a jerk
+that wanders. v maximises the evidence: v = sum K (D c)^2 / sum K (1 - var(D c) / v) (MacKay 1992), K a bell of `BELL` knots. So the curve
+is stiff where the robot rests and yields where it jerks, and a gap is bridged with the uncertainty that the motion about it has. As the
+posterior of a Gaussian prior it covers on average over the run (Nychka, JASA 1988). The spacing of the knots has the largest evidence among
+those by powers of two, on a part of the run, and is halved once more: the spline's own error then falls by 2^6, below its uncertainty.
+
+Solution
+--------
+Gauss-Newton: normal equations N of the control poses have a band of 36 rows, N + D^T v^-1 D is factored in it, so time and memory grow
+linearly with the run. The shared variables border the band (S = P - X^T N^-1 X, Schur): with Y = N^-1 X the control poses err by
+Y S^-1/2 of independent variables of unit variance, besides the band of N^-1 (Takahashi's recurrence).
+
+A count that stands still is one error, however often it is read: a reading that k samples on end repeat has k times its variance. A dwell
+then counts as its interval does, a uniform error of one count. Where readings move by a count or more between samples, roundings are
+independent and as good as normal: some twenty of them act on each pose.
+
+Without redundant channels nothing but the smoothness of the motion would speak about the shared variables, and a robot need not be smooth.
+There they keep what was known of them before, and the poses include it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import comb
+
+import numpy as np
+import scipy
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation, Slerp
+
+from lmeasure.core import FloatArray, Status, TrajectoryError, se3, symmetric_root
+from lmeasure.kernels import band_inverse, changes_from_counts, spline_equations
+from lmeasure.recording import Run
+from lmeasure.sensors import Lengths, rounding_variance
+from lmeasure.text import Message, message
+from lmeasure.trajectory.curve.curve import ORDER, Curve, steps_of, tables
+from lmeasure.trajectory.faults.redundancy import repeats
+from lmeasure.trajectory.files.trajectory import Trajectory
+from lmeasure.trajectory.reconstruction.runs import Judge, prepare, with_evidence
+from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, zero_readings
+from lmeasure.trajectory.time.passes import Alignment, align
+from lmeasure.trajectory.uncertainty.sources import Situation, Source
+
+DIFFERENCES = 4
+"""Of the control poses, that are white: snap."""
+BELL = 5.0
+"""Knots, one standard deviation, over which the size of the snap is estimated."""
+ANYWHERE = 0.02
+"""Of the weight of that estimate: the whole run's."""
+ROUNDS, SETTLED = 20, 0.01
+"""Most rounds of Gauss-Newton, and the squared length of the last step in standard uncertainties."""
+STIFFEST = 1e-10
+"""Of the variance that a control pose has by its readings: the least of a fourth difference."""
+SMOOTHINGS = 3
+"""Estimates of the snap in each round."""
+CHOSEN_BY = 3000
+"""Samples by which the spacing is chosen."""
+WIDEST = 8
+"""Intervals that the run, or that part, has at least."""
+FARTHEST = 2
+"""Spacings worse than the one before after which no finer one is tried."""
+CHUNK = 4096
+U_CLOCK_RATE = 1e-4
+"""Of a clock whose rate nobody states: that of a quartz in its worst climate."""
+BRIDGED_MM = 1.0
+"""Standard uncertainty of the position up to which a gap is bridged."""
+HELD = 1e24
+"""Weight of what a constraint holds."""
+BEYOND = 4.0
+"""Standard uncertainties of the stamps by which a curve goes on beyond the first and the last."""
+UNSEEN = 0.9
+"""Of the standard uncertainty of a clock before the run: what is left where the run shows nothing of it."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings of m channels at n samples: changes (n, m) [mm, rad], NaN where there is none, at times (n, m) [s] with variances (n, m)."""
+
+    reconstruction: Reconstruction
+    lengths: Lengths
+    times: FloatArray
+    changes: FloatArray
+    variance: FloatArray
+    poses: FloatArray
+    """(n, 7) of the run at the samples' times, from which the fit begins; NaN where there is none."""
+    u_clock_s: float
+    """Standard uncertainty of a channel's stamps as a whole; 0 where channels are latched together."""
+    middle_s: float
+    """Time about which rates of clocks count."""
+
+    def part(self, few: slice) -> "Readings":
+        """Return some of the samples."""
+        some = {name: getattr(self, name)[few] for name in ("times", "changes", "variance", "poses")}
+        whole = self.lengths
+        late, warm = (None if values is None else values[few] for values in (whole.u_time_s, whole.temperature_c))
+        lengths = replace(
+            whole, time_s=whole.time_s[few], counts=whole.counts[few], change_mm=whole.change_mm[few], u_time_s=late, temperature_c=warm
+        )
+        return replace(self, lengths=lengths, **some)
+
+
+@dataclass
+class Control:
+    """Control poses with the variances of their fourth differences (K - 4, 6), and what the shared variables are."""
+
+    points: FloatArray
+    turns: Rotation
+    snap: FloatArray
+    variables: FloatArray
+
+    def differences(self) -> FloatArray:
+        """Return (K - 4, 6) fourth differences, of turns in the chart about the middle one."""
+        K, middle = len(self.points), DIFFERENCES // 2
+        out = np.zeros((K - DIFFERENCES, 6))
+        about = self.turns[middle : K - DIFFERENCES + middle].inv()
+        for i, d in enumerate(_SIGNS):
+            out[:, :3] += d * (self.turns[i : K - DIFFERENCES + i] * about).as_rotvec()
+            out[:, 3:] += d * self.points[i : K - DIFFERENCES + i]
+        return out
+
+    def moved(self, by: FloatArray) -> None:
+        """Move the control poses by displacements (K, 6)."""
+        self.points = self.points + by[:, 3:]
+        self.turns = Rotation.from_rotvec(by[:, :3]) * self.turns
+
+
+Equations = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]
+_SIGNS = np.array([(-1.0) ** (DIFFERENCES - i) * comb(DIFFERENCES, i) for i in range(DIFFERENCES + 1)])
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A fit: its control poses, band of their covariance, shared (K, 6, b) errors by independent variables, covariance (b, b) of the shared
+    variables themselves, the logarithm of the evidence, and the squared length of the step to it in standard uncertainties."""
+
+    control: Control
+    band: FloatArray
+    shared: FloatArray
+    covariance: FloatArray
+    evidence: float
+    decrement: float
+
+
+class Fit:
+    """Gauss-Newton on the control poses of a spacing [s], with the variables of some sources of the run and those of its clocks."""
+
+    def __init__(self, readings: Readings, spacing_s: float, sources: tuple[Source, ...]) -> None:
+        self.readings, self.spacing_s, self.sources = readings, spacing_s, sources
+        self.reconstruction = readings.reconstruction
+        model, budget = self.reconstruction.model, self.reconstruction.budget
+        beyond = BEYOND * readings.u_clock_s
+        every = np.concatenate([readings.times.ravel(), readings.lengths.time_s])
+        self.begin_s, self.end_s = float(every.min()) - beyond, float(every.max()) + beyond
+        self.knots = max(int(np.ceil((self.end_s - self.begin_s) / spacing_s * (1.0 - 1e-12))), 1) + ORDER - 1
+        self.rows, self.zero = model.scheme.rows, zero_readings(model, model.scheme.rows, model.zero_pose)
+        self.held = np.setdiff1d(np.arange(6), model.scheme.free_index)
+        # a common offset of all clocks is a convention; a channel without readings has no part in it
+        seen = np.asarray(np.isfinite(readings.changes).any(axis=0))
+        apart = np.zeros((len(seen), max(int(seen.sum()) - 1, 0) if readings.u_clock_s else 0))
+        if apart.size:
+            apart[seen] = np.linalg.svd(np.ones((1, int(seen.sum()))))[2][1:].T
+        self.late, self.slow = readings.u_clock_s * apart, U_CLOCK_RATE * apart
+        self.names = tuple(name for source in sources for name in source.names)
+        self.origins = budget.supposed if budget.estimate is None else budget.estimate.mean
+
+    def _first_variables(self) -> FloatArray:
+        """What the variables are before the run is looked at as a curve."""
+        variables = np.zeros(len(self.names) + 2 * self.late.shape[1])
+        variables[len(self.names) - len(self.origins) : len(self.names)] = self.origins
+        return variables
+
+    def begin(self) -> Control:
+        """Return control poses on the run's poses sample by sample (Schoenberg), straight on beyond its ends."""
+        known = np.isfinite(self.readings.poses[:, 0])
+        times, poses = self.readings.lengths.time_s[known], self.readings.poses[known]
+        at = self.begin_s + self.spacing_s * (np.arange(self.knots) - 0.5 * (ORDER - 2))
+        inside = np.clip(at, times[0], times[-1])
+        points = np.column_stack([np.interp(inside, times, poses[:, c]) for c in range(3)])
+        beyond = (at - inside)[:, None]
+        near = min(max(int(np.searchsorted(times, times[0] + self.spacing_s)), 1), len(times) - 1)
+        first, last = ((poses[b, :3] - poses[a, :3]) / (times[b] - times[a]) for a, b in ((0, near), (-1 - near, -1)))
+        points += np.where(beyond < 0.0, beyond * first, beyond * last)
+        turns = Slerp(times, se3.rotation(poses))(inside)
+        control = Control(points, turns, np.empty((0, 6)), self._first_variables())
+        control.snap = np.tile(np.maximum((control.differences() ** 2).mean(axis=0), 1e-30), (self.knots - DIFFERENCES, 1))
+        return control
+
+    def _chunks(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield slices of the samples with the errors (n, m, b0) of their readings by the shared variables."""
+        (n, m), lengths = self.readings.changes.shape, self.readings.lengths
+        budget = self.reconstruction.budget.with_estimate(None)
+        if not self.names:
+            yield slice(0, n), np.zeros((n, m, 0))
+            return
+        speed, travel = budget.speed_mm_s(lengths), budget.travel(lengths)
+        for i in range(0, n, CHUNK):
+            few = slice(i, min(i + CHUNK, n))
+            warm, gone = (None if values is None else values[few] for values in (lengths.temperature_c, travel))
+            at = Situation(lengths.time_s[few], self.readings.poses[few], lengths.counts[few], speed[few], warm, gone)
+            every = budget.lengths_of(at, self.sources)
+            yield few, np.ascontiguousarray(np.where(np.isfinite(every), every, 0.0))
+
+    def equations(self, control: Control) -> Equations:
+        """Return N, g, X, S, s of `spline_equations`, and the sum of squares."""
+        readings, b0, c = self.readings, len(self.names), self.late.shape[1]
+        b, z = b0 + 2 * c, control.variables
+        N, g, X = np.zeros((6 * self.knots, 6 * ORDER)), np.zeros(6 * self.knots), np.zeros((6 * self.knots, b))
+        S, s, total = np.zeros((b, b)), np.zeros(b), 0.0
+        own, cumulative = tables(self.spacing_s)
+        turns, middle = control.turns.as_quat(), readings.middle_s
+        steps = steps_of(turns)
+        for few, shared in self._chunks():
+            times = readings.times[few]
+            if c:
+                times = times + self.late @ z[b0 : b0 + c] + (times - middle) * (self.slow @ z[b0 + c :])
+            changes = readings.changes[few] - shared @ z[:b0] if b0 else readings.changes[few]
+            total += spline_equations(
+                self.rows,
+                self.zero,
+                np.ascontiguousarray(changes),
+                np.ascontiguousarray(np.clip(times, self.begin_s, self.end_s)),
+                1.0 / readings.variance[few],
+                (self.begin_s, self.spacing_s),
+                (own[:2], cumulative[:2]),
+                control.points,
+                turns,
+                steps,
+                shared,
+                (self.late, self.slow, middle),
+                N,
+                g,
+                X,
+                S,
+                s,
+            )
+        return N, g, X, S, s, total
+
+    def solve(self, control: Control, rounds: int = ROUNDS) -> Solution:
+        """Return the fit, from control poses that are moved on; TrajectoryError where it does not settle, if it has all `ROUNDS` for it."""
+        size = np.inf
+        for _ in range(rounds):
+            equations = self.equations(control)
+            for _ in range(SMOOTHINGS):
+                step, solution = self._step(equations, control)
+            own = step[: 6 * self.knots]
+            control.moved(own.reshape(-1, 6))
+            control.variables = control.variables + step[6 * self.knots :]
+            size = solution.decrement
+            if size < SETTLED or not np.isfinite(size):
+                break
+        if np.isfinite(size) and (size < SETTLED or rounds < ROUNDS):
+            return solution
+        raise TrajectoryError(message("curve.unsettled", spacing_ms=1e3 * self.spacing_s, rounds=rounds))
+
+    def _step(self, equations: Equations, control: Control) -> tuple[FloatArray, Solution]:
+        """Solve the equations for a step, and estimate the snap anew."""
+        N, g, X, S, s, total = equations
+        K, width, b = self.knots, 6 * ORDER, len(s)
+        # stiffer than this, the readings would be lost in the rounding of the prior
+        floor = STIFFEST / np.maximum(N[:, 0].reshape(K, 6).mean(axis=0), 1e-30)
+        difference, by_variance = control.differences(), 1.0 / np.maximum(control.snap, floor)
+        A, right, rows = N.copy(), g.copy().reshape(K, 6), K - DIFFERENCES
+        bands = A.reshape(K, 6, width)
+        for i, di in enumerate(_SIGNS):
+            right[i : rows + i] -= di * by_variance * difference
+            for j in range(i, DIFFERENCES + 1):
+                for x in range(6):
+                    bands[i : rows + i, x, 6 * (j - i)] += di * _SIGNS[j] * by_variance[:, x]
+        right[:, self.held] = 0.0
+        bands[:, self.held, 0] += HELD
+        factor, failed = scipy.linalg.lapack.dpbtrf(A.T, lower=1)
+        if failed:
+            raise TrajectoryError(message("curve.undetermined", spacing_ms=1e3 * self.spacing_s))
+        Y = scipy.linalg.lapack.dpbtrs(factor, np.column_stack([right.reshape(-1), X]), lower=1)[0]
+        step, Y = Y[:, 0], Y[:, 1:]
+        left = np.ascontiguousarray(factor.T)
+        band = np.asarray(band_inverse(left))
+        evidence = -0.5 * (total + (by_variance * difference**2).sum() - step @ right.reshape(-1))
+        evidence += 0.5 * np.log(by_variance).sum() - np.log(left[:, 0]).sum()
+        # of polynomials, which the prior leaves alone, coefficients by time are alike for all spacings
+        evidence -= 6.0 * 0.5 * DIFFERENCES * (DIFFERENCES - 1) * np.log(self.spacing_s)
+        covariance, shared, move = np.zeros((b, b)), np.zeros((K, 6, b)), np.zeros(b)
+        decrement = float(step @ right.reshape(-1))
+        if b:
+            covariance = np.eye(b)
+            if self.reconstruction.model.scheme.redundancy:
+                covariance = np.linalg.inv(np.eye(b) + S - X.T @ Y)
+                covariance = 0.5 * (covariance + covariance.T)
+                along = s - control.variables - X.T @ step
+                move = covariance @ along
+                step, decrement = step - Y @ move, decrement + float(along @ move)
+            shared = -(Y @ symmetric_root(covariance)).reshape(K, 6, b)
+        control.snap = self._snap(difference, step.reshape(K, 6), band.reshape(K, 6, width), by_variance)
+        return np.concatenate([step, move]), Solution(control, band, shared, covariance, float(evidence), decrement)
+
+    @staticmethod
+    def _snap(difference: FloatArray, step: FloatArray, bands: FloatArray, by_variance: FloatArray) -> FloatArray:
+        """Return the variances (K - 4, 6) of the fourth differences by the evidence, from those before a step and its covariance."""
+        rows = len(difference)
+        variance, after = np.zeros((rows, 6)), difference.copy()
+        for i, di in enumerate(_SIGNS):
+            after += di * step[i : rows + i]
+            for j in range(i, DIFFERENCES + 1):
+                for x in range(6):
+                    variance[:, x] += (1.0 if i == j else 2.0) * di * _SIGNS[j] * bands[i : rows + i, x, 6 * (j - i)]
+        square, known = after**2, np.clip(1.0 - variance * by_variance, 1e-9, 1.0)
+        whole = square.sum(axis=0) / known.sum(axis=0)
+        bell = 0.5 * ANYWHERE / BELL
+        square, known = (gaussian_filter1d(values, BELL, axis=0, mode="nearest") for values in (square, known))
+        return np.maximum((square + bell * whole) / (known + bell), 1e-30)
+
+
+def spacing_of(readings: Readings) -> float:
+    """Return the knot spacing [s] that the readings choose."""
+    n = len(readings.times)
+    begin = max((n - CHOSEN_BY) // 2, 0)
+    part = readings.part(slice(begin, begin + CHOSEN_BY))
+    at = part.lengths.time_s
+    period, lasts = float(np.median(np.diff(at))), float(at[-1] - at[0])
+    finest = 0.5 * period
+    spacings = finest * 2.0 ** np.arange(max(int(np.log2(lasts / WIDEST / finest)), 0) + 1)
+    best, best_s, worse = -np.inf, float(spacings[0]), 0
+    for spacing_s in spacings[::-1].tolist():
+        fit = Fit(part, spacing_s, readings.reconstruction.budget.origins)
+        try:
+            evidence = fit.solve(fit.begin(), 3).evidence
+        except TrajectoryError:
+            continue
+        best, best_s, worse = (evidence, spacing_s, 0) if evidence > best else (best, best_s, worse + 1)
+        if worse == FARTHEST:
+            break
+    return max(0.5 * best_s, finest)
+
+
+def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Trajectory) -> Readings:
+    """Return the readings of a run, as a curve takes them: those of channels with their own times at these.
+
+    TrajectoryError for a run of several passes, whose channels were read in different motions.
+    """
+    budget = reconstruction.budget
+    rig = budget.rig
+    if rig.passes > 1:
+        raise TrajectoryError(message("curve.passes", passes=rig.passes))
+    changes = reconstruction.corrected(lengths).change_mm + budget.offsets(lengths.time_s)
+    times, counts, u_mm, u_clock_s = np.tile(lengths.time_s[:, None], (1, changes.shape[1])), lengths.counts, lengths.u_mm, 0.0
+    if lengths.frames is not None:
+        # each frame at its own time; what is uncertain of that is the clock's
+        times, beyond = lengths.frames
+        counts, u_mm = lengths.counts + beyond, None
+        rows = rig.cable_rows(rig.observed)
+        changes = changes + changes_from_counts(rows, np.ascontiguousarray(counts)) - lengths.change_mm
+        u_clock_s = 0.0 if lengths.u_time_s is None else float(np.sqrt(np.mean(lengths.u_time_s**2)))
+    rounding, middle = rounding_variance(rig, rig.observed), 0.5 * float(times.min() + times.max())
+    variance = np.asarray(budget.variance + (0.0 if u_mm is None else u_mm**2) + rounding * (repeats(counts) - 1.0))
+    return Readings(reconstruction, lengths, times, np.ascontiguousarray(changes), variance, trajectory.poses, u_clock_s, middle)
+
+
+def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
+    """Return the curve of the readings; spacing_s: of its knots, chosen by the readings where it is None."""
+    if spacing_s is not None and not 0.0 < spacing_s < np.inf:
+        raise TrajectoryError(message("curve.spacing", spacing_s=spacing_s))
+    known = np.isfinite(readings.poses[:, 0])
+    if known.sum() < ORDER:
+        raise TrajectoryError(message("curve.few", poses=int(known.sum()), least=ORDER))
+    budget = readings.reconstruction.budget
+    spacing_s = spacing_of(readings) if spacing_s is None else spacing_s
+    first = fit = Fit(readings, spacing_s, budget.origins)
+    solution = first.solve(first.begin())
+    if len(budget.every) > len(budget.origins):
+        fit = Fit(readings, spacing_s, budget.every)
+        control, more = solution.control, len(fit.names) - len(first.names)
+        control.variables = np.concatenate([np.zeros(more), control.variables])
+        solution = fit.solve(control)
+    control, b0, c = solution.control, len(fit.names), fit.late.shape[1]
+    clocks = {"clocks_s": fit.late, "clock_rates": fit.slow}
+    seen: dict[str, FloatArray] = {}
+    for i, (name, of) in enumerate(clocks.items()):
+        mine = slice(b0 + i * c, b0 + (i + 1) * c)
+        seen[name] = of @ control.variables[mine] if c else np.empty(0)
+        seen[f"u_{name}"] = np.sqrt(np.einsum("ij,jk,ik->i", of, solution.covariance[mine, mine], of)) if c else np.empty(0)
+    shared = solution.shared
+    sources = (*fit.names, *("clock offset",) * c, *("clock rate",) * c)
+    return Curve(
+        fit.begin_s,
+        fit.end_s,
+        spacing_s,
+        control.points,
+        control.turns.as_quat(),
+        solution.band,
+        shared,
+        sources,
+        readings.lengths.cables,
+        **seen,
+        u_before_s=float(np.linalg.norm(fit.late, axis=1).max(initial=0.0)),
+    )
+
+
+def reconstruct_curve(
+    run: Run | Alignment, constraint: str | None = None, *, spacing_s: float | None = None, judge: Judge | None = None
+) -> tuple[Trajectory, Curve]:
+    """Return the trajectory of a run at its samples as its curve has it, and the curve.
+
+    spacing_s: of the knots, chosen by the readings where it is None; constraint, judge: as `reconstruct` has them. Raises what that
+    raises, and TrajectoryError where there is no curve.
+    """
+    aligned = align(run)
+    first = aligned.run.passes[0]
+    # channels whose clocks are off contradict each other at every sample, until the curve has found by how much
+    clocks = first.stamp_s is not None and first.u_time_s is not None
+    reconstruction = prepare(aligned, constraint, compares=not clocks)
+    more = () if judge is None or clocks else judge(reconstruction)
+    lengths = aligned.lengths_of(reconstruction.doubts)
+    trajectory = with_evidence(reconstruction, reconstruction.trajectory(lengths), lengths, aligned, covariances=True)
+    curve = curve_of(readings_of(reconstruction, lengths, trajectory), spacing_s)
+    notes = (*trajectory.notes, *more, *aligned.notes, *notes_of_curve(curve))
+    # zeros that are known to a degree bend: what they share beyond first order is that of the samples
+    rough = len(reconstruction.budget.sources) > sum(len(source.names) for source in reconstruction.budget.every)
+    return replace(on_curve(trajectory, curve, systematic=not rough), notes=notes), curve
+
+
+def on_curve(trajectory: Trajectory, curve: Curve, *, systematic: bool = True) -> Trajectory:
+    """Return a trajectory whose poses and covariances are those of the curve, with its gaps bridged up to `BRIDGED_MM`; systematic: whether
+    the systematic covariances are the curve's too."""
+    there = curve.at(trajectory.time_s, rates=0)
+    u_mm = np.sqrt(np.trace(there.random[:, 0, 3:, 3:] + there.systematic[:, 0, 3:, 3:], axis1=1, axis2=2))
+    ok = trajectory.status == Status.OK
+    bridged = np.isin(trajectory.status, (Status.GAP, Status.JUMP)) & (u_mm <= BRIDGED_MM)
+    used = ok | bridged
+    turned = ~np.isnan(trajectory.poses[ok, 3:]).all()
+    poses, own, shared = np.full_like(trajectory.poses, np.nan), np.full((len(used), 6, 6), np.nan), np.full((len(used), 6, 6), np.nan)
+    poses[used], own[used], shared[used] = there.poses[used], there.random[used, 0], there.systematic[used, 0]
+    if not systematic:
+        shared[ok] = trajectory.systematic[ok]
+    if not turned:
+        poses[:, 3:] = np.nan
+        for covariance in (own, shared):
+            covariance[:, :3, :] = covariance[:, :, :3] = np.nan
+    status, cause = trajectory.status.copy(), trajectory.cause.copy()
+    status[bridged], cause[bridged] = Status.OK, message("cause.bridged")
+    return replace(trajectory, poses=poses, random=own, systematic=shared, status=status, cause=cause)
+
+
+def notes_of_curve(curve: Curve) -> tuple[Message, ...]:
+    """Return notes on the knots and the clocks of a curve."""
+    notes = [message("curve.knots", spacing_ms=1e3 * curve.spacing_s)]
+    if len(curve.clocks_s):
+        late = np.round(1e3 * curve.clocks_s, 4)
+        clocks = ", ".join(f"{name} {value:+g} ms" for name, value in zip(curve.channels, late.tolist(), strict=True))
+        notes.append(message("curve.clocks", clocks=clocks, u_us=1e6 * float(curve.u_clocks_s.max())))
+        if (curve.u_clocks_s[curve.u_clocks_s > 0.0] > UNSEEN * curve.u_before_s).all():
+            notes.append(message("curve.clocks_unseen", u_us=1e6 * curve.u_before_s))
+    return tuple(notes)
