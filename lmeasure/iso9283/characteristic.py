@@ -59,6 +59,10 @@ class Conformity:
     probability: float
 
 
+INFINITE = 1e4
+"""Degrees of freedom that no coverage factor feels."""
+
+
 @dataclass(frozen=True)
 class Contribution:
     """A row of a result's budget (JCGM 100, 8.1; EA-4/02, 4.10): an input quantity whose estimate is zero, for what is known of it is
@@ -148,9 +152,10 @@ class Characteristic:
 
     @property
     def degrees_of_freedom(self) -> float | None:
-        """Of the standard uncertainty, by Welch and Satterthwaite (JCGM 100, G.4.1); None where those of all sources are infinite."""
+        """Of the standard uncertainty, by Welch and Satterthwaite (JCGM 100, G.4.1); None where they are as good as infinite."""
         known = sum(row.contribution**4 / row.degrees_of_freedom for row in self.budget if row.degrees_of_freedom is not None)
-        return math.hypot(*(row.contribution for row in self.budget)) ** 4 / known if known > 0.0 else None
+        whole = math.hypot(*(row.contribution for row in self.budget)) ** 4
+        return whole / known if whole < INFINITE * known else None
 
     def unstated(self) -> "Characteristic":
         """The same of a measurement whose uncertainty nobody states: the value alone."""

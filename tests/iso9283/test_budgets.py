@@ -88,7 +88,7 @@ def test_another_program_recomputes_every_result_from_its_budget(certified: Any)
         assert table["u95"] == pytest.approx(table["u"] * table["coverage_factor"], rel=1e-9)
         assert sum(r["share_percent"] for r in table["budget"]) == pytest.approx(100.0, rel=1e-9)
         freedom = GTC.dof(y)
-        assert (table.get("degrees_of_freedom") or np.inf) == (pytest.approx(freedom, rel=1e-6) if np.isfinite(freedom) else np.inf)
+        assert (table.get("degrees_of_freedom") or np.inf) == (pytest.approx(freedom, rel=1e-6) if freedom < 1e4 else np.inf)
 
 
 def test_means_distances_and_their_correlation_are_those_of_gtc(certified: Any) -> None:
