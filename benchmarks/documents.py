@@ -9,7 +9,7 @@ It writes docs/documents.md. A row is computed where it stands: commands run in 
 import json
 import tempfile
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,13 +49,13 @@ def run(*words: object) -> dict[str, Any]:
     return dict(json.loads(out.read_text(encoding="utf-8")))
 
 
-def structure(base: list[tuple[float, ...]], platform: list[tuple[float, ...]], links: list[tuple[int, ...]]) -> Path:
+def structure(base: Sequence[Sequence[float]], platform: Sequence[Sequence[float]], links: Sequence[Sequence[float]]) -> Path:
     """A structure file; links (base point, platform point) or with a length."""
     text = 'schema = "lmeasure.structure/1"\n'
     for side, points in (("base", base), ("platform", platform)):
         text += f"[{side}]\n" + "".join(f"{side[0].upper()}{i} = {[float(v) for v in p]}\n" for i, p in enumerate(points, 1))
-    for b, p, *length in links:
-        text += f'[[link]]\nfrom = "B{b}"\nto = "P{p}"\n' + (f"length_mm = {length[0]}\n" if length else "")
+    for link in links:
+        text += f'[[link]]\nfrom = "B{link[0]}"\nto = "P{link[1]}"\n' + (f"length_mm = {link[2]}\n" if len(link) > 2 else "")
     path = FOLDER / "structure.toml"
     path.write_text(text, encoding="utf-8")
     return path
@@ -76,7 +76,7 @@ def assembly() -> str:
     path = structure(
         [(1, 5, 0), (3, 3, 0), (4, 2, 0), (1, 1, 0)],
         [(0, 0, 0), (1, 2, 0), (-2, 2, 0), (0, 4, 0)],
-        [(2, 1, 10.0), (3, 1, 10.5), (4, 1, 11.0), (1, 4, 8.9), (1, 3, 7.98), (3, 2, 9.9)],  # type: ignore[list-item]
+        [(2, 1, 10.0), (3, 1, 10.5), (4, 1, 11.0), (1, 4, 8.9), (1, 3, 7.98), (3, 2, 9.9)],
     )
     found = run("structure", path)
     x, y, z = found["assemblies"][0]["position_mm"]
@@ -93,7 +93,9 @@ def band() -> str:
         Tetrahedron("p23", "p12", "p13", "l5", "l6", "l3"),
     ]
     assert adjusted(corners, limits, ["l3"])
-    return "l3 from {:.4f} to {:.4f}".format(*safe_band(corners, limits, "l3"))
+    free = safe_band(corners, limits, "l3")
+    assert free is not None
+    return f"l3 from {free[0]:.4f} to {free[1]:.4f}"
 
 
 def flat() -> str:
