@@ -189,7 +189,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
         "demo_page.verdict", poses=int((trajectory.status == Status.OK).sum()), mm=vector_rms(errors.position_mm), percent=100.0 * within
     )
     found = Found(run, calibration, trajectory, distance, u95, zone, robot)
-    write_demo_page(out / PAGE, message("demo_page.title"), verdict, found.parts(Say(of_terminal())), of_terminal())
+    write_demo_page(out / PAGE, message("demo_page.title"), verdict, found.parts(Say(of_terminal())), language=of_terminal())
     write_recording(
         out / "demo.rrd",
         run.rig,

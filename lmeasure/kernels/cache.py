@@ -85,7 +85,12 @@ class _Files(_IndexAndData):  # type: ignore[misc]
 
 
 class KeptCode(_Function):  # type: ignore[misc]
-    """The cache of one function; whatever fails in it costs a compilation, never a command."""
+    """The cache of one function; whatever fails in it costs a compilation, never a command.
+
+    in_turn: whether others wait for what this process compiles. Nobody waits for one of the lowest priority.
+    """
+
+    in_turn = True
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
@@ -119,7 +124,7 @@ class KeptCode(_Function):  # type: ignore[misc]
     def _waited(self) -> bool:
         """Take the turn of compiling this function; whether another process had it until now."""
         self._end_turn()  # of a compilation that failed
-        if fcntl is None:
+        if fcntl is None or not self.in_turn:
             return False
         until, waited = time.monotonic() + LONGEST_WAIT_S, False
         try:

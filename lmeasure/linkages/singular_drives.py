@@ -95,7 +95,7 @@ def leading_out(base: FloatArray, body: FloatArray, pose: FloatArray) -> IntArra
 
 
 def extra_drives(
-    base: FloatArray, body: FloatArray, pose: FloatArray, axes: FloatArray | None = None, exit_twist: FloatArray | None = None
+    base: FloatArray, body: FloatArray, pose: FloatArray, *, axes: FloatArray | None = None, exit_twist: FloatArray | None = None
 ) -> list[Closing]:
     """Sets of passive pairs that can carry the extra drives which close a singular pose (7,) of rank 5, 4 or 3: those at the base
     first, the best first.

@@ -21,7 +21,7 @@ class Part(NamedTuple):
     command: str
 
 
-def write_demo_page(path: Path, title: Message, verdict: Message, parts: Sequence[Part], language: str) -> None:
+def write_demo_page(path: Path, title: Message, verdict: Message, parts: Sequence[Part], *, language: str) -> None:
     """Write a self-contained page, whole or not at all."""
     say = Say(language)
     shown = [

@@ -79,7 +79,7 @@ def send_scalars(rec: rr.RecordingStream, entity: str, indexes: Sequence[rr.Time
     rec.send_columns(entity, indexes, rr.Scalars.columns(scalars=np.ascontiguousarray(values, dtype=np.float64)))
 
 
-def send_measurements(rec: rr.RecordingStream, entity: str, indexes: Sequence[rr.TimeColumn], values: FloatArray, u: FloatArray) -> None:
+def send_measurements(rec: rr.RecordingStream, entity: str, indexes: Sequence[rr.TimeColumn], values: FloatArray, *, u: FloatArray) -> None:
     """Send values with their standard uncertainties: a plot draws a line and a band of one standard uncertainty to each side."""
     columns = rr.Measurements.columns(values=np.ascontiguousarray(values, dtype=np.float64), variances=np.square(u, dtype=np.float64))
     rec.send_columns(entity, indexes, columns)

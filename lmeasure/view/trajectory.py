@@ -27,7 +27,7 @@ def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, er
     columns = trajectory.columns()
     for name, values in errors.items():
         if f"u_{name}" in columns:
-            send_measurements(rec, entity_path("errors", name), indexes, values, columns[f"u_{name}"])
+            send_measurements(rec, entity_path("errors", name), indexes, values, u=columns[f"u_{name}"])
         else:
             send_scalars(rec, entity_path("errors", name), indexes, values)
     return log.end()
@@ -61,7 +61,7 @@ class TrajectoryLog:
         send_scalars(rec, "/worst_pressure_angle_deg", indexes, piece.worst_pressure_angle_deg)
         columns = piece.columns()
         for name in PLACE:
-            send_measurements(rec, f"/position_mm/{name}", indexes, columns[name], columns[f"u_{name}"])
+            send_measurements(rec, f"/position_mm/{name}", indexes, columns[name], u=columns[f"u_{name}"])
         for group, names in SERIES.items():
             for name in names:
                 send_scalars(rec, f"/{group}/{name}", indexes, columns[name])

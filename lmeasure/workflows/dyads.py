@@ -57,7 +57,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     if not reach > 0.0:
         raise FileFormatError(message("error.all_poses_are_at", where=settings.poses))
     progress(0.0, "least squares")
-    every = all_fitted(poses, reach, settings.starts, settings.seed, lambda share: progress(0.7 * share, "least squares"))
+    every = all_fitted(poses, reach, settings.starts, settings.seed, progress=lambda share: progress(0.7 * share, "least squares"))
     near = [d for d in every if _within(d, poses, reach)]
     if len(near) < settings.links:
         raise FileFormatError(

@@ -138,7 +138,7 @@ def test_an_extra_drive_works_on_its_own_pair_alone(stated: bool) -> None:
     M, _, points = singularity.link_rows(base, body, pose)
     rng = np.random.default_rng(6)
     axes = np.linalg.qr(rng.normal(size=(6, 3, 3)))[0][:, :2] if stated else None
-    sets = extra_drives(base, body, pose, axes)
+    sets = extra_drives(base, body, pose, axes=axes)
     drives = [c.drives[0] for c in sets]
     lost = lost_twist(base, body, pose)
     side = np.sign(drives[0].wrench @ np.r_[lost[3:], lost[:3]] / drives[0].rates[0] / work(drives[0], base, points))
@@ -172,7 +172,7 @@ def test_a_joint_that_turns_a_link_about_itself_carries_no_drive() -> None:
     e = singularity.link_rows(base, body, pose)[0][:, :3]
     axes = np.linalg.qr(np.random.default_rng(6).normal(size=(6, 3, 3)))[0][:, :2]
     axes[4, 1] = e[4]
-    assert {c.drives[0].link for c in extra_drives(base, body, pose, axes)} == {0, 1, 2, 3, 5}
+    assert {c.drives[0].link for c in extra_drives(base, body, pose, axes=axes)} == {0, 1, 2, 3, 5}
 
 
 def work(d: Drive, base: FloatArray, points: FloatArray) -> float:
@@ -190,7 +190,7 @@ def test_a_lost_shift_is_counted_in_millimetres() -> None:
     M, lengths, _ = singularity.link_rows(base, body, here)
     across = np.cross(M[:, :3], [1.0, 0.0, 0.0])
     axes = np.stack([across, np.tile([1.0, 0.0, 0.0], (6, 1))], axis=1)
-    drives = [c.drives[0] for c in extra_drives(base, body, here, axes)]
+    drives = [c.drives[0] for c in extra_drives(base, body, here, axes=axes)]
     assert {(d.link, d.pair) for d in drives if d.pair == "base"} == {(i, "base") for i in range(6)}
     for d in drives:
         if d.pair == "base":

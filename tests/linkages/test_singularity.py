@@ -71,7 +71,7 @@ def test_thesis_4_5_extra_drive() -> None:
     axes[4] = [(0, 1, 0), (0, 0, 1)]
     # the columns stand: any two axes across them
     axes[:3] = [(1, 0, 0), (0, 1, 0)]
-    sets = [c for c in extra_drives(*COLUMNS, HERE, axes) if c.drives[0].link == 5]
+    sets = [c for c in extra_drives(*COLUMNS, HERE, axes=axes) if c.drives[0].link == 5]
     assert [(c.drives[0].pair, round(float(c.drives[0].rates[0]), 9)) for c in sets] == [("base", -0.625), ("body", 1.625)]
     of_base = sets[0].drives[0]
     np.testing.assert_allclose(of_base.axis, [0, 0, 1])

@@ -113,7 +113,7 @@ def fitted(poses: FloatArray, starts: FloatArray, progress: Callable[[float], No
     return x
 
 
-def all_fitted(poses: FloatArray, reach: float, starts: int, seed: int = 0, progress: Callable[[float], None] = _silent) -> list[Dyad]:
+def all_fitted(poses: FloatArray, reach: float, starts: int, seed: int = 0, *, progress: Callable[[float], None] = _silent) -> list[Dyad]:
     """Different links of least squares from so many random starts within reach of the poses' mean, the best first."""
     rng, middle = np.random.default_rng(seed), poses[:, :3].mean(axis=0)
     begun = rng.uniform(-reach, reach, (starts, 6)) + np.r_[middle, np.zeros(3)]
