@@ -28,7 +28,7 @@ from lmeasure.workflows import COMMANDS, load, options_of
 
 EVERY = ROUTES
 SECRET = "nobody's business 4711"
-NAMED = ("file", "old", "new", "_file", "folder", "into", "back", "then", "name", "run", "path", "out", "rig", "zone", "start")
+NAMED = ("file", "old", "new", "_file", "folder", "into", "back", "then", "name", "run", "path", "out", "rig", "zone", "start", "digest")
 """What addresses and forms name files and places by."""
 AWAY = ("../secret.txt", "..%2fsecret.txt", "%2e%2e/secret.txt", "/etc/passwd", "a/../../secret.txt", "link.txt", ".workbench/address")
 
