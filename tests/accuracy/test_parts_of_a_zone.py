@@ -39,7 +39,7 @@ def record(*names: str) -> CalibrationRecord:
 @pytest.mark.parametrize(
     ("span", "said"),
     [
-        ((-1.1e6, 0.0, 1.0), r"-1.1e\+06:0:1: lies beyond 1e\+06"),
+        ((-1.1e6, 0.0, 1.0), "-1100000:0:1: lies beyond 1000000"),
         ((0.0, 1.1e6, 1.0), "lies beyond"),
         ((0.0, 1.0, math.inf), "must be finite, with start <= stop and step > 0"),
         ((0.0, 1.0, 0.0), "must be finite"),

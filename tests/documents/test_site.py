@@ -21,8 +21,10 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
 import generated_pages as pages  # noqa: E402 - it lies beside the pages
 
-NOT_DRAWN = {"DrumMeasurement", "PoseCovariances", "Campaign", "CalibrationSettings", "CertificationSettings", "LMeasureError"}
-"""Settings, covariances and errors: they are no picture."""
+NOT_DRAWN = {"DrumMeasurement", "PoseCovariances", "Campaign", "CalibrationSettings", "CertificationSettings", "LMeasureError"} | {
+    "Curve", "Instants",
+}  # fmt: skip
+"""Settings, covariances, errors, and curves, which are drawn as trajectories."""
 
 
 def source(page: Path) -> str:
