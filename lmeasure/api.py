@@ -267,7 +267,7 @@ def zone(
     scan = replace(scan, limits=replace(scan.limits, **within))
     for name, span in zip("xyz", (x, y, z), strict=True):
         if isinstance(span, tuple) and len(span) != 3:
-            raise AccuracyError(message("error.needs_three_numbers_least", name=name, span=span))
+            raise AccuracyError(message("error.needs_three_numbers_least", name=name, span=str(span)))
     nodes = [axis(*span) if isinstance(span, tuple) else np.asarray(span, dtype=np.float64) for span in (x, y, z)]
     turned = tilts(tilt_rad, tilt_steps) if rotations is None else rotations
     return map_zone(used, record, (nodes[0], nodes[1], nodes[2]), turned, scan=scan, progress=progress)

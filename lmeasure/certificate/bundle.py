@@ -352,7 +352,7 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
             again.update(piece)
     except OSError as error:
         if error.errno in files.TO_DO:
-            raise CertificationError(files.not_written(scratch, error, "error.cannot_be_unpacked_there")) from None
+            raise CertificationError(files.not_written(scratch, error, "error.cannot_be_unpacked_there", name=path.name)) from None
         raise CertificationError(message("error.was_changed_or_is", where=path, error=error)) from None
     except FileFormatError as error:
         raise CertificationError(message("error.was_changed_or_is", where=path, error=error)) from None

@@ -37,9 +37,9 @@ TO_DO = {
 _becomes: dict[Path, Path] = {}  # temporary names, and what they become
 
 
-def not_written(path: Path, error: OSError, cannot: str = "error.cannot_be_written_2") -> str:
+def not_written(path: Path, error: OSError, cannot: str = "error.cannot_be_written_2", **values: Any) -> str:
     """Return that a file could not be written, why, and what to do about it."""
-    said, remedy = message(cannot, where=path, error=os_reason(error)), TO_DO.get(error.errno or 0)
+    said, remedy = message(cannot, where=path, error=os_reason(error), **values), TO_DO.get(error.errno or 0)
     return joined([said, message(f"os.remedy.{remedy}")]) if remedy else said
 
 

@@ -59,7 +59,7 @@ class Counts(Shown):
         n = len(self.time_s)
         if self.recorded.shape != (n, len(self.channels)):
             raise FileFormatError(
-                message("error.counts_of_shape_do", where=self.source, shape=self.recorded.shape, n=n, n_channels=len(self.channels))
+                message("error.counts_of_shape_do", where=self.source, shape=str(self.recorded.shape), n=n, n_channels=len(self.channels))
             )
         if n == 0:
             raise FileFormatError(message("error.has_no_samples", where=self.source))

@@ -202,7 +202,7 @@ def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Pos
     """
     rows = np.atleast_2d(np.array(rows, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1] != 7:
-        raise FileFormatError(message("error.poses_of_shape_wanted", shape=rows.shape))
+        raise FileFormatError(message("error.poses_of_shape_wanted", shape=str(rows.shape)))
     if not np.isfinite(rows).all():
         raise FileFormatError(message("error.pose_holds_a_number", row=int(np.argmax(~np.isfinite(rows).all(axis=1))) + 1))
     far = (np.abs(rows[:, :3]) > conventions.MAX_LENGTH_MM).any(axis=1)

@@ -239,7 +239,7 @@ def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None
     rows = np.ascontiguousarray(rows, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != POSE:
         # a kernel would read on behind the end of a row
-        raise GeometryError(message("error.poses_of_shape_wanted_are", shape=rows.shape, pose=POSE))
+        raise GeometryError(message("error.poses_of_shape_wanted_are", shape=str(rows.shape), pose=POSE))
     off = np.flatnonzero(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) > NEARLY_UNIT)
     if len(off):
         i = int(off[0])

@@ -89,7 +89,8 @@ angles = {angles}
 assumed = [{assumed}]
 
 # An uncertainty that you do not state has a typical size. Lines such as "# u_run_out_mm = 0.02" show it: measure it, write
-# the smaller size, and remove the "#", in each table. run.toml states start pose and temperature: {of_run}.
+# the smaller size, and remove the "#", in each table. run.toml states start pose and temperature:
+# {of_run}.
 # unstated = "exact"  # all that is not stated is exact: for simulations
 {of_rig}
 """

@@ -91,7 +91,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
         (("--angles", "euler"), 2, "not one of puma-oat"),
         (("--tool-offset-mm", "1,2"), 2, "three numbers"),
         (("--tool-offset-mm", "nan,0,0"), 2, "three numbers"),
-        (("--tool-offset-mm", "1e300,0,0"), 1, "at most 1e+06 mm"),
+        (("--tool-offset-mm", "1e300,0,0"), 1, "at most 1000000 mm"),
         (("--seed", "-1"), 2, "--seed"),
         (("--limit-deg", "-5"), 2, "--limit-deg"),
         (("--limit-deg", "nan"), 2, "--limit-deg"),

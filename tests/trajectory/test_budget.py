@@ -171,7 +171,7 @@ def test_an_uncertainty_of_the_start_that_is_none_is_refused(tmp_path: Path, val
     [
         ("u_x_mm", -1.0, "row 2: u_x_mm = -1 is no standard uncertainty"),
         ("u_systematic_rz_rad", -0.5, "row 2: u_systematic_rz_rad = -0.5 is no standard uncertainty"),
-        ("y_mm", 1e300, r"row 2: y_mm = 1e\+300 is beyond 1e\+06 mm"),
+        ("y_mm", 1e300, r"row 2: y_mm = 1e\+300 is beyond 1000000 mm"),
     ],
 )
 def test_a_trajectory_with_a_value_that_cannot_be_is_refused(column: str, value: float, determined: str, tmp_path: Path) -> None:

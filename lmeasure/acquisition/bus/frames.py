@@ -69,10 +69,10 @@ class Frames:
         for name in ("identifier", "flags", "length", "channel"):
             if getattr(self, name).shape != (n,):
                 raise AcquisitionError(
-                    message("error.has_shape_for_frames", where=self.source, name=name, shape=getattr(self, name).shape, n=n)
+                    message("error.has_shape_for_frames", where=self.source, name=name, shape=str(getattr(self, name).shape), n=n)
                 )
         if self.data.shape not in {(n, CLASSIC_BYTES), (n, FD_BYTES)}:
-            raise AcquisitionError(message("error.data_has_shape_for", where=self.source, shape=self.data.shape, n=n))
+            raise AcquisitionError(message("error.data_has_shape_for", where=self.source, shape=str(self.data.shape), n=n))
 
     def __len__(self) -> int:
         return len(self.time_s)
