@@ -38,7 +38,8 @@ def test_live_is_the_same_run() -> None:
         found = pose.update(t, recorded)
         # who does not know yet that it comes back takes its origin for lost
         assert found.status == ("origin_lost" if 700 < i < 720 else WORDS[at_once.status[i]])
-        np.testing.assert_array_equal(found.pose, at_once.poses[i])
+        # a short run may be solved without compiled code, to other last digits
+        np.testing.assert_allclose(found.pose, at_once.poses[i], rtol=0, atol=1e-11)
         np.testing.assert_allclose(found.worst_pressure_angle_deg, at_once.worst_pressure_angle_deg[i])
 
 
