@@ -18,7 +18,7 @@ from lmeasure.core import FloatArray, IntArray
 
 SPACING_MM = 2.0
 """Way between samples that are compared, of the cable that moves most."""
-MOST = 20_000
+MOST = 10_000
 """Samples that are compared; of a longer run the spacing is doubled."""
 SLOW_MM_S = 20.0
 """Below this speed of the fastest cable nothing shows."""
@@ -53,23 +53,27 @@ class ReversalFinder:
 
     def __init__(self) -> None:
         self._spacing_mm = SPACING_MM
-        self._way_mm, self._last = 0.0, np.empty((0, 0))
+        self._way_mm, self._last = 0.0, np.empty(0)
         self._kept: list[FloatArray] = []
         self._count = 0
 
     def add(self, time_s: FloatArray, length_mm: FloatArray) -> None:
         """Take the next samples: times (n,) and changes of length (n, m), NaN where they are not known."""
-        rows = np.column_stack([time_s, length_mm])
-        rows = rows[np.isfinite(rows).all(axis=1)]
-        if not len(rows):
+        known = np.isfinite(length_mm.sum(axis=1) + time_s)
+        if not known.all():
+            time_s, length_mm = time_s[known], length_mm[known]
+        if not len(time_s):
             return
-        before = rows[:1] if not len(self._last) else self._last
-        steps = np.abs(np.diff(np.concatenate([before, rows])[:, 1:], axis=0)).max(axis=1)
+        before = length_mm[0] if not len(self._last) else self._last
+        steps = np.zeros(len(time_s))
+        for column, first in zip(length_mm.T, before, strict=True):
+            np.maximum(steps, np.abs(np.diff(column, prepend=first)), out=steps)
         way = self._way_mm + np.cumsum(steps)
         number = np.floor(np.concatenate([[self._way_mm], way]) / self._spacing_mm)
-        self._kept.append(rows[np.diff(number) > 0.0])
-        self._count += len(self._kept[-1])
-        self._way_mm, self._last = float(way[-1]), rows[-1:]
+        taken = np.flatnonzero(np.diff(number))
+        self._kept.append(np.column_stack([time_s[taken], length_mm[taken]]))
+        self._count += len(taken)
+        self._way_mm, self._last = float(way[-1]), length_mm[-1].copy()
         if self._count > MOST:
             self._kept = [np.concatenate(self._kept)[::2]]
             self._count, self._spacing_mm = len(self._kept[0]), 2.0 * self._spacing_mm
