@@ -64,7 +64,7 @@ class Command(_InWords, TyperCommand):
     """A command whose help is in the reader's language, its options in their groups; `rows` are those that take rows of numbers,
     `former` the options that are an argument now."""
 
-    rows: Mapping[str, int | None] = MappingProxyType({})
+    rows: Mapping[str, Any] = MappingProxyType({})
     former: frozenset[str] = frozenset()
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -1,5 +1,6 @@
 """How the options of settings are written down as texts: on a command line, in a form, in a request. One place for every face."""
 
+import re
 import types
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -10,7 +11,7 @@ from annotated_types import Ge, Le
 
 from lmeasure.text import Message, texts
 from lmeasure.workflows.registry import help_of, panel_of
-from lmeasure.workflows.settings import Pose, Separated, said_of, unit_of
+from lmeasure.workflows.settings import Pose, Separated, Turned, said_of, unit_of
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -57,17 +58,17 @@ def _marks(field: "FieldInfo") -> tuple[Any, list[Any]]:
     return kind, marks
 
 
-def rows_of_numbers(settings: "type[Asked]") -> dict[str, int | None]:
-    """How many numbers each option takes that is a row of them, by its flag; None where there may be any number."""
-    out: dict[str, int | None] = {}
+def rows_of_numbers(settings: "type[Asked]") -> dict[str, Pose | Separated]:
+    """Return the marks of the options that take a row of numbers, by their flags."""
+    out: dict[str, Pose | Separated] = {}
     for name, field in settings.model_fields.items():
         for mark in _marks(field)[1]:
-            if isinstance(mark, Pose) or (type(mark) is Separated and mark.mark == ","):
-                out[flag_of(name, field)] = mark.count
+            if isinstance(mark, Pose) or (type(mark) in (Separated, Turned) and mark.mark == ","):
+                out[flag_of(name, field)] = mark
     return out
 
 
-def with_commas(words: Sequence[str], rows: Mapping[str, int | None]) -> list[str]:
+def with_commas(words: Sequence[str], rows: Mapping[str, Pose | Separated]) -> list[str]:
     """The words of a command line, in which a row of numbers may have blanks between them: `--position-mm 0 0 -5` as 0,0,-5."""
     out: list[str] = []
     i = 0
@@ -84,14 +85,24 @@ def with_commas(words: Sequence[str], rows: Mapping[str, int | None]) -> list[st
             row.append(words[i])
             i += 1
         if len(row) > 1:
-            out[-1] = f"{flag}={','.join(part.strip(',') for part in row)}"
+            out[-1] = f"{flag}={_joined(row)}"
         elif row and not given:
             out.append(row[0])
     return out
 
 
-def _are_numbers(words: Sequence[str], most: int | None) -> bool:
-    parts = [part for word in words for part in word.strip(",").split(",")]
+def _joined(words: Sequence[str]) -> str:
+    return ",".join(word.strip(",") for word in words).replace(":,", ":")
+
+
+def _are_numbers(words: Sequence[str], mark: Pose | Separated) -> bool:
+    """Whether the words are the first of a row: numbers, or three angles behind the name of their convention."""
+    text, most = _joined(words), mark.count
+    if isinstance(mark, Turned) and (named := re.match(r"[A-Za-z][\w-]*:", text)):
+        text, most = text[named.end() :], 3
+        if not text:
+            return True
+    parts = text.split(",")
     with suppress(ValueError):
         return bool([float(part) for part in parts]) and (most is None or len(parts) <= most)
     return False

@@ -110,7 +110,7 @@ def test_defaults_are_those_of_the_stages() -> None:
     fit, chosen = CalibrationSettings(), asked("calibrate")
     assert all(getattr(chosen, name) == value for name, value in vars(fit).items() if name != "distances")
     assert fit.distances == chosen.distance == ()
-    certified, chosen = vars(CertificationSettings()) | {"trials": 4000}, asked("certify")
+    certified, chosen = vars(CertificationSettings()) | {"trials": 4000, "rule": None}, asked("certify")
     assert chosen.limit_deg == certified.pop("limit_angle_deg")
     del certified["planes"]
     assert all(getattr(chosen, name) == value for name, value in certified.items())
@@ -147,6 +147,9 @@ def test_defaults_are_those_of_the_stages() -> None:
         ("import", "-- --position-mm 1 2 3", "-- --position-mm 1 2 3"),
         ("structure", "s.toml --lengths-mm 10 11 12 13 14 15 --out s.json", "s.toml --lengths-mm=10,11,12,13,14,15 --out s.json"),
         ("zone", "--tilt-steps 3 4 --quaternion 0 0 0 1", "--tilt-steps 3 4 --quaternion=0,0,0,1"),
+        ("zone", "--quaternion kuka-abc:10 -20 30 40", "--quaternion=kuka-abc:10,-20,30 40"),
+        ("mechanism", "--quaternion puma-oat: 20, -90, 90 rotopod", "--quaternion=puma-oat:20,-90,90 rotopod"),
+        ("mechanism", "--quaternion 0 0 0 1 of:1 --position-mm of:1 2 3", "--quaternion=0,0,0,1 of:1 --position-mm of:1 2 3"),
         ("program", "--speeds 100 50 --tests pose path", "--speeds=100,50 --tests pose path"),
         ("calibrate", "--solve position guide --start 0 0 0 0 0 0 1 5", "--solve position guide --start=0,0,0,0,0,0,1 5"),
     ],
