@@ -17,7 +17,7 @@ from lmeasure.workflows import Option, Writing, as_arguments, command_line, form
 
 HIDDEN = {"scheduler", "browser"}
 """Options that would make this machine ask another one, or open a window."""
-INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}, "zone": {"tilt_rad"}}
+INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}, "zone": {"tilt_rad"}, "mechanism": {"tilt_rad"}}
 """Options beside which another asks for the same."""
 NOT_HERE = {"inspect", "view", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""

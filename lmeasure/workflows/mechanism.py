@@ -18,6 +18,7 @@ from lmeasure.workflows.settings import (
     option,
     places_of,
     pose_with,
+    radians_of,
     refuse,
     then,
 )
@@ -51,10 +52,11 @@ class Settings(Writing):
     y: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     z: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
     yaw_free: Annotated[bool, option("Count a position as inside if any turn about the vertical is inside.", panel=WORKSPACE)] = False
-    tilt_rad: Annotated[
+    tilt_deg: Annotated[
         float | None,
-        option("Also test orientations: each component of the rotation vector from -TILT to TILT.", panel=WORKSPACE, ge=0.0, le=1.5),
+        option("Also test orientations: each component of the rotation vector from -TILT to TILT.", panel=WORKSPACE, ge=0.0, le=85.0),
     ] = None
+    tilt_rad: Annotated[float | None, option("The same in radians, in place of --tilt-deg.", panel=WORKSPACE, ge=0.0, le=1.5)] = None
     tilt_steps: Annotated[int, option("Steps of each component.", panel=WORKSPACE, ge=1, le=99)] = 3
     drives: Annotated[
         int | None, option("Find the workspace by enumerating the drives, each at this number of values.", panel=WORKSPACE, ge=2, le=2000)
@@ -139,9 +141,11 @@ def _check(settings: Settings) -> None:
     if any(a is None for a in axes) and not all(a is None for a in axes):
         raise SettingsError("x, y, z", message("error.give_all_three_for"))
     if settings.x is None:
-        refuse(settings, "goes with --x, --y and --z", "yaw_free", "tilt_rad", "drives")
+        refuse(settings, "goes with --x, --y and --z", "yaw_free", "tilt_deg", "tilt_rad", "drives")
     if settings.drives is not None:
-        refuse(settings, "goes with poses over coordinates, not with --drives", "yaw_free", "tilt_rad", "poses")
+        refuse(settings, "goes with poses over coordinates, not with --drives", "yaw_free", "tilt_deg", "tilt_rad", "poses")
+    if settings.tilt_deg is not None and settings.tilt_rad is not None:
+        raise SettingsError("tilt_rad", message("error.is_given_and_so_is"))
     if settings.drives is None and (settings.poses is None) != (settings.joints is None):
         raise SettingsError("poses", message("error.goes_with_joints_file"))
     if settings.complete is not None and settings.poses is None:
@@ -178,7 +182,8 @@ def _grid(settings: Settings, file: "ParallelFile", progress: Progress) -> "tupl
         return grid, (joints, poses)
     pose = _pose(settings, file)
     orientation = (file.model.home if pose is None else pose)[3:]
-    turns = Turns(settings.tilt_rad or 0.0, settings.tilt_steps if settings.tilt_rad else 1, settings.yaw_free)
+    tilt = settings.tilt_rad or radians_of(settings.tilt_deg) or 0.0
+    turns = Turns(tilt, settings.tilt_steps if tilt else 1, settings.yaw_free)
     return over_grid(file, (x, y, z), orientation, turns, progress=lambda share: progress(0.9 * share, "mechanism")), None
 
 

@@ -85,7 +85,7 @@ def test_the_crank_platforms_workspace_by_drives_and_by_coordinates(tmp_path: Pa
     assert by_drives["volume_mm3"] == len(cells) * 16.0
     joints = np.column_stack([table.numbers(f"leg_{i}_deg") for i in (1, 3, 5)])
     np.testing.assert_allclose(any_shipped("crank-platform").model.forward(np.radians(joints[::400]))[:, :3], places[::400], atol=1e-9)
-    run("mechanism", "crank-platform", *box, "--tilt-rad", "0.1", "--tilt-steps", "25")
+    run("mechanism", "crank-platform", *box, "--tilt-deg", "5.729577951308232", "--tilt-steps", "25")
     by_coordinates = json.loads((tmp_path / "m.json").read_text())["workspace"]
     assert 0.7 * by_drives["places"] < by_coordinates["places"] <= by_drives["places"]
 
@@ -265,8 +265,8 @@ def test_legs_on_hooke_joints_turn_and_bend_no_farther_than_is_stated(tmp_path: 
 def test_angles_of_the_documents_do_where_quaternions_do(tmp_path: Path) -> None:
     """002: alpha, beta, gamma; 004: psi, theta, phi; the thesis: O, A, T. Each turn written out as a quaternion is the same pose."""
     half = np.radians(10.0)
-    same = ["0,0,0.17364817766693033,0.984807753012208", "fixed-xyz:0,0,20", "zxz:15,0,5", "kuka-abc:20 0 0", "puma-oat:20,-90,90"]
-    found = [json.loads(run("mechanism", "logos", "--quaternion", words, "--json"))["summary"] for words in same]
+    same = ["0 0 0.17364817766693033 0.984807753012208", "fixed-xyz:0,0,20", "zxz:15,0,5", "kuka-abc:20 0 0", "puma-oat:20,-90,90"]
+    found = [json.loads(run("mechanism", "logos", "--quaternion", *words.split(" "), "--json"))["summary"] for words in same]
     assert all(one == found[0] for one in found[1:])
     assert "is not a known convention" in refused("mechanism", "logos", "--quaternion", "zxy:1,2,3")
     assert "'1,2' is not three numbers" in refused("mechanism", "logos", "--quaternion", "zxz:1,2")
@@ -286,6 +286,8 @@ def test_what_cannot_be_studied_is_said_in_one_line(tmp_path: Path) -> None:
     assert "its legs do not reach this pose" in refused("mechanism", "rotopod", "--position-mm", "0,0,2000")
     assert "is of kind 'hexapod'" in refused("mechanism", "gough")
     assert "goes with --x, --y and --z" in refused("mechanism", "rotopod", "--drives", "5")
+    box = ("--x", "0:1:1", "--y", "0:1:1", "--z", "960:961:1")
+    assert "so is --tilt-deg" in refused("mechanism", "rotopod", *box, "--tilt-deg", "1", "--tilt-rad", "0.01")
     assert "give all three for a workspace" in refused("mechanism", "rotopod", "--x", "0:1:0.5")
     assert "is no robot that comes along" in refused("mechanism", "rotopode")
     assert "goes with --joints" in refused("mechanism", "rotopod", "--poses", tmp_path / "p.csv")
