@@ -54,9 +54,7 @@ class Settings(Asked):
     out: Annotated[str, option("Store of the results: a folder, or a URL such as s3://bucket/fleet.", metavar="STORE")]
     options: Annotated[tuple[str, ...], option("Option of the command, the same for all items.", flag="--set", metavar="NAME=VALUE")] = ()
     folders: Annotated[str, option("Meaning of the last folders of each path, to name robot and day.", metavar="{robot}/{day}/{name}")] = ""
-    scheduler: Annotated[
-        str | None, option("Dask scheduler, or local: one process for each processor.", metavar="tcp://HOST:PORT|local")
-    ] = None
+    scheduler: Annotated[str | None, option("Dask scheduler, or local: one process for each processor.", metavar="tcp://HOST:PORT")] = None
     catalogue: Annotated[str, option("Database of the items (file or SQLAlchemy URL); default in the store.", metavar="URL")] = ""
     result: Annotated[str, option("Result to compare the robots by; default the first U95.", metavar="NAME")] = ""
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None

@@ -51,7 +51,6 @@ LONG = {
     "check": "check --rig rig.toml --bus replay:drive.log --write OUT/checked.toml",
     "check-instrument": "check-instrument run --out OUT/check",
     "demo": "demo --out OUT/demo",
-    "batch": "batch verify sealed sealed2 --out OUT/store",
     "qualify": "qualify --out OUT/qualification",
 }
 """Commands that take longer, or a person beside them."""
