@@ -54,8 +54,8 @@ BELL = 5.0
 """Knots, one standard deviation, over which the size of the snap is estimated."""
 ANYWHERE = 0.02
 """Of the weight of that estimate: the whole run's."""
-ROUNDS, SETTLED = 20, 0.01
-"""Most rounds of Gauss-Newton, and the squared length of the last step in standard uncertainties."""
+ROUNDS, SETTLED = 20, 1e-5
+"""Most rounds of Gauss-Newton, and the mean squared part of an unknown in the last step, in standard uncertainties."""
 STIFFEST = 1e-10
 """Of the variance that a control pose has by its readings: the least of a fourth difference."""
 SMOOTHINGS = 3
@@ -252,7 +252,7 @@ class Fit:
             own = step[: 6 * self.knots]
             control.moved(own.reshape(-1, 6))
             control.variables = control.variables + step[6 * self.knots :]
-            size = solution.decrement
+            size = solution.decrement / len(own)
             if size < SETTLED or not np.isfinite(size):
                 break
         if np.isfinite(size) and (size < SETTLED or rounds < ROUNDS):
