@@ -1,5 +1,6 @@
 """A dask scheduler and two worker processes on loopback, without a dashboard."""
 
+import os
 import re
 import subprocess
 import sys
@@ -41,5 +42,8 @@ def two_workers() -> Iterator[Cluster]:
 
 def worker(address: str) -> "subprocess.Popen[str]":
     """Begin one more worker."""
+    # as a worker with a nanny has it: threads of BLAS of several workers only wait for each other
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    return subprocess.Popen([*command, "--host", "127.0.0.1"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+    command += ["--host", "127.0.0.1"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True, env=environment)
