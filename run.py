@@ -1,6 +1,6 @@
 """Set up lmeasure beside this file, then run it. Needs only Python itself.
 
-    python3 run.py                      set up, then the demo
+    python3 run.py                      set up, then the demo (--no-browser: open no page)
     python3 run.py test [PYTEST ARGS]   set up, then the tests: the whole suite on all processors, named files in one process
     python3 run.py test --fast          set up, then the tests of a minute: laws, contract, one way through all commands, texts
     python3 run.py docs                 set up, then build the documentation in build/docs and open it (--no-browser: only build)
@@ -59,6 +59,8 @@ FAST = (
     "tests/documents/test_docs.py::test_every_command_line_names_a_command_and_options_that_there_are",
 )  # fmt: skip
 """Of a minute: the contract and one way through all commands, laws of arrays, kernels and files, the layout, and texts."""
+OF_ALL_COMMANDS = ("-h", "--help", "--version")
+"""Options that are not the demo's where no command is named."""
 PROBE = "import importlib.metadata as m, sys; m.distribution('lmeasure'); print(sys.version)"
 
 
@@ -68,8 +70,8 @@ class SetUpError(Exception):
 
 def plan(arguments: list[str]) -> tuple[frozenset[str], list[str]]:
     """(extras to install, command inside the environment) for the arguments of this script; the command's first word is its script."""
-    if not arguments:
-        return frozenset(), ["lmeasure", "demo"]
+    if not arguments or (arguments[0].startswith("-") and arguments[0] not in OF_ALL_COMMANDS):
+        return frozenset(), ["lmeasure", "demo", *arguments]
     if arguments[0] == "test":
         fast = FAST if "--fast" in arguments else ()
         others = [a for a in arguments[1:] if a != "--fast"]

@@ -332,10 +332,10 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
         raise AccuracyError(message("error.placement_no_places_were"))
     before, after = search.current(), best
     found = _rig_at(search, best)
-    told = _told(search, before, draws), _told(search, after, draws)
+    quality = _figures_at(search, before, draws), _figures_at(search, after, draws)
     worst = np.tile(search.nodes[np.argmax(_u95_mm(search, found))], (len(search.turns), 1))
     assumed = assumed_in_zone(found, None, worst, search.turns, start=search.start, share=1.0)
-    return Placed(found, *told, _sensitivity(search, after), search.evaluations, assumed)
+    return Placed(found, *quality, _sensitivity(search, after), search.evaluations, assumed)
 
 
 def mounting_draws(search: Search, seed: int) -> FloatArray:
@@ -360,7 +360,7 @@ def _local(search: Search, x: FloatArray, draws: FloatArray) -> FloatArray:
     return np.asarray(found.x if found.fun <= search.around(x, draws) else x)
 
 
-def _told(search: Search, x: FloatArray, draws: FloatArray) -> dict[str, float]:
+def _figures_at(search: Search, x: FloatArray, draws: FloatArray) -> dict[str, float]:
     speed2, u95, shortest, longest = (float(v) for v in search.figures(x[None])[0])
     if search.plan.factor.shape[1]:
         u95 = float(_u95_mm(search, _rig_at(search, x)).max())

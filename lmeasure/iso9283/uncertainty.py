@@ -31,7 +31,7 @@ STEP = 1e-3
 NO_ERROR = 1e-12  # mm, rad
 POINTS_AT_ONCE = 100_000
 LINEAR_TRIALS = 500
-"""Variables of a part's own errors of which each has a derivative; of more as many draws, whose standard deviation is known to 3 %."""
+"""Most variables of a part's own errors that have a derivative each. More are replaced by as many draws: their standard deviation is known to 3 %."""
 
 
 class Part(Protocol):
@@ -196,7 +196,7 @@ class _Kind(NamedTuple):
 
 
 class _Watched(dict[Subject, Any]):
-    """States that note of which parts a figure is."""
+    """States of parts that note which of them a figure uses."""
 
     def __init__(self, states: Mapping[Subject, Any], used: set[Subject]) -> None:
         super().__init__(states)
@@ -272,7 +272,7 @@ def _single_directions(columns: FloatArray, place: IntArray) -> FloatArray:
 
 
 def _drawn_directions(e: PoseErrors, which: int, rng: np.random.Generator, number: int) -> FloatArray:
-    """Return errors (number, n, 6) of which LINEAR_TRIALS have squares that add up as those by single variables."""
+    """Return random errors (number, n, 6); the squares of LINEAR_TRIALS of them add up to the variance by all variables."""
     columns, place = _own(e, which)
     z = e.drawn(rng, (number, int(place.max(initial=-1)) + 1, columns.shape[2])) / np.sqrt(LINEAR_TRIALS)
     return np.asarray(np.einsum("nij,tnj->tni", columns, z[:, place], optimize=True))

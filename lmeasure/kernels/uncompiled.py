@@ -34,7 +34,7 @@ NUMBERS_AT_ONCE = 4_000_000
 used: set[str] = set()
 """Kernels that this process used uncompiled."""
 wanted: dict[str, tuple[str, str, tuple[Any, ...]]] = {}
-"""Those of which no compiled code is kept, by name and types: module, name, and examples of the arguments."""
+"""Kernels without kept compiled code, by name and types: module, name, and examples of the arguments."""
 
 
 class TooLongError(Exception):
@@ -83,7 +83,7 @@ def is_kept(function: Any) -> bool:
 
 
 def tile(count: int, least: int) -> int:
-    """How many lanes a whole number of which the lanes of a call must be, for this many places."""
+    """Return the number that the lanes of a call must be a multiple of, for this many places."""
     lanes = least
     while lanes < min(count, LANES_AT_ONCE):
         lanes *= 2

@@ -69,8 +69,8 @@ def counted(certificate: Mapping[str, Any]) -> list[str]:
     held = [f["conformity"]["verdict"] for f in figures if "conformity" in f]
     if held:
         counts = ((v, held.count(v)) for v in ("conforms", "does not conform", "not decided"))
-        told = ", ".join(f"{word(language, v.replace(' ', '_'))}: {n}" for v, n in counts if n)
-        lines.append(word(language, "tolerances_counted", number=len(held), reported=told))
+        shown = ", ".join(f"{word(language, v.replace(' ', '_'))}: {n}" for v, n in counts if n)
+        lines.append(word(language, "tolerances_counted", number=len(held), reported=shown))
     return lines
 
 

@@ -76,6 +76,8 @@ def machine(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Machine:
         (["test", "pyproject.toml"], TEST, ["pytest", "pyproject.toml"]),
         (["test", "-x", "pyproject.toml::test_a", "--pdb"], TEST, ["pytest", "-x", "pyproject.toml::test_a", "--pdb"]),
         (["calibrate", "folder", "--out", "test"], NONE, ["lmeasure", "calibrate", "folder", "--out", "test"]),
+        (["--no-browser"], frozenset(), ["lmeasure", "demo", "--no-browser"]),
+        (["--version", "--json"], frozenset(), ["lmeasure", "--version", "--json"]),
         (["docs", "--no-browser"], frozenset({"docs"}), ["python", "docs/build_site.py", "--no-browser"]),
         (["--help"], NONE, ["lmeasure", "--help"]),
         (["workbench", "cell"], frozenset({"workbench"}), ["lmeasure", "workbench", "cell"]),

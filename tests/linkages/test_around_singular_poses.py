@@ -263,7 +263,7 @@ def test_drives_lead_out_or_jam_as_the_curvature_says(seed: int) -> None:
 
 
 def singular(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A mechanism and the singular pose nearest to one at random: both held against a zero of the determinant found by bisection."""
+    """Compare the singular pose nearest to a random one with a zero of the determinant that bisection finds."""
     base, body, pose = mechanism(seed)
     there = nearest_singular(base, body, pose)
     assert np.linalg.svd(singularity.link_rows(base, body, there)[0], compute_uv=False)[[0, 5]] @ [1e-9, -1.0] > 0.0

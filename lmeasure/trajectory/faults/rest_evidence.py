@@ -292,7 +292,7 @@ DETERMINED = 3
 """Changes from visit to visit from which their scatter is determined."""
 MOST_STEPS = 12
 MOST_RETURNS = 32
-"""Positions visited again of which the directions of the cables are computed."""
+"""Most positions visited again whose cable directions are computed."""
 TERMS = 8
 """Of the series of a closure that was lost at an unknown moment."""
 

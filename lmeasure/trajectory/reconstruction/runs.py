@@ -335,7 +335,7 @@ def _phase_notes(reconstruction: Reconstruction) -> list[Message]:
 
 
 def _redundancy_notes(model: RunModel, evidence: Evidence) -> list[Message]:
-    """Return which of its own faults a run can show with its number of cables, and of which size where none of them is redundant."""
+    """Return notes on the faults that a run can show with its number of cables; without a redundant one, also their least sizes."""
     scheme = model.scheme
     if not scheme.six:
         return [_redundancy_note(scheme)]
