@@ -31,7 +31,7 @@ STEP = 1e-3
 NO_ERROR = 1e-12  # mm, rad
 POINTS_AT_ONCE = 100_000
 LINEAR_TRIALS = 500
-"""Most variables of a part's own errors that have a derivative each. More are replaced by as many draws: their standard deviation is known to 3 %."""
+"""Most variables of a part's own errors that have a derivative each. As many draws replace more: their deviation is known to 3 %."""
 
 
 class Part(Protocol):
