@@ -28,6 +28,7 @@ from .counter import (
     runs_on as runs_on,
 )
 from .damped import damped_search as damped_search
+from .decorators import compiled_at_once as compiled_at_once
 from .effects import excesses as excesses
 from .external import GROUP as GROUP, KINDS as KINDS, set_laws as set_laws
 from .frames import (

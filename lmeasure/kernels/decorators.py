@@ -16,6 +16,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Iterator
 from functools import cache, cached_property
 from pathlib import Path
 from types import FunctionType
@@ -101,6 +102,8 @@ class StrictKernel(Kernel):
     """
 
     fast, strict = False, True
+    at_once = False
+    """Whether every call is compiled, however small the job."""
 
     def __init__(self, function: Any, *, inlined: bool = False, kept: bool = True, uncompiled_s: float = UNCOMPILED_S) -> None:
         super().__init__(function, inlined=inlined, kept=kept)
@@ -120,7 +123,7 @@ class StrictKernel(Kernel):
 
     def __call__(self, *arguments: Any) -> Any:
         kinds = tuple(map(type, arguments))
-        if self._left.get(kinds, math.nan) != 0.0:
+        if not self.at_once and self._left.get(kinds, math.nan) != 0.0:
             if kinds not in self._left:
                 guessed = "numba" not in sys.modules and self._keeps_some()
                 self._left[kinds] = NUMBA_S if guessed else self._allowed(arguments)
@@ -170,6 +173,16 @@ class StrictKernel(Kernel):
         from numba import typeof
 
         self.dispatcher.compile(tuple(map(typeof, examples)))
+
+
+@contextlib.contextmanager
+def compiled_at_once() -> Iterator[None]:
+    """Compile every kernel that is called, as jobs too large to be computed uncompiled do."""
+    StrictKernel.at_once = True
+    try:
+        yield
+    finally:
+        StrictKernel.at_once = False
 
 
 @cache

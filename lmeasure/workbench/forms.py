@@ -19,7 +19,7 @@ HIDDEN = {"scheduler", "browser"}
 """Options that would make this machine ask another one, or open a window."""
 INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}, "zone": {"tilt_rad"}, "mechanism": {"tilt_rad"}}
 """Options beside which another asks for the same."""
-NOT_HERE = {"inspect", "view", "schema", "workbench"}
+NOT_HERE = {"docs", "inspect", "view", "warm", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
 ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
 """What a page always asks for."""

@@ -22,6 +22,8 @@ JOBS: dict[str, dict[str, str]] = {
             "Simulate a cell on a CAN bus of this machine, for check, capture and record. Your lines move its robot and cables.\n\n"
             "Lines: pull NAME [MM], let NAME, turn NAME, go POSE, home, run."
         ),
+        "docs": "Open the documentation in your browser, and build it first where its pages have changed.",
+        "warm": "Compile everything that later commands would compile while you wait. It takes about a minute, once for each version.",
         "simulate": "Simulate the counts of the instrument along a motion, and write the true poses too.",
     },
     "Build and calibrate a rig": {

@@ -12,7 +12,7 @@ from lmeasure.workflows import COMMANDS
 
 TESTS = Path(__file__).parents[1]
 RUN = TESTS / "authorities" / "truth" / "cell-run"
-WITHOUT = {"key", "schema", "view", "workbench"}
+WITHOUT = {"docs", "key", "schema", "view", "workbench"}
 """Give a file, a text, a picture or a page, and no figure."""
 
 

@@ -72,14 +72,16 @@ SLOW = (
     "place cell/rig.toml --task cell/placement.toml --out placed --generations 2",
     "demo --out demonstrated",
     "qualify --out qualified",
+    "warm",
 )
-SERVING = {"view", "workbench"}
+SERVING = {"docs", "view", "workbench"}
 """They answer for as long as they are asked: of them errors alone are read."""
 UNIT = re.compile(r"_(mm3?|m3|mm_s|deg|rad|s|counts)$")
 COUNTED = [
     "adapters", "added", "apart", "assumed", "cables", "capable", "certificates", "characteristics", "checks", "compared",
     "complex_assemblies", "corrected", "counters", "counter_like", "determinant", "differences", "directions_determined", "done", "entries",
-    "equations", "failed", "faults", "figures", "frames", "frames_lost", "freedoms", "identifiers", "items", "known", "laboratories",
+    "equations", "failed", "faults", "figures", "frames", "frames_lost", "freedoms", "identifiers", "items", "kernels", "known",
+    "laboratories",
     "left_out",
     "lines", "links", "minutes", "nodes", "nodes_in_zone", "not_compared", "overdue", "passes", "poses", "rank", "readings", "recorded",
     "reference_poses", "results", "rigs_tried", "samples", "unchanged", "unknowns", "unread", "with_a_pose",

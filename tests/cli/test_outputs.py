@@ -65,7 +65,7 @@ def settings_of(line: str) -> Any:
 
 def test_every_command_that_writes_takes_force() -> None:
     """But those that go on with their own folder, or write nothing."""
-    others = {"batch", "capture", "play", "scan", "verify", "view", "watch", "workbench"}
+    others = {"batch", "capture", "docs", "play", "scan", "verify", "view", "warm", "watch", "workbench"}
     assert {name for name in COMMANDS if not issubclass(load(name).settings, Writing)} == others
     assert {name for name in COMMANDS if issubclass(load(name).settings, Writing)} == {line.split()[0] for line in EVERY.values()} | {
         "record"
