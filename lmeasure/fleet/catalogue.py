@@ -5,13 +5,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from lmeasure.core import LMeasureError, how_to_install
-from lmeasure.text import message
+import sqlalchemy as sa
 
-try:
-    import sqlalchemy as sa
-except ModuleNotFoundError as error:
-    raise LMeasureError(message("error.a_store_s_catalogue", install=how_to_install("database"))) from error
+from lmeasure.core import LMeasureError
+from lmeasure.text import message
 
 DONE, FAILED = "done", "failed"
 _meta = sa.MetaData()

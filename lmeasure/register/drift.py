@@ -57,7 +57,7 @@ class Forecast:
     def due(self, lower: float, upper: float, risk: float = 0.05, longest: float = 3650.0) -> float:
         """Return the first time [days] at which the value is beyond its limits with more than this risk; at most so long after the last
         calibration, and the time of that if the risk is exceeded there."""
-        times = self.last + np.linspace(0.0, longest, 400)
+        times = self.last + np.linspace(0.0, longest, 100)
         bad = [i for i, t in enumerate(times) if 1.0 - self.probability_within(float(t), lower, upper) > risk]
         if not bad:
             return float(times[-1])

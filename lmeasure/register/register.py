@@ -3,34 +3,30 @@
     hash of a row = SHA-256(hash of the row before, its content as canonical JSON, who added it and when)
 
 A row that was changed, removed or put between others breaks the chain from there on (`Register.faults`); the newest hash, written down
-elsewhere, shows that none was cut off the end. The database refuses changes too (triggers of SQLite). SQLAlchemy speaks to SQLite and to
-PostgreSQL, so that several machines may share a register.
+elsewhere, shows that none was cut off the end. The database refuses changes too (triggers). SQLAlchemy speaks to SQLite and to PostgreSQL,
+so that several machines may share a register. The table `version` has the number of each version that the register went through.
 """
 
 import datetime
 import hashlib
 import itertools
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import sqlalchemy as sa
 
-from lmeasure.core import CertificationError, FloatArray, LMeasureError, how_to_install
+from lmeasure.core import CertificationError, FloatArray
 from lmeasure.register.entries import Entry, Result
 from lmeasure.text import message
-
-try:
-    import sqlalchemy as sa
-except ModuleNotFoundError as error:
-    raise LMeasureError(message("error.a_register_needs_sqlalchemy", install=how_to_install("database"))) from error
 
 FILE = "register.sqlite"
 AT_ONCE = 500
 """Documents that are read or written together."""
-VERSION = 1
+VERSION = 2
 ORIGIN = "0" * 64
 """The hash before the first row."""
 _meta = sa.MetaData()
@@ -40,7 +36,7 @@ _entry = sa.Table(
     sa.Column("kind", sa.String(16), nullable=False, index=True),
     sa.Column("digest", sa.String(64), nullable=False, unique=True),
     sa.Column("path", sa.Text, nullable=False),
-    sa.Column("subject", sa.Text, nullable=False, index=True),
+    sa.Column("subject", sa.Text, nullable=False),
     sa.Column("made", sa.String(10), nullable=False),
     sa.Column("settings", sa.JSON, nullable=False),
     sa.Column("added", sa.String(20), nullable=False),
@@ -62,6 +58,16 @@ _use = sa.Table(
     sa.Column("digest", sa.String(64), primary_key=True, index=True),
 )  # fmt: skip
 _version = sa.Table("version", _meta, sa.Column("number", sa.Integer, primary_key=True))
+_by_subject = sa.Index("entry_of_subject", _entry.c.subject, _entry.c.kind, _entry.c.made)
+
+
+def _index_subjects_by_kind(connection: sa.Connection) -> None:
+    connection.execute(sa.text("DROP INDEX IF EXISTS ix_entry_subject"))
+    _by_subject.create(connection, checkfirst=True)
+
+
+STEPS: dict[int, Callable[[sa.Connection], None]] = {2: _index_subjects_by_kind}
+"""What brings a register from the version before to each version; rows stay as they are, so that the chain holds."""
 
 
 class Subject(NamedTuple):
@@ -98,21 +104,58 @@ class Register:
             self._engine = sa.create_engine(url)
             if self.path is not None:
                 sa.event.listen(self._engine, "connect", _prepared)
-            with self._engine.begin() as connection:
-                _meta.create_all(connection)
-                found = connection.execute(sa.select(_version.c.number)).scalars().all()
-                if not found:
-                    connection.execute(_version.insert().values(number=VERSION))
-                if self.path is not None:
-                    for table in (_entry, _result, _use):
-                        for change in ("UPDATE", "DELETE"):
-                            name = f"{table.name}_{change.lower()}"
-                            text = f"CREATE TRIGGER IF NOT EXISTS {name} BEFORE {change} ON {table.name} "
-                            connection.execute(sa.text(text + "BEGIN SELECT RAISE(ABORT, 'a register is append-only'); END"))
+            found = self._version()
+            if found is not None and found < VERSION and self.path is not None:
+                self.backup(self.path.with_name(f"{self.path.stem}-v{found}{self.path.suffix}"))
+            if found is None or found < VERSION:
+                self._update()
         except (sa.exc.SQLAlchemyError, ModuleNotFoundError) as error:
             raise CertificationError(message("error.cannot_be_opened", where=self.name, error=str(error).splitlines()[0])) from None
-        if found and max(found) > VERSION:
-            raise CertificationError(message("error.is_of_version_this", where=self.name, found=max(found), version=VERSION))
+        if found is not None and found > VERSION:
+            raise CertificationError(message("error.is_of_version_this", where=self.name, found=found, version=VERSION))
+
+    def _version(self) -> int | None:
+        """Return the version of the database's tables; None where there are none."""
+        with self._engine.connect() as connection:
+            if not sa.inspect(connection).has_table(_version.name):
+                return None
+            return connection.execute(sa.select(sa.func.max(_version.c.number))).scalar()
+
+    def _update(self) -> None:
+        """Make the tables, or bring them to this version, all or nothing; another process may have done so meanwhile."""
+        with self._alone("SELECT pg_advisory_xact_lock(9283)") as connection:
+            _meta.create_all(connection)
+            found = connection.execute(sa.select(sa.func.max(_version.c.number))).scalar() or VERSION
+            for number in range(found + 1, VERSION + 1):
+                STEPS[number](connection)
+            if connection.execute(sa.select(_version.c.number).where(_version.c.number == VERSION)).first() is None:
+                connection.execute(_version.insert().values(number=VERSION))
+            for text in _REFUSALS.get(self._engine.dialect.name, ()):
+                connection.exec_driver_sql(text)
+
+    @contextmanager
+    def _alone(self, postgresql: str) -> Iterator[sa.Connection]:
+        """Give a connection that writes, all or nothing, while no other does."""
+        with self._stated_errors(), self._engine.begin() as connection:
+            if self._engine.dialect.name == "sqlite":
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            elif self._engine.dialect.name == "postgresql":
+                connection.exec_driver_sql(postgresql)
+            yield connection
+
+    @contextmanager
+    def _reading(self) -> Iterator[sa.Connection]:
+        with self._stated_errors(), self._engine.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def _stated_errors(self) -> Iterator[None]:
+        """Raise CertificationError for an error of the database, in one line."""
+        try:
+            yield
+        except sa.exc.SQLAlchemyError as error:
+            reason = str(error).splitlines()[0]
+            raise CertificationError(message("error.database_refuses", where=self.name, error=reason)) from None
 
     def close(self) -> None:
         """Let go of the database."""
@@ -122,12 +165,8 @@ class Register:
         """Append documents, all or none; the ones that were added: a document that is there already is passed over."""
         moment = (now or datetime.datetime.now(datetime.UTC)).strftime("%Y-%m-%dT%H:%M:%SZ")
         added = []
-        with self._engine.begin() as connection:
-            if self.path is not None:
-                connection.exec_driver_sql("BEGIN IMMEDIATE")
-            elif self._engine.dialect.name == "postgresql":
-                # two machines would else give two rows one number
-                connection.exec_driver_sql("LOCK TABLE entry IN EXCLUSIVE MODE")
+        # two machines would else give two rows one number
+        with self._alone("LOCK TABLE entry IN EXCLUSIVE MODE") as connection:
             last = connection.execute(sa.select(_entry.c.number, _entry.c.hash).order_by(_entry.c.number.desc()).limit(1)).first()
             number, before = (0, ORIGIN) if last is None else (last.number, last.hash)
             left, known = iter(entries), set[str]()
@@ -157,14 +196,14 @@ class Register:
         """Return the subjects of the register by kind of document, in order of their names."""
         e = _entry.c
         chosen = sa.select(e.subject, e.kind, sa.func.count(), sa.func.max(e.made))
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             rows = connection.execute(chosen.group_by(e.subject, e.kind).order_by(e.subject, e.kind)).all()
         return tuple(Subject(*row) for row in rows)
 
     def used(self, most: int = 1000) -> tuple[Entry, ...]:
         """Return the registered documents that others depend on, the newest first."""
         chosen = sa.select(_entry).where(_entry.c.digest.in_(sa.select(_use.c.digest))).order_by(_entry.c.made.desc()).limit(most)
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             return tuple(entry for _, entry in self._whole(connection, connection.execute(chosen).all()))
 
     def entries(self, kind: str = "", subject: str = "") -> tuple[Entry, ...]:
@@ -172,7 +211,7 @@ class Register:
         chosen = sa.select(_entry).order_by(_entry.c.made, _entry.c.number)
         chosen = chosen.where(_entry.c.kind == kind) if kind else chosen
         chosen = chosen.where(_entry.c.subject == subject) if subject else chosen
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             return tuple(entry for _, entry in self._whole(connection, connection.execute(chosen).all()))
 
     def series(self, subject: str, result: str, kind: str = "certificate") -> tuple[FloatArray, FloatArray, FloatArray, str]:
@@ -180,7 +219,7 @@ class Register:
         columns = (_entry.c.made, _result.c.value, _result.c.u, _result.c.unit)
         chosen = sa.select(*columns).join(_result, _result.c.entry == _entry.c.number).order_by(_entry.c.made, _entry.c.number)
         chosen = chosen.where(_entry.c.subject == subject, _entry.c.kind == kind, _result.c.name == result)
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             rows = connection.execute(chosen).all()
         units = {row.unit for row in rows}
         if len(units) > 1:
@@ -195,13 +234,13 @@ class Register:
         """Return the names of the results of a subject."""
         chosen = sa.select(_result.c.name).join(_entry, _entry.c.number == _result.c.entry).distinct()
         chosen = chosen.where(_entry.c.subject == subject, _entry.c.kind == kind).order_by(_result.c.name)
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             return tuple(connection.execute(chosen).scalars())
 
     def recall(self, digest: str) -> tuple[Entry, ...]:
         """Return the documents that depend on a document, directly or by others, oldest first."""
         found: dict[int, Entry] = {}
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             left = [digest]
             while left:
                 chosen = sa.select(_entry).join(_use, _use.c.entry == _entry.c.number).where(_use.c.digest.in_(left))
@@ -212,13 +251,13 @@ class Register:
 
     def knows(self, digests: Sequence[str]) -> bool:
         """Return whether one of these documents is registered."""
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             return connection.execute(sa.select(_entry.c.number).where(_entry.c.digest.in_(digests))).first() is not None
 
     def faults(self) -> tuple[str, ...]:
         """Return what is wrong with the chain: one line for each row that is not as it was added."""
         out, before, wanted = [], ORIGIN, 1
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             rows = connection.execute(sa.select(_entry).order_by(_entry.c.number)).all()
             for row, (number, entry) in zip(rows, self._whole(connection, rows), strict=True):
                 if number != wanted:
@@ -231,7 +270,7 @@ class Register:
     @property
     def newest(self) -> str:
         """The hash of the newest row: written down elsewhere, it proves that no row was cut off."""
-        with self._engine.connect() as connection:
+        with self._reading() as connection:
             return connection.execute(sa.select(_entry.c.hash).order_by(_entry.c.number.desc()).limit(1)).scalar() or ORIGIN
 
     def backup(self, path: Path) -> None:
@@ -254,6 +293,27 @@ class Register:
         for row in rows:
             made, used = datetime.date.fromisoformat(row.made), tuple(uses.get(row.number, ()))
             yield row.number, Entry(row.kind, row.digest, row.path, row.subject, made, results.get(row.number, {}), used, row.settings)
+
+
+_TABLES = (_entry.name, _result.name, _use.name)
+_REFUSALS = {
+    "sqlite": tuple(
+        f"CREATE TRIGGER IF NOT EXISTS {name}_{change.lower()} BEFORE {change} ON {name} "
+        "BEGIN SELECT RAISE(ABORT, 'a register is append-only'); END"
+        for name in _TABLES
+        for change in ("UPDATE", "DELETE")
+    ),
+    "postgresql": (
+        "CREATE OR REPLACE FUNCTION refuse_change() RETURNS trigger LANGUAGE plpgsql "
+        "AS 'BEGIN RAISE EXCEPTION ''a register is append-only''; END'",
+        *(
+            f"CREATE OR REPLACE TRIGGER {name}_change BEFORE UPDATE OR DELETE OR TRUNCATE ON {name} "
+            "FOR EACH STATEMENT EXECUTE FUNCTION refuse_change()"
+            for name in _TABLES
+        ),
+    ),
+}
+"""Triggers of each database that refuse changes."""
 
 
 def _prepared(connection: Any, record: Any) -> None:

@@ -258,7 +258,8 @@ def left_out(certificate: dict[str, Any]) -> str:
     """Return how much of U95 is assumed because nobody stated it, and the statement that would help most; empty where nothing is."""
     every = (from_stated(e) for e in certificate.get("findings", ()))
     found = [m.text(certificate["language"]) for m in every if m is not None and m.code.startswith("assumed.")]
-    return "; ".join(found[:2])
+    text = "; ".join(found[:2])
+    return text and f"{text[0].upper()}{text[1:]}."
 
 
 def verdict(language: str, figure: Mapping[str, Any]) -> str:

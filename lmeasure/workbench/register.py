@@ -37,8 +37,7 @@ def _opened(request: Request) -> Iterator["Register"]:
     """The register that a page's address names, of this project; LMeasureError where there is none."""
     from lmeasure.register import FILE, Register
 
-    bench = bench_of(request)
-    folder = inside(bench.folder, request.query_params.get("folder", FOLDER))
+    folder = inside(bench_of(request).folder, _folder(request))
     if not (folder / FILE).is_file():
         raise OutsideError("workbench.register_none")
     register = Register(folder)
@@ -48,12 +47,20 @@ def _opened(request: Request) -> Iterator["Register"]:
         register.close()
 
 
+def _folder(request: Request) -> str:
+    """Return the folder that the address names, or else the project's register that is nearest to the top; empty where it has none."""
+    named = request.query_params.get("folder")
+    return next(iter(bench_of(request).project.of("register")), "") if named is None else named
+
+
 def _page(request: Request, view: str, **values: Any) -> Response:
-    return page(request, "register.html", view=view, folder=request.query_params.get("folder", FOLDER), **values)
+    return page(request, "register.html", view=view, folder=_folder(request) or FOLDER, **values)
 
 
 def instruments(request: Request) -> Response:
-    """Robots, rigs and references of the register, with how many documents each has and when the last was made."""
+    """Robots, rigs and references of the register, with how many documents each has and when the last was made; how to begin one."""
+    if not _folder(request):
+        return _page(request, "none")
     with _opened(request) as register:
         return _page(request, "instruments", subjects=register.subjects(), newest=register.newest, faults=())
 

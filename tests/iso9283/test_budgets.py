@@ -200,6 +200,18 @@ def test_jcgm_100_h5_voltages_of_ten_days() -> None:
     assert u_of(mean) == pytest.approx(18.0, abs=0.1)
 
 
+def test_jcgm_100_h6_hardness() -> None:
+    """h = 100 - d - Dc - Db - DS = 64.0 Rockwell units with u 0.55: d of 5 indentations that scatter by 0.45, read to 0.1, DS 0.5.
+
+    The comparison of the two machines, Dc, has less than 0.11; Db, of the standard machine in time, nothing.
+    """
+    values, u = (36.0, 0.0, 0.0, 0.0, 0.0), (0.45 / 5**0.5, 0.1 / 12**0.5, 0.11, 0.0, 0.5)
+    (found,) = of(lambda x: 100.0 - x.sum(axis=-1), values, u, (False, True, False, False, False))
+    assert 100.0 - sum(values) == 64.0
+    assert [u_of(found), found.u_drawn] == pytest.approx([0.55, 0.55], abs=0.006)
+    assert [abs(one) for one in found.sensitivities if one] == pytest.approx([0.201, 0.0289, 0.11, 0.5], abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("u", "rectangular", "expected", "half"),
     [((1, 1, 1, 1), False, 2.0, 3.92), ((1, 1, 1, 1), True, 2.0, 3.88), ((1, 1, 1, 10), True, 10.1, 17.0)],

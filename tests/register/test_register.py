@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sqlalchemy
+from postgresql import postgresql
 from typer.testing import CliRunner
 
 from lmeasure.certificate import canonical
@@ -155,32 +157,80 @@ def test_the_next_calibration_is_due_when_the_drift_reaches_the_limit(register: 
     assert (code, "limits.toml" in text) == (1, True)
 
 
-def _append(folder: str, first: int) -> None:
-    one = Register(Path(folder))
+def _append(place: str, first: int) -> None:
+    one = Register(place)
     for n in range(first, first + 20):
         one.add([entry(n, AP_P1=0.5)], f"P{first}")
     one.close()
 
 
-def test_two_processes_append_to_one_chain(register: Register) -> None:
-    folder = str(Path(str(register.path)).parent)
+def both_append(place: str) -> None:
+    """Two processes, which begin at the same time, append 20 rows each; in a database neither of them finds tables."""
     context = multiprocessing.get_context("spawn")
-    both = [context.Process(target=_append, args=(folder, first)) for first in (1, 100)]
+    both = [context.Process(target=_append, args=(place, first)) for first in (1, 100)]
     for process in both:
         process.start()
     for process in both:
         process.join(120)
     assert [process.exitcode for process in both] == [0, 0]
+
+
+def test_two_processes_append_to_one_chain(register: Register) -> None:
+    both_append(str(Path(str(register.path)).parent))
     assert len(register.entries()) == 40
     assert register.faults() == ()
 
 
-def test_a_register_of_a_later_version_is_left_alone(register: Register, tmp_path: Path) -> None:
+def test_two_processes_share_a_register_in_postgresql(tmp_path: Path) -> None:
+    with postgresql() as url:
+        both_append(url)
+        code, text = run(tmp_path, "--database", url, "--verify")
+        assert (code, "as it was written" in text) == (0, True), text
+        folder = certificate_folder(tmp_path / "c", 0.5, "2026-01-15", "ab" * 32)
+        assert "1 added" in run(tmp_path, "--database", url, "--add", folder)[1]
+        assert "± 0.01 mm" in run(tmp_path, "--database", url, "--subject", "0042", "--result", "AP_p P1")[1]
+        assert "back it up" in run(tmp_path, "--database", url, "--backup", tmp_path / "copy.sqlite")[1]
+        shared = Register(url)
+        assert [e.subject for e in shared.recall("ab" * 32)] == ["0042"]
+        engine = sqlalchemy.create_engine(url)
+        change = "UPDATE result SET value = 0.4 WHERE entry = 2"
+        for text in (change, "DELETE FROM entry", "TRUNCATE use"):
+            with pytest.raises(sqlalchemy.exc.SQLAlchemyError, match="append-only"), engine.begin() as connection:
+                connection.exec_driver_sql(text)
+        with engine.begin() as connection:
+            connection.exec_driver_sql("DROP TRIGGER result_change ON result")
+            connection.exec_driver_sql(change)
+        assert [fault for fault in shared.faults() if "row 2 " in fault]
+        with engine.begin() as connection:
+            connection.exec_driver_sql("DROP TABLE use")
+        with pytest.raises(LMeasureError, match="the database cannot do this"):
+            shared.recall("ab" * 32)
+        shared.close()
+        engine.dispose()
+    code, text = run(tmp_path, "--database", url, "--verify")
+    assert (code, "cannot be opened" in text) == (1, True), text
+
+
+def test_an_earlier_register_is_updated_and_copied_and_a_later_one_left_alone(register: Register, tmp_path: Path) -> None:
+    register.add([entry(n, AP_P1=0.5) for n in range(1, 4)], "A")
+    with closing(sqlite3.connect(str(register.path))) as database:  # as version 1 had it
+        database.executescript(
+            "DELETE FROM version; INSERT INTO version VALUES (1);"
+            "DROP INDEX entry_of_subject; CREATE INDEX ix_entry_subject ON entry (subject)"
+        )
+    now = Register(tmp_path / "reg")
+    assert (len(now.entries()), now.faults(), now.newest) == (3, (), register.newest)
+    now.close()
     with closing(sqlite3.connect(str(register.path))) as database:
-        database.execute("insert into version values (2)")
+        names = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'index'")}
+        assert ("entry_of_subject" in names, "ix_entry_subject" in names) == (True, False)
+        assert database.execute("SELECT number FROM version ORDER BY number").fetchall() == [(1,), (2,)]
+        database.execute("INSERT INTO version VALUES (3)")
         database.commit()
-    with pytest.raises(LMeasureError, match="update lmeasure"):
-        Register(tmp_path / "reg")
+    with closing(sqlite3.connect(tmp_path / "reg" / "register-v1.sqlite")) as copy:
+        assert copy.execute("SELECT max(number), (SELECT count(*) FROM entry) FROM version").fetchone() == (1, 3)
+    code, text = run(tmp_path / "reg")
+    assert (code, "update lmeasure" in text) == (1, True)
 
 
 def test_what_is_no_database_is_one_line(tmp_path: Path) -> None:

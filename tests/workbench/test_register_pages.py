@@ -35,6 +35,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_register_has_a_page_for_each_question(project: Path) -> None:
     with bench.client(project) as asked:
         first = asked.get("/register")
+        assert '<a href="/register"' in asked.get("/").text
         assert first.status_code == 200
         assert "<script>alert" not in first.text
         assert first.text.count("/register/charts?") == 2
@@ -56,8 +57,11 @@ def test_a_register_has_a_page_for_each_question(project: Path) -> None:
 def test_where_there_is_no_register_a_page_says_how_to_begin_one(project: Path, tmp_path: Path) -> None:
     with bench.client(tmp_path) as asked:
         answer = asked.get("/register")
-        assert answer.status_code != 200
+        assert answer.status_code == 200
         assert "--add" in answer.text
+        assert "/run/register?register_dir=register" in answer.text
+        assert asked.get("/run/register?register_dir=register").status_code == 200
+        assert asked.get("/register/due").status_code != 200
         assert not (tmp_path / "register").exists()
     with bench.client(project) as asked:
         assert asked.get("/register", params={"folder": "../elsewhere"}).status_code in (403, 404, 422)
