@@ -15,8 +15,8 @@ from lmeasure.rig import read_rig, write_rig
 from lmeasure.workflows import load
 
 PAGES = (
-    "/", "/rig", "/check", "/live", "/calibrate", "/zone", "/runs", "/robot", "/files", "/commands", "/api", "/run/structure", "/details", "/register",
-    "/trend", "/calibrations", "/?tour=1", "/nowhere",
+    "/", "/rig", "/check", "/live", "/calibrate", "/zone", "/runs", "/robot", "/files", "/commands", "/api", "/run/structure", "/details",
+    "/trend", "/calibrations", "/register", "/?tour=1", "/nowhere",
 )  # fmt: skip
 
 
