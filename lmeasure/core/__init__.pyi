@@ -5,6 +5,7 @@ from .arrays import (
     FloatArray as FloatArray,
     IntArray as IntArray,
     TextArray as TextArray,
+    words_of as words_of,
 )
 from .conventions import (
     CONVENTIONS as CONVENTIONS,

@@ -35,7 +35,7 @@ class Settings(Writing):
         Path | None,
         option("Nominal rig; its u_... are the priors. With --robot: the instrument for the robot.", metavar="RIG.toml", positional=True),
     ] = None
-    poses: Annotated[int, option("Number of poses; with --extend, number of additional poses.", ge=1)]
+    poses: Annotated[int, option("Number of poses; with --extend, number of additional poses.", ge=1, also=("--count",))]
     out: Annotated[Path, option("reference_poses.csv to write; its first pose is the zero pose. With --robot: table of joint values.")]
     box: Annotated[
         Box | None, option("Region of the tool origin [mm]; default with --extend: that of the recorded poses.", metavar=BOX, unit="mm")

@@ -24,7 +24,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
-from lmeasure.core import FileFormatError, SettingsError, pasted, rotation_from_angles
+from lmeasure.core import FileFormatError, SettingsError, pasted, rotation_from_angles, words_of
 from lmeasure.io import complaints
 from lmeasure.text import message
 
@@ -234,7 +234,7 @@ class Words(Separated):
 
     def parsed(self, value: Any) -> Any:
         """The tuple of a text."""
-        return tuple(word.strip() for word in value.split(self.mark) if word.strip()) if isinstance(value, str) else value
+        return words_of(value) if isinstance(value, str) else value
 
 
 @dataclass(frozen=True)

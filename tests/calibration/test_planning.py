@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from itertools import combinations, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from zeroed import zeroed_exactly
 
+import lmeasure as lm
 from lmeasure.calibration import (
     Campaign,
     Instrument,
@@ -338,3 +340,12 @@ def test_what_makes_no_sense_is_one_line(
     assert text in said
     assert "Traceback" not in said
     assert not out.exists()
+
+
+@pytest.mark.parametrize("names", ["position, guide,", ("position", "guide")])
+def test_lists_of_names_are_texts_with_commas_too(names: Any) -> None:
+    poses: Any = "P1,P2"
+    settings = lm.CalibrationSettings(solve=names, hold_out=poses)
+    assert (settings.solve, settings.hold_out) == (("position", "guide"), ("P1", "P2"))
+    found = [lm.plan_poses(RIG, poses=2, box=((-1.0, 1.0),) * 3, solve=chosen, further=0) for chosen in (names, ("position", "guide"))]
+    assert found[0].course == found[1].course

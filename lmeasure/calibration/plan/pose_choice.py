@@ -13,7 +13,7 @@ from lmeasure.calibration.plan.information import Instrument
 from lmeasure.calibration.plan.reach import Limits, Region, Usable
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation import observability
-from lmeasure.core import CalibrationError, DataFrame, FloatArray, Shown
+from lmeasure.core import CalibrationError, DataFrame, FloatArray, Shown, words_of
 from lmeasure.estimation import (
     CRITERIA,
     Criterion,
@@ -61,6 +61,9 @@ class PlanSettings:
     limits: Limits = field(default_factory=Limits)
     further: int = 3
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "solve", words_of(self.solve))
 
 
 @dataclass(frozen=True)

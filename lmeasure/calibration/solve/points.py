@@ -22,7 +22,7 @@ from lmeasure.calibration.solve.lp_search import Box, point_data, search_point
 from lmeasure.calibration.solve.residuals import Frame, unknowns_of
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.diagnosis import EVIDENCE
-from lmeasure.core import FloatArray
+from lmeasure.core import FloatArray, words_of
 from lmeasure.estimation import Fit, fit
 from lmeasure.rig import GUIDE, PLACE, azimuth_stretch
 
@@ -106,6 +106,10 @@ class CalibrationSettings:
     """Known distances between poses, which determine the scale of a self-calibration."""
     frame: Frame = "rig"
     """Reference of a self-calibration's frame: the nominal rig or the reference poses."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "solve", words_of(self.solve))
+        object.__setattr__(self, "hold_out", words_of(self.hold_out))
 
     @property
     def groups(self) -> tuple[str, ...]:

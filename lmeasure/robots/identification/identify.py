@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2, t
 
 from lmeasure.accuracy import radii_95
-from lmeasure.core import BoolArray, DataFrame, FloatArray, IntArray, RobotError, Shown, framed, se3
+from lmeasure.core import BoolArray, DataFrame, FloatArray, IntArray, RobotError, Shown, framed, se3, words_of
 from lmeasure.robots.identification.extrapolation import NOWHERE, Beyond
 from lmeasure.robots.identification.initial_frames import Frames, find_frames
 from lmeasure.robots.identification.measurements import LENGTH, POSITION, Measurements, Noted, measured, named_alike, noted, repeated
@@ -58,6 +58,9 @@ class Settings:
     """How exactly lengths of links or legs were built to their drawing, as a standard uncertainty; None: as parameters have it."""
     u_links_deg: float | None = None
     """The same of angles."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "free", words_of(self.free))
 
 
 @dataclass(frozen=True, repr=False)
