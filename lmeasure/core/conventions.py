@@ -5,13 +5,16 @@ A rotation here is `base_from_tool`: it takes tool coordinates to base coordinat
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from lmeasure.core.arrays import FloatArray
 from lmeasure.core.errors import FileFormatError
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ def check_angles(values: ArrayLike, what: str) -> None:
         raise FileFormatError(f"{what}: an angle of {numbers[bad][0]:g}; {LARGEST_ANGLE:g} is the most")
 
 
-def rotation_from_angles(name: str, angles: ArrayLike) -> Rotation:
+def rotation_from_angles(name: str, angles: ArrayLike) -> "Rotation":
     """Convert the angles of a controller's convention to rotations base_from_tool.
 
     Parameters
@@ -98,6 +101,8 @@ def rotation_from_angles(name: str, angles: ArrayLike) -> Rotation:
     >>> lm.rotation_from_angles("kuka-abc", [90.0, 0.0, 0.0]).apply([1.0, 0.0, 0.0]).round(9).tolist()
     [0.0, 1.0, 0.0]
     """
+    from scipy.spatial.transform import Rotation
+
     c = convention(name)
     values = np.asarray(angles, dtype=np.float64)
     check_angles(values, name)
@@ -106,7 +111,7 @@ def rotation_from_angles(name: str, angles: ArrayLike) -> Rotation:
     return Rotation.from_euler(c.axes, values + np.asarray(c.offset_deg), degrees=True)
 
 
-def angles_from_rotation(name: str, rotation: Rotation) -> FloatArray:
+def angles_from_rotation(name: str, rotation: "Rotation") -> FloatArray:
     """Convert rotations base_from_tool to the angles of a controller's convention.
 
     Parameters
@@ -144,7 +149,7 @@ def rounded_angles(name: str, angles: ArrayLike) -> FloatArray:
     return np.round(np.asarray(angles, dtype=np.float64), 4 if convention(name).axes == "rotvec" else 2) + 0.0
 
 
-def from_singular_deg(name: str, rotation: Rotation) -> FloatArray:
+def from_singular_deg(name: str, rotation: "Rotation") -> FloatArray:
     """(...,) how far [degrees, 0 to 90] rotations are from an orientation whose angles are not unique.
 
     There the first and the last axis of three turns lie on one line: the distance is the angle between them. A rotation vector is not

@@ -1,7 +1,6 @@
 """Objects that say what they are: one line at a prompt, a small table in a notebook, a frame for everything else."""
 
 from abc import abstractmethod
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -28,6 +27,8 @@ class Shown:
         return repr(self)
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in self.about().items())
         return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"
 

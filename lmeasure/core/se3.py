@@ -8,71 +8,76 @@ Twists and small errors are (omega; v), rotation first. A *displacement* delta i
 shift of the origin in the axes of the outer frame, R' = Exp(delta[:3]) R, p' = p + delta[3:]. The screw motion of a twist is `exp`.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from lmeasure.core.arrays import FloatArray
 
+if TYPE_CHECKING:
+    # a fifth of a second to load, for commands that need a dozen products of quaternions
+    from scipy.spatial.transform import Rotation
 
-def rotation(a_from_b: FloatArray) -> Rotation:
+_CYCLES = (0, 1, 2), (1, 2, 0), (2, 0, 1)
+
+
+def rotation(a_from_b: FloatArray) -> "Rotation":
     """The rotation of a pose (7,), or those of poses (n, 7)."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_quat(a_from_b[..., 3:])
 
 
-def pose(position_mm: ArrayLike, turn: Rotation) -> FloatArray:
+def pose(position_mm: ArrayLike, turn: "Rotation") -> FloatArray:
     """(7,) or (n, 7) poses with these positions (3,) or (n, 3) and rotations, one of them for all where only the other is many."""
-    position, quaternion = np.asarray(position_mm, dtype=np.float64), turn.as_quat()
-    if position.shape[:-1] != quaternion.shape[:-1]:
-        shape = np.broadcast_shapes(position.shape[:-1], quaternion.shape[:-1])
-        position, quaternion = np.broadcast_to(position, (*shape, 3)), np.broadcast_to(quaternion, (*shape, 4))
-    return np.concatenate([position, quaternion], axis=-1)
+    return _joined(np.asarray(position_mm, dtype=np.float64), turn.as_quat())
 
 
 def matrices(a_from_b: FloatArray) -> FloatArray:
     """(..., 3, 3) rotation matrices of poses (..., 7)."""
-    shape, (rows,) = _flat(a_from_b)
-    return np.asarray(rotation(rows).as_matrix()).reshape(*shape, 3, 3)
+    q = _quaternions(a_from_b)
+    both = q[..., :, None] * q[..., None, :]
+    out = np.empty((*q.shape[:-1], 3, 3))
+    for i, j, k in _CYCLES:
+        out[..., i, i] = both[..., i, i] - both[..., j, j] - both[..., k, k] + both[..., 3, 3]
+        out[..., i, j] = 2.0 * (both[..., i, j] - both[..., k, 3])
+        out[..., j, i] = 2.0 * (both[..., i, j] + both[..., k, 3])
+    return out
 
 
 def apply(a_from_b: FloatArray, points: ArrayLike) -> FloatArray:
     """(..., 3) coordinates in a of points (..., 3) given in b."""
-    shape, (rows, at) = _flat(a_from_b, points)
-    return np.asarray(rows[..., :3] + rotation(rows).apply(at)).reshape(*shape, 3)
+    return np.asarray(np.asarray(a_from_b)[..., :3] + _turned(matrices(a_from_b), points))
 
 
 def compose(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
     """(..., 7) a_from_c."""
-    shape, (outer, inner) = _flat(a_from_b, b_from_c)
-    turn = rotation(outer)
-    return pose(outer[..., :3] + turn.apply(inner[..., :3]), turn * rotation(inner)).reshape(*shape, 7)
+    return _joined(apply(a_from_b, np.asarray(b_from_c)[..., :3]), _product(_quaternions(a_from_b), _quaternions(b_from_c)))
 
 
 def inverse(a_from_b: FloatArray) -> FloatArray:
     """(..., 7) b_from_a."""
-    shape, (rows,) = _flat(a_from_b)
-    back = rotation(rows).inv()
-    return pose(-back.apply(rows[..., :3]), back).reshape(*shape, 7)
+    back = _inverted(a_from_b)
+    return _joined(-_turned(matrices(back), back[..., :3]), back[..., 3:])
 
 
 def between(a_from_b: FloatArray, a_from_c: FloatArray) -> FloatArray:
     """(..., 7) b_from_c; positions are subtracted before they are turned, so that two near poses far from a lose no digits."""
-    shape, (one, other) = _flat(a_from_b, a_from_c)
-    back = rotation(one).inv()
-    return pose(back.apply(other[..., :3] - one[..., :3]), back * rotation(other)).reshape(*shape, 7)
+    back, other = _inverted(a_from_b), np.asarray(a_from_c, dtype=np.float64)
+    return _joined(_turned(matrices(back), other[..., :3] - back[..., :3]), _product(back[..., 3:], _quaternions(other)))
 
 
 def displaced(a_from_b: FloatArray, delta: ArrayLike) -> FloatArray:
     """(..., 7) poses after displacements delta (..., 6) [rad; mm] in the axes of a: Exp(delta[:3]) R, p + delta[3:]."""
-    shape, (rows, by) = _flat(a_from_b, delta)
-    return pose(rows[..., :3] + by[..., 3:], Rotation.from_rotvec(by[..., :3]) * rotation(rows)).reshape(*shape, 7)
+    rows, by = np.asarray(a_from_b, dtype=np.float64), np.asarray(delta, dtype=np.float64)
+    return _joined(rows[..., :3] + by[..., 3:], _product(_exponential(by[..., :3]), _quaternions(rows)))
 
 
 def displacement(a_from_b: FloatArray, reference: FloatArray) -> FloatArray:
     """(..., 6) [rad; mm] the delta for which `displaced(reference, delta)` are these poses."""
-    shape, (rows, other) = _flat(a_from_b, reference)
-    turn = np.asarray((rotation(rows) * rotation(other).inv()).as_rotvec())
-    return np.concatenate([turn, np.broadcast_to(rows[..., :3] - other[..., :3], turn.shape)], axis=-1).reshape(*shape, 6)
+    rows, back = np.asarray(a_from_b, dtype=np.float64), _inverted(reference)
+    return _joined(_logarithm(_product(_quaternions(rows), back[..., 3:])), rows[..., :3] - back[..., :3])
 
 
 def exp(twists: ArrayLike) -> FloatArray:
@@ -80,17 +85,15 @@ def exp(twists: ArrayLike) -> FloatArray:
 
     Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 2.3: the shift is the left Jacobian of omega times v.
     """
-    shape, (rows,) = _flat(twists)
-    shift = (left_jacobians(rows[..., :3]) @ rows[..., 3:, None])[..., 0]
-    return pose(shift, Rotation.from_rotvec(rows[..., :3])).reshape(*shape, 7)
+    rows = np.asarray(twists, dtype=np.float64)
+    return _joined(_turned(left_jacobians(rows[..., :3]), rows[..., 3:]), _exponential(rows[..., :3]))
 
 
 def log(a_from_b: FloatArray) -> FloatArray:
     """(..., 6) the twists of at most half a turn whose `exp` are the poses (..., 7)."""
-    shape, (rows,) = _flat(a_from_b)
-    omega = np.asarray(rotation(rows).as_rotvec())
-    v = np.linalg.solve(left_jacobians(omega), rows[..., :3, None])[..., 0]
-    return np.concatenate([omega, v], axis=-1).reshape(*shape, 6)
+    omega = _logarithm(_quaternions(a_from_b))
+    v = np.linalg.solve(left_jacobians(omega), np.asarray(a_from_b)[..., :3, None])[..., 0]
+    return np.concatenate([omega, v], axis=-1)
 
 
 def left_jacobians(turns: FloatArray) -> FloatArray:
@@ -117,17 +120,56 @@ def at_points(arms_mm: FloatArray) -> FloatArray:
     out = np.zeros((*arms_mm.shape[:-1], 6, 6))
     out[...] = np.eye(6)
     # v + omega x r
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    for i, j, k in _CYCLES:
         out[..., 3 + i, j], out[..., 3 + i, k] = arms_mm[..., k], -arms_mm[..., j]
     return out
 
 
-def _flat(*arrays: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """The shape of the batch that arrays (..., columns) share, and the arrays with no more than one axis before the last: SciPy knows more
-    only since 1.17."""
-    rows = [np.asarray(a, dtype=np.float64) for a in arrays]
-    shape = np.broadcast_shapes(*(r.shape[:-1] for r in rows))
-    if len(shape) > 1:
-        rows = [np.broadcast_to(r, (*shape, r.shape[-1])).reshape(-1, r.shape[-1]) for r in rows]
-    # SciPy takes no array that cannot be written to
-    return shape, [np.require(r, requirements="W") for r in rows]
+def _joined(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(..., a + b) rows side by side, of batches that broadcast against each other."""
+    shape = np.broadcast_shapes(first.shape[:-1], second.shape[:-1])
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in (first, second)], axis=-1)
+
+
+def _quaternions(a_from_b: ArrayLike) -> FloatArray:
+    """(..., 4) unit quaternions of poses; ValueError where there is none."""
+    q = np.asarray(a_from_b, dtype=np.float64)[..., 3:]
+    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not (norm > 0.0).all():
+        raise ValueError("a pose whose quaternion has no length")
+    return np.asarray(q / norm)
+
+
+def _inverted(a_from_b: ArrayLike) -> FloatArray:
+    """(..., 7) poses with their turns back and their positions as they are."""
+    rows = np.asarray(a_from_b, dtype=np.float64)
+    return np.concatenate([rows[..., :3], _quaternions(rows) * (-1.0, -1.0, -1.0, 1.0)], axis=-1)
+
+
+def _turned(turns: FloatArray, points: ArrayLike) -> FloatArray:
+    """(..., 3) matrices times points."""
+    return np.asarray((turns @ np.asarray(points, dtype=np.float64)[..., None])[..., 0])
+
+
+def _product(p: FloatArray, q: FloatArray) -> FloatArray:
+    """(..., 4) the turns q, then p."""
+    both = p[..., :, None] * q[..., None, :]
+    out = np.empty(both.shape[:-1])
+    for i, j, k in _CYCLES:
+        out[..., i] = both[..., 3, i] + both[..., i, 3] + both[..., j, k] - both[..., k, j]
+    out[..., 3] = both[..., 3, 3] - both[..., 0, 0] - both[..., 1, 1] - both[..., 2, 2]
+    return out
+
+
+def _exponential(turns: FloatArray) -> FloatArray:
+    """(..., 4) quaternions of rotation vectors (..., 3)."""
+    half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(half / np.pi) * turns, np.cos(half)], axis=-1)
+
+
+def _logarithm(quaternions: FloatArray) -> FloatArray:
+    """(..., 3) rotation vectors of at most half a turn."""
+    axis, w = quaternions[..., :3], quaternions[..., 3:]
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    half = np.arctan2(sine, np.abs(w))
+    return np.asarray(np.where(w < 0.0, -1.0, 1.0) * 2.0 * axis / np.sinc(half / np.pi))

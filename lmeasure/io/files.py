@@ -257,7 +257,7 @@ def table_writer(path: Path, metadata: Metadata | None = None) -> Iterator[Calla
 
         def write(columns: Mapping[str, Any]) -> None:
             nonlocal writer
-            data = pa.table({name: _arrow(values, nan_is_null=suffix == ".csv") for name, values in columns.items()})
+            data = pa.table({name: _arrow(values, in_csv=suffix == ".csv") for name, values in columns.items()})
             if writer is None:
                 schema = data.schema
                 if suffix == ".parquet":
@@ -277,33 +277,47 @@ def table_writer(path: Path, metadata: Metadata | None = None) -> Iterator[Calla
                 writer.close()
 
 
+FEW_ROWS = 10_000
+"""Rows of a CSV for which pyarrow's functions are not loaded."""
+
+_KINDS: dict[type, Any] = {str: np.object_, int: np.int64, float: np.float64}
+
+
 # Between pyarrow and NumPy by their buffers: pyarrow's own conversions load pandas, a third of a second and 55 MB for nothing.
-_ARROW = {"f8": pa.float64(), "i8": pa.int64(), "i4": pa.int32()}
-
-
-def _arrow(values: Any, *, nan_is_null: bool) -> pa.Array:
+def _arrow(values: Any, *, in_csv: bool) -> pa.Array:
     if isinstance(values, list):
-        return pa.array(values)
+        kinds = set(map(type, values))
+        kind = _KINDS.get(kinds.pop()) if len(kinds) == 1 else None
+        if kind is None:
+            return pa.array(values)
+        values = np.array(values, kind)
     values = np.ascontiguousarray(values)
     if values.dtype.kind == "O":
-        return _texts(values)
-    kind = _ARROW.get(values.dtype.str[1:])
-    if kind is None:
-        return pa.array(values, from_pandas=nan_is_null and values.dtype.kind == "f")
-    present = None
-    if nan_is_null and values.dtype.kind == "f" and np.isnan(values).any():
+        return _texts(values, in_csv)
+    if values.dtype.kind not in "biuf":
+        return pa.array(values.tolist() if values.dtype.kind == "U" else values)
+    present, kind = None, pa.from_numpy_dtype(values.dtype)
+    if in_csv and values.dtype.kind == "f" and np.isnan(values).any():
         present = pa.py_buffer(np.packbits(~np.isnan(values), bitorder="little"))
-    return pa.Array.from_buffers(kind, len(values), [present, pa.py_buffer(values)])
+    return pa.Array.from_buffers(
+        kind, len(values), [present, pa.py_buffer(np.packbits(values, bitorder="little") if kind == pa.bool_() else values)]
+    )
 
 
-def _texts(values: TextArray) -> pa.Array:
-    """Texts of which few are different."""
+def _texts(values: TextArray, in_csv: bool) -> pa.Array:
+    """Texts of which few are different: only CSV needs each of them written out, for which pyarrow loads its functions."""
     places: dict[str, int] = {}
     if len(values) and bool((values == values[0]).all()):
         places[values[0]], codes = 0, np.zeros(len(values), np.int32)
     else:
         codes = np.fromiter((places.setdefault(text, len(places)) for text in values), np.int32, len(values))
-    encoded = [text.encode() for text in places]
+    if in_csv and len(values) <= FEW_ROWS:
+        return _strings(values.tolist())
+    different, numbers = _strings(list(places)), _arrow(codes, in_csv=False)
+    return different.take(numbers) if in_csv else pa.DictionaryArray.from_arrays(numbers, different)
+
+
+def _strings(texts: list[str]) -> pa.StringArray:
+    encoded = [text.encode() for text in texts]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    different = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
-    return different.take(_arrow(codes, nan_is_null=False))
+    return pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))

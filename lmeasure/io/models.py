@@ -62,9 +62,7 @@ MOST = 20
 class Strict(BaseModel):
     """A frozen table of a file. Unknown keys, numbers that are not finite, and text or true/false for a number are refused."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=True, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=True, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod

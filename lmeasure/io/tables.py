@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
@@ -122,7 +121,8 @@ class Table:
         try:
             if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type) or pa.types.is_null(column.type)):
                 column, faults = _parsed(name, column.cast(pa.string()))
-            column = column.cast(pa.float64())
+            if column.type != pa.float64():
+                column = pa.chunked_array([_as_floats(chunk) for chunk in column.chunks], pa.float64())
         except pa.ArrowException as error:
             raise FileFormatError(message("error.column_is_not_a_column", where=self.path, name=name, reason=_reason(error))) from error
         values, empty = _numbers(column)
@@ -237,8 +237,10 @@ def _leaves(kind: pa.DataType) -> Iterator[pa.DataType]:
 
 def _text_bytes(column: pa.Array) -> int:
     """Return the bytes of the texts of a column whose different ones are kept once."""
-    lengths = pa.compute.binary_length(column.dictionary)
-    return int(pa.compute.sum(lengths.take(column.indices)).as_py() or 0)
+    from pyarrow.compute import binary_length, sum as total
+
+    lengths = binary_length(column.dictionary)
+    return int(total(lengths.take(column.indices)).as_py() or 0)
 
 
 def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = None) -> Table:
@@ -318,6 +320,7 @@ def _refuse_ragged(path: Path, raw: bytes) -> None:
 
 PIECE_BYTES = 2**20  # some 15,000 lines of a counts file
 PIECE_ROWS = 2**14
+EXACT = 2**53
 
 
 def read_table_in_pieces(path: Path) -> Iterator[tuple[Table, float]]:
@@ -361,6 +364,16 @@ def _pieces(path: Path) -> Iterator[tuple[pa.Table, float]]:
             with pa.csv.open_csv(raw, pa.csv.ReadOptions(block_size=PIECE_BYTES), convert_options=numbers) as batches:
                 for batch in batches:
                     yield pa.Table.from_batches([batch]), min(raw.tell() / size, 1.0)
+
+
+def _as_floats(chunk: pa.Array) -> pa.Array:
+    """Return the cells as floats. Integers that all floats hold exactly are converted without pyarrow's own functions, which take long to
+    load."""
+    if pa.types.is_int64(chunk.type) and not chunk.null_count:
+        values = chunk.to_numpy()
+        if not len(values) or -EXACT <= values.min() <= values.max() <= EXACT:
+            return pa.array(values.astype(np.float64))
+    return chunk.cast(pa.float64())
 
 
 def _numbers(column: pa.ChunkedArray) -> tuple[FloatArray, BoolArray]:

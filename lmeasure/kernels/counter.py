@@ -16,6 +16,8 @@ _ANY, _COUNT, _SEEN, _SEEN_TIME, _GOOD_COUNT, _GOOD, _GOOD_TIME, _LOST, _UNSURE,
 UNSURE_AT, BELIEVED_AT = _UNSURE, _BELIEVED
 """Where a state has whether its counter is unsure, and the largest rate [1/s] that the motion itself makes believe of it, 0 for the one
 that bounds it."""
+AT_ONCE = 2**16
+"""Longer recordings are worth compiling, and would take several times their own memory."""
 PAUSE = 2.5
 """Usual intervals: what is no longer is no pause."""
 
@@ -83,6 +85,30 @@ def resume_counting(
             counts[i] = x + (full * math.floor((target - x) / full + 0.5) if full > 0.0 else 0.0)
         state[_ANY], state[_COUNT], state[_SEEN], state[_SEEN_TIME] = 1.0, counts[i], x, time_s[i]
     return counts, what
+
+
+def _followed(
+    recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
+) -> tuple[FloatArray, IntArray] | None:
+    """Return the counts and codes of `resume_counting` for counts to which nothing happens, else None."""
+    any_before, count, seen, seen_s = state[: _SEEN_TIME + 1].tolist()
+    if not 0 < len(recorded) <= AT_ONCE or state[[_LOST, _UNSURE, _BELIEVED]].any() or not np.isfinite(recorded).all():
+        return None
+    if full > 0.0 and not ((recorded >= -0.5 * full) & (recorded < 0.5 * full)).all():
+        return None
+    steps = np.diff(recorded, prepend=seen if any_before else recorded[0])
+    reach = max_rate * np.maximum(np.diff(time_s, prepend=seen_s if any_before else time_s[0]), least_s) + 1.0
+    turns = np.floor(steps / full + 0.5) if full > 0.0 else 0.0 * steps
+    lengths = np.abs(steps - full * turns)
+    if (lengths > reach).any() or (full > 0.0 and (reach >= full - lengths).any()):
+        return None
+    begun = math.floor((count - seen) / full + 0.5) if full > 0.0 and any_before else 0.0
+    counts = recorded + full * (begun - np.cumsum(turns))
+    state[: _SEEN_TIME + 1] = 1.0, counts[-1], recorded[-1], time_s[-1]
+    return counts, np.full(len(counts), FOLLOWED)
+
+
+resume_counting.usual = _followed
 
 
 @strict_kernel

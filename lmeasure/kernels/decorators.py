@@ -16,7 +16,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache, cached_property
 from pathlib import Path
 from types import FunctionType
@@ -99,6 +99,9 @@ class StrictKernel(Kernel):
     What it calls is compiled apart for it, since a small function keeps the licence of `inline` wherever it is used. A call is computed
     uncompiled (`kernels.uncompiled`) as long as that is sooner than to compile: each kernel has UNCOMPILED_S a process and types of
     arguments, and NUMBA_S until numba is loaded. A call that takes longer is broken off and done again, compiled.
+
+    usual: a function of arrays that gives the same for usual arguments, and None, with its arguments as they were, for others. It is called
+    first where nothing is compiled.
     """
 
     fast, strict = False, True
@@ -107,6 +110,7 @@ class StrictKernel(Kernel):
 
     def __init__(self, function: Any, *, inlined: bool = False, kept: bool = True, uncompiled_s: float = UNCOMPILED_S) -> None:
         super().__init__(function, inlined=inlined, kept=kept)
+        self.usual: Callable[..., Any] | None = None
         self._uncompiled_s = uncompiled_s
         self._left: dict[tuple[type, ...], float] = {}
         self._guessed: set[tuple[type, ...]] = set()
@@ -144,8 +148,11 @@ class StrictKernel(Kernel):
         if left == 0.0:
             return None
         began, result = time.thread_time(), None
-        with contextlib.suppress(Exception):
-            result = uncompiled.call(self, arguments, began + left)
+        if self.usual is not None:
+            result = self.usual(*arguments)
+        if result is None:
+            with contextlib.suppress(Exception):
+                result = uncompiled.call(self, arguments, began + left)
         self._left[kinds] = 0.0 if result is None else max(left - (time.thread_time() - began), 0.0)
         if result is not None:
             uncompiled.used.add(self.__name__)

@@ -4,15 +4,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from scipy.spatial.transform import Rotation
 
 from lmeasure.core import QUATERNION_COLUMNS, DataFrame, FileFormatError, FloatArray, IntArray, Shown, convention, conventions, framed, se3
 from lmeasure.io import Column, ForeignTable, files, text_of
 from lmeasure.text import composed, message
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 PLACES = ("x", "y", "z")
 STATED = (
@@ -117,7 +119,7 @@ class Poses(Shown):
         return framed(pose_columns(self))
 
     @property
-    def rotation(self) -> Rotation:
+    def rotation(self) -> "Rotation":
         """base_from_tool rotations."""
         return se3.rotation(self.rows)
 

@@ -5,15 +5,17 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
-from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure.core import DataFrame, FloatArray, Shown, conventions, framed
 from lmeasure.io import Strict, Whole, checked, files, of_key
 from lmeasure.text import message
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 NEEDS = {
     "linear": ("start_mm", "end_mm"),
@@ -182,10 +184,12 @@ class CommandedPath(_Run):
         out = np.array(self.start_mm, dtype=np.float64) - np.array(self.centre_mm, dtype=np.float64)
         return np.asarray(out - (out @ self._axis()) * self._axis())
 
-    def orientation(self, share: FloatArray) -> Rotation | None:
+    def orientation(self, share: FloatArray) -> "Rotation | None":
         """Commanded rotations (n,) base_from_tool where these shares (n,) of the path's length are gone; None where it states none."""
         if self.quaternion_xyzw is None:
             return None
+        from scipy.spatial.transform import Rotation, Slerp
+
         ends = Rotation.from_quat([self.quaternion_xyzw, self.end_quaternion_xyzw or self.quaternion_xyzw])
         return Slerp([0.0, 1.0], ends)(np.clip(share, 0.0, 1.0))
 

@@ -3,11 +3,10 @@
 import base64
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import plotly.graph_objects as go
-import xarray as xr
 from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -17,6 +16,9 @@ from lmeasure.core import FloatArray
 from lmeasure.report import figures
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.text import ENGLISH, Say, texts
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SCRIPT = Path(__file__).with_name("zone.js")
 # perceptually even, and readable without colour vision
@@ -29,7 +31,7 @@ RADIUS = float(np.sqrt(chi2.ppf(0.95, 3)))
 """Of the ellipsoid that holds 95 %, in standard deviations."""
 
 
-def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say: Say) -> dict[str, Any]:
+def maps(zone: "xr.Dataset", rig: Rig, calibration: CalibrationRecord | None, say: Say) -> dict[str, Any]:
     """Return what the template shows: sliders (name, title, low, high, value, step), both maps, the ellipsoid of a place, and the data and
     code of the script that fills them."""
     seen = thinned(zone)
@@ -73,13 +75,13 @@ def _words(say: Say) -> dict[str, str]:
     }
 
 
-def thinned(zone: xr.Dataset) -> xr.Dataset:
+def thinned(zone: "xr.Dataset") -> "xr.Dataset":
     """The nodes that are drawn: few enough for a page."""
     stride = {name: max(1, -(-zone.sizes[name] // (MOST_LEVELS if name == "z" else MOST_ALONG))) for name in "xyz"}
     return zone.isel({name: slice(None, None, step) for name, step in stride.items()})
 
 
-def _data(seen: xr.Dataset, zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None) -> dict[str, Any]:
+def _data(seen: "xr.Dataset", zone: "xr.Dataset", rig: Rig, calibration: CalibrationRecord | None) -> dict[str, Any]:
     """What the page's script reads; arrays over x, y, z with z fastest, as little-endian floats in base64."""
     axes = [seen[name].values.astype(np.float64) for name in "xyz"]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

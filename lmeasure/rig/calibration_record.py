@@ -26,7 +26,7 @@ NEGATIVE_EIGENVALUE = 1e-6
 class _Record(BaseModel):
     """Part of a calibration record."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True, defer_build=True)
 
 
 class RecordedParameter(_Record):

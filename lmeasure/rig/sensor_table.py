@@ -264,7 +264,7 @@ class SensorTable(Strict):
             return self.zero_u
         return float(getattr(self, p.stated, None) or 0.0)
 
-    def drawn(self, generator: np.random.Generator) -> dict[str, Any]:
+    def drawn(self, generator: "np.random.Generator") -> dict[str, Any]:
         """Return keys of a sensor with numbers of its `own`, with errors drawn of their standard uncertainties."""
         out: dict[str, Any] = {}
         stated = [p for p in self.solvable() if getattr(self, p.stored) is not None] if self.own else []

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from lmeasure.core import FloatArray, plug_in_names, plug_in_version, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, BY_ATTACHMENT, CABLE_COLUMNS, OWN_COLUMNS, OWN_PARAMETERS, WIDTH, set_laws
@@ -25,7 +25,7 @@ from lmeasure.rig import GROUP, AngleSensor as AngleSensor, LengthSensor as Leng
 
 STEP_MM = 1e-2
 STEP_RAD = 3e-5
-TURNS = [Rotation.from_rotvec([on, -on]).as_matrix() for on in STEP_RAD * np.eye(3)]
+TURNS = [se3.matrices(se3.exp([[*on, 0.0, 0.0, 0.0], [*-on, 0.0, 0.0, 0.0]])) for on in STEP_RAD * np.eye(3)]
 """Small turns about each base axis, and back."""
 READING_COLUMNS = 7
 _log = logging.getLogger("lmeasure")
@@ -125,7 +125,7 @@ class SensorKind:
         rows = np.zeros((n, CABLE_COLUMNS))
         rows[:, list(OWN_COLUMNS[:q])] = generator.uniform(-2.0, 2.0, (n, q)) * 10.0 ** np.arange(n)[:, None]
         rows[:, ATTACHMENT_XYZ] = generator.uniform(-100.0, 100.0, (n, 3))
-        return rows, se3.pose(generator.uniform(-300.0, 300.0, (n, 3)), Rotation.random(n, rng=generator))
+        return rows, se3.pose(generator.uniform(-300.0, 300.0, (n, 3)), scipy.spatial.transform.Rotation.random(n, rng=generator))
 
     def _failure(self, error: Exception) -> str:
         kind = self.table.kind

@@ -18,7 +18,7 @@ def zeroed_exactly(rig: Rig, cables: tuple[Observed, ...] | None = None) -> Bool
     return np.array([rig.counter(c).zero_exact or rig.counter(c).absolute for c in chosen], dtype=np.bool_)
 
 
-def drawn_phases(rig: Rig, rng: np.random.Generator, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+def drawn_phases(rig: Rig, rng: "np.random.Generator", cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(m,) where within a recorded count the cables' counters were zeroed: one draw within +-1/2 for each zeroing, 0 for one that is
     exact."""
     of = rig.zeroings(cables)

@@ -37,9 +37,6 @@ def texts(language: str, subject: str = "") -> Mapping[str, str]:
     return own if language == "en" else {**texts("en"), **own}
 
 
-_LINE = re.compile(r'(?:(msgid|msgstr) )?(".*")|#.*|\s*')
-
-
 def read_catalogue(path: Path) -> dict[str, str]:
     """Return the texts of a .po file by their keys: the part of the format that these catalogues use, without contexts and plurals.
 
@@ -48,15 +45,17 @@ def read_catalogue(path: Path) -> dict[str, str]:
     """
     entries: list[list[str]] = []
     for number, line in enumerate(path.read_text(encoding="utf-8").split("\n"), 1):
-        found, parts = _LINE.fullmatch(line), len(entries[-1]) if entries else 0
-        if found is None or (found[2] and not {"msgid": parts != 1, "msgstr": parts == 1, None: parts > 0}[found[1]]):
-            raise ValueError(f"{path}:{number}: no key, text or comment of a catalogue: {line!r}")
-        if not found[2]:
+        if line.startswith("#") or not line.strip():
             continue
-        text = json.loads(found[2])
-        if found[1] == "msgid":
+        kind, _, quoted = ("", "", line) if line[0] == '"' else line.partition(" ")
+        parts = len(entries[-1]) if entries else 0
+        fits = {"msgid": parts != 1, "msgstr": parts == 1, "": parts > 0}.get(kind, False)
+        if not fits or len(quoted) < 2 or quoted[0] != '"' or quoted[-1] != '"':
+            raise ValueError(f"{path}:{number}: no key, text or comment of a catalogue: {line!r}")
+        text = json.loads(quoted) if "\\" in quoted or '"' in quoted[1:-1] else quoted[1:-1]
+        if kind == "msgid":
             entries.append([text])
-        elif found[1]:
+        elif kind:
             entries[-1].append(text)
         else:
             entries[-1][-1] += text

@@ -54,7 +54,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
     from lmeasure.api import explained
     from lmeasure.recording import read_run, read_run_head, stated_start
-    from lmeasure.trajectory import can_stream, reconstruct, reconstruct_curve, reconstruct_stream, write_curve
+    from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream
 
     stated = None if settings.start is None else stated_start(settings.start)
     head = read_run_head(settings.run, settings.rig, stated)
@@ -70,6 +70,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
         return Result(summary, tuple(summary.text().splitlines()), summary.figures())
     recorded = read_run(settings.run, settings.rig, stated)
     if settings.continuous:
+        from lmeasure.trajectory import reconstruct_curve, write_curve
+
         trajectory, curve = reconstruct_curve(recorded, settings.constraint, judge=explained)
         write_curve(settings.curve, curve)
         return _written(settings, recorded, trajectory, progress)

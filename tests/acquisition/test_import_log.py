@@ -1,6 +1,8 @@
 """`lmeasure import`: counts, faults, buses, passes, DBC files and the start pose of logs, through the command and through the function."""
 
 import os
+import subprocess
+import sys
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
@@ -336,3 +338,23 @@ def test_what_the_log_lacks_is_said(tmp_path: Path) -> None:
     log = [m for m in counter_log(30, 12) if m.arbitration_id != 0x184]
     with pytest.raises(AcquisitionError, match=r"less\.log: channel ch4: not one count in frames 184; identifiers in the log: "):
         import_logs([write(tmp_path / "less.log", log)], rig, START_POSE)
+
+
+LOADED = """
+import sys
+from lmeasure.cli.app import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code
+print([name for name in ("asammdf", "sympy", "pandas") if name in sys.modules])
+"""
+
+
+def test_a_log_that_is_no_mf4_file_loads_no_reader_of_them(tmp_path: Path) -> None:
+    """asammdf brings SymPy and pandas, a second in all."""
+    path = write(tmp_path / "drive.log", counter_log(20, 4))
+    write_rig(tmp_path / "rig.toml", six_cables())
+    arguments = ["import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE]
+    done = subprocess.run([sys.executable, "-c", LOADED, *map(str, arguments)], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"

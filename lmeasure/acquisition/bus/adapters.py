@@ -78,7 +78,7 @@ def _serial_ports() -> list[tuple[str, str]]:
 
 def _ask_all() -> None:
     """Each driver in a thread of its own."""
-    import can
+    from lmeasure.acquisition.bus.python_can import can
 
     lock = threading.Lock()
 

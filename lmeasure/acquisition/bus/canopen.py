@@ -249,9 +249,9 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Pa
 
     folder: where the table's EDS file stands. AcquisitionError names the node, its channel and what does not agree with the rig.
     """
-    import can
-    import canopen
+    from lmeasure.acquisition.bus.python_can import can, user
 
+    canopen = user("canopen")
     table = rig.can_table
     if not isinstance(table, CanOpenCan):
         raise AcquisitionError(message("error.rig_its_decoder_is", name=rig.name, decoder=table.decoder))
@@ -348,7 +348,7 @@ def produce_sync(bus: "can.BusABC", sync_id: int, period_s: float) -> Any:
 
     AcquisitionError when the interface does not give its own frames back: then nobody could tell which counts belong to which SYNC.
     """
-    import can
+    from lmeasure.acquisition.bus.python_can import can
 
     sync = can.Message(arbitration_id=sync_id, is_extended_id=sync_id > 0x7FF)
     bus.send(sync)

@@ -123,7 +123,7 @@ def record_feed(rig: Rig, counts: Counts, passage: int = 1, progress: Callable[[
 
     The frames keep the simulation's times, and count as those of a log. AcquisitionError when the feed stops before its last frame.
     """
-    import can
+    from lmeasure.acquisition.bus.python_can import can
 
     fields = counter_fields(rig, passage)
     recorded = np.column_stack([counts.of(f.channel) for f in fields])

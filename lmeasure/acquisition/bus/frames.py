@@ -201,7 +201,7 @@ def each(frames: Frames) -> Iterator[tuple[float, int, int, int, NDArray[np.uint
 
 def messages_from_frames(frames: Frames) -> Iterator["can.Message"]:
     """Frames as python-can messages, in their order; the channel is the bus name."""
-    import can
+    from lmeasure.acquisition.bus.python_can import can
 
     for t, identifier, flags, length, data, channel in each(frames):
         yield can.Message(

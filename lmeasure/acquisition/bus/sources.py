@@ -162,7 +162,7 @@ class BusSource:
         return bus
 
     def _read(self) -> None:
-        import can
+        from lmeasure.acquisition.bus.python_can import can
 
         lost = 0
         while not self._done.is_set():
@@ -369,8 +369,7 @@ class SimulatedSource(BusSource):
     """The simulated cell: a scenario's frames, sent in real time from a thread over python-can's virtual bus."""
 
     def __init__(self, scenario: Path) -> None:
-        import can
-
+        from lmeasure.acquisition.bus.python_can import can
         from lmeasure.acquisition.counters.decoders import counter_fields
         from lmeasure.simulation import read_scenario, simulate
 
@@ -407,7 +406,7 @@ def bus_opener(bus: str, bit_rate: int | None = None, options: Mapping[str, str 
     """What opens the bus INTERFACE:CHANNEL of python-can; AcquisitionError for an interface that it has not, what its driver raises when
     it is opened. See `open_source`."""
     interface, _, channel = bus.partition(":")
-    import can
+    from lmeasure.acquisition.bus.python_can import can
 
     # what is wrong comes as an exception and is said in one line; a driver's chatter is not for the terminal
     logging.getLogger("can").setLevel(logging.ERROR)

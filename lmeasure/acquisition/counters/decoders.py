@@ -224,9 +224,9 @@ def dbc_file(path: Path) -> Any:
 
     FileFormatError when it cannot be read.
     """
-    import cantools
+    from lmeasure.acquisition.bus.python_can import user
 
-    text = read_regular(path, LARGEST_DBC)
+    cantools, text = user("cantools"), read_regular(path, LARGEST_DBC)
     logging.getLogger("cantools").setLevel(logging.ERROR)  # its warnings are not for the terminal
     try:
         return cantools.database.load_string(text.decode("cp1252", "replace").replace("\r\n", "\n"), database_format="dbc", strict=False)

@@ -144,14 +144,14 @@ class _Asc:
 
     def _frames(self, rest: str) -> Frames:
         """Frames of what is behind the time."""
-        from can.io import ASCReader
+        from lmeasure.acquisition.bus.python_can import can
 
         if named := ASC_NAMED.match(rest):
             channel, _, behind, number, extended = named.groups()
             rest = f"{channel} {int(number):{'X' if self.base == 'hex' else 'd'}}{extended}{behind}"
         if NO_NUMBER.search(f" {rest}"):
             raise ValueError("a number with a sign or an underscore")
-        frames = by_library(ASCReader, f"base {self.base}\ninternal events logged\n0.0 {rest}\n", self.path)
+        frames = by_library(can.ASCReader, f"base {self.base}\ninternal events logged\n0.0 {rest}\n", self.path)
         stated = ASC_STATED.search(rest)
         if stated and not frames.flags[0] & ERROR and frames.identifier[0] != int(stated[1]):
             raise ValueError(f"its identifier is not the one that it states as ID = {stated[1]}")
@@ -160,13 +160,13 @@ class _Asc:
 
 def _state(found: re.Match[str], path: Path) -> Frames:
     """Return a controller's status as an error frame of SocketCAN."""
-    from can import Message
+    from lmeasure.acquisition.bus.python_can import can
 
     channel, state, *counts = found.groups()
     counters = min(int(counts[0] or 0), 255), min(int(counts[1] or 0), 255)
     words = state.lower()
     error = (BUS_OFF, b"") if words.startswith("bus") else controller_state(PASSIVE if words.startswith("error") else WARNING, counters)
-    message = Message(arbitration_id=error[0], data=error[1], is_error_frame=True, channel=int(channel) - 1)
+    message = can.Message(arbitration_id=error[0], data=error[1], is_error_frame=True, channel=int(channel) - 1)
     return frames_from_messages([message], "log", str(path))
 
 

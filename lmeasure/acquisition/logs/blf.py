@@ -136,24 +136,24 @@ def _compare(report: LogReport, stated: int) -> None:
 
 def _header(path: Path, file: BinaryIO, report: LogReport) -> tuple[float, int]:
     """Read the file header: the start of the measurement [s since 1970] and the number of objects, each 0 where it states none."""
-    from can.io.blf import FILE_HEADER_STRUCT, systemtime_to_timestamp
+    from lmeasure.acquisition.bus.python_can import can
 
-    raw = read_some(file, FILE_HEADER_STRUCT.size, report)
+    raw = read_some(file, can.io.blf.FILE_HEADER_STRUCT.size, report)
     if raw[:4] != b"LOGG":
         raise FileFormatError(message("error.is_no_blf_file", where=path))
-    if len(raw) < FILE_HEADER_STRUCT.size:
+    if len(raw) < can.io.blf.FILE_HEADER_STRUCT.size:
         raise FileFormatError(message("error.breaks_off_inside_the", where=path))
-    header = FILE_HEADER_STRUCT.unpack(raw)
+    header = can.io.blf.FILE_HEADER_STRUCT.unpack(raw)
     size, stated = header[1], header[10]
-    if not FILE_HEADER_STRUCT.size <= size <= LARGEST_HEADER:
+    if not can.io.blf.FILE_HEADER_STRUCT.size <= size <= LARGEST_HEADER:
         raise FileFormatError(message("error.the_file_header_says", where=path, size=size))
-    read_some(file, size - FILE_HEADER_STRUCT.size, report)
+    read_some(file, size - can.io.blf.FILE_HEADER_STRUCT.size, report)
     actual = path.stat().st_size
     if path.suffix.lower() != ".gz" and actual < stated:
         report.ended_early = f"the header states {stated} bytes and the file has {actual}"
     elif stated <= size:
         report.ended_early = "the recorder did not close the file"
-    return float(systemtime_to_timestamp(header[14:22])), int(header[12])
+    return float(can.io.blf.systemtime_to_timestamp(header[14:22])), int(header[12])
 
 
 def _pieces(file: BinaryIO, report: LogReport) -> Iterator[tuple[bool, bytes]]:
@@ -183,9 +183,9 @@ def _pieces(file: BinaryIO, report: LogReport) -> Iterator[tuple[bool, bytes]]:
 
 def _bodies(file: BinaryIO, report: LogReport) -> Iterator[tuple[int | None, bytes]]:
     """(compression method, packed bytes) of each log container; (None, objects) of what is between them."""
-    from can.io.blf import LOG_CONTAINER_STRUCT, NO_COMPRESSION, OBJ_HEADER_BASE_STRUCT, ZLIB_DEFLATE
+    from lmeasure.acquisition.bus.python_can import can
 
-    head = OBJ_HEADER_BASE_STRUCT.size
+    head = can.io.blf.OBJ_HEADER_BASE_STRUCT.size
     held, at, outside, size_outside = b"", 0, [], 0
     while True:
         if len(held) - at < head + PADDING:
@@ -198,7 +198,7 @@ def _bodies(file: BinaryIO, report: LogReport) -> Iterator[tuple[int | None, byt
                     "the last log container has no whole header" if short else "a log container contradicts itself"
                 )
             break
-        _, _, _, size, kind = OBJ_HEADER_BASE_STRUCT.unpack_from(held, start)
+        _, _, _, size, kind = can.io.blf.OBJ_HEADER_BASE_STRUCT.unpack_from(held, start)
         if not head <= size <= LARGEST_CONTAINER:
             report.ended_early = "a log container contradicts itself"
             break
@@ -207,19 +207,19 @@ def _bodies(file: BinaryIO, report: LogReport) -> Iterator[tuple[int | None, byt
         if len(held) - start < size:
             report.ended_early = report.ended_early or "the last log container is not whole"
         at = min(start + size, len(held))
-        if kind != CONTAINER or at - start < head + LOG_CONTAINER_STRUCT.size:
+        if kind != CONTAINER or at - start < head + can.io.blf.LOG_CONTAINER_STRUCT.size:
             outside.append(held[start:at])
             size_outside += at - start
         if outside and (kind == CONTAINER or size_outside > BLOCK_BYTES):
             yield None, b"".join(outside)
             outside, size_outside = [], 0
-        if kind != CONTAINER or at - start < head + LOG_CONTAINER_STRUCT.size:
+        if kind != CONTAINER or at - start < head + can.io.blf.LOG_CONTAINER_STRUCT.size:
             continue
-        method, _ = LOG_CONTAINER_STRUCT.unpack_from(held, start + head)
-        if method not in (NO_COMPRESSION, ZLIB_DEFLATE):
+        method, _ = can.io.blf.LOG_CONTAINER_STRUCT.unpack_from(held, start + head)
+        if method not in (can.io.blf.NO_COMPRESSION, can.io.blf.ZLIB_DEFLATE):
             report.ended_early = f"a log container is packed by method {method}, which nobody documents"
             break
-        yield method, held[start + head + LOG_CONTAINER_STRUCT.size : at]
+        yield method, held[start + head + can.io.blf.LOG_CONTAINER_STRUCT.size : at]
     if outside:
         yield None, b"".join(outside)
 
@@ -227,9 +227,9 @@ def _bodies(file: BinaryIO, report: LogReport) -> Iterator[tuple[int | None, byt
 def _unpack(method: int, body: bytes) -> tuple[bytes, bool]:
     """Return a container's content, and whether it is whole. Its own statement of its size is not believed; ValueError where it grows
     beyond any recorder's."""
-    from can.io.blf import NO_COMPRESSION
+    from lmeasure.acquisition.bus.python_can import can
 
-    if method == NO_COMPRESSION:
+    if method == can.io.blf.NO_COMPRESSION:
         return body, True
     inflate = zlib.decompressobj()
     data = inflate.decompress(body, LARGEST_CONTAINER)

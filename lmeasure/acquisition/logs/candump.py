@@ -51,7 +51,7 @@ class _Candump:
         return tuple(self._names[i, : self._lengths[i]].tobytes().decode("ascii") for i in range(self._used))
 
     def odd(self, line: bytes) -> Frames | str:
-        from can.io import CanutilsLogReader
+        from lmeasure.acquisition.bus.python_can import can
 
         text = decoded(line)
         if text.startswith(COMMENT_SIGNS):
@@ -65,7 +65,7 @@ class _Candump:
             if not count:
                 raise ValueError("its error frame is not as candump writes it")
             return frames_of(columns, count, self.names(), self.path)
-        return by_library(CanutilsLogReader, text.replace(",", ".", 1), self.path)
+        return by_library(can.CanutilsLogReader, text.replace(",", ".", 1), self.path)
 
 
 FORMAT = LogFormat(

@@ -19,7 +19,7 @@ MESSAGES_AT_ONCE = 20_000
 
 def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
     """Frames by python-can's reader of MF4. Whatever goes wrong inside it ends the reading."""
-    from can.io import MF4Reader
+    from lmeasure.acquisition.bus.python_can import mf4_reader
 
     report.unit = "records"
     broken = ""
@@ -29,7 +29,7 @@ def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
         try:
             # this reader, and asammdf beneath it, raise whatever their code runs into on a broken file
             if not report.frames:
-                messages = iter(MF4Reader(cast(Any, file)))
+                messages = iter(mf4_reader()(cast(Any, file)))
             for one in itertools.islice(messages, MESSAGES_AT_ONCE):
                 batch.append(checked(one))
         except Exception as error:

@@ -4,12 +4,16 @@
 `#:schema schemas/rig.json` (taplo, Even Better TOML).
 """
 
+import ast
+import inspect
 import json
 import re
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
+from itertools import pairwise
 from typing import Any, Union
 
 from pydantic import BaseModel, TypeAdapter
@@ -67,9 +71,30 @@ def schema_of(name: str) -> dict[str, Any]:
     """Return the JSON Schema of the model, or of any of several models."""
     kind = FILE_KINDS[name]
     models = kind.load()
+    for model in models:
+        _describe(model)
     whole: Any = Union[models]  # noqa: UP007
     made = _plain(TypeAdapter(whole).json_schema(by_alias=True) if kind.others else models[0].model_json_schema(by_alias=True))
     return {"$schema": DIALECT, "$id": f"lmeasure/{name}", "title": f"{kind.file}: {kind.text}"} | made
+
+
+def _describe(model: type[BaseModel]) -> None:
+    """Give the keys of a table, and of the tables in it, the docstrings below them as descriptions.
+
+    Only schemas and the documentation need them; pydantic would read the source of every model in every process.
+    """
+    for _, one in reversed(list(tables_of(model))):
+        for base in one.__mro__:
+            if not issubclass(base, BaseModel) or base is BaseModel:
+                continue
+            (table,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+            for key, text in pairwise(table.body if isinstance(table, ast.ClassDef) else ()):
+                match key, text:
+                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))) if (
+                        name in base.model_fields
+                    ):
+                        one.model_fields[name].description = one.model_fields[name].description or inspect.cleandoc(words)
+        one.model_rebuild(force=True)
 
 
 def _plain(value: Any, properties: bool = False) -> Any:
@@ -110,6 +135,7 @@ def tables_of(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, typ
 
 def keys_of(model: type[BaseModel]) -> list[tuple[str, str, str, str]]:
     """Return (key, type, default or "required", meaning) of a table's keys, required keys first."""
+    _describe(model)
     schema: dict[str, Any] = _plain(model.model_json_schema(by_alias=True))
     if "$ref" in schema:
         schema = schema["$defs"][schema["$ref"].rpartition("/")[2]]

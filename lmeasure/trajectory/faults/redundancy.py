@@ -42,11 +42,11 @@ from one of k. The smallest that is distinguished from every other is that of th
 
 from dataclasses import dataclass, replace
 from math import lgamma
+from statistics import NormalDist
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtri
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import CABLE, KIND, platform_size, span_lengths, span_rows_of
@@ -133,14 +133,14 @@ def _of_one(U: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _tail(lam: FloatArray, q: FloatArray, K: FloatArray, second: FloatArray) -> FloatArray:
     """Logarithm of the chance of more than q by K and its second derivative at lambda, where its first is q."""
     w, u = np.sqrt(2.0 * (lam * q - K)), lam * np.sqrt(second)
-    return np.asarray(log_ndtr(-(w + np.log(u / w) / w)))
+    return np.asarray(scipy.special.log_ndtr(-(w + np.log(u / w) / w)))
 
 
 def _directions(d: int) -> FloatArray:
     """(n, d) spread evenly over the sphere."""
     if d == 1:
         return np.ones((1, 1))
-    z = ndtri(np.clip(scipy.stats.qmc.Sobol(d, seed=0).random(DIRECTIONS), 1e-12, 1.0 - 1e-12))
+    z = scipy.special.ndtri(np.clip(scipy.stats.qmc.Sobol(d, seed=0).random(DIRECTIONS), 1e-12, 1.0 - 1e-12))
     return np.asarray(z / np.linalg.norm(z, axis=1, keepdims=True))
 
 
@@ -383,7 +383,7 @@ def _without_unused(basis: FloatArray, used: BoolArray) -> FloatArray:
 
 ALPHA, POWER = 1e-3, 0.8
 """Baarda's: of a single sample and channel."""
-SHIFT = float(ndtri(POWER) - ndtri(ALPHA / 2.0))
+SHIFT = NormalDist().inv_cdf(POWER) - NormalDist().inv_cdf(ALPHA / 2.0)
 """Standard uncertainties of the smallest fault that is found: 4.13."""
 RELIABILITY_PLACES = 64
 """Samples of a run, spread over it, at which it is worked out."""

@@ -20,7 +20,7 @@ sent to do not differ by the one twist that a single cable sees; a counter that 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import stdtr
+import scipy
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, Status
 from lmeasure.recording import Recorded
@@ -619,7 +619,7 @@ def _step(values: FloatArray, labels: IntArray, time_s: FloatArray, count_mm: Fl
     t = np.where(usable[:, None], np.abs(size) * np.sqrt(np.where(usable, length, 0.0))[:, None] / scatter, 0.0)
     k, j = (int(i) for i in np.unravel_index(int(np.argmax(t)), t.shape))
     # six lengths of a robot's three or six ways to be off: counted as if half of them were independent
-    p = 2.0 * float(stdtr(max(0.5 * m * freedom - 1.0, 1.0), -t[k, j])) * m * int(usable.sum())
+    p = 2.0 * float(scipy.special.stdtr(max(0.5 * m * freedom - 1.0, 1.0), -t[k, j])) * m * int(usable.sum())
     by = float(size[k, j])
     enough = abs(by) >= max(LEAST_COUNTS * count_mm[j], SCATTERS * scatter[k, j]) and _alone(size[k])[j]
     if p >= SIGNIFICANCE or not enough or not _at_once(values[:, j], labels, k + 1) / by >= AT_ONCE:

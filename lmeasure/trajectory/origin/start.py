@@ -17,9 +17,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, GeometryError, Status, TrajectoryError, se3
 from lmeasure.kernels import (
@@ -175,7 +174,7 @@ def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int
     rng, size = np.random.default_rng(seed), platform_size(rows)
     middle, wide = rows[:, BASE_XYZ].mean(axis=0), float(np.linalg.norm(np.ptp(rows[:, BASE_XYZ], axis=0)))
     wide = max(wide, 2.0 * float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max()), 1000.0)
-    poses = se3.pose(middle + wide * rng.uniform(-1.0, 1.0, (DRAWN, 3)), Rotation.random(DRAWN, rng=rng))
+    poses = se3.pose(middle + wide * rng.uniform(-1.0, 1.0, (DRAWN, 3)), scipy.spatial.transform.Rotation.random(DRAWN, rng=rng))
     drawn = rng.standard_normal((DRAWN, zeros.shape[1]))
     aims = readings - drawn @ zeros.T
     fit = np.zeros(DRAWN, np.bool_)
@@ -311,7 +310,7 @@ def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int 
     spare = max(len(rows) - len(free), 1)
     for batch in range(BATCHES):
         places = middle + (size + arm) * rng.uniform(-1.0, 1.0, (STARTS, 3))
-        starts = se3.pose(places, Rotation.random(STARTS, rng=rng))
+        starts = se3.pose(places, scipy.spatial.transform.Rotation.random(STARTS, rng=rng))
         poses, chi = damped_search(rows, readings, u, free, np.ascontiguousarray(starts))
         good = np.flatnonzero(chi <= WORSE * spare)
         for pose, off in zip(poses[good], chi[good], strict=True):

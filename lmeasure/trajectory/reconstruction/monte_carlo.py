@@ -100,7 +100,7 @@ def by_monte_carlo(
 
 
 def _drawn_by_estimate(
-    budget: Budget, estimate: OriginEstimate, situation: Situation, generator: np.random.Generator
+    budget: Budget, estimate: OriginEstimate, situation: Situation, generator: "np.random.Generator"
 ) -> tuple[FloatArray, FloatArray]:
     """A draw of all that a run shares which determined of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m)
     by whatever else there is. What an origin took up of a parameter errs with it."""

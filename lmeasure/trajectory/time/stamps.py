@@ -27,7 +27,6 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.text import Message, message
@@ -151,7 +150,7 @@ def numbers(stamps_s: FloatArray, places: FloatArray, u_mm: float, begins: BoolA
     if begins is not None:
         pause |= begins
     way = np.nan_to_num(np.linalg.norm(np.diff(places, axis=0), axis=1))
-    usual = median_filter(way, BESIDE)
+    usual = scipy.ndimage.median_filter(way, BESIDE)
     clear = (usual > CLEAR * u_mm) & (usual > 0.0)
     times = np.divide(way, usual, out=np.ones_like(way), where=clear)
     seen = np.maximum(np.rint(times), 1).astype(np.int64)
@@ -221,8 +220,8 @@ def _rise(behind: FloatArray, m: int) -> FloatArray:
     least of the m stamps on either side. A pause of the host raises the first alone."""
     after = np.minimum(np.arange(1, len(behind)) + m // 2, len(behind) - 1)
     before = np.maximum(np.arange(len(behind) - 1) - m // 2, 0)
-    middle = np.asarray(median_filter(behind, m, mode="reflect"))
-    least = np.asarray(minimum_filter1d(behind, m, mode="reflect"))
+    middle = np.asarray(scipy.ndimage.median_filter(behind, m, mode="reflect"))
+    least = np.asarray(scipy.ndimage.minimum_filter1d(behind, m, mode="reflect"))
     return np.asarray(np.minimum(middle[after] - middle[before], least[after] - least[before]))
 
 
@@ -230,7 +229,7 @@ def _count_holes(stamps_s: FloatArray, steps: IntArray, period: float, known: Bo
     """Raise the steps (n - 1,) at the holes that stamps alone show, where the motion does not know; whether there were any."""
     number = np.concatenate([[0], np.cumsum(steps)])
     rise = _rise(stamps_s - period * number, AT_REST)
-    top = (rise > SURE * period) & (rise >= maximum_filter1d(rise, 2 * AT_REST + 1)) & ~known
+    top = (rise > SURE * period) & (rise >= scipy.ndimage.maximum_filter1d(rise, 2 * AT_REST + 1)) & ~known
     top[: AT_REST // 2] = top[-(AT_REST // 2) :] = False  # too few on the other side
     tops = np.flatnonzero(top)
     tops = tops[np.diff(tops, prepend=-2 * AT_REST) > AT_REST]

@@ -526,7 +526,7 @@ class Budget:
         found = assumed_of(own, part(np.ones(len(keys), np.bool_)), groups)
         return replace(found, where=place_of(poses, positions_95(part(keys != "")))) if places else found
 
-    def drawn_start(self, generator: np.random.Generator, moved: FloatArray) -> FloatArray:
+    def drawn_start(self, generator: "np.random.Generator", moved: FloatArray) -> FloatArray:
         """(7,) the start as the scheme takes it, displaced by a draw of its errors; by the rig's moved rows where it came from lengths."""
         if self._u_length is not None:
             lengths = span_lengths(self.scheme.rows, self._zero[None])[0] + self._u_length * generator.standard_normal(len(moved))

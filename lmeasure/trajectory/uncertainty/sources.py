@@ -206,13 +206,13 @@ def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
     return Source((LENGTHS,) * (3 * len(own)), (message("covers.of.lengths"),) * bool(len(own)), lengths)
 
 
-def drawn(sources: tuple[Source, ...], generator: np.random.Generator) -> FloatArray:
+def drawn(sources: tuple[Source, ...], generator: "np.random.Generator") -> FloatArray:
     """(K,) a draw of the variables of these sources, one source after the other."""
     every = [standard(generator, (len(s.names),), s.uniform) for s in sources]
     return np.concatenate(every) if every else np.empty(0)
 
 
-def standard(generator: np.random.Generator, shape: tuple[int, ...], uniform: bool) -> FloatArray:
+def standard(generator: "np.random.Generator", shape: tuple[int, ...], uniform: bool) -> FloatArray:
     """Draws of unit variance, uniform or normal."""
     return np.sqrt(12.0) * (generator.random(shape) - 0.5) if uniform else generator.standard_normal(shape)
 
