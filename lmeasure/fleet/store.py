@@ -19,6 +19,10 @@ PARTS = ".parts"
 """Folder of results that are not whole yet."""
 
 
+class StoreError(LMeasureError):
+    """A store that cannot be reached or written."""
+
+
 class Store:
     """Where the results of a batch are kept.
 
@@ -58,9 +62,10 @@ class Store:
     def keep(self, made: Path, place: str) -> None:
         """Move a result, a file or a folder, to its place; one that is there is replaced."""
         if self.folder is None:
-            with suppress(FileNotFoundError):
-                self._remote.rm(f"{self._root}/{place}", recursive=True)
-            self._remote.put(str(made), f"{self._root}/{place}", recursive=made.is_dir())
+            with self._reached():
+                with suppress(FileNotFoundError):
+                    self._remote.rm(f"{self._root}/{place}", recursive=True)
+                self._remote.put(str(made), f"{self._root}/{place}", recursive=made.is_dir())
             return
         target = self.folder / place
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -78,11 +83,18 @@ class Store:
             return digest_of(self.folder / place)
         with tempfile.TemporaryDirectory(prefix="lmeasure-") as scratch:
             copy = Path(scratch) / "copy"
-            try:
+            with self._reached(), suppress(FileNotFoundError):
                 self._remote.get(f"{self._root}/{place}", str(copy), recursive=True)
-            except FileNotFoundError:
-                return ""
             return digest_of(copy)
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        """Raise StoreError in one line for whatever the package of a remote place raises."""
+        try:
+            yield
+        except Exception as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise StoreError(message("error.store_out_of_reach", where=self.place, why=why)) from None
 
     def swept(self) -> None:
         """Remove what workers of this machine that live no more have left unfinished."""

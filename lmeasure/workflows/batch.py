@@ -187,7 +187,7 @@ def worked(task: Task) -> "Outcome | Stop":
     An item is done again only if its options, the bytes of its inputs or the version of the program are others, or its result is not
     there with the bytes that were kept.
     """
-    from lmeasure.fleet import Store
+    from lmeasure.fleet import Store, StoreError
 
     if task.version != version_of("lmeasure"):
         return Stop(f"a worker has lmeasure {version_of('lmeasure')}, not {task.version}")
@@ -197,6 +197,8 @@ def worked(task: Task) -> "Outcome | Stop":
         with store.scratch() as scratch:
             found = _worked(task, store, scratch)
             return found if found is task.before else replace(found, seconds=time.perf_counter() - begun)
+    except StoreError as error:
+        return Stop(str(error))
     except LMeasureError as error:
         return _failed(task, str(error))
     except OSError as error:

@@ -10,12 +10,15 @@ import sqlite3
 import subprocess
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import fsspec
 import pandas as pd
 import pytest
 from cluster import two_workers, worker
+from moto.server import ThreadedMotoServer
 from typer.testing import CliRunner
 
 import lmeasure.workflows.batch as batch
@@ -172,12 +175,41 @@ def test_results_go_to_a_place_that_is_no_folder(tmp_path: Path) -> None:
     more = ("--catalogue", str(tmp_path / "items.sqlite"))
     assert "2 done" in done(*words, *more)
     assert "2 unchanged" in done(*words, *more)
-    fsspec = pytest.importorskip("fsspec")
     place = fsspec.filesystem("memory")
     assert len(place.glob("/fleet/trajectory/robot=r1/*/run.parquet")) == 2
     done("reconstruct", f"{runs}/*/*/run", *BY, "--out", tmp_path / "store")
     for path in (tmp_path / "store" / "trajectory").rglob("*.parquet"):
         assert place.cat_file(f"/fleet/{path.relative_to(tmp_path / 'store').as_posix()}") == path.read_bytes()
+
+
+@pytest.fixture
+def s3(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """An object store on loopback, with a bucket `plant`, as fsspec reaches it."""
+    server = ThreadedMotoServer(port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    about = {"AWS_ENDPOINT_URL": f"http://{host}:{port}", "AWS_DEFAULT_REGION": "us-east-1"}
+    for name, value in {**about, "AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret"}.items():
+        monkeypatch.setenv(name, value)
+    place = fsspec.filesystem("s3", skip_instance_cache=True)
+    place.mkdir("plant")
+    yield place
+    server.stop()
+
+
+def test_results_go_to_an_object_store(s3: Any, tmp_path: Path) -> None:
+    """A result that was lost there is made again; a bucket that is not there costs one line."""
+    words = ("reconstruct", f"{runs_of(tmp_path, robots=1)}/*/*/run", *BY)
+    far = ("--out", "s3://plant/fleet", "--catalogue", tmp_path / "items.sqlite")
+    assert "2 done" in done(*words, *far)
+    assert "2 unchanged" in done(*words, *far)
+    done(*words, "--out", tmp_path / "store")
+    kept = {p.relative_to(tmp_path / "store").as_posix(): p.read_bytes() for p in (tmp_path / "store" / "trajectory").rglob("*.parquet")}
+    assert {f"plant/fleet/{name}" for name in kept} == set(s3.glob("plant/fleet/trajectory/robot=r1/*/run.parquet"))
+    assert all(s3.cat_file(f"plant/fleet/{name}") == content for name, content in kept.items())
+    s3.rm(f"plant/fleet/{next(iter(kept))}")
+    assert "1 done, 0 failed, 1 unchanged" in done(*words, *far)
+    assert "s3://nowhere/fleet" in done(*words, "--out", "s3://nowhere/fleet", "--catalogue", tmp_path / "more.sqlite", code=1)
 
 
 def test_workers_give_the_same_bytes_though_one_is_killed_and_the_scheduler_stops_for_a_while(tmp_path: Path) -> None:
