@@ -20,10 +20,9 @@ from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
 from lmeasure.core import se3
-from lmeasure.linkages import Bounds, Tetrahedron, adjusted, detour, parse, singularity, somov_malyshev, structures
+from lmeasure.linkages import Bounds, Tetrahedron, adjusted, detour, singularity, somov_malyshev, structures
 from lmeasure.linkages.flat_tetrahedra import bands, safe_band
-from lmeasure.linkages.variants import Rods, Variants, lever
-from lmeasure.robots import any_shipped, misses
+from lmeasure.robots import PlatformFile, any_shipped, misses
 
 PAGE = Path(__file__).parents[1] / "docs" / "documents.md"
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -72,6 +71,32 @@ def singular_columns() -> dict[str, Any]:
     return dict(run("structure", structure(*COLUMNS), "--position-mm", "0,0,0", "--singular")["singular_pose"])
 
 
+def variants() -> str:
+    out = FOLDER / "list.json"
+    done = CliRunner().invoke(app, ["structure", "--list", "--out", str(out), "--force"])
+    assert done.exit_code == 0, done.output
+    own = next(one["variants"] for one in json.loads(out.read_text(encoding="utf-8")) if one["class"] == "L-222-321")
+    return f"{own['drives_moved'][0]} and {own['drives_moved'][1]}, rods {own['rods'][0]} and {own['rods'][1]}"
+
+
+def rods() -> str:
+    found = run("structure", "rods")
+    return f"{len(found['assemblies'])} assembly modes, {found['status']}"
+
+
+def design_of_rods() -> str:
+    sound = run("structure", "rods", "--design")["design"]["clear_as_given"]
+    return f"45.2: {sum(sound)} of {len(sound)} tetrahedra never flat"
+
+
+def input_rods() -> str:
+    words = ["structure", "input-rods", "--position-mm", "0,0,400", "--boundary", "xy"]
+    found = run(*words, "--lengths-mm", "390,390,430,390,450,390")
+    (piece,) = found["boundary"]["slices"]
+    x, y, z = found["forward"]["position_mm"]
+    return f"det {found['determinant']:.4g}; driven to ({x:.2f}, {y:.2f}, {z:.2f}); {piece['area_mm2']:.0f} mm² at z = 400"
+
+
 def assembly() -> str:
     path = structure(
         [(1, 5, 0), (3, 3, 0), (4, 2, 0), (1, 1, 0)],
@@ -99,7 +124,11 @@ def band() -> str:
 
 
 def flat() -> str:
-    low, high = (float(lever(np.array(a), np.array(a), np.array(20.0), np.array(70.0))) for a in (45.0, 38.0))
+    file = any_shipped("rods")
+    assert isinstance(file, PlatformFile)
+    rods = file.model.links
+    assert rods is not None
+    low, high = rods.link_box(np.array([[38.0, 45.0]] * 6))[1]
     limits = {"a1b2": (low, high), "a1b3": (low, high), "a2b2": (25.0, 32.0), "a2b3": (low, high), "b23": (20.0, 20.0), "a12": (1.0, 90.0)}
     found = bands(Tetrahedron("b23", "a1b2", "a1b3", "a2b2", "a2b3", "a12"), limits, "a12")
     return f"{low:.4f} to {high:.4f}; flat {found.near.low[0]:.2f} to {found.near.high[1]:.2f} and from {found.far.low[0]:.2f}"
@@ -233,25 +262,11 @@ ROWS = (
         "15 = 6 + 9",
         lambda: "{} + {}".format(*somov_malyshev(rods=3, fingers=False)),
     ),
-    Row(
-        "thesis 2.2, 2.3",
-        "drives moved, L-222-321",
-        "`Variants`",
-        "3 and 3",
-        lambda: "{} and {}".format(*Variants(parse("L-222-321")[0]).moved),
-    ),
-    Row(
-        "thesis 2.2, 2.3",
-        "rods, levers in a file for all commands",
-        "`Rods` in Python alone",
-        "-",
-        lambda: Rods.__name__,
-        "no: not in files",
-    ),
+    Row("thesis 2.2, 2.3", "drives moved, rods, L-222-321", "`structure --list`", "3 and 3", variants),
     Row(
         "thesis 3", "mobility with input rods merged with links", "`somov_malyshev`", "6", lambda: str(somov_malyshev(rods=3, merged=1)[0])
     ),
-    Row("thesis 3", "kinematics with input rods", "-", "-", lambda: "-", "no"),
+    Row("thesis 3", "kinematics and workspace with input rods", "`structure input-rods`", "-", input_rods),
     Row(
         "thesis 4.1",
         "assembly modes of given lengths",
@@ -275,7 +290,9 @@ ROWS = (
         "-",
         lambda: ", ".join(f"{k} {v}" for k, v in singular_columns()["leads_out"].items() if v != "no part"),
     ),
-    Row("thesis 4.3", "A1B2; flat A1A2", "`lever`, `bands`", "35.32 to 41.96; to 45.10", flat, "corrected: an upper end too"),
+    Row("thesis 4.1", "drives below the base, rods", "`structure rods`", "(4.11), (4.12)", rods, "corrected: (4.11)"),
+    Row("thesis 4.3", "design without singular poses", "`structure rods --design`", "A1A2 above 45.10", design_of_rods),
+    Row("thesis 4.3", "A1B2; flat A1A2", "`RodLinks`, `bands`", "35.32 to 41.96; to 45.10", flat, "corrected: an upper end too"),
     Row("thesis 4.4", "screw method", "`link_rows`", "det -2, (.05, .05, -.1; 0, -.1, .05)", screw, "corrected: a sign of P1"),
     Row(
         "thesis 4.5",

@@ -1,10 +1,13 @@
 from .architecture import architecturally_singular as architecturally_singular
-from .bounds import Bounds as Bounds, Lines as Lines
+from .bounds import Bounds as Bounds, Further as Further, Lines as Lines
 from .chain import Chain as Chain, grown as grown, proved as proved
 from .detours import detour as detour
 from .flat_tetrahedra import Tetrahedron as Tetrahedron, adjusted as adjusted, clear as clear
+from .hooke_joints import HookeJoints as HookeJoints
 from .length_limits import Around as Around
 from .lost_screw import Split as Split
+from .rods import End as End, RodLinks as RodLinks
+from .screw_method import SINGULAR as SINGULAR, driven as driven
 from .singular_drives import (
     Closing as Closing,
     Drive as Drive,
@@ -17,6 +20,7 @@ from .singularity import (
     LOST as LOST,
     Neighbourhood as Neighbourhood,
     gradients as gradients,
+    line_pressure_angles as line_pressure_angles,
     link_pressure_angles as link_pressure_angles,
     link_rows as link_rows,
     neighbourhood as neighbourhood,
@@ -25,7 +29,7 @@ from .singularity import (
     rim_mm as rim_mm,
 )
 from .start_systems import complex_assemblies as complex_assemblies
-from .straight_links import NOT_PROVED as NOT_PROVED, Assemblies as Assemblies, assemblies as assemblies
+from .straight_links import ALL as ALL, NOT_PROVED as NOT_PROVED, Assemblies as Assemblies, assemblies as assemblies
 from .tetrahedra import closed_form as closed_form, heights as heights
 from .topology import (
     LINKS as LINKS,
@@ -38,5 +42,6 @@ from .topology import (
     somov_malyshev as somov_malyshev,
     structures as structures,
 )
+from .variants import Variants as Variants
 from .workspace import Boundary as Boundary, Slice as Slice, boundary as boundary, first_met as first_met
 from .wrapped_links import by_side as by_side, distances as distances, wrapped_assemblies as wrapped_assemblies

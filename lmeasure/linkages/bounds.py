@@ -29,7 +29,17 @@ STEP = 1e-6  # of a displacement in units of the rim, for central differences
 
 
 Lines = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
-"""Of poses (..., 7): rows (..., m, 6), lengths (..., m) and places (..., m, 3) of the body's points, as of `singularity.link_rows`."""
+"""Of poses (..., 7): rows (..., m, 6), lengths (..., m) and places (..., m, 3) of the body's points, as of `singularity.link_rows`.
+
+For links of rods, rates (..., m, 3, 6) of what their ends move by twists (omega; v) take the place of points."""
+
+
+@dataclass(frozen=True)
+class Further:
+    """Further limits: names (j,), and a function of poses (..., 7) to smooth values (..., j), positive where they are kept."""
+
+    names: tuple[str, ...]
+    values: Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -37,22 +47,24 @@ class Bounds:
     """Six links or more from base (m, 3) to body (m, 3) and what they must keep.
 
     at: a pose (7,) at which the mechanism works, whose sign of the determinant is kept; limit_rad: of every pressure angle, None: only
-    never singular; lengths_mm: least and greatest length of a link; determinant: least |det| [mm^3], of rows with unit directions.
+    never singular; lengths_mm: least and greatest length of a link, or (2, m) of each; determinant: least |det| [mm^3], of rows with unit
+    directions.
     lines: of links that are not straight from point to point, cables over pulleys; turns (k, 4): quaternions by which the body is turned at
     every place, and has to keep its limits in all of these orientations; weights (m,) of more than six lengths' squares, default all 1;
-    called: the links' names, default `link 1` and so on.
+    called: the links' names, default `link 1` and so on; further: limits besides these.
     """
 
     base: FloatArray
     body: FloatArray
     at: FloatArray
     limit_rad: float | None = None
-    lengths_mm: tuple[float, float] | None = None
+    lengths_mm: tuple[float, float] | FloatArray | None = None
     determinant: float = 0.0
     lines: Lines | None = None
     turns: FloatArray | None = None
     weights: FloatArray | None = None
     called: Sequence[str] | None = None
+    further: Further | None = None
 
     def __post_init__(self) -> None:
         """StructureError where the mechanism is singular at the pose from which it starts."""
@@ -97,7 +109,7 @@ class Bounds:
         lengths = (
             () if self.lengths_mm is None else tuple(message(f"linkages.{way}", link=link) for way in ("short", "long") for link in links)
         )
-        once = angles + least + lengths
+        once = angles + least + lengths + (() if self.further is None else self.further.names)
         if self.turns is None:
             return once
         return tuple(message("linkages.orientation", name=name, v1=i + 1) for i in range(len(self.turns)) for name in once)
@@ -125,12 +137,17 @@ class Bounds:
         if self.lengths_mm is not None:
             least, greatest = self.lengths_mm
             kept += [(lengths - least) / greatest, (greatest - lengths) / greatest]
+        if self.further is not None:
+            kept.append(self.further.values(poses))
         return np.concatenate(kept, axis=-1)
 
     def _moved(self, M: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(...,) the determinant, and (..., m) how fast each body point moves by its own link alone, times the determinant's size."""
         if len(self.base) == LINKS:
             C = cofactors(M)
+            if points.ndim > C.ndim:
+                twists = np.concatenate([C[..., 3:], C[..., :3]], axis=-1)
+                return np.asarray(np.linalg.det(M)), np.linalg.norm((points @ twists[..., None])[..., 0], axis=-1)
             return np.asarray(np.linalg.det(M)), np.linalg.norm(C[..., :3] + np.cross(C[..., 3:], points), axis=-1)
         J, N, arms = self._normal(M, points)
         by = (J * self._weights[:, None]) @ cofactors(N)

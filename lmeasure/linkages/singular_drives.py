@@ -79,9 +79,10 @@ def lost_twists(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatAr
     return np.asarray(twists / np.where(turn > 1e-9 * shift, turn, shift))
 
 
-def leading_out(base: FloatArray, body: FloatArray, pose: FloatArray) -> IntArray | None:
+def leading_out(base: FloatArray, body: FloatArray, pose: FloatArray, rates: FloatArray | None = None) -> IntArray | None:
     """(m,) of six links at a pose (7,) of rank 5: 1 where lengthening it leads out and shortening it jams, -1 the other way round, 0 where
-    first order does not decide. None of another rank, or where curvature does not decide."""
+    first order does not decide. None of another rank, or where curvature does not decide. rates (m, m): of the links by drives, which take
+    the links' place."""
     M, lengths, points = link_rows(base, body, pose)
     if _rank(M) != FREEDOMS - 1:
         return None
@@ -91,7 +92,8 @@ def leading_out(base: FloatArray, body: FloatArray, pose: FloatArray) -> IntArra
     bend = float(parts.sum())
     if abs(bend) <= 1e-9 * float(np.abs(parts).sum()):
         return None
-    return np.where(np.abs(u) > 1e-6, np.sign(u) * np.sign(bend), 0.0).astype(np.int64)
+    u = u if rates is None else u @ rates
+    return np.where(np.abs(u) > 1e-6 * np.abs(u).max(), np.sign(u) * np.sign(bend), 0.0).astype(np.int64)
 
 
 def extra_drives(

@@ -187,9 +187,8 @@ def displacement_gradients(base: FloatArray, body: FloatArray, pose: FloatArray,
     return np.concatenate([K[:3] @ se3.left_jacobians(delta[:3]), K[3:]])
 
 
-def dependent(base: FloatArray, body: FloatArray, pose: FloatArray) -> IntArray:
-    """Links (k,) whose rows depend on each other at a pose (7,): those that a lost twist leaves without a say; none where all hold."""
-    M = link_rows(base, body, pose)[0]
+def dependent(M: FloatArray) -> IntArray:
+    """Links (k,) whose rows (6, 6) depend on each other: those that a lost twist leaves without a say; none where all hold."""
     U, s, _ = np.linalg.svd(M)
     lost = U[:, int((s > LOST * s[0]).sum()) :]
     return np.flatnonzero(np.linalg.norm(lost, axis=1) > 1e-6)
@@ -203,15 +202,26 @@ def link_pressure_angles(base: FloatArray, body: FloatArray, pose: FloatArray) -
     that no link sees; its angle is that of the least motion, a turn counted at the rim.
     """
     M, _, points = link_rows(base, body, pose)
-    e, rim = M[:, :3], rim_mm(body)
-    middle = points.mean(axis=0)
-    arms = points - middle
-    rows = np.hstack([np.cross(arms, e) / rim, e])
+    return line_pressure_angles(M, points, points.mean(axis=0), rim_mm(body))
+
+
+def line_pressure_angles(M: FloatArray, points: FloatArray, middle: FloatArray, rim: float) -> FloatArray:
+    """(m,) angles of `link_pressure_angles`, and of more links than six those of least squares.
+
+    M (m, 6): rows; points (m, 3) of the body, or (m, 3, 6) rates of ends by twists, as of `bounds.Lines`; middle (3,): where a turn counts
+    nothing; rim [mm]: where it counts.
+    """
+    e = M[:, :3]
+    rows = np.hstack([(M[:, 3:] - np.cross(middle, e)) / rim, e])
     s = np.linalg.svd(rows, compute_uv=False)
     unit = np.linalg.pinv(rows, rcond=LOST).T
-    v = unit[:, 3:] + np.cross(unit[:, :3] / rim, arms)
-    speed2 = np.maximum(1.0, (v * v).sum(axis=1))
-    out = np.arccos(1.0 / np.sqrt(speed2))
-    if s[-1] <= LOST * s[0]:
-        out[dependent(base, body, pose)] = np.pi / 2.0
+    omega = unit[:, :3] / rim
+    if points.ndim == 2:
+        v = unit[:, 3:] + np.cross(omega, points - middle)
+    else:
+        v = (points @ np.hstack([omega, unit[:, 3:] - np.cross(omega, middle)])[..., None])[..., 0]
+    rate = np.einsum("ij,ij->i", rows, unit)
+    out = np.arccos(np.clip(np.abs(rate) / np.maximum(np.linalg.norm(v, axis=1), 1e-300), 0.0, 1.0))
+    if s[5] <= LOST * s[0]:
+        out[dependent(M)] = np.pi / 2.0
     return np.asarray(out)

@@ -9,7 +9,6 @@ from markupsafe import Markup
 from plotly.subplots import make_subplots
 
 from lmeasure.core import FloatArray, se3
-from lmeasure.kernels import wrap_geometry
 from lmeasure.linkages import LINKS, incidence, parse, rim_mm, structures
 from lmeasure.report import figures, html
 from lmeasure.report.structure_drawing import svg
@@ -193,13 +192,8 @@ def _outline(points: FloatArray, ink: str, title: str, names: list[str]) -> go.S
 
 
 def _platform(linkage: Linkage, pose: FloatArray, name: str, say: Say) -> list[Any]:
-    points = se3.apply(pose, linkage.platform)
-    starts = linkage.base
-    if linkage.wrapped is not None:
-        starts = wrap_geometry(np.ascontiguousarray(linkage.wrapped), pose[None])[1][0]
-    ways = np.full((len(points), 4, 3), np.nan)
-    ways[:, 0], ways[:, 1], ways[:, 2] = linkage.base, starts, points
-    x, y, z = ways.reshape(-1, 3).T
+    points, strips = se3.apply(pose, linkage.platform), linkage.strips(pose)
+    x, y, z = np.concatenate([strips, np.full((len(strips), 1, 3), np.nan)], axis=1).reshape(-1, 3).T
     links = go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4, "color": LINK_INK}, name=say("structure.links_2"), hoverinfo="skip")
     platform = _outline(points, PLATFORM_INK, say("structure.platform", name=name), [p for _, _, p in linkage.names])
     if np.ptp(linkage.platform, axis=0).max() < SMALL * np.ptp(linkage.base, axis=0).max():

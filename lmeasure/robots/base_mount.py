@@ -46,6 +46,9 @@ class Mounted:
         if isinstance(robot, Platform):
             joints = (robot.lengths(flange) - robot.offset) / robot.scale
             beyond = (joints < robot.low) | (joints > robot.high)
+            apart = ~robot.assembled(flange)
+            if apart.any():
+                raise RobotError(message("error.sample_takes_a_rod_out", sample=int(np.argmax(apart))), int(np.argmax(apart)))
             if beyond.any():
                 sample = int(np.argmax(beyond.any(axis=1)))
                 leg = int(np.argmax(beyond[sample]))

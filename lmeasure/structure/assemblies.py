@@ -12,8 +12,10 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.linkages import (
+    ALL,
     LINKS,
     NOT_PROVED,
+    RodLinks,
     architecturally_singular,
     assemblies,
     complex_assemblies,
@@ -50,6 +52,8 @@ class Found:
 
 def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM) -> Found:
     """Assemblies of lengths (m,) [mm]; six of the links must hold the platform somewhere."""
+    if linkage.rods is not None:
+        return _of_rods(linkage.rods, lengths)
     six = six_of(linkage)
     base, platform = linkage.base[six], linkage.platform[six]
     proofs = assemblies(base, platform, lengths[six])
@@ -68,6 +72,19 @@ def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM
     rest = float(misses[misses > within_mm].min(initial=np.inf))
     # that one pose closes more than six links cannot be proved by numbers
     return Found(poses[kept], np.zeros(int(kept.sum()), dtype=np.bool_), misses[kept], status, *counts, rest)
+
+
+def _of_rods(rods: RodLinks, lengths: FloatArray) -> Found:
+    """Of straight links with the same poses, or by many starts where there are none."""
+    if rods.gauges is None:
+        poses = rods.poses_of(lengths)
+        return Found(poses, np.zeros(len(poses), dtype=np.bool_), np.zeros(len(poses)), NOT_PROVED, None, None)
+    links = rods.links_of_drives(lengths)
+    if not np.isfinite(links).all():
+        return Found(np.empty((0, 7)), np.zeros(0, dtype=np.bool_), np.zeros(0), ALL, 0, 0)
+    proofs = assemblies(*rods.bodies, links)
+    misses = np.abs(rods.placed(proofs.poses).lengths - lengths).max(axis=1)
+    return Found(proofs.poses, proofs.certified, misses, proofs.status, proofs.complex_found, proofs.complex_expected)
 
 
 def six_of(linkage: Linkage) -> list[int]:
@@ -101,6 +118,10 @@ def rows_at(linkage: Linkage, poses: FloatArray) -> tuple[FloatArray, FloatArray
     """(n, m) lengths and (n, m, 6) their rates by displacements of the platform's origin."""
     if linkage.wrapped is not None:
         return span_rows(linkage.wrapped, poses)
+    if linkage.rods is not None:
+        found = linkage.rods.placed(poses)
+        rows = found.rows
+        return found.lengths, np.concatenate([rows[..., :3] - np.cross(poses[:, None, :3], rows[..., 3:]), rows[..., 3:]], axis=-1)
     arms = np.einsum("nij,mj->nmi", se3.matrices(poses), linkage.platform)
     along = poses[:, None, :3] + arms - linkage.base
     lengths = np.linalg.norm(along, axis=-1)

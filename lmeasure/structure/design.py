@@ -78,10 +78,14 @@ def designed(linkage: Linkage, pose: FloatArray | None = None) -> Design:
         raise StructureError(
             message("error.design_is_singular_at", notation=found.structure.notation, degenerate=found.structure.degenerate)
         )
+    if not linkage.straight:
+        raise StructureError(message("error.design_takes_no_such_rods"))
     corners, sides = tetrahedra_of(linkage, found)
     given = {name[0]: (float(low), float(high)) for name, (low, high) in zip(linkage.names, linkage.limits, strict=True)}
     texts = tuple(", ".join(vars(t).values()) for t in corners)
     if corners and all(edge in given or edge in sides for t in corners for edge in vars(t).values()):
+        if linkage.rods is not None:
+            return _of_rods(linkage, corners, given, sides, texts)
         limits = given | sides
         as_given = tuple(_clear(t, limits) for t in corners)
         free = adjusted(corners, limits, list(given))
@@ -91,8 +95,40 @@ def designed(linkage: Linkage, pose: FloatArray | None = None) -> Design:
     if pose is None:
         raise StructureError(message("error.design_is_not_solved", notation=found.structure.notation))
     lengths = _lengths_within(linkage, pose)
-    free_box = _cut(Around(linkage.base, linkage.platform, pose).sound, lengths, linkage.limits)
+    free_box = _cut(_on_drives(linkage, Around(linkage.base, linkage.platform, pose).sound), lengths, linkage.limits)
     return Design(given, _named(given, free_box), (), (), tuple(pose.tolist()))
+
+
+def _of_rods(linkage: Linkage, corners: list[Tetrahedron], given: Limits, sides: Limits, texts: tuple[str, ...]) -> Design:
+    """Limits of drives that end at rods, by the tetrahedra of the lengths between the bodies (thesis 4.3)."""
+    assert linkage.rods is not None
+    assert linkage.limits is not None
+    box = linkage.rods.link_box(linkage.limits)
+
+    def sound(links: FloatArray) -> bool:
+        limits = _named(given, links) | sides
+        return all(_clear(t, limits) for t in corners)
+
+    as_given = tuple(bool(np.isfinite(box).all()) and _clear(t, _named(given, box) | sides) for t in corners)
+    free = linkage.limits if all(as_given) else _cut(_on_drives(linkage, sound), _highest(linkage)[0], linkage.limits)
+    return Design(given, _named(given, free), texts, as_given)
+
+
+def _on_drives(linkage: Linkage, sound: Callable[[FloatArray], bool]) -> Callable[[FloatArray], bool]:
+    """A proof for limits (6, 2) of links, as one for limits of the drives that move them."""
+    rods = linkage.rods
+    if rods is None:
+        return sound
+
+    def of_drives(box: FloatArray) -> bool:
+        links = rods.link_box(box)
+        return bool(np.isfinite(links).all()) and sound(links)
+
+    return of_drives
+
+
+def _links_of(linkage: Linkage, drives: FloatArray) -> FloatArray:
+    return drives if linkage.rods is None else linkage.rods.links_of_drives(drives)
 
 
 def _of_one_assembly(linkage: Linkage, found: Incidence, pose: FloatArray | None, given: Limits, texts: tuple[str, ...]) -> Design:
@@ -102,16 +138,17 @@ def _of_one_assembly(linkage: Linkage, found: Incidence, pose: FloatArray | None
         centre, pose, which = _highest(linkage)
     else:
         centre = _lengths_within(linkage, pose)
-        poses, closes = closed_form(linkage.base, linkage.platform, centre)
+        poses, closes = closed_form(linkage.base, linkage.platform, _links_of(linkage, centre))
         away = np.where(closes, apart_mm(poses, pose, float(np.ptp(linkage.platform, axis=0).max())), np.inf)
         which = int(np.argmin(away))
         if not away[which] < SAME_MM:
             raise StructureError(message("error.design_the_stated_pose"))
     sides = (1.0 if which % 2 == 0 else -1.0, 1.0 if which // 2 % 2 == 0 else -1.0)
     tetra, near = Chain(found, linkage.base, linkage.platform, sides), Around(linkage.base, linkage.platform, pose)
-    free = _cut(lambda box: near.sound(box) or proved(tetra.judge, box, BOXES), centre, linkage.limits)
+    free = _cut(_on_drives(linkage, lambda box: near.sound(box) or proved(tetra.judge, box, BOXES)), centre, linkage.limits)
     unchanged = bool((free == linkage.limits).all())
-    as_given = tuple(unchanged or proved(lambda b, k=k: tetra.judge(b, k), linkage.limits, BOXES) for k in range(3))  # type: ignore[misc]
+    each = [_on_drives(linkage, lambda box, k=k: proved(lambda b: tetra.judge(b, k), box, BOXES)) for k in range(3)]  # type: ignore[misc]
+    as_given = tuple(unchanged or one(linkage.limits) for one in each)
     return Design(given, _named(given, free), texts, as_given, tuple(pose.tolist()))
 
 
@@ -121,8 +158,13 @@ def _highest(linkage: Linkage) -> tuple[FloatArray, FloatArray, int]:
     assert linkage.limits is not None
     low, high = linkage.limits.T
     drawn = np.vstack([(low + high) / 2.0, np.random.default_rng(0).uniform(low, high, (DRAWN, LINKS))])
-    poses, closes = closed_form(linkage.base, linkage.platform, drawn)
-    height = np.where(closes, heights(linkage.base, linkage.platform, drawn), -np.inf)
+    links = _links_of(linkage, drawn)
+    known = np.isfinite(links).all(axis=1)
+    drawn, links = drawn[known], links[known]
+    poses, closes = closed_form(linkage.base, linkage.platform, links)
+    height = np.where(closes, heights(linkage.base, linkage.platform, links), -np.inf)
+    if not len(drawn):
+        raise StructureError(message("error.design_none_of_lengths", drawn=DRAWN))
     i, k = np.unravel_index(int(np.argmax(height)), height.shape)
     if not height[i, k] > 0.0:
         raise StructureError(message("error.design_none_of_lengths", drawn=DRAWN))

@@ -18,10 +18,11 @@ from lmeasure.linkages import (
     Drive,
     Lines,
     Split,
+    driven,
     extra_drives,
     gradients,
     leading_out,
-    link_pressure_angles,
+    line_pressure_angles,
     link_rows,
     lost_twists,
     nearest_singular,
@@ -33,12 +34,15 @@ from lmeasure.structure.links import Linkage
 from lmeasure.text import message
 
 ALONG = 201  # poses of a way
+REACHED_MM = 1e-6  # by which a pose driven to may miss its lengths
 NEAR_MM = 1.0  # a pose no farther from an assembly is that assembly
 
 
 def lines_of(linkage: Linkage) -> Lines:
     """The lines of the links at poses: of cables over pulleys their free spans, from where they leave the pulley."""
     rows = linkage.wrapped
+    if linkage.rods is not None:
+        return linkage.rods.lines
     if rows is None:
         return lambda poses: link_rows(linkage.base, linkage.platform, poses)
     rows = np.ascontiguousarray(rows)
@@ -77,47 +81,51 @@ def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) ->
     known = np.asarray(np.isfinite(M).all(axis=(1, 2)))
     M = np.where(known[:, None, None], M, 0.0)
     e, rim, m = M[..., :3], rim_mm(linkage.platform), len(linkage.base)
-    about_middle = np.concatenate([np.cross(points - points.mean(axis=1, keepdims=True), e) / rim, e], axis=-1)
+    middle = se3.apply(poses, np.tile(linkage.platform.mean(axis=0), (len(poses), 1)))
+    about_middle = np.concatenate([(M[..., 3:] - np.cross(middle[:, None], e)) / rim, e], axis=-1)
     s = np.linalg.svd(np.nan_to_num(about_middle), compute_uv=False)
     rank = np.asarray((s > LOST * np.maximum(s[:, :1], 1e-300)).sum(axis=1))
     sound = np.asarray(known & (rank == 6))
     with np.errstate(divide="ignore", invalid="ignore"):
         condition, gain = np.where(sound, s[:, 0] / s[:, 5], np.inf), np.where(sound, 1.0 / s[:, 5], np.inf)
     u95, worst = np.full(len(poses), np.inf), np.full(len(poses), 90.0)
-    about_origin = np.concatenate([np.cross(points - poses[:, None, :3], e) / rim, e], axis=-1)
+    about_origin = np.concatenate([(M[..., 3:] - np.cross(poses[:, None, :3], e)) / rim, e], axis=-1)
     u = np.broadcast_to(np.asarray(u_mm, dtype=np.float64), m)
     for i in np.flatnonzero(sound):
         moved = (np.linalg.pinv(about_origin[i] / u[:, None]) if m > LINKS else np.linalg.inv(about_origin[i]) * u)[3:]
         C = moved @ moved.T
         u95[i] = radius_95(C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2])
-        worst[i] = np.degrees(_angles(M[i], points[i], rim).max())
+        worst[i] = np.degrees(line_pressure_angles(M[i], points[i], middle[i], rim).max())
     det = np.where(known, np.linalg.det(M), np.nan) if m == LINKS else np.full(len(poses), np.nan)
     return Held(det, np.where(known, rank, 0), condition, gain, u95, worst)
-
-
-def _angles(M: FloatArray, points: FloatArray, rim: float) -> FloatArray:
-    """(m,) pressure-angle analogues [rad] of links that hold the body: of the motion of least squares when one length alone changes."""
-    e, arms = M[:, :3], points - points.mean(axis=0)
-    unit = np.linalg.pinv(np.concatenate([np.cross(arms, e) / rim, e], axis=1)).T
-    v = unit[:, 3:] + np.cross(unit[:, :3] / rim, arms)
-    along = np.clip((v * e).sum(axis=1) / np.maximum(np.linalg.norm(v, axis=1), 1e-300), -1.0, 1.0)
-    return np.asarray(np.arccos(np.abs(along)))
 
 
 def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     """What `lmeasure structure` writes of a pose (7,); links straight from point to point, and beside it the cables as they run."""
     straight = replace(linkage, cables=None)
-    if not (link_rows(linkage.base, linkage.platform, pose)[1] > 0.0).all():
+    M, own, points = lines_of(straight)(pose)
+    if not (own > 0.0).all() or not np.isfinite(M).all():
         raise FileFormatError(message("error.position_mm_a_link"))
+    if linkage.rods is not None and not (linkage.rods.margins(pose) > 0.0).all():
+        rod = int(np.argmin(linkage.rods.margins(pose)))
+        raise FileFormatError(message("error.position_mm_rod_on_the_wrong_side", number=rod + 1, mm=-linkage.rods.margins(pose)[rod]))
     one = held(straight, pose[None])
     record: dict[str, Any] = _figures(one) | {"least_seen_screw": _least_seen(straight, pose)}
-    if len(linkage.base) == LINKS:
-        record["gradient"] = gradients(linkage.base, linkage.platform, pose).tolist()
-        record["pressure_angles_deg"] = np.degrees(link_pressure_angles(linkage.base, linkage.platform, pose)).tolist()
+    record |= {"lengths_mm": own.tolist(), "rows": rows_at(straight, pose[None])[1][0].tolist()}
+    if len(linkage.base) > LINKS:
+        record["gradient"] = None
+    elif linkage.rods is not None:
+        record["gradient"] = linkage.rods.gradient(pose).tolist()
     else:
-        M, _, points = link_rows(linkage.base, linkage.platform, pose)
-        angles = np.degrees(_angles(M, points, rim_mm(linkage.platform))) if one.rank[0] == 6 else np.full(len(M), 90.0)
-        record |= {"gradient": None, "pressure_angles_deg": angles.tolist()}
+        record["gradient"] = gradients(linkage.base, linkage.platform, pose).tolist()
+    middle = se3.apply(pose, linkage.platform.mean(axis=0))
+    held_by = one.rank[0] == 6 or len(M) == LINKS
+    angles = line_pressure_angles(M, points, middle, rim_mm(linkage.platform)) if held_by else np.full(len(M), np.pi / 2.0)
+    record["pressure_angles_deg"] = np.degrees(angles).tolist()
+    if linkage.hooke is not None:
+        along = se3.apply(pose, linkage.platform) - linkage.base
+        turns = linkage.hooke.turns(along / np.linalg.norm(along, axis=1, keepdims=True), se3.matrices(pose[None])[0])
+        record["leg_turns_deg"] = {linkage.names[i][0]: float(np.degrees(t)) for i, t in zip(linkage.hooke.legs, turns, strict=True)}
     if linkage.wrapped is not None:
         lengths = lengths_at(linkage, pose[None])[0]
         if not np.isfinite(lengths).all():
@@ -139,13 +147,22 @@ def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
 
     StructureError where there is none near it, or more links than six.
     """
-    base, platform = linkage.base, linkage.platform
+    base, platform, rods = linkage.base, linkage.platform, linkage.rods
     if len(base) != LINKS:
         raise StructureError(message("error.singular_has_links_singular", n_base=len(base)))
+    if not linkage.straight:
+        raise StructureError(message("error.singular_takes_no_such_rods"))
     at = nearest_singular(base, platform, pose)
-    around, signs = neighbourhood(base, platform, at), leading_out(base, platform, at)
+    rates = None
+    if rods is not None:
+        if not (rods.margins(at) > 0.0).all():
+            raise StructureError(message("error.singular_no_singular_pose"))
+        rates = rods.rates_of_drives(rods.placed(at).lengths)
+    around, signs = neighbourhood(base, platform, at), leading_out(base, platform, at, rates)
     leaves = len(around.twists) < LINKS
-    sets = extra_drives(base, platform, at, exit_twist=around.gradient / np.linalg.norm(around.gradient) if leaves else None)
+    exit_twist = around.gradient / np.linalg.norm(around.gradient) if leaves else None
+    # chains with rods have other passive pairs
+    sets = [] if rods is not None else extra_drives(base, platform, at, exit_twist=exit_twist)
     names = [name for name, _, _ in linkage.names]
     words = {1: "lengthen", -1: "shorten", 0: "no part"}
 
@@ -170,7 +187,9 @@ def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
         "topology": around.topology,
         "twists": around.twists.tolist(),
         "leads_out": None if signs is None else {name: words[int(sign)] for name, sign in zip(names, signs, strict=True)},
-        "extra_drives": [
+        "extra_drives": None
+        if rods is not None
+        else [
             {"drives": [drive(d) for d in one.drives], "instead_of": [names[i] for i in one.spared], "determinant": one.determinant}
             for one in sets
         ],
@@ -197,6 +216,24 @@ def _figures(one: Held) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def forward(linkage: Linkage, pose: FloatArray, lengths: FloatArray) -> dict[str, Any] | None:
+    """Return the pose of lengths (m,) that is reached from a pose (7,) by driving them steadily, by the screw method (thesis 4.4); None
+    where a singular pose or the end of a rod is met on the way."""
+
+    def rows(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        own, here = rows_at(linkage, poses)[::-1]
+        return np.concatenate([own[..., :3] + np.cross(poses[:, None, :3], own[..., 3:]), own[..., 3:]], axis=-1), here
+
+    poses, good = driven(rows, pose[None], lengths[None], rim_mm(linkage.platform))
+    here = rows(np.concatenate([pose[None], poses]))
+    off = float(np.abs(here[1][1] - lengths).max())
+    same = len(lengths) > LINKS or np.linalg.det(here[0]).prod() > 0.0
+    kept = linkage.rods is None or (linkage.rods.margins(poses[0]) > 0.0).all()
+    if not (good[0] and same and kept and (off < REACHED_MM or len(lengths) > LINKS)):
+        return None
+    return {"position_mm": poses[0, :3].tolist(), "quaternion_xyzw": poses[0, 3:].tolist(), "misses_mm": off}
 
 
 def others_near(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from lmeasure.linkages import (
     LINKS,
     NOT_PROVED,
     Structure,
+    Variants,
     architecturally_singular,
     class_of,
     complex_assemblies,
@@ -58,9 +59,9 @@ def described(
     the pose.
     """
     base, platform, m = linkage.base, linkage.platform, len(linkage.base)
-    structure = incidence(base, platform).structure if m == LINKS else None
+    structure = incidence(base, platform).structure if m == LINKS and linkage.straight else None
     reason = None if structure is None else structure.degenerate
-    singular = reason or architecturally_singular(base, platform)
+    singular = reason or (architecturally_singular(base, platform) if linkage.straight else None)
     record: dict[str, Any] = ({"notation": None, "class": class_of(base, platform)} if structure is None else _listed(structure)) | {
         "links": m,
         "freedoms": somov_malyshev(links=m)[0],
@@ -71,8 +72,10 @@ def described(
         "architecturally_singular_reason": singular,
     }
     if structure is None:
-        solved = [linkage.names[i][0] for i in six_of(linkage)]
+        solved = [linkage.names[i][0] for i in (six_of(linkage) if linkage.straight else range(m))]
         record |= {"closed_form": False, "complex_assemblies": None, "assemblies_of_links": solved}
+    if linkage.rods is not None:
+        record |= {"rods": len(linkage.rods.rods), "straight_links": linkage.straight}
     if linkage.lengths is not None and singular is not None:
         # at special lengths all poses of a motion, at others none
         record |= {"assemblies": [], "complex_assemblies_found": 0, "complex_assemblies_expected": 0, "status": NOT_PROVED}
@@ -82,6 +85,8 @@ def described(
         record |= measures.at_pose(linkage, pose)
         if singular is None:
             record |= measures.others_near(linkage, pose) | {"near_mm": NEAR * _away(linkage, pose)}
+        if linkage.lengths is not None:
+            record["forward"] = measures.forward(linkage, pose, linkage.lengths)
         if near_singular:
             record["singular_pose"] = measures.at_singular(linkage, pose)
         if to is not None:
@@ -136,7 +141,10 @@ def _listed(structure: Structure) -> dict[str, Any]:
 
 def all_structures() -> list[dict[str, Any]]:
     """Every structure, platform and base distinguished, as `lmeasure structure --list` writes it."""
-    return [_listed(s) | {"degenerate_reason": s.degenerate, "koliskor": s.koliskor} for s in structures()]
+    return [
+        _listed(s) | {"degenerate_reason": s.degenerate, "koliskor": s.koliskor, "variants": None if s.degenerate else Variants(s).record}
+        for s in structures()
+    ]
 
 
 @dataclass(frozen=True, repr=False)

@@ -59,15 +59,19 @@ def bounds_of(
     linkage: Linkage, pose: FloatArray, limit_deg: float | None, lengths_mm: tuple[float, float] | None, *, turns: FloatArray | None = None
 ) -> Bounds:
     """Limits that links keep, in the assembly of a pose (7,): cables as they run over their pulleys, more than six weighed by their counts
-    as in a run.
+    as in a run. lengths_mm: in place of the links' own limits.
 
     StructureError where they do not hold the platform at the pose, or more than six are asked for nothing that has a boundary.
     """
     limit = None if limit_deg is None or limit_deg >= 90.0 else float(np.radians(limit_deg))
-    lines = None if linkage.wrapped is None else lines_of(linkage)
+    lines = None if linkage.wrapped is None and linkage.rods is None else lines_of(linkage)
+    kept = linkage.limits.T if lengths_mm is None and linkage.limits is not None else lengths_mm
     weights = None if linkage.cables is None else (linkage.cables[:, COUNT_LENGTH].min() / linkage.cables[:, COUNT_LENGTH]) ** 2
     called = [name for name, _, _ in linkage.names]
-    return Bounds(linkage.base, linkage.platform, pose, limit, lengths_mm, lines=lines, turns=turns, weights=weights, called=called)
+    return Bounds(
+        linkage.base, linkage.platform, pose, limit, kept, lines=lines, turns=turns, weights=weights, called=called,
+        further=linkage.further,
+    )  # fmt: skip
 
 
 def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float], *, reach_mm: float) -> tuple[list[Piece], list[str]]:

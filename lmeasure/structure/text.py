@@ -28,7 +28,9 @@ def lines(record: dict[str, Any]) -> list[Line]:
 
 def _structure(record: dict[str, Any]) -> Iterator[Line]:
     number, name, freedoms = record["complex_assemblies"], record["notation"], record["freedoms"]
-    if record["redundant"]:
+    if record.get("straight_links") is False:
+        head = message("structure.rods_of_their_own", name=record["class"], rods=record["rods"], freedoms=freedoms)
+    elif record["redundant"]:
         head = message(
             "structure.links_more_than_pose", name=record["class"], links=record["links"], more=record["redundant"], freedoms=freedoms
         )
@@ -39,6 +41,8 @@ def _structure(record: dict[str, Any]) -> Iterator[Line]:
     else:
         head = message("structure.freedoms_complex_assemblies_followed", name=name, freedoms=freedoms, number=number)
     yield Line(head)
+    if record.get("straight_links"):
+        yield Line(message("structure.rods_as_straight_links", rods=record["rods"]))
     if record["architecturally_singular"]:
         why = record["architecturally_singular_reason"]
         yield Line(message("structure.singular_every_pose", why=why), warns=True)
@@ -63,6 +67,8 @@ def _assemblies(record: dict[str, Any]) -> Iterator[Line]:
             links = tuple(record["assemblies_of_links"])
             close = joined((close, message("structure.next_one_misses_mm", links=links, mm=record["next_misses_mm"])))
         yield Line(composed("{what}: {status}", what=close, status=status))
+    elif record.get("straight_links") is False:
+        yield Line(composed("{what}: {status}", what=message("structure.found_from_many_starts", number=number), status=status))
     elif record["complex_assemblies_found"] is None:
         way = message("structure.cables_over_their_pulleys", number=number)
         yield Line(composed("{what}: {status}", what=way, status=status))
@@ -89,6 +95,10 @@ def _pose(record: dict[str, Any]) -> Iterator[Line]:
     if record["gradient"] is not None:
         yield Line(message("structure.gradient_omega_v", values=_row(record["gradient"])), detail=True)
     yield Line(message("structure.pressure_angles_degrees", values=_row(record["pressure_angles_deg"])), detail=True)
+    if "rods" in record:
+        yield Line(message("structure.drives_lengths_mm", values=_row(record["lengths_mm"])))
+    if "leg_turns_deg" in record:
+        yield Line(message("mechanism_line.legs", values=_row(record["leg_turns_deg"].values())))
     if "wrapped" in record:
         over = record["wrapped"]
         angle = over["worst_pressure_angle_deg"]
@@ -96,6 +106,9 @@ def _pose(record: dict[str, Any]) -> Iterator[Line]:
         if over["u95_position_mm"] is not None:
             u95 = over["u95_position_mm"]
             yield Line(message("structure.counts_1_2_there", mm=u95))
+    if "forward" in record:
+        reached = record["forward"]
+        yield Line(message("structure.forward_not_reached") if reached is None else message("structure.forward", place=_place(reached)))
     others = record.get("other_assemblies")
     if others:
         near, nearest = [one for one in others if one["apart_mm"] <= record["near_mm"]], others[0]["apart_mm"]
@@ -129,6 +142,9 @@ def _singular(at: dict[str, Any]) -> Iterator[Line]:
             names = tuple(name for name, of in at["leads_out"].items() if of == way)
             if names:
                 yield Line(message(f"structure.drives_{way}", names=names))
+    if at["extra_drives"] is None:
+        yield Line(message("structure.extra_drives_not_of_rods"))
+        return
     if not at["extra_drives"]:
         yield Line(message("structure.no_extra_drives"))
     for one in at["extra_drives"][:MOST_OTHERS]:
@@ -181,5 +197,7 @@ def list_lines(records: list[dict[str, Any]]) -> list[str]:
     for r in records:
         how = r["degenerate_reason"] or message("structure.closed_form" if r["closed_form"] else "structure.homotopy")
         values = {"notation": r["notation"], "koliskor": r["koliskor"], "number": r["complex_assemblies"]}
-        lines.append(composed("{notation:<32} {koliskor}  {number:>2}  {how}", how=how, **values))
+        own = r["variants"]
+        more = message("structure.variants", moved=own["drives_moved"], rods=own["rods"], bent=own["bent_rods"]) if own else ""
+        lines.append(composed("{notation:<32} {koliskor}  {number:>2}  {how}{more}", how=how, more=more, **values))
     return lines

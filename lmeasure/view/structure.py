@@ -8,7 +8,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from lmeasure.core import FloatArray, se3
-from lmeasure.kernels import wrap_geometry
 from lmeasure.linkages import LINKS, incidence
 from lmeasure.robots import ParallelFile, drawn, motion, nearness
 from lmeasure.structure import Linkage, described_lines
@@ -60,10 +59,7 @@ def _log_platform(rec: rr.RecordingStream, linkage: Linkage, pose: FloatArray) -
     outline = metres(np.vstack([np.unique(points, axis=0), points[:1]]))
     rec.log("/world/platform", rr.LineStrips3D([outline], colors=PLATFORM, radii=THICK))
     rec.log("/world/platform/points", rr.Points3D(metres(points), radii=THICK, colors=PLATFORM, labels=[p for _, _, p in linkage.names]))
-    starts = linkage.base
-    if linkage.wrapped is not None:
-        starts = wrap_geometry(np.ascontiguousarray(linkage.wrapped), pose[None])[1][0]
-    strips = metres(np.stack([linkage.base, starts, points], axis=1))
+    strips = metres(linkage.strips(pose))
     rec.log("/world/links", rr.LineStrips3D(list(strips), colors=[cable_colour(i) for i in range(len(strips))], radii=CABLE))
 
 

@@ -40,7 +40,9 @@ class Settings(Writing):
     OUT_FILE: ClassVar[str] = "structure.json"
     file: Annotated[
         Path | None,
-        option("rig.toml, robot.toml of a platform, or a table of points and links (docs/files.md).", metavar="FILE", positional=True),
+        option(
+            "rig.toml, robot.toml or name of a platform, or a table of points and links (docs/files.md).", metavar="FILE", positional=True
+        ),
     ] = None
     out: Annotated[Path | None, option("JSON file to write all results to.", metavar="FILE.json")] = None
     listed: Annotated[bool, option("List all structures of six links instead of reading a file.", flag="--list")] = False
@@ -103,7 +105,8 @@ class Settings(Writing):
     def paths(self) -> Paths:
         """A description, its page and recording from a rig or a table."""
         report = () if self.report is None else inside(self.report, "structure.html")
-        return Paths((*present(self.out, self.rerun, self.parts), *report), present(self.file, self.trajectory))
+        file = None if self.file is not None and not self.file.suffix and not self.file.exists() else self.file
+        return Paths((*present(self.out, self.rerun, self.parts), *report), present(file, self.trajectory))
 
 
 @workflow
@@ -173,22 +176,24 @@ def _split(linkage: "Linkage", trajectory: Path, out: Path) -> str:
 
 
 def _of_robot(path: Path) -> "Linkage | None":
-    """The links of a platform in a robot.toml, None for any other file: a hexapod's legs within their limits, or those of a mechanism whose
-    six equations are lengths, with its drives standing as at home. FileFormatError for a robot that is no such platform."""
+    """The links of a platform, a built-in one by its name or in a robot.toml; None for any other file: a hexapod's legs within their
+    limits, or those of a mechanism whose six equations are lengths, with its drives as at home. FileFormatError for another robot."""
     import numpy as np
 
     from lmeasure.io import files
-    from lmeasure.robots import SCHEMA, ParallelFile, PlatformFile, read_robot
+    from lmeasure.robots import SCHEMA, ParallelFile, PlatformFile, any_shipped, read_robot, shipped_names
     from lmeasure.structure import Linkage
 
-    if files.read_toml(path).get("schema") != SCHEMA:
+    built_in = not path.exists() and str(path) in shipped_names()
+    if not built_in and files.read_toml(path).get("schema") != SCHEMA:
         return None
-    robot = read_robot(path)
+    robot = any_shipped(str(path)) if built_in else read_robot(path)
     if isinstance(robot, PlatformFile):
         model = robot.model
         names = [(leg.name, f"base of {leg.name}", f"platform of {leg.name}") for leg in robot.leg]
         ends = np.sort(model.scale[:, None] * np.column_stack([model.low, model.high]) + model.offset[:, None], axis=1)
-        return Linkage(model.base, model.platform, names, model.lengths(model.home[None])[0], ends)
+        base, platform = (model.base, model.platform) if model.links is None else model.links.bodies
+        return Linkage(base, platform, names, model.lengths(model.home[None])[0], ends, rods=model.links)
     if isinstance(robot, ParallelFile):
         held = robot.model.held_by_lengths()
         if held is not None:

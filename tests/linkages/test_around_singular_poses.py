@@ -287,7 +287,7 @@ def closest(base: FloatArray, body: FloatArray, pose: FloatArray, aim: FloatArra
 def test_pressure_angles_of_links_beside_a_dependence_are_of_the_least_motion() -> None:
     base, body, pose = mechanism(3, pairs_on_a_line=1)
     M, _, points = singularity.link_rows(base, body, pose)
-    lost = singularity.dependent(base, body, pose)
+    lost = singularity.dependent(singularity.link_rows(base, body, pose)[0])
     np.testing.assert_array_equal(lost, [0, 1])
     found = singularity.link_pressure_angles(base, body, pose)
     np.testing.assert_array_equal(found[lost], np.pi / 2.0)

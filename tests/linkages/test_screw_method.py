@@ -6,8 +6,7 @@ from linkages import lengths_at
 
 from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, CABLE_COLUMNS, GUIDE_XYZ, screw
-from lmeasure.linkages import singularity
-from lmeasure.linkages.variants import Rods
+from lmeasure.linkages import End, RodLinks, singularity
 
 BASE = np.array([(0, 3, 0), (-2, 1, 0), (0, 1, -2), (1, 0, -2), (3, 0, 0), (-1, 0, -2)], dtype=float)
 POINTS = np.array([(0, 1, 0), (1, 0, 0), (-1, 0, 0)], dtype=float)
@@ -62,8 +61,9 @@ def test_the_finite_motion_by_the_kernels() -> None:
 
 def test_drives_outside_the_zone_by_the_kernels() -> None:
     """Lengths of drives become those of links, and rates of drives those of links: the first step of the screw method."""
-    links = [(0, 0), (0, 1), (0, 2), (1, 3), (1, 4), (2, 5)]
-    mechanism = Rods(links, BASE, {0: (4.0, 2), 1: (4.0, 3), 2: (4.0, 5)})
+    base, points = [tuple(b) for b in BASE.tolist()], [tuple(p) for p in POINTS.tolist()]
+    rods = [End(True, points[i], base[b], 4.0) for i, b in enumerate((2, 3, 5))]
+    mechanism = RodLinks([(End(False, base[b]), rods[i]) for i, b in ((0, 0), (0, 1), (0, 2), (1, 3), (1, 4), (2, 5))])
     drives = mechanism.drives_of_links(np.full(6, 2.0))
     np.testing.assert_allclose(mechanism.links_of_drives(drives), 2.0, atol=1e-14)
     np.testing.assert_allclose(drives[[2, 3, 5]], 2.0)  # along rods of equal arms
@@ -73,5 +73,5 @@ def test_drives_outside_the_zone_by_the_kernels() -> None:
     status, (pose,) = screw.solve_poses(rows, mechanism.links_of_drives(drives + change), HERE[None])
     assert status.tolist() == [Status.OK]
     np.testing.assert_allclose(mechanism.drives_of_links(lengths_at(BASE, PLATFORM, pose)), drives + change, atol=1e-9)
-    step = twist_of(MATRIX.astype(float), mechanism.rates(drives) @ change)
+    step = twist_of(MATRIX.astype(float), mechanism.rates_of_drives(drives) @ change)
     np.testing.assert_allclose(se3.log(pose), step, atol=1e-10)

@@ -207,7 +207,7 @@ def test_pressure_angles_are_the_regular_ones_where_links_hold(seed: int) -> Non
 def test_pressure_angles_at_a_singular_pose() -> None:
     """90 degrees where links depend on each other, and where they do not, the limit of small detours that bring no other motion in."""
     angles = singularity.link_pressure_angles(*COLUMNS, HERE)
-    lost = singularity.dependent(*COLUMNS, HERE)
+    lost = singularity.dependent(singularity.link_rows(*COLUMNS, HERE)[0])
     assert len(lost) >= 2
     np.testing.assert_array_equal(angles[lost], np.pi / 2)
     rest = np.setdiff1d(np.arange(6), lost)
