@@ -16,7 +16,6 @@ from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.text import composed, message
 
 SCHEMA = "lmeasure.structure/1"
-Point = tuple[float, float, float]
 MOST_LINKS = 24
 
 
@@ -241,15 +240,10 @@ def _rods(table: StructureFile, path: Path) -> dict[str, End]:
         for side, name, points in (("base", rod.base, table.base), ("platform", rod.platform, table.platform)):
             if name not in points:
                 raise FileFormatError(message("error.rod_the_has_no", where=path, i=i, side=side, name=name, points=", ".join(points)))
-        out[rod.name] = rod_end(table.base[rod.base], table.platform[rod.platform], rod.joint, rod.length_mm, rod.end)
+        at = (table.base[rod.base], table.platform[rod.platform])
+        carried = rod.joint == "platform"
+        out[rod.name] = End(carried, at[carried], at[not carried], rod.length_mm, rod.end == "between")
     return out
-
-
-def rod_end(base: Point, platform: Point, joint: str, length_mm: float, end: str) -> End:
-    """Return the end of a rod whose axis goes through a point of the base and one of the platform."""
-    carried = joint == "platform"
-    own, other = (platform, base) if carried else (base, platform)
-    return End(carried, own, other, length_mm, end == "between")
 
 
 def _hooke(table: StructureFile, path: Path) -> HookeJoints | None:
@@ -260,19 +254,14 @@ def _hooke(table: StructureFile, path: Path) -> HookeJoints | None:
         rods = [rod.name for rod in table.rod]
         if link.base_axis is not None and (link.from_point in rods or link.to_point in rods):
             raise FileFormatError(message("error.hooke_joints_at_a_rod", where=path, i=i))
-    turn, bend = table.limits.leg_turn_deg, table.limits.hooke_deg
+    most = table.limits.leg_turn_deg, table.limits.hooke_deg
     if not both:
-        if turn is not None or bend is not None:
+        if most != (None, None):
             raise FileFormatError(message("error.limits_of_no_hooke_joint", where=path))
         return None
-    return hooke_joints(both, [table.link[i].base_axis for i in both], [table.link[i].platform_axis for i in both], turn, bend)
-
-
-def hooke_joints(legs: Sequence[int], base: Any, platform: Any, turn_deg: float | None, bend_deg: float | None) -> HookeJoints:
-    """Return the joints of legs with first axes base and platform (k, 3) of any length."""
-    axes = [np.array(a, dtype=np.float64) / np.linalg.norm(a, axis=1, keepdims=True) for a in (base, platform)]
-    limits = [None if v is None else float(np.radians(v)) for v in (turn_deg, bend_deg)]
-    return HookeJoints(legs, axes[0], axes[1], limits[0], limits[1])
+    axes = np.array([(table.link[i].base_axis, table.link[i].platform_axis) for i in both], dtype=np.float64)
+    axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+    return HookeJoints(both, axes[:, 0], axes[:, 1], *(None if v is None else float(np.radians(v)) for v in most))
 
 
 def _all_or_none(values: Sequence[Any], key: str, path: Path) -> FloatArray | None:

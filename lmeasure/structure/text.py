@@ -198,6 +198,10 @@ def list_lines(records: list[dict[str, Any]]) -> list[str]:
         how = r["degenerate_reason"] or message("structure.closed_form" if r["closed_form"] else "structure.homotopy")
         values = {"notation": r["notation"], "koliskor": r["koliskor"], "number": r["complex_assemblies"]}
         own = r["variants"]
-        more = message("structure.variants", moved=own["drives_moved"], rods=own["rods"], bent=own["bent_rods"]) if own else ""
+        more = (
+            message("structure.variants", moved=tuple(own["drives_moved"]), rods=tuple(own["rods"]), bent=tuple(own["bent_rods"]))
+            if own
+            else ""
+        )
         lines.append(composed("{notation:<32} {koliskor}  {number:>2}  {how}{more}", how=how, more=more, **values))
     return lines
