@@ -222,6 +222,6 @@ def line_pressure_angles(M: FloatArray, points: FloatArray, middle: FloatArray, 
         v = (points @ np.hstack([omega, unit[:, 3:] - np.cross(omega, middle)])[..., None])[..., 0]
     rate = np.einsum("ij,ij->i", rows, unit)
     out = np.arccos(np.clip(np.abs(rate) / np.maximum(np.linalg.norm(v, axis=1), 1e-300), 0.0, 1.0))
-    if s[5] <= LOST * s[0]:
+    if s[-1] <= LOST * s[0]:
         out[dependent(M)] = np.pi / 2.0
     return np.asarray(out)
