@@ -44,6 +44,8 @@ class World:
     fault: str = ""
     robot_mm: float = 0.3
     kind: str = "broken"
+    elsewhere: bool = False
+    """Whether the run's counters are set to zero at another pose than the calibration's."""
 
 
 def _typical(**other: float) -> dict[str, float]:
@@ -59,6 +61,8 @@ WORLDS = {
     "typical, 40 poses": World(_typical(), u_rad=1e-4, poses=40, kind="typical"),
     "typical, 12 poses": World(_typical(), u_rad=1e-4, poses=12, kind="typical"),
     "typical, references 0.2 mm": World(_typical(), u_mm=0.2, u_rad=4e-4, kind="typical"),
+    "sound, zeroed elsewhere": World(kind="sound", elsewhere=True),
+    "typical, zeroed elsewhere": World(_typical(), u_rad=1e-4, kind="typical", elsewhere=True),
     "attachments 2 mm": World({"u_attachment_mm": 2.0}),
     "attachments 0.5 mm": World({"u_attachment_mm": 0.5}),
     "circumferences 0.2 %": World({"u_count_length_mm": 2e-3 * COUNT_MM}),
@@ -175,7 +179,7 @@ class Drum:
             normal = n
             for _ in range(12):
                 # a helix is nearly linear in k, and so is Newton's step
-                k -= (self.paid(k) - (self.free(P, k * self.count, n if self.sticking else None) - begun)) / self.count
+                k -= (self.paid(k) - (self.free(P, self.paid(k), n if self.sticking else None) - begun)) / self.count
             # the encoder follows when the band is crossed
             play = min(max(play, k - self.half_band), k + self.half_band) if self.half_band else k
             out.append((play - zero if self.half_band else k) + phase)
@@ -322,8 +326,9 @@ def bench(seed: int, world: World) -> Bench:
         return [(rng.uniform(-300, 300, 3), rotation(rng.uniform(-0.3, 0.3, 3))) for _ in range(n)]
 
     reference = draw(world.poses)
-    # the counters are not zeroed again: drums and pulleys stand as they stood in the calibration
-    measured = [reference[0], *draw(15)]
+    measured = draw(16)
+    if not world.elsewhere:
+        measured[0] = reference[0]
     wrong = [(rng.normal(0, 1, 3) * world.u_mm, rng.normal(0, 1, 3) * world.u_rad) for _ in reference]
     if world.fault == "robot":
         more = robot_errors(fault, reference, world.robot_mm, seed)
@@ -337,8 +342,14 @@ def bench(seed: int, world: World) -> Bench:
     elif world.fault == "convention":
         # written as roll, pitch, yaw about moving axes, read as about fixed ones: the inverse turn
         stated = [(p, R.T) for p, R in stated]
+    at_zero = [d.free(reference[0][0] + reference[0][1] @ true_tool[i % 3], 0.0) for i, d in enumerate(drums)]
     tool_table = dict(zip(NAMES, tool.tolist(), strict=True))
-    cables = [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": NAMES[i % 3]} for i in range(6)]
+    cables: list[dict[str, Any]] = [
+        {"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": NAMES[i % 3]} for i in range(6)
+    ]
+    if world.elsewhere:
+        # by a tape measure
+        cables = [c | {"zero_length_mm": round(length)} for c, length in zip(cables, at_zero, strict=True)]
     nominal = {"schema": "lmeasure.rig/1", "name": f"rig {seed}", "observation_point": points, "tool": tool_table, "cable": cables}
     return Bench(drums, true_tool, nominal, reference, measured, stated)
 
@@ -349,6 +360,8 @@ def counted(b: Bench, poses: list[tuple[FloatArray, FloatArray]], world: World, 
     mover, move, when = int(rng.integers(6)), rng.normal(0, 1, 3), len(poses) // 2
     move /= np.linalg.norm(move)
     out = []
+    # drums and pulleys stand as they stood in the calibration
+    poses = [b.reference[0], *poses] if run else poses
     for i, drum in enumerate(b.drums):
         points = np.array([p + R @ b.tool[i % 3] for p, R in poses])
         moved = world.fault == "moved" and i == mover
@@ -358,7 +371,8 @@ def counted(b: Bench, poses: list[tuple[FloatArray, FloatArray]], world: World, 
             drum.place = place + move
         out.append(drum.counts(points, when if moved and not run else 10**9, move))
         drum.place = place
-    return np.column_stack(out)
+    k = np.column_stack(out)
+    return k[1:] - k[1] if run else k
 
 
 def _toml(nominal: dict[str, Any], mode: str, world: World) -> str:
@@ -381,7 +395,7 @@ def _toml(nominal: dict[str, Any], mode: str, world: World) -> str:
         lines += ["[observation_point.drum]", *(f"{k} = {v!r}" for k, v in (p["drum"] | of_drum).items())]
     lines += ["[tool]", *(f"{k} = {v!r}" for k, v in nominal["tool"].items())]
     for c in nominal["cable"]:
-        lines += ["[[cable]]", *(f'{k} = "{v}"' for k, v in c.items())]
+        lines += ["[[cable]]", *(f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in c.items())]
     return "\n".join(lines) + "\n"
 
 

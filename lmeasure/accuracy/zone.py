@@ -345,6 +345,7 @@ def make_plan(
     bodies: Sequence[Body] = (),
 ) -> Plan:
     """The scan of (n, 3) positions [mm] at all rotations; see `map_zone` for the rest and what is raised."""
+    rig = rig.zeroed_at(start)
     if not rig.sensors:
         rig.require_pose(redundant=True)
     if rotations.single or len(rotations) == 0:
@@ -432,7 +433,7 @@ def assumed_in_zone(
 ) -> Assumed:
     """What sizes that are assumed because nobody stated them make of U95 at the better share of the places of a scan. Start and temperature
     are those of a run."""
-    model = RunModel(rig, start, calibration)
+    model = RunModel(rig.zeroed_at(start), start, calibration)
     try:
         budget = Budget(model)
     except LMeasureError:

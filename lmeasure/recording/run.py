@@ -172,6 +172,9 @@ class Run(Shown):
     unstated: Unstated = "typical"
     """Whether missing uncertainties of the start and a missing temperature mean typical sizes, or none ("exact")."""
 
+    def __post_init__(self) -> None:
+        _zero(self)
+
     def about(self) -> dict[str, str]:
         """Rig, samples, start, calibration."""
         return {
@@ -212,6 +215,9 @@ class RunHead:
     recorded: tuple[Recorded, ...] = ()
     unstated: Unstated = "typical"
 
+    def __post_init__(self) -> None:
+        _zero(self)
+
     @property
     def known_start(self) -> FloatArray:
         """As that of `Run`."""
@@ -221,6 +227,12 @@ class RunHead:
     def start_errors(self) -> StartErrors:
         """As those of `Run`."""
         return StartErrors.of(self.u_start, self.unstated)
+
+
+def _zero(run: Run | RunHead) -> None:
+    """Take the counters of a run's rig as zeroed at the run's start, where it is known."""
+    if run.start is not None:
+        object.__setattr__(run, "rig", run.rig.zeroed_at(run.start))
 
 
 def known(start: FloatArray | None, source: str, rig: Rig) -> FloatArray:

@@ -173,6 +173,8 @@ class CalibrationRecord(Shown, _Record):
     """Physical effects that were searched for in the residuals."""
     temperature_c: Number | None = None
     """Mean temperature of the counts [°C]; None: not stated."""
+    zero_length_mm: dict[str, Number] = Field(default_factory=dict)
+    """Length of each cable where its counter was zeroed, by cable [mm]."""
     sizes: tuple[dict[str, Any], ...] = ()
     """Sizes of errors that nobody stated, estimated from the residuals, in units of the typical ones."""
     messages: tuple[dict[str, Any], ...] = ()

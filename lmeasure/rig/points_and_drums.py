@@ -102,7 +102,7 @@ class Drum(CableOnDrum):
     tangent_length_mm: NotNegative
     """Cable length from drum to fixed pulley, projected along the drum's axis."""
     axial_offset_mm: Length
-    """Axial distance from the pay-out point to the plane of the fixed pulley, at the zero pose (k = 0)."""
+    """Axial distance from the pay-out point to the plane of the fixed pulley, at `zero_length_mm` of the cable (default: k = 0)."""
     count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
     """1: the count rises as cable is paid out; -1: it falls."""
     scale: Annotated[float, Field(gt=0, le=1e6), AfterValidator(_scale)] = 1.0
@@ -286,6 +286,8 @@ class Cable(Strict):
     """Attachment point of the cable in `[tool]`."""
     passage: Annotated[Whole, Field(alias="pass", ge=1, le=1000)] = 1
     """Pass of the motion that counts the cable."""
+    zero_length_mm: NotNegative | None = None
+    """Cable length from B to the attachment point at which `axial_offset_mm` and `cable_tension_n` hold; default: at the zero pose."""
     is_cable: ClassVar[bool] = True
     kind: ClassVar[str] = "cable"
     is_length: ClassVar[bool] = True

@@ -8,11 +8,22 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, create_model, model_validator
 
 from lmeasure.core import DataFrame, FloatArray, IntArray, RigError, Shown, conventions, framed, plug_in_names
 from lmeasure.io import Keys, Name, Strict, checked, files, of_key, refuse
-from lmeasure.kernels import ATTACHMENT_XYZ, AXIAL, CABLE_COLUMNS, COUNT_LENGTH, RADIUS, TANGENT, TRAVEL, TURN_COUNTS
+from lmeasure.kernels import (
+    ATTACHMENT_XYZ,
+    AXIAL,
+    CABLE_COLUMNS,
+    COUNT_LENGTH,
+    RADIUS,
+    TANGENT,
+    TRAVEL,
+    TURN_COUNTS,
+    counts_from_changes,
+    span_lengths,
+)
 from lmeasure.rig.can import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
 from lmeasure.rig.points_and_drums import (
     Cable as Cable,
@@ -118,6 +129,9 @@ class Rig(Shown, Strict):
                 | {"count_length_mm": point.drum.count_length_mm}
             )
         return framed(rows)
+
+    _paid_out: dict[str, float] = PrivateAttr(default_factory=dict)
+    """True counts from `zero_length_mm` to where the counters were zeroed, by cable (`zeroed_at`)."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -246,8 +260,30 @@ class Rig(Shown, Strict):
         row[COUNT_LENGTH], row[TURN_COUNTS] = p.drum.per_count, p.drum.counts_per_revolution
         fill_point(self, o.from_point, row)
         row[ATTACHMENT_XYZ], row[RADIUS] = self.tool[o.to_point], p.pulley_radius_mm
-        row[TANGENT], row[AXIAL], row[TRAVEL] = p.drum.tangent_length_mm, p.drum.axial_offset_mm, p.drum.axial_per_count_mm
+        row[TANGENT], row[TRAVEL] = p.drum.tangent_length_mm, p.drum.axial_per_count_mm
+        row[AXIAL] = p.drum.axial_offset_mm + row[TRAVEL] * self._paid_out.get(o.name, 0.0)
         return row
+
+    def zeroed_at(self, poses: FloatArray, counts: FloatArray | None = None, cables: tuple[Observed, ...] | None = None) -> Self:
+        """Return the rig with its counters zeroed at a pose (7,), or at one pose for each of m cables, (m, 7); default all.
+
+        The pay-out point of a drum is where the cable lengths there put it, if the rig states `zero_length_mm`. counts (m,): true counts
+        at the poses, 0 by default.
+        """
+        out, every = self.model_copy(), self.cable if cables is None else cables
+        out._paid_out = {}
+        stated = {j: c for j, c in enumerate(every) if isinstance(c, Cable) and c.zero_length_mm is not None}
+        if stated:
+            own, chosen = list(stated), tuple(stated.values())
+            rows, at = out.cable_rows(chosen), np.ascontiguousarray(np.broadcast_to(poses, (len(every), 7))[own])
+            longer = np.diag(span_lengths(rows, at)) - np.array([c.zero_length_mm for c in chosen])
+            k = counts_from_changes(rows, longer[None])[0] - (0.0 if counts is None else counts[own])
+            out._paid_out = {c.name: float(paid) for c, paid in zip(chosen, k, strict=True) if np.isfinite(paid)}
+        return out
+
+    def paid_out(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+        """(m,) true counts from `zero_length_mm` to where the counters were zeroed, default of all cables; 0 where it is not stated."""
+        return np.array([self._paid_out.get(o.name, 0.0) for o in (self.cable if cables is None else cables)])
 
     def scales(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
         """(m,) decoding scales of the channels' counters, default of all cables."""
@@ -321,7 +357,7 @@ class Rig(Shown, Strict):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # the model of a rig with sensors of other packages is made in each process
-        return (_again, (self.to_dict(),))
+        return (_again, (self.to_dict(), self._paid_out))
 
 
 def cables_among(channels: Iterable[Observed]) -> tuple[Cable, ...]:
@@ -365,8 +401,10 @@ def _model(names: tuple[str, ...]) -> type[Rig]:
     return create_model("Rig", __base__=Rig, **fields)
 
 
-def _again(data: dict[str, Any]) -> Rig:
-    return rig_from_dict(data)
+def _again(data: dict[str, Any], paid_out: dict[str, float]) -> Rig:
+    out = rig_from_dict(data)
+    out._paid_out = paid_out
+    return out
 
 
 def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:

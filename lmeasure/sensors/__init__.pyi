@@ -55,6 +55,7 @@ from .stated_errors import (
     free_lengths as free_lengths,
     last_travel as last_travel,
     of_record as of_record,
+    phase_errors as phase_errors,
     stated as stated,
 )
 from .wrap import arms as arms, drum_of as drum_of, guide as guide, span as span, span_rows as span_rows

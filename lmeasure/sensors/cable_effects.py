@@ -154,6 +154,7 @@ def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None, *, with_parts:
     chosen = rig.cable if cables is None else cables
     drums = [rig.point(c.from_point).drum for c in chosen]
     rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), EFFECT_COLUMNS)
+    rows[:, TENSION] += rows[:, TENSION_RISE] * rig.paid_out(chosen) * [drum.count_length_mm for drum in drums]
     parts = parts_of(rig, chosen) if with_parts else None
     if not (rows[:, [*_EXPANSIONS, COMPLIANCE, WEIGHT]] != 0.0).any() and parts is None:
         return None

@@ -20,7 +20,7 @@ every position, F(P - d n) is exact. To first order x1 and x2 act as `sensors.ef
 that is thicker by o has its middle at R + o/2 from an axle that stays where it is, X = -o/2 n: dF/do = phi/2.
 
 What `k'` and psi count from: the rig's `phase_length_mm`, a length L of the cable from B to P. Where a counter was zeroed with F0 of
-cable, k' = k + (F0 - L)/c, and the cable passed is D(k) + F0 - L. Without it drum and pulley stand as stated where the counter was zeroed.
+cable, k' = k - D^-1(L - F0), and the cable passed is D(k) + F0 - L. Without it drum and pulley stand as stated where it was zeroed.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,6 @@ from lmeasure.kernels import (
     BY_RADIUS,
     BY_SCALE,
     BY_TANGENT,
-    COUNT_LENGTH,
     GUIDE_XYZ,
     RADIUS,
     TRAVEL,
@@ -112,18 +111,23 @@ class Parts:
     ) -> tuple[Added, Added]:
         """What they add at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) where counting began."""
         way = poses[:, None, :3] + arms(rows, poses) - rows[:, BASE_XYZ]
-        begun = (zero[0][:, :3] + np.einsum("mmi->mi", arms(rows, zero[0])) - rows[:, BASE_XYZ])[None]
+        begun, passed = self._begun(rows, zero)
         k0 = zero[1][None]
+        return self._at(rows, way, counts, travel, passed), self._at(rows, begun, k0, np.zeros(k0.shape), passed)
+
+    def _begun(self, rows: FloatArray, zero: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Return the way from B to P where counting began, (1, m, 3), and D(k) there less the cable passed since phase 0, (1, m) [mm]."""
+        begun = (zero[0][:, :3] + np.einsum("mmi->mi", arms(rows, zero[0])) - rows[:, BASE_XYZ])[None]
         plain = span(begun, rows[:, GUIDE_XYZ], rows[:, RADIUS])
         since = np.where(np.isnan(self.phase_mm), 0.0, plain.length - self.phase_mm)
-        return self._at(rows, way, counts, travel, k0, since), self._at(rows, begun, k0, np.zeros(k0.shape), k0, since)
+        return begun, drum_of(rows.T).paid_out(zero[1][None]) - since
 
-    def _at(self, rows: FloatArray, way: FloatArray, k: FloatArray, s: FloatArray, k0: FloatArray, since: FloatArray) -> Added:
+    def _at(self, rows: FloatArray, way: FloatArray, k: FloatArray, s: FloatArray, at_phase: FloatArray) -> Added:
         a, b, x1, x2, offset, over, play = self.values.T
         drum, turn, R, u = drum_of(rows.T), rows[:, TURN_COUNTS], rows[:, RADIUS], rows[:, GUIDE_XYZ]
         w = play / self.scales
         slope = drum.slope(k)
-        theta = 2.0 * np.pi * (k - k0 + since / drum.count_mm) / turn
+        theta = 2.0 * np.pi * (k - drum.counts(at_phase)) / turn
         c, sine = np.cos(theta), np.sin(theta)
         longer, by_over = thicker(drum.count_mm * turn, rows[:, TRAVEL] * turn, over)
         mm = -a * c - b * sine - k * longer / turn - s * w * slope
@@ -134,7 +138,7 @@ class Parts:
         if not (wrapped.any() and (self.pulleys or self.values[:, PART_ECCENTRICITY.start : PLAY].any())):
             return Added(mm, by, np.zeros(way.shape), nothing, nothing, by_theta)
         safe = np.where(wrapped, R, 1.0)
-        psi = (drum.paid_out(k) - drum.paid_out(k0) + since) / safe
+        psi = (drum.paid_out(k) - at_phase) / safe
         c, sine = np.cos(psi), np.sin(psi)
         along, outward = x1 * c - x2 * sine, x1 * sine + x2 * c + offset - 0.5 * over
         away = way - np.einsum("nmi,mi->nm", way, u)[:, :, None] * u
@@ -169,17 +173,20 @@ class Parts:
         at = np.arange(m)
         g = length_gradients(rows, np.ascontiguousarray(poses), counts, scales)
         g0 = length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(zero[1], (m, 1)), scales)[at, at][None]
-        R, count_mm, turn = rows[:, RADIUS], rows[:, COUNT_LENGTH], rows[:, TURN_COUNTS]
+        R, turn, drum = rows[:, RADIUS], rows[:, TURN_COUNTS], drum_of(rows.T)
         stated = np.isfinite(self.phase_mm)[:, None]
+        phase = drum.counts(self._begun(rows, zero)[1])[0]
+        per_mm = 2.0 * np.pi / (drum.slope(phase) * turn)
         of_drum = np.isin(np.arange(WIDTH), [BY_SCALE, BY_TANGENT, BY_AXIAL, BY_PITCH])
         # what has passed since: D(k) - D(k0) + F0 - L, and f = F - D
         begun_by = np.where(stated & ~of_drum, g0, 0.0)
+        at_phase = length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(phase, (m, 1)), scales)[at, at][None]
         radius = np.where(R > 0.0, R, 1.0)
 
         def by_kernels(side: Added, at: FloatArray, k: FloatArray, by: FloatArray, *, of_start: bool) -> FloatArray:
             passed = np.where(of_drum, g0 - by, 0.0) + begun_by
-            turned = np.repeat(begun_by * (2.0 * np.pi / (count_mm * turn))[:, None], len(k), axis=0)
-            turned[:, :, BY_SCALE] = -2.0 * np.pi * (k - zero[1]) / (turn * scales)
+            turned = np.repeat(np.where(of_drum, g0 - at_phase, begun_by) * per_mm[:, None], len(k), axis=0)
+            turned[:, :, BY_SCALE] = per_mm * g0[:, :, BY_SCALE] - 2.0 * np.pi * k / (turn * scales)
             own = side.by_theta[:, :, None] * turned + (side.by_psi / radius)[:, :, None] * passed
             own[:, :, BY_RADIUS] += side.by_radius
             return own + self._of_lengths(rows, at, side, k, of_start=of_start)
@@ -190,7 +197,7 @@ class Parts:
         # the phase follows what is out where counting began
         rate = np.where(np.isfinite(self.phase_mm), 1.0, 0.0)
         shift = np.array([span_rows(rows[j : j + 1], pose)[0] for j, pose in enumerate(zero[0])])
-        by_begun = rate * (there.by_theta - begun.by_theta) * 2.0 * np.pi / (count_mm * turn)
+        by_begun = rate * (there.by_theta - begun.by_theta) * per_mm
         by_begun = by_begun + rate * (there.by_psi - begun.by_psi) / radius
         return there.by_values - begun.by_values, of_kernels, np.stack([moved[0], by_begun[:, :, None] * shift - moved[1]])
 

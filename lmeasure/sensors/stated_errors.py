@@ -9,13 +9,15 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, last_travel as kernels_last_travel
-from lmeasure.rig import TYPICAL_SIZES, Cable, CalibrationRecord, Observed, Rig, attachment_names
+from lmeasure.rig import PHASED, TYPICAL_SIZES, Cable, CalibrationRecord, Observed, Rig, attachment_names
 from lmeasure.sensors.cable_effects import Zero
 from lmeasure.sensors.effect_laws import ATTACHMENT, BACKLASH, ECCENTRICITY, FRICTION, OFFSET, OTHERS, RUN_OUT, STATED, Acted, CableEffect
 from lmeasure.sensors.wrap import Span, arms, spans
 from lmeasure.text import message
 
 BAND = 2.5  # recorded counts
+SAME_MM = 1.0
+"""Difference of cable lengths up to which a counter is zeroed at the same pose: `calibrate` writes whole millimetres."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,29 @@ def _solved(kind: CableEffect, owner: str, known: set[str]) -> bool:
     # friction along a cable obeys the law of play
     key = "backlash_counts" if kind is FRICTION else kind.key.removeprefix("u_")
     return any(f"{owner}.{name}" in known for name in (kind.parameter, key, f"{key.removesuffix('_mm')}_cos_mm"))
+
+
+def phase_errors(rig: Rig, solved: Iterable[str], start: FloatArray) -> list[Variable]:
+    """Return the errors of known run-out and eccentricity by the angle at which drum and pulley stand at the start pose (7,) of a run.
+
+    The angle follows from the cable length there. It is off by what run-out and eccentricity themselves add to the length. Without
+    `phase_length_mm` the angle of what a calibration has solved (names) is not known, as counters are zeroed anywhere.
+    """
+    found, out = {name.partition(".")[0] for name in solved if name.rpartition(".")[2] in PHASED}, list[Variable]()
+    for c in {c.from_point: c for c in rig.cable}.values():
+        p = rig.point(c.from_point)
+        run_out, pulley = math.hypot(*p.drum.run_out_mm or (0.0,)), math.hypot(*p.pulley_eccentricity_mm or (0.0,))
+        if not (run_out or pulley):
+            continue
+        if p.phase_length_mm is None:
+            of_drum = of_pulley = float(p.name in found)
+        else:
+            length = float(free_lengths(rig.cable_rows((c,)), start[None])[0])
+            off = run_out + pulley if abs(length - p.phase_length_mm) > SAME_MM else 0.0
+            of_drum = math.tau * off / (p.drum.counts_per_revolution * p.drum.count_length_mm)
+            of_pulley = off / p.pulley_radius_mm if p.pulley_radius_mm else 0.0
+        out += [Variable(kind, p.name, u) for kind, u in ((RUN_OUT, run_out * of_drum), (ECCENTRICITY, pulley * of_pulley)) if u]
+    return out
 
 
 class Unsolved:

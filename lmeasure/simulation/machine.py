@@ -102,7 +102,11 @@ class _Machine:
     def paid(self, turned: FloatArray, since: float) -> FloatArray:
         """(n,) cable past the fixed pulley when the drum has turned by so much (n,) since it was zeroed, but for a constant."""
         # the disc's middle, turned clockwise with the drum; the fixed pulley lies to the right, as high as the disc's top
-        angle = turned + since / self.drawn_per_rad
+        at_phase = 0.0
+        for _ in range(ROUNDS if since else 0):
+            slanted = np.hypot(self.tangent, self.axial + self.pitch * at_phase / TURN) - np.hypot(self.tangent, self.axial)
+            at_phase = (slanted - since) / self.drawn_per_rad
+        angle = turned - at_phase
         x, y = (
             self.run_out[0] * np.cos(angle) + self.run_out[1] * np.sin(angle),
             self.run_out[1] * np.cos(angle) - self.run_out[0] * np.sin(angle),

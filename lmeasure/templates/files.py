@@ -118,7 +118,8 @@ TOOL = """\
 """
 CABLES = """\
 # Cables: observation point, attachment point and counter channel. The n-th channel is node n of the CAN bus, unless a
-# table [can] states other frames (docs/acquisition.md).
+# table [can] states other frames (docs/acquisition.md). If runs start at other poses than the calibration, state
+# zero_length_mm of each cable: its length from B to the attachment point where axial_offset_mm was measured, within 10 mm.
 """
 
 

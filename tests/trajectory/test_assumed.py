@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 import real_rig
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from test_unsolved import START, after_play, delta, nominal, truth
 
-from lmeasure.accuracy import exact_radius_95, radii_95, scan_zone, tilts
+from lmeasure.accuracy import exact_radius_95, radii_95, scan_zone, stated_radii_95, tilts
 from lmeasure.core import se3
 from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
 from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, Dimension, Rig, rig_from_dict
@@ -251,13 +253,14 @@ def test_steel_of_another_temperature_than_the_calibrations_errs_as_its_matter_s
 def test_angles_of_drums_and_pulleys_follow_from_the_calibration() -> None:
     """A run that begins elsewhere than the calibration: only the lengths of its cables give the angles."""
     rng = np.random.default_rng(8)
-    # grooves without pitch: where the cable leaves a drum depends on where its counter was zeroed
-    plain = replace(truth(3), pitch=np.zeros(6))
+    plain = truth(3)
     true = real_rig.without(plain, run_out_mm=rng.normal(0, 0.06, (6, 2)), eccentric_mm=rng.normal(0, 0.15, (6, 2)))
     poses = real_rig.path(np.random.default_rng(9), 400)[120:]
     counts = true.true_counts(poses, START)
     data = nominal(plain) | {"unstated": "typical"}
     begun = true.spans(START[None])[0][0]
+    for cable, length in zip(data["cable"], begun.tolist(), strict=True):
+        cable["zero_length_mm"] = length
     dimensions = []
     for j, point in enumerate(data["observation_point"]):
         point["phase_length_mm"] = float(begun[j])
@@ -271,20 +274,62 @@ def test_angles_of_drums_and_pulleys_follow_from_the_calibration() -> None:
     nothing: Any = {"parameters": (), "covariance": (), "residuals": (), "equations": 0, "unknowns": 0, "rank": 0}
     record = CalibrationRecord(rig="real", **nothing, dimensions=tuple(own))
 
-    def found(rig: Rig, calibration: CalibrationRecord | None) -> tuple[float, str]:
+    def found(rig: Rig, calibration: CalibrationRecord | None) -> tuple[float, str, float]:
         recorded = Counts(np.arange(len(counts)) / 100.0, rig.channels, np.rint(counts - counts[0]))
         run = Run(rig, poses[0], (recorded,), calibration, u_start=(0.0, 0.0), temperature_c=20.0)
         trajectory = reconstruct(run)
-        return float(np.linalg.norm(trajectory.poses[:, :3] - poses[:, :3], axis=1).max()), "; ".join(map(str, trajectory.notes))
+        off = np.linalg.norm(trajectory.poses[:, :3] - poses[:, :3], axis=1)
+        u95 = stated_radii_95((trajectory.random + trajectory.systematic)[:, 3:, 3:])
+        return float(off.max()), "; ".join(map(str, trajectory.notes)), float((off / u95)[1:].max())
 
     rig = rig_from_dict(data)
     points = tuple(p.model_copy(update={"phase_length_mm": None}) for p in rig.observation_point)
-    known, said = found(rig, record)
-    lost, said_at_zero = found(rig.model_copy(update={"observation_point": points}), record)
+    known, said, _ = found(rig, record)
+    lost, said_at_zero, part = found(rig.model_copy(update={"observation_point": points}), record)
     assert known < 0.03 < 0.3 < lost
     assert "follow from the calibration and the cable lengths there (B1, B2, B3, B4, B5, B6)" in said
-    assert "count from zeroing" in said_at_zero
+    assert "the uncertainty includes any other angle" in said_at_zero
+    assert part < 1.0
     assert "run-out and eccentricity are in the uncertainty at any angle" in found(rig_of(3), None)[1]
+
+
+def test_pay_out_points_are_where_the_lengths_at_the_start_put_them() -> None:
+    """Exact drums, zeroed elsewhere than where their axial offsets hold; the same with a start that swivels determine."""
+    plain = truth(3)
+    poses = real_rig.path(np.random.default_rng(9), 400)[120:]
+    counts = plain.true_counts(poses, START)
+    data = nominal(plain)
+    for cable, length in zip(data["cable"], plain.spans(START[None])[0][0].tolist(), strict=True):
+        cable["zero_length_mm"] = length
+    rig = rig_from_dict(data)
+    points = [np.einsum("nab,b->na", Rotation.from_quat(poses[:, 3:]).as_matrix(), plain.tool[t]) + poses[:, :3] for t in plain.tied]
+    angles = []
+    for j, point in enumerate(points):
+        a, b, u = plain.alpha[j], plain.beta[j], plain.arriving[j]
+        e0 = np.array([math.sin(a) * math.sin(b), math.sin(a) * math.cos(b), math.cos(a)])
+        angles.append(np.arctan2((point - plain.base[j]) @ np.cross(u, e0), (point - plain.base[j]) @ e0))
+    codes = np.rint(np.array(angles).T / (2.0 * np.pi) * 2**17) % 2**17
+    swivel = [
+        {"point": f"B{j + 1}", "channel": f"sw{j + 1}", "counts_per_revolution": 2**17, "absolute": True, "zero_deg": 0.0} for j in range(6)
+    ]
+
+    def off(rig: Rig, start: FloatArray | None, recorded: FloatArray, channels: tuple[str, ...]) -> float:
+        run = Run(rig, start, (Counts(np.arange(len(recorded)) / 100.0, channels, recorded),), unstated="exact")
+        found = reconstruct(run)
+        return float(np.linalg.norm(found.poses[:, :3] - poses[:, :3], axis=1).max())
+
+    stays = off(rig_from_dict(nominal(plain)), poses[0], np.rint(counts - counts[0]), rig.channels)
+    assert off(rig, poses[0], np.rint(counts - counts[0]), rig.channels) < 0.02 < 0.1 < stays
+    nothing: Any = {"parameters": (), "covariance": (), "residuals": (), "equations": 0, "unknowns": 0, "rank": 0}
+    record = CalibrationRecord(rig="real", **nothing, zero_length_mm={c["name"]: c["zero_length_mm"] for c in data["cable"]})
+    for own, said in ((rig_from_dict(nominal(plain)), True), (rig, False)):
+        run = run_of(own, np.rint(counts - counts[0]), calibration=record, unstated="exact")
+        notes = reconstruct(replace(run, start=poses[0])).notes
+        assert any("the counters were zeroed with up to" in str(note) for note in notes) is said
+    both = rig_from_dict(data | {"swivel": swivel})
+    recorded = np.hstack([np.rint(counts - counts[40]), codes])
+    assert off(both, None, recorded, both.all_channels) < 0.03
+    assert pickle.loads(pickle.dumps(rig.zeroed_at(poses[0]))).paid_out() == pytest.approx(rig.zeroed_at(poses[0]).paid_out())
 
 
 def test_exact_rigs_keep_their_figures_to_all_digits() -> None:

@@ -62,6 +62,12 @@ class Campaign(Shown):
     angles: FloatArray | None = None
     """(n, 3) angles of the poses as in their file; None: quaternions, or not recorded."""
 
+    def __post_init__(self) -> None:
+        drums = self.drums
+        zero = self.zero[: len(drums)]
+        begun = np.nan_to_num(self.counts[zero, np.arange(len(drums))])
+        object.__setattr__(self, "rig", self.rig.zeroed_at(self.poses.rows[zero], begun, drums))
+
     def about(self) -> dict[str, str]:
         """Of which rig, how many poses and counts, and how well the poses are known."""
         poses = self.poses.about()

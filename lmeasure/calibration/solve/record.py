@@ -13,6 +13,7 @@ from lmeasure.calibration.validation.guard import AgainstNominal
 from lmeasure.calibration.validation.hold_out import HeldOut, deletion_residuals
 from lmeasure.core import QUATERNION_COLUMNS, FloatArray
 from lmeasure.estimation import PROBABILITY, Fit, Parameters, Regions
+from lmeasure.kernels import changes_from_counts, span_lengths
 from lmeasure.recording import POSITION_COLUMNS
 from lmeasure.rig import CalibrationRecord, Finding, RecordedParameter, Residual, Rig, Unobservable
 
@@ -63,6 +64,7 @@ def make_record(
         spectrum=tuple(_spectrum(unknowns, found)),
         correlations=tuple(_correlations(unknowns.names, where.covariance, np.maximum(u, 1e-300))),
         poses=tuple(_poses(campaign, model, found)),
+        zero_length_mm=_zero_lengths(campaign, rig),
         validation=_validation(model, found),
         noise={
             "chi_squared": found.chi2,
@@ -71,6 +73,15 @@ def make_record(
         }
         | reference,
     )
+
+
+def _zero_lengths(campaign: Campaign, rig: Rig) -> dict[str, float]:
+    """Return the length of each cable where its counter was zeroed [mm]."""
+    drums = campaign.drums
+    zero, rows = campaign.zero[: len(drums)], rig.cable_rows(drums)
+    begun = np.nan_to_num(campaign.counts[zero, np.arange(len(drums))])
+    lengths = np.diag(span_lengths(rows, np.ascontiguousarray(campaign.poses.rows[zero]))) - changes_from_counts(rows, begun[None])[0]
+    return {c.name: round(float(length), 3) for c, length in zip(drums, lengths, strict=True) if np.isfinite(length)}
 
 
 def _poses(campaign: Campaign, model: Model, found: Fit) -> list[dict[str, object]]:

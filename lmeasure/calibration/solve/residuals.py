@@ -13,10 +13,13 @@ from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.estimation import Nuisance, Parameters, Problem
 from lmeasure.kernels import (
     ALPHA,
+    AXIAL,
     BETA,
     BY_ALPHA,
+    BY_AXIAL,
     BY_BETA,
     GUIDE_XYZ,
+    TRAVEL,
     changes_from_counts,
     guide_direction,
     length_gradients,
@@ -96,6 +99,7 @@ class Residuals(Problem):
         self.sizes: Mapping[str, float] = {}
         self.variables = stated(campaign.rig, drums, unknowns.names)
         self.unsolved = Unsolved(campaign.rig, self.variables, drums)
+        self._axial_mm = np.where(self._where[:, BY_AXIAL] >= 0, self._rows[:, TRAVEL] * campaign.rig.paid_out(campaign.cables), 0.0)
         self._slots = slots = Slots(self._rows, self._where >= 0)
         self._in_slots = self._where[slots.cable, slots.parameter]
         self._scaled = np.flatnonzero(self._where[:, SCALE] >= 0)
@@ -183,6 +187,8 @@ class Residuals(Problem):
         scales[self._scaled] = theta[self._where[self._scaled, SCALE]]
         counts = np.where(np.isfinite(self.campaign.counts), self.campaign.counts, 0.0) * (self._scales / scales)
         rows = self._slots.filled(self._rows, theta[self._in_slots] * self._factor[self._in_slots])
+        # an axial offset holds at the length that the rig states, not where these counters were zeroed
+        rows[:, AXIAL] += self._axial_mm
         return self._tilt.added(rows, theta), scales, counts
 
     def parts(self, theta: FloatArray) -> Parts | None:

@@ -174,11 +174,12 @@ def _lengths(old: Earlier, new: Calibration, seed: int) -> tuple[tuple[LengthShi
     if not cables:
         return (), dropped
     rows = np.vstack([campaign.poses.rows[campaign.zero[0]], workspace(campaign, seed)])
-    counts = counts_from_changes(new.rig.cable_rows(cables), _changes(new.rig, rows, cables))
-    raw = counts * new.rig.scales(cables)
+    rig, before = (of.rig.zeroed_at(rows[0]) for of in (new, old))
+    counts = counts_from_changes(rig.cable_rows(cables), _changes(rig, rows, cables))
+    raw = counts * rig.scales(cables)
     # what either calibration makes of the same recorded counts: modelled less measured
-    shift = _misread(new.rig, rows, raw, cables) - _misread(old.rig, rows, raw, cables)
-    variance = _variance(new.rig, new.record, rows, raw, cables) + _variance(old.rig, old.record, rows, raw, cables)
+    shift = _misread(rig, rows, raw, cables) - _misread(before, rows, raw, cables)
+    variance = _variance(rig, new.record, rows, raw, cables) + _variance(before, old.record, rows, raw, cables)
     out = []
     solved = {p.name for record in (old.record, new.record) for p in record.parameters}
     for j, (c, own) in enumerate(zip(cables, parameter_names(new.rig, cables), strict=True)):

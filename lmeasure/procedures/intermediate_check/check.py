@@ -129,7 +129,8 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
             _ = run.known_start
         # by all channels: what one of them has against the others is what the check is about
         found = prepare(aligned).with_estimate(None)
-        return found.with_estimate(estimate_origins(found, collect_epochs(found, [aligned.lengths])[0]))
+        lengths = aligned.zeroed(found.model.rig).lengths
+        return found.with_estimate(estimate_origins(found, collect_epochs(found, [lengths])[0]))
     model = RunModel(
         run.rig,
         run.start,

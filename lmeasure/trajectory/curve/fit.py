@@ -415,6 +415,7 @@ def reconstruct_curve(
     # channels whose clocks are off contradict each other at every sample, until the curve has found by how much
     clocks = first.stamp_s is not None and first.u_time_s is not None
     reconstruction = prepare(aligned, constraint, compares=not clocks)
+    aligned = aligned.zeroed(reconstruction.model.rig)
     more = () if judge is None or clocks else judge(reconstruction)
     lengths = aligned.lengths_of(reconstruction.doubts)
     trajectory = with_evidence(reconstruction, reconstruction.trajectory(lengths), lengths, aligned, covariances=True)

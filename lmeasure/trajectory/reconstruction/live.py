@@ -229,7 +229,8 @@ class LivePose:
             known(None, f"rig {rig.name!r}", rig)
         self.channels, self.angles = tuple(o.channel for o in rig.observed), rig.angles
         self.why = "" if start is not None else "no attempt to find the start yet"
-        self._rig, self._start, self._calibration, self._aside, self._unstated = rig, start, calibration, aside, unstated
+        self._rig = rig if start is None else rig.zeroed_at(start)
+        self._start, self._calibration, self._aside, self._unstated = start, calibration, aside, unstated
         self.learns = True
         self._way = self._first_way()
         if start is not None and self._way is not None:

@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.core import BoolArray, FloatArray, Status, TrajectoryError
-from lmeasure.kernels import AXIAL, BELIEVED_AT, KIND, TANGENT, solve_pose, span_lengths, span_rows
+from lmeasure.kernels import AXIAL, BELIEVED_AT, KIND, TANGENT, counts_from_changes, solve_pose, span_lengths, span_rows
 from lmeasure.recording import Counts, RateEvidence, Run, RunHead, WidthEvidence, notes_of, read_counts_in_pieces
 from lmeasure.rig import PHASED, Rig
-from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts, rate_notes, zero_temperature
+from lmeasure.sensors import COUNTER_STATE, Lengths, changes_from_counts, lengths_from_counts, rate_notes, zero_temperature
 from lmeasure.text import Message, and_also, is_of, message
 from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
 from lmeasure.trajectory.faults.detectable_sizes import detectable_sizes
@@ -37,6 +37,8 @@ from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budge
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of
 
 Progress = Callable[[int, int], None]
+ELSEWHERE_MM, LEAST_AXIAL_MM = 1.0, 0.001
+"""Differences of cable lengths where counters were zeroed, and of lengths that follow, up to which they are not reported."""
 SURE_S = 86400.0
 """A counter that no rate takes through half its range for as long is asked for nothing."""
 Each = Callable[[Counts, Lengths, Trajectory], None]
@@ -63,6 +65,9 @@ class LengthSource(Protocol):
     def name(self) -> str:
         """Return the name of its first file."""
 
+    def zeroed(self, rig: Rig) -> Self:
+        """Return the same with its rig as its counters were zeroed, if that is another state of the drums."""
+
     def pieces(self, doubts: Doubts) -> Iterable[Lengths]:
         """Return its lengths, without the counts that are in these doubts."""
 
@@ -77,8 +82,13 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
     rig = run.rig
 
     def begin(start: FloatArray, begun: FloatArray | None = None, zeros: FloatArray | None = None) -> Reconstruction:
+        own = source
+        if begun is not None:
+            counts = counts_from_changes(rig.cable_rows(rig.observed), begun[None])
+            own = source.zeroed(rig.zeroed_at(start, counts[0]))
+            begun = begun if own is source else changes_from_counts(own.run.rig, counts, rig.observed)[0]
         model = RunModel(
-            rig,
+            own.run.rig,
             start,
             run.calibration,
             constraint,
@@ -92,13 +102,13 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
             model = replace(model, u_start=run.start_errors.u, assumed_start=run.start_errors.assumed)
         if run.temperature_c is None and (model.correction is not None or model.temperatures_assumed):
             # where no effect needs it, counts without a temperature at the beginning have none
-            pieces = source.pieces(doubts) if model.correction is not None else itertools.islice(source.pieces(doubts), 1)
+            pieces = own.pieces(doubts) if model.correction is not None else itertools.islice(own.pieces(doubts), 1)
             measured = (zero_temperature(lengths, None) for lengths in pieces)
             model = replace(model, measured_c=next((value for value in measured if value is not None), None))
         reconstruction = replace(reconstruction_of(model), doubts=doubts)
         if begun is None and needed_zero(zeros_of(rig, run.calibration), len(model.scheme.free)) > LIGHT_RAD:
             # the poses that such zeros leave lie too far off for first order: where the motion puts them it begins
-            at = motion_of(rig, reconstruction.corrected(next(iter(source.pieces(doubts)))), record=run.calibration)
+            at = motion_of(model.rig, reconstruction.corrected(next(iter(own.pieces(doubts)))), record=run.calibration)
             zeros = zeros_by_motion(at, model.zero_pose, np.repeat([model.u_start[1], model.u_start[0]], 3))
         if zeros is None or not model.scheme.redundancy:
             return reconstruction
@@ -108,11 +118,12 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
         reconstruction, samples = begin(start, begun, zeros), RunSamples()
         if reconstruction.redundancy is None:
             return reconstruction, None
-        epochs = collect_epochs(reconstruction, source.pieces(doubts), samples)[0]
+        epochs = collect_epochs(reconstruction, source.zeroed(reconstruction.model.rig).pieces(doubts), samples)[0]
         return replace(reconstruction, samples=samples.epochs()), epochs
 
     first = None if run.start is not None else next(iter(source.pieces(doubts)))
     reconstruction = begin(run.known_start) if first is None else find_start(rig, first, source.name, candidate)
+    source = source.zeroed(reconstruction.model.rig)
     if reconstruction.redundancy is None or not compares:
         return reconstruction
     samples = RunSamples() if reconstruction.samples is None else None
@@ -146,8 +157,9 @@ def reconstruct(
     Raises what `Reconstruction` and `passes.align` raise.
     """
     aligned = align(run)
-    run = aligned.run
     reconstruction = prepare(aligned, constraint, repeatability_mm)
+    aligned = aligned.zeroed(reconstruction.model.rig)
+    run = aligned.run
     more = () if judge is None else judge(reconstruction)
     covariances = covariances or run.rig.passes > 1 or trials > 0
     lengths = aligned.lengths_of(reconstruction.doubts)
@@ -184,6 +196,7 @@ def reconstruct_stream(
     """
     run = _StreamedRun.of(head)
     reconstruction = prepare(run, constraint)
+    run = run.zeroed(reconstruction.model.rig)
     more = () if judge is None else judge(reconstruction)
     summary = Summary()
     with trajectory_writer(out, covered(reconstruction.budget.covers, run.evidence), angles) as write:
@@ -234,6 +247,10 @@ class _StreamedRun:
         for _, lengths in self.recorded_pieces(Doubts()):
             finder.add(lengths)
         return finder.found()
+
+    def zeroed(self, rig: Rig) -> "_StreamedRun":
+        """Return the same with its rig as its counters were zeroed."""
+        return self if np.array_equal(rig.paid_out(), self.run.rig.paid_out()) else replace(self, run=replace(self.run, rig=rig))
 
     def pieces(self, doubts: Doubts) -> Iterator[Lengths]:
         """Yield the lengths piece by piece."""
@@ -299,6 +316,7 @@ def with_evidence(
         *unseen,
         *_redundancy_notes(reconstruction.model, evidence),
         *_phase_notes(reconstruction),
+        *_zero_notes(reconstruction.model, lengths),
         *reconstruction.reliability,
     )
     trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(source.run.recorded), *more))
@@ -328,10 +346,29 @@ def _phase_notes(reconstruction: Reconstruction) -> list[Message]:
     rig, record = reconstruction.model.rig, reconstruction.model.calibration
     solved = set() if record is None else {name.partition(".")[0] for name in record.names if name.rpartition(".")[2] in PHASED}
     unsolved = reconstruction.budget.unsolved.variables
-    free = sorted({v.owner for v in unsolved if any(name.rpartition(".")[2] in PHASED for name in v.names)})
+    free = sorted({v.owner for v in unsolved if any(name.rpartition(".")[2] in PHASED for name in v.names)} - solved)
     at_zero = sorted(name for name in solved if rig.point(name).phase_length_mm is None)
     by_code = {"phase.calibrated": sorted(solved - set(at_zero)), "phase.at_zero": at_zero, "phase.any": free}
     return [message(code, points=tuple(points)) for code, points in by_code.items() if points]
+
+
+def _zero_notes(model: RunModel, lengths: Lengths) -> list[Message]:
+    """Return a note on drums whose counters were zeroed at other lengths than in the calibration, while no length is stated at which axial
+    offsets hold: how much other the lengths would be if they hold at those of the calibration."""
+    known = {} if model.calibration is None else model.calibration.zero_length_mm
+    cables = tuple(c for c in model.rig.cable if c.name in known and c.zero_length_mm is None)
+    if not cables:
+        return []
+    own = [model.rig.cable.index(c) for c in cables]
+    stated = tuple(c.model_copy(update={"zero_length_mm": known[c.name]}) for c in cables)
+    begun = None if model.begun is None else counts_from_changes(model.rig.cable_rows(), model.begun[None, : len(model.rig.cable)])[0, own]
+    moved = model.rig.model_copy(update={"cable": stated}).zeroed_at(model.start, begun, stated)
+    counts = np.ascontiguousarray(lengths.counts[:, own])
+    off = np.abs(changes_from_counts(moved, counts, stated) - changes_from_counts(model.rig, counts, cables))
+    away = float(np.max(np.abs(moved.paid_out(stated)) * [model.rig.counter(c).per_count for c in cables]))
+    if away < ELSEWHERE_MM or not np.isfinite(off).any() or np.nanmax(off) < LEAST_AXIAL_MM:
+        return []
+    return [message("zero.elsewhere", away=away, mm=float(np.nanmax(off)), example=cables[0].name, length=known[cables[0].name])]
 
 
 def _redundancy_notes(model: RunModel, evidence: Evidence) -> list[Message]:
@@ -412,6 +449,7 @@ def covariances(
             )
         )
     reconstruction = prepare(aligned, constraint, repeatability_mm)
+    aligned = aligned.zeroed(reconstruction.model.rig)
     # as they were used: some counts are not, and those of restored channels are
     lengths = aligned.lengths_of(reconstruction.doubts)
     budget, scheme = reconstruction.budget, reconstruction.model.scheme

@@ -7,6 +7,7 @@ import numpy as np
 
 from lmeasure.core import FloatArray, TrajectoryError
 from lmeasure.recording import Counts, Run
+from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths, count_variance, lengths_from_counts
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.doubts import Doubts
@@ -45,6 +46,10 @@ class Alignment:
     def lengths(self) -> Lengths:
         """Return its lengths, without counts that are in doubt by themselves; computed once."""
         return self.evidence.doubts.applied(self.run.rig, self._all_lengths)
+
+    def zeroed(self, rig: Rig) -> "Alignment":
+        """Return the same with its rig as its counters were zeroed."""
+        return self if np.array_equal(rig.paid_out(), self.run.rig.paid_out()) else replace(self, run=replace(self.run, rig=rig))
 
     def lengths_of(self, doubts: Doubts) -> Lengths:
         """Return its lengths, without the counts that are in these doubts."""

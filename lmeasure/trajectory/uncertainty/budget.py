@@ -22,6 +22,8 @@ import numpy as np
 from lmeasure.core import BoolArray, DataFrame, FloatArray, Shown, covariance_root, framed, se3
 from lmeasure.kernels import (
     AXIAL,
+    BY_AXIAL,
+    BY_PITCH,
     CABLE,
     KIND,
     PARAMETERS,
@@ -47,6 +49,7 @@ from lmeasure.sensors import (
     further_solved,
     last_travel,
     length_variance,
+    phase_errors,
     solved_covariance,
     span_rows,
     stated,
@@ -157,6 +160,9 @@ class ParameterErrors:
         every = np.column_stack([solved, dimensions])
         every = every.reshape(len(observed), width_of(wide=self._wide), every.shape[1])
         self._of_kernels = np.ascontiguousarray(every[:, : len(PARAMETERS)])
+        # a groove's pitch moved the pay-out point on the way to where the counter was zeroed
+        turns = np.array([rig.paid_out((c,))[0] / rig.counter(c).counts_per_revolution for c in rig.cable])
+        self._of_kernels[: self._cables, BY_AXIAL] += turns[:, None] * self._of_kernels[: self._cables, BY_PITCH]
         self._of_parts = every[: self._cables, len(PARAMETERS) :]
         self._parts = every_part(rig, rig.cable)
 
@@ -258,7 +264,8 @@ class Budget:
             tuple(message("source.place", number=p) for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
         )
         physical = (PHYSICAL,) * (0 if model.correction is None else model.correction.sources)
-        self.unsolved = Unsolved(rig, stated(rig, None, () if calibration is None else calibration.names, OTHERS))
+        known = () if calibration is None else calibration.names
+        self.unsolved = Unsolved(rig, [*stated(rig, None, known, OTHERS), *phase_errors(rig, known, model.start)])
         self._played_mm = np.abs(every_part(rig, rig.cable).values[:, PLAY]) * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
         self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
         of_drums = self.unsolved.sources + self.unsolved.play_sources + (message("source.play"),) * int(np.count_nonzero(self._played_mm))
