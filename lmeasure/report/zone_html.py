@@ -81,7 +81,7 @@ def answer(folder: str, zone: xr.Dataset, found: Extent, *, rig: Rig, calibratio
             "zone.larger" if reason in OPTIONS else "zone.larger_geometry", reason=zone_text.reason_words(say)[reason], volume=volume
         )
     place = html.Step(say("zone.next_place"), "lmeasure place RIG.toml --task placement.toml --out placed")
-    use = html.Step(say("zone.next_measure"), "lmeasure record --rig RIG.toml --bus INTERFACE:CHANNEL --out run1")
+    use = html.Step(say("zone.next_measure"), "lmeasure record RIG.toml --bus INTERFACE:CHANNEL --out run1")
     rows: tuple[html.Number, ...] = ()
     if inside.any():
         u95 = np.where(inside, zone["u95_position_mm"].values, np.nan)

@@ -69,7 +69,7 @@ def application(folder: Path, door: Door, port: int, language: str = "en", *, sh
     app.state.bench = bench
     TEMPLATES.env.filters["words"] = lambda name: name.replace("_", " ")
     TEMPLATES.env.filters["whole"] = lambda line: Markup(_OPTION.sub(r'<span class="kept">\g<0></span>', str(escape(line))))
-    TEMPLATES.env.filters["together"] = lambda text: Markup(kept(text.replace(" -", " \u2212")))
+    TEMPLATES.env.filters["together"] = lambda text: Markup(kept(text))
     TEMPLATES.env.filters["blocks"] = blocks
     TEMPLATES.env.filters["number"] = _number
     TEMPLATES.env.filters["typed"] = typed

@@ -7,7 +7,7 @@ from lmeasure import workbench
 from lmeasure.text import texts
 from lmeasure.workbench import forms
 from lmeasure.workbench.project import _BY_SCHEMA, Project
-from lmeasure.workbench.text import said
+from lmeasure.workbench.text import blocks, said
 from lmeasure.workflows import COMMANDS, load, options_of
 
 HERE = Path(workbench.__file__).parent
@@ -42,3 +42,16 @@ def test_help_names_other_options_as_the_page_does() -> None:
                 reported = field.help_text(lambda text, language=language, **v: said(language, text, **v))
                 assert not reported.startswith("--")
                 assert "`" not in reported
+
+
+def test_columns_of_a_result_keep_their_names() -> None:
+    """The names of columns may leave out the first; a line without columns ends a table."""
+    lines = [
+        "after this number of poses:",
+        "          rms    worst  cable",
+        "   2   1.8349   6.4803  c2",
+        "   3   0.2434   1.5676  c2",
+        "the end",
+    ]
+    table = [["", "rms", "worst", "cable"], ["2", "1.8349", "6.4803", "c2"], ["3", "0.2434", "1.5676", "c2"]]
+    assert blocks(lines) == [[["after this number of poses:"]], table, [["the end"]]]

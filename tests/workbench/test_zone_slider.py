@@ -31,7 +31,7 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
     zone(monkeypatch, "--out", "zones/zone.nc", "--report", "zones/page")
     with client(tmp_path) as asked:
         page = asked.get("/zone").text
-        address = re.search(r'src="(/shown/\w+/zones/page/zone.html)#level"', page)
+        address = re.search(r'src="(/shown/\w+/zones/page/zone.html)#sliders"', page)
         assert address is not None
         assert "/run/program?zone=zones/zone.nc" in page
         shown = asked.get(address[1])

@@ -79,7 +79,7 @@ if (scan) {
       if (reported.last.scan) spoken(reported.last.scan);
       if (reported.state !== 'running') {
         running = 0; at('scan-end').hidden = true; at('scan-doing').textContent = '';
-        if (reported.result?.error) { at('scan-error').hidden = false; at('scan-error').textContent = reported.result.error; }
+        if (reported.result?.error && reported.result.exit_code !== 130) { at('scan-error').hidden = false; at('scan-error').textContent = reported.result.error; }
         return reported.result;
       }
       await pause(150);
