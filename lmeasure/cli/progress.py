@@ -174,7 +174,7 @@ def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
 def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
     """With the address of its pages."""
     try:
-        from lmeasure.workbench import serve
+        from lmeasure.workbench import ON_LOOPBACK, Site, serve
     except ModuleNotFoundError as error:
         from lmeasure.core import LMeasureError, how_to_install
 
@@ -182,7 +182,13 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 
     if settings.browser and not opens_pages(settings):
         settings = settings.model_copy(update={"browser": False})
-    return workflow.run(settings, lambda fraction, address: typer.echo(word("cli.workbench_at", address=address)), serve=serve)
+
+    def served(asked: "Any", say: Callable[[str], None], show: Callable[[str], object] | None) -> None:
+        site = Site(asked.host, asked.tls_certificate, asked.tls_key) if asked.host else ON_LOOPBACK
+        about = {"within": asked.within, "site": site, "scheduler": asked.scheduler}
+        serve(asked.folder, asked.port, asked.language, say, show=show, **about)
+
+    return workflow.run(settings, lambda fraction, address: typer.echo(word("cli.workbench_at", address=address)), serve=served)
 
 
 JUST_BEGUN_S = 0.5

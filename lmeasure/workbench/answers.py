@@ -101,12 +101,14 @@ class Bench:
     language: str
     door: guard.Door
     shelf: Shelf | None = None
+    site: guard.Site = guard.ON_LOOPBACK
+    scheduler: str | None = None
     jobs: Jobs = field(init=False)
     reading: Queue = field(init=False, default_factory=Queue)
     taking: asyncio.Semaphore = field(init=False, default_factory=lambda: asyncio.Semaphore(UPLOADS))
 
     def __post_init__(self) -> None:
-        self.jobs = Jobs(self.folder, self.language)
+        self.jobs = Jobs(self.folder, self.language, self.scheduler)
 
     async def close(self) -> None:
         """End what works here."""

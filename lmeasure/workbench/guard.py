@@ -14,6 +14,7 @@ import hmac
 import secrets
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import parse_qs
 
@@ -26,6 +27,7 @@ from lmeasure.io import LARGEST_NAME
 
 HERE = "127.0.0.1"
 """The one name of this server: by `localhost` a browser may come to another program's [::1]."""
+HTTPS = 443
 READING = ("GET", "HEAD")
 SESSION = "/~"
 SHOWN = "/shown/"
@@ -44,6 +46,30 @@ REPORT = (
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; frame-ancestors 'self'"
 )
 """Of a page that a command wrote, with its scripts inside it: it may draw, and reach nothing, neither this server nor another."""
+
+
+class Site(NamedTuple):
+    """The name by which browsers reach a server, and files of its TLS certificate and key; without them it serves this machine alone."""
+
+    name: str = HERE
+    certificate: Path | None = None
+    key: Path | None = None
+
+    @property
+    def secure(self) -> bool:
+        """Return whether it is served by TLS."""
+        return self.certificate is not None
+
+    def host(self, port: int) -> str:
+        """Return its Host header, as browsers send it."""
+        return self.name if self.secure and port == HTTPS else f"{self.name}:{port}"
+
+    def origin(self, port: int) -> str:
+        """Return its origin."""
+        return f"http{'s' if self.secure else ''}://{self.host(port)}"
+
+
+ON_LOOPBACK = Site()
 
 
 class Session(NamedTuple):
@@ -95,12 +121,11 @@ class Door:
 
 
 class Guard:
-    """Lets through to app what comes from a session or with the token, to 127.0.0.1 by its own name, and not from another page."""
+    """Lets through to app what comes from a session or with the token, to the site by its own name, and not from another page."""
 
-    def __init__(self, app: ASGIApp, door: Door, port: int) -> None:
-        self.app, self.door = app, door
-        self.host = f"{HERE}:{port}"
-        self.origin = f"http://{self.host}"
+    def __init__(self, app: ASGIApp, door: Door, port: int, site: Site = ON_LOOPBACK) -> None:
+        self.app, self.door, self.site = app, door, site
+        self.host, self.origin = site.host(port), site.origin(port)
         self.cookie = f"lmeasure-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -124,7 +149,7 @@ class Guard:
         """Return the request as the pages know it, its session's path in `at`, or what is answered to one who may not come in."""
         headers, path = Headers(scope=scope), scope["path"]
         if headers.get("host", "") != self.host:
-            return _refusal(f"this server answers to {HERE} alone")
+            return _refusal(f"this server answers to {self.site.name} alone")
         origin, method = headers.get("origin"), scope.get("method", "GET")
         if origin is not None and origin != self.origin:
             return _refusal("asked from another page")
@@ -161,7 +186,7 @@ class Guard:
             f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url={session.path}/"><title>lmeasure</title>'
             f'<link rel="icon" href="data:,"><a href="{session.path}/">lmeasure</a>'
         )
-        answer.set_cookie(self.cookie, session.cookie, httponly=True, samesite="strict", path=f"{session.path}/")
+        answer.set_cookie(self.cookie, session.cookie, httponly=True, samesite="strict", secure=self.site.secure, path=f"{session.path}/")
         return answer
 
     def _cookies(self, headers: Headers) -> list[str]:

@@ -24,6 +24,8 @@ from lmeasure.workbench.project import OWN
 RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
 PASSING = ("progress", "state", "live", "cell", "moved", "capture", "scan")
 """Events of which only the last counts; they are not kept on disk."""
+SCHEDULED = ("batch", "zone")
+"""Commands that take a scheduler."""
 PATIENCE_S = 8.0
 CANCELLED_CODE = 130
 KEPT_LINES = 2000
@@ -78,8 +80,8 @@ class Job:
 class Jobs:
     """All jobs of a project, oldest first."""
 
-    def __init__(self, folder: Path, language: str = "en") -> None:
-        self.folder, self.language = folder, language
+    def __init__(self, folder: Path, language: str = "en", scheduler: str | None = None) -> None:
+        self.folder, self.language, self.scheduler = folder, language, scheduler
         self.home = folder / OWN / "jobs"
         self.jobs: dict[int, Job] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -98,7 +100,10 @@ class Jobs:
 
     async def begin(self, words: list[str]) -> Job:
         """Begin a command in the project folder; words are those after `lmeasure`, in which no path is absolute. One that is at work
-        already, asked for by another page or a second click, is that job. LMeasureError where its folder cannot be written."""
+        already, asked for by another page or a second click, is that job. Where a scheduler was stated, commands for many processes use it.
+        LMeasureError where its folder cannot be written."""
+        if self.scheduler is not None and words[0] in SCHEDULED and "--scheduler" not in words:
+            words = [words[0], "--scheduler", self.scheduler, *words[1:]]
         async with self._beginning:
             same = next((job for job in self.running() if job.words == words), None)
             try:

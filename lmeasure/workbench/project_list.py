@@ -1,15 +1,19 @@
 """Several projects: the folders of one folder that was stated when the workbench was begun."""
 
+import datetime
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from lmeasure.core import LMeasureError
 from lmeasure.io import os_reason
-from lmeasure.text import message
+from lmeasure.text import Message, message
 from lmeasure.workbench.project import OWN, OutsideError
 from lmeasure.workbench.uploads import DEVICES
 
+REGISTER = "register"
+"""Folder of a project's register."""
 _NAME = re.compile(r"[^\W_][\w .+\-]{0,59}", re.UNICODE)
 LISTED = 50
 
@@ -25,11 +29,14 @@ class Opener(Protocol):
 
 
 class Beside(NamedTuple):
-    """A project of the shelf: its name, when it was last worked on (seconds since 1970, 0 for never), whether it is open."""
+    """A project of the shelf: its name, when it was last worked on (seconds since 1970, 0 for never), whether it is open, what its register
+    states as due, and whether any of that is overdue."""
 
     name: str
     used_s: float
     is_open: bool
+    due: tuple[Message, ...] = ()
+    overdue: bool = False
 
 
 @dataclass(frozen=True)
@@ -40,9 +47,11 @@ class Shelf:
     desk: Opener
 
     def projects(self) -> list[Beside]:
-        """Those that there are, the one that was last worked on first."""
+        """Those that there are: the overdue ones first, then the one that was last worked on."""
         found = [Beside(path.name, _used(path), self.desk.is_open(path)) for path in self.folder.iterdir() if _plain(path)]
-        return sorted(found, key=lambda one: (-one.used_s, one.name))[:LISTED]
+        first = sorted(found, key=lambda one: (-one.used_s, one.name))[:LISTED]
+        listed = [Beside(*one[:3], *_due(self.folder / one.name)) for one in first]
+        return sorted(listed, key=lambda one: not one.overdue)
 
     def path(self, name: str) -> Path:
         """The folder of a name; OutsideError for a name that is none, or leads elsewhere."""
@@ -63,6 +72,26 @@ class Shelf:
         except OSError as error:
             raise OutsideError(message("error.cannot_be_made", where=name, error=os_reason(error))) from error
         return path
+
+
+def _due(folder: Path) -> tuple[tuple[Message, ...], bool]:
+    """Return the lines of what the register of a project states as due, and whether any is overdue; nothing where it has none."""
+    from lmeasure.register import FILE, Register, due, read_limits
+
+    place = folder / REGISTER
+    if place.is_symlink() or not (place / FILE).is_file():
+        return (), False
+    today = datetime.date.today()
+    try:
+        register = Register(place)
+        try:
+            found, kinds = due(register, read_limits(place)), [one.documents for one in register.subjects()]
+        finally:
+            register.close()
+    except (LMeasureError, OSError, ValueError) as error:
+        return (message("workbench.register_unreadable", why=str(error)),), True
+    lines = tuple(one.said(today) for one in found)
+    return lines or (message("workbench.register_has", count=sum(kinds)),), any(one.overdue(today) for one in found)
 
 
 def _plain(path: Path) -> bool:

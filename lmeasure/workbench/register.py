@@ -13,11 +13,12 @@ from starlette.routing import Route
 from lmeasure.core import CertificationError, FloatArray
 from lmeasure.workbench.answers import bench_of, page
 from lmeasure.workbench.project import OutsideError, inside
+from lmeasure.workbench.project_list import REGISTER
 
 if TYPE_CHECKING:
     from lmeasure.register import Register
 
-FOLDER, BASELINE = "register", 10
+BASELINE = 10
 WIDTH, HIGH, LEFT = 600, 150, 60
 
 
@@ -54,7 +55,7 @@ def _folder(request: Request) -> str:
 
 
 def _page(request: Request, view: str, **values: Any) -> Response:
-    return page(request, "register.html", view=view, folder=_folder(request) or FOLDER, **values)
+    return page(request, "register.html", view=view, folder=_folder(request) or REGISTER, **values)
 
 
 def instruments(request: Request) -> Response:

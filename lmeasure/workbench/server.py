@@ -4,6 +4,7 @@ import contextlib
 import os
 import re
 import socket
+import ssl
 import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -30,7 +31,7 @@ from lmeasure.report import BASE_STYLE, kept
 from lmeasure.text import decimal, message, number, typed
 from lmeasure.workbench import api, certificates, pages, project_files, register, runs
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused, unread
-from lmeasure.workbench.guard import HERE as LOOPBACK, Door, Guard, secured
+from lmeasure.workbench.guard import ON_LOOPBACK, Door, Guard, Site, secured
 from lmeasure.workbench.project import OWN
 from lmeasure.workbench.project_list import Shelf
 from lmeasure.workbench.text import blocks, said
@@ -48,9 +49,18 @@ CANNOT_READ = (LMeasureError, OSError, RecursionError)
 """What reading a file of a project fails with: a document may be too deep."""
 
 
-def application(folder: Path, door: Door, port: int, language: str = "en", *, shelf: Shelf | None = None) -> Starlette:
+def application(
+    folder: Path,
+    door: Door,
+    port: int,
+    language: str = "en",
+    *,
+    shelf: Shelf | None = None,
+    site: Site = ON_LOOPBACK,
+    scheduler: str | None = None,
+) -> Starlette:
     """Return the application over a project folder, for those whom the door lets in; shelf: where the projects beside it are."""
-    bench = Bench(folder.resolve(), language, door, shelf)
+    bench = Bench(folder.resolve(), language, door, shelf, site, scheduler)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -61,7 +71,7 @@ def application(folder: Path, door: Door, port: int, language: str = "en", *, sh
     static = Mount("/static", StaticFiles(directory=HERE / "static"))
     app = Starlette(
         routes=[*ROUTES, base, static],
-        middleware=[Middleware(Guard, door=door, port=port)],
+        middleware=[Middleware(Guard, door=door, port=port, site=site)],
         exception_handlers={HTTPException: _refused, **dict.fromkeys(CANNOT_READ, unread), Exception: _failed},
         lifespan=lifespan,
     )
@@ -126,8 +136,12 @@ class Served:
     user alone, and last as long as the server. LMeasureError where the port is taken or the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, port: int, language: str, shelf: Shelf | None = None) -> None:
-        self._listener = _listener(port)
+    def __init__(
+        self, folder: Path, port: int, language: str, shelf: Shelf | None = None, *, site: Site = ON_LOOPBACK, scheduler: str | None = None
+    ) -> None:
+        self._site = site
+        tls = _tls(site)
+        self._listener = _listener(site.name, port)
         self._folder, self._port = folder, int(self._listener.getsockname()[1])
         self._door = Door(changed=self._spent)
         self._noted = {folder / OWN / "address": self.address(), folder / OWN / "token": self._door.token}
@@ -137,15 +151,15 @@ class Served:
         except BaseException:
             self._listener.close()
             raise
-        app = application(folder, self._door, self._port, language, shelf=shelf)
-        quiet = {"log_level": "warning", "access_log": False, "server_header": False}
+        app = application(folder, self._door, self._port, language, shelf=shelf, site=site, scheduler=scheduler)
+        quiet = {"log_level": "warning", "access_log": False, "server_header": False, **tls}
         self._server = _Server(uvicorn.Config(app, timeout_graceful_shutdown=GRACE_S, **quiet))  # type: ignore[arg-type]
         self._server.last = self._forget
         self._thread: threading.Thread | None = None
 
     def address(self) -> str:
         """Return a new address, which lets in one browser."""
-        return f"http://{LOOPBACK}:{self._port}/?code={self._door.code()}"
+        return f"{self._site.origin(self._port)}/?code={self._door.code()}"
 
     def show(self, opens: Callable[[str], object]) -> None:
         """Let the browser in that `opens` opens.
@@ -196,15 +210,27 @@ class Served:
             self._thread.join()
 
 
-def _listener(port: int) -> socket.socket:
+def _tls(site: Site) -> dict[str, str]:
+    """Return the files of TLS as uvicorn takes them; LMeasureError where they do not fit each other, or need a password."""
+    if site.certificate is None or site.key is None:
+        return {}
+    try:
+        ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(site.certificate, site.key, lambda: "")
+    except (OSError, ValueError) as error:
+        why = " ".join(str(error).split())
+        raise LMeasureError(message("error.tls_files", certificate=site.certificate, key=site.key, why=why)) from None
+    return {"ssl_certfile": str(site.certificate), "ssl_keyfile": str(site.key)}
+
+
+def _listener(name: str, port: int) -> socket.socket:
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((LOOPBACK, port))
+        listener.bind((name, port))
         listener.listen(128)  # who comes before the server is up waits
     except OSError as error:
         listener.close()
-        raise LMeasureError(message("error.port_of_cannot_be", port=port, loopback=LOOPBACK, error=os_reason(error))) from error
+        raise LMeasureError(message("error.port_of_cannot_be", port=port, loopback=name, error=os_reason(error))) from error
     return listener
 
 
@@ -223,8 +249,8 @@ class Desk:
     """The projects of a shelf that this process has open: each has a port, a token and sessions of its own, so that a page of one says
     nothing in another, whatever is open in how many windows."""
 
-    def __init__(self, language: str) -> None:
-        self._language = language
+    def __init__(self, language: str, site: Site = ON_LOOPBACK, scheduler: str | None = None) -> None:
+        self._language, self._site, self._scheduler = language, site, scheduler
         self._open: dict[Path, Served] = {}
         self._turn = threading.Lock()
 
@@ -238,7 +264,8 @@ class Desk:
         with self._turn:
             served = self._open.get(folder.resolve())
             if served is None:
-                served = self._open[folder.resolve()] = Served(folder, 0, self._language, shelf)
+                served = Served(folder, 0, self._language, shelf, site=self._site, scheduler=self._scheduler)
+                self._open[folder.resolve()] = served
                 served.begin()
             return served.address()
 
@@ -260,16 +287,18 @@ def serve(
     *,
     within: Path | None = None,
     show: Callable[[str], object] | None = None,
+    site: Site = ON_LOOPBACK,
+    scheduler: str | None = None,
 ) -> None:
     """Serve the project until Ctrl-C.
 
     say is called with an address that lets in one browser; show opens a browser, which is let in.
-    within: a folder whose folders are projects, which its pages begin and open. LMeasureError where the port is taken or the folder cannot
-    be written.
+    within: a folder whose folders are projects, which its pages begin and open. site: where it is reached; scheduler: of its jobs.
+    LMeasureError where the port is taken or the folder cannot be written.
     """
-    desk = Desk(language)
+    desk = Desk(language, site, scheduler)
     shelf = None if within is None else Shelf(within.resolve(), desk)
-    served = Served(folder, port, language, shelf)
+    served = Served(folder, port, language, shelf, site=site, scheduler=scheduler)
     desk.put(folder, served)
     say(served.address())
     if show is not None:
