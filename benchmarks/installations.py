@@ -209,27 +209,29 @@ def installed(path: Path, way: str, versions: str, environment: Path, env: dict[
 def chain(environment: Path, here: Path, env: dict[str, str]) -> Iterator[tuple[str, float]]:
     """Run the commands of a chain one after the other from an empty folder, and yield the name and the seconds of each."""
     program = environment / "bin" / "lmeasure"
-    lines = {
+    lines: dict[str, list[str | Path]] = {
         "--version": ["--version", "--json"],
         "demo": ["demo", "--out", "demo"],
         "calibrate": ["calibrate", TRUTH / "cell-12-poses", "--out", "calibrated"],
         "reconstruct": ["reconstruct", TRUTH / "cell-run", "--out", "trajectory.parquet"],
-        "zone": ["zone", "calibrated/rig.toml", *"--x 0:100:50 --y 0:100:50 --z 0:100:50 --out zone.nc".split()],
+        "zone": ["zone", "calibrated/rig.toml", "--x", "0:100:50", "--y", "0:100:50", "--z", "0:100:50", "--out", "zone.nc"],
         "certify": ["certify", SEALED / "trajectory.parquet", "--program", SEALED / "program.toml", "--out", "certificate"],
         "verify": ["verify", "certificate"],
     }
-    for name, words in lines.items():
+    for name, line in lines.items():
         begun = time.monotonic()
-        text = run(program, *words, cwd=here, env=env, good=(0, 3) if name == "verify" else (0,))
+        text = run(program, *line, cwd=here, env=env, good=(0, 3) if name == "verify" else (0,))
         if "Traceback" in text or (name == "--version" and "lmeasure sources" not in text):
             raise RuntimeError(f"{name}: {text}")
         yield name, time.monotonic() - begun
     begun = time.monotonic()
-    with subprocess.Popen([str(program), "workbench", "project", "--no-browser"], cwd=here, env=env, stdout=subprocess.PIPE, text=True) as one:
+    words = [str(program), "workbench", "project", "--no-browser"]
+    with subprocess.Popen(words, cwd=here, env=env, stdout=subprocess.PIPE, text=True) as one:
         try:
             assert one.stdout is not None
             address = re.search(r"http://127\.0\.0\.1\S+", one.stdout.readline())
-            with urllib.request.build_opener(urllib.request.HTTPCookieProcessor()).open(address[0] if address else "", timeout=30) as answer:
+            opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+            with opener.open(address[0] if address else "", timeout=30) as answer:
                 if b"lmeasure" not in answer.read():
                     raise RuntimeError("the workbench answers with another page")
         finally:
@@ -242,7 +244,8 @@ def typed(environment: Path, here: Path, env: dict[str, str]) -> None:
     """Let mypy read the types of the installed package from outside."""
     (here / "outside.py").write_text(TYPES)
     interpreter = next(environment.glob("pipx/venvs/lmeasure/bin/python"), environment / "bin" / "python")
-    text = run(tool("mypy"), "--strict", "--python-executable", interpreter, "--cache-dir", WORK / "mypy", "outside.py", cwd=here, good=(1,), env=env)
+    words = ["--strict", "--python-executable", interpreter, "--cache-dir", WORK / "mypy", "outside.py"]
+    text = run(tool("mypy"), *words, cwd=here, env=env, good=(1,))
     if 'has type "Rig"' not in text or "Found 1 error" not in text:
         raise RuntimeError(f"mypy: {text.strip()}")
 
@@ -275,7 +278,8 @@ def draw(seed: int, version: str, way: str, versions: str) -> dict[str, Any]:
             record["steps"]["install"] = time.monotonic() - begun
             record["size_mb"] = size_mb(environment)
             bare = env | {"PATH": str(environment / "bin"), "XDG_CACHE_HOME": str(folder / "cache"), "CC": "/no/compiler"}
-            record["steps"] |= dict(chain(environment, here, bare))
+            for step, seconds in chain(environment, here, bare):
+                record["steps"][step] = seconds
             if way == "uv":
                 typed(environment, here, env)
         except (OSError, RuntimeError, subprocess.SubprocessError, json.JSONDecodeError) as error:
@@ -296,18 +300,18 @@ def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
     steps = ("install", "demo", "calibrate", "reconstruct", "zone", "certify", "verify", "workbench")
     absent = sorted({one["python"] for one in records if one["failed"].startswith("this Python")})
     tried = [one for one in records if one["python"] not in absent]
-    rows = [
-        [one["python"], one["way"], one["versions"], one.get("size_mb", ""), *(f"{one['steps'][s]:.1f}" if s in one["steps"] else "" for s in steps)]
-        + [one["failed"] or "all ran"]
-        for one in tried
-    ]
+    rows = []
+    for one in tried:
+        times = [f"{one['steps'][step]:.1f}" if step in one["steps"] else "" for step in steps]
+        rows.append([one["python"], one["way"], one["versions"], one.get("size_mb", ""), *times, one["failed"] or "all ran"])
     text = table(["Python", "installer", "versions", "MB", *(f"{step} [s]" for step in steps), "result"], rows)
     words = [
         "# Installations",
         "`python benchmarks/installations.py --keep FILE --write`",
-        f"{len(tried)} empty environments, {sum(not one['failed'] for one in tried)} of them good. Each was made from the wheel (`sdist`: from the "
-        "source archive) with the extra `workbench`, from binary packages alone. The commands ran in an empty folder; the PATH held nothing but the "
-        "environment, so there was no compiler. The demo compiles the kernels first. Seconds are wall time on two shared processors.",
+        f"{len(tried)} empty environments, {sum(not one['failed'] for one in tried)} of them good. Each was made from the wheel (`sdist`: "
+        "from the source archive) with the extra `workbench`, from binary packages alone. The commands ran in an empty folder. The PATH "
+        "contained only the environment, so there was no compiler. The demo compiles the kernels first. Seconds are wall time on two "
+        "processors that had other work.",
         *([f"Not on this machine, and so not tried: Python {', '.join(absent)}."] if absent else []),
         text,
     ]
@@ -326,7 +330,8 @@ def release(out: Path) -> None:
     bom = out / "sbom.cdx.json"
     run(tool("cyclonedx-py"), "environment", environment / "bin" / "python", "--output-reproducible", "-o", bom)
     rows = licences(environment)
-    (out / "licences.md").write_text(f"# Licences of what lmeasure needs\n\n{table(['package', 'version', 'licence'], rows)}\n", encoding="utf-8")
+    text = f"# Licences of what lmeasure needs\n\n{table(['package', 'version', 'licence'], rows)}\n"
+    (out / "licences.md").write_text(text, encoding="utf-8")
     print(f"{len(json.loads(bom.read_text())['components'])} components, {len(rows)} licences; conda: {recipe(out, sdist)}")
     for name, version, licence in rows:
         if not FREE.search(licence):

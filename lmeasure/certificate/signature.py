@@ -2,6 +2,7 @@
 
 import base64
 import binascii
+import contextlib
 import hashlib
 import json
 import math
@@ -62,17 +63,33 @@ def new_key(path: Path, *, force: bool = False) -> str:
     key = Ed25519PrivateKey.generate()
     private = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
-    public_path.unlink(missing_ok=True)
-    with files.whole(path) as temporary:
-        temporary.unlink(missing_ok=True)
-        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600), "wb") as file:
-            file.write(private)
+
+    def put(one: Path, content: bytes) -> None:
+        with files.whole(one) as temporary:
+            _write_private(temporary, content) if one == path else temporary.write_bytes(content)
+
+    before = {one: files.read_bytes(one) for one in (public_path, path) if one.exists()}
     try:
-        files.write_text(public_path, public.decode("ascii"))
-    except LMeasureError:
-        path.unlink()  # half a pair is no key, and would be in the way of the next
+        with files.whole(public_path) as public_temporary:
+            public_temporary.write_bytes(public)
+            public_path.unlink(missing_ok=True)
+            put(path, private)
+    except LMeasureError:  # half a pair is no key; the old pair is as it was
+        for one in (public_path, path):
+            with contextlib.suppress(OSError, LMeasureError):
+                if one not in before:
+                    one.unlink(missing_ok=True)
+                elif not one.exists() or one.read_bytes() != before[one]:
+                    put(one, before[one])
         raise
     return fingerprint(key.public_key())
+
+
+def _write_private(path: Path, content: bytes) -> None:
+    """Write a file that only its owner can read."""
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600), "wb") as file:
+        file.write(content)
 
 
 def fingerprint(key: Ed25519PublicKey) -> str:

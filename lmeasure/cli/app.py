@@ -25,6 +25,8 @@ from lmeasure.workflows import COMMANDS
 
 NO_ANSWER, WRONG_USE = 1, 2
 FULL = (errno.ENOSPC, errno.EPIPE, errno.EIO, errno.EDQUOT)
+REFUSED = (*FULL, errno.EINTR, errno.EROFS, errno.EACCES, errno.EPERM, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.EBUSY, errno.ESTALE)
+"""Answers of a file system that are no fault of a program."""
 INTERRUPTED = 130
 """Exit code of typer where Ctrl-C ended a command."""
 
@@ -159,10 +161,12 @@ def main() -> None:
         except MemoryError as error:
             _end(NO_ANSWER, message("cli.memory", error=error))
         except OSError as error:
+            from lmeasure.io import not_written, os_reason
+
+            if error.errno in REFUSED and error.filename is not None:
+                _end(NO_ANSWER, not_written(Path(os.fsdecode(error.filename)), error, "cli.file"))
             if error.errno not in FULL or error.filename is not None:
                 _unforeseen(error)
-            from lmeasure.io import os_reason
-
             _end(NO_ANSWER, message("cli.output", error=os_reason(error)))
         except Exception as error:
             if interrupts.came():  # while something was being loaded, which is now half there

@@ -11,7 +11,7 @@ import pytest
 from capture_bench import POSES, RIG, nominal_of, write_inputs
 from desk import LONG, RECORDINGS, SEALED, SHORT, set_up
 
-from lmeasure.certificate import new_key, opened_zip, write_zip
+from lmeasure.certificate import opened_zip, write_zip
 from lmeasure.core import LMeasureError
 from lmeasure.io import files
 from lmeasure.procedures import CaptureFolder, open_folder
@@ -82,16 +82,6 @@ def test_init_writes_all_of_its_files_or_none(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(LMeasureError, match=r"scenario\.toml: cannot be written: No space left"):
         init.run(init.Settings(out=tmp_path, template="six-cables"))
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
-
-
-def test_half_a_pair_of_keys_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(path: Path, text: str) -> None:
-        raise LMeasureError(files.not_written(path, OSError(28, "")))
-
-    monkeypatch.setattr(files, "write_text", full)
-    with pytest.raises(LMeasureError, match=r"key\.pub: cannot be written: No space left on device; make room there"):
-        new_key(tmp_path / "key")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_zip_that_finds_no_room_was_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
